@@ -235,5 +235,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Public names, loaded or not."""
+    """Return the public names, loaded or not."""
     return sorted({*globals(), *_MODULES})

@@ -1,4 +1,4 @@
-"""Types of arrays: of real numbers, of yes and no, and of whole numbers (places, counts, groups)."""
+"""Array types: real numbers (`Array`), masks (`Mask`) and indices (`Index`)."""
 
 from __future__ import annotations
 

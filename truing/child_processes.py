@@ -1,4 +1,4 @@
-"""Starting further Python processes, which import modules from where this one does and from nowhere else."""
+"""Starting child Python processes that import modules only from where this process does."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ _SAFE_PATH = "PYTHONSAFEPATH"
 
 @contextmanager
 def safe_children() -> Iterator[None]:
-    """Keep the current folder out of the import path of every Python process that is started meanwhile.
+    """Keep the current folder out of the import path of every Python process started inside the context.
 
-    Python puts the current folder first on the path of what `python -c` runs, which is how the standard library starts
-    its workers. A file `multiprocessing.py` that lies beside the data would be run as code. Libraries that start
-    processes themselves pass the environment on, so this holds for theirs, too.
+    `python -c` puts the current folder first on the path, and the standard library starts its workers this way: a file
+    `multiprocessing.py` next to the data would be run as code. Libraries that start processes pass the environment on,
+    so this covers them too.
     """
     before = os.environ.get(_SAFE_PATH)
     os.environ[_SAFE_PATH] = "1"
@@ -30,6 +30,6 @@ def safe_children() -> Iterator[None]:
 
 
 def child_environment() -> dict[str, str]:
-    """Return the environment for a child that finds the modules of this process, and none in the current folder."""
+    """Return an environment in which a child imports the modules of this process, and none from the current folder."""
     path = [folder for folder in sys.path if folder]  # an empty entry means the current folder
     return {**os.environ, _SAFE_PATH: "1", "PYTHONPATH": os.pathsep.join(path)}

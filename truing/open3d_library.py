@@ -1,4 +1,5 @@
-"""Loading Open3D where the system lacks libraries that its wheels expect; everybody imports Open3D through here."""
+"""Import of Open3D on systems without the libraries that its wheels expect; all modules import it with
+`load_open3d`."""
 
 from __future__ import annotations
 
@@ -30,7 +31,7 @@ _NOT_LOADED = (
 def load_open3d() -> ModuleType:
     """Return the module `open3d`, importing it on the first call (about half a second).
 
-    Raises ImportError, with the remedy in its message, where Open3D has no wheel or cannot be loaded.
+    Raises ImportError, with the remedy in its message, if Open3D has no wheel or cannot be loaded.
     """
     if "open3d" in sys.modules:
         return sys.modules["open3d"]
@@ -47,14 +48,14 @@ def load_open3d() -> ModuleType:
 
 
 def _provide_libusb() -> None:
-    """Make libusb resolvable from the wheel `libusb-package` where the system has none; Open3D does not carry it."""
+    """Load libusb from the wheel `libusb-package` if the system lacks it; Open3D does not contain it."""
     if not _loads(_LIBUSB) and importlib.util.find_spec("libusb_package"):
         library = importlib.import_module("libusb_package").get_library_path()
         ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
 
 
 def _provide_graphics(package: Path) -> None:
-    """Make graphics libraries resolvable on a machine without a screen: nothing of what we use calls them."""
+    """Provide stubs of graphics libraries on a machine without a screen: truing calls none of their functions."""
     absent = [soname for soname in _GRAPHICS if not _loads(soname)]
     if absent and platform.machine() == "x86_64":
         for library in package.glob("libOpen3D.so*"):

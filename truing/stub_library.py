@@ -1,9 +1,9 @@
-"""Shared libraries that exist in memory alone, for a headless Linux machine that lacks the real ones.
+"""Stub shared libraries in memory, for a headless Linux machine without the real ones.
 
-A library such as Open3D links the system's graphics libraries although reading a point cloud never calls them. The
-loader of the system wants them nevertheless, and installing them takes an administrator. A stand-in has the name and
-the functions that are asked for; each of its functions returns 0, which for EGL, GLX and Xlib means "there is none".
-Layout: System V ABI, "Object Files" and "Dynamic Linking", with its x86-64 supplement.
+A library such as Open3D links the system's graphics libraries, although reading a point cloud never calls them. The
+system's loader needs them nevertheless, and installing them takes an administrator. A stub has the name and the
+requested functions; each returns 0, which means "there is none" for EGL, GLX and Xlib. Layout: System V ABI, "Object
+Files" and "Dynamic Linking", with its x86-64 supplement.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def provide_stub_library(soname: str, functions: list[str]) -> None:
 
 
 def missing_functions(library: Path, pattern: str) -> list[str]:
-    """Names matching `pattern` that a 64-bit ELF library expects other libraries to define."""
+    """Return names matching `pattern` that a 64-bit ELF library expects other libraries to define."""
     with library.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as image:
         symbols, strings = _dynamic_symbols(image)
     undefined = [name for name, _, _, section, _, _ in _SYMBOL.iter_unpack(symbols) if name and not section]
@@ -46,7 +46,7 @@ def missing_functions(library: Path, pattern: str) -> list[str]:
 
 
 def _dynamic_symbols(image: mmap.mmap) -> tuple[bytes, bytes]:
-    """The table of symbols that the dynamic linker sees, and the strings it points into."""
+    """Return the dynamic symbol table and its strings."""
     header = _ELF_HEADER.unpack_from(image)
     start, size, count = header[6], header[11], header[12]
     sections = [_SECTION_HEADER.unpack_from(image, start + i * size) for i in range(count)]
@@ -56,7 +56,7 @@ def _dynamic_symbols(image: mmap.mmap) -> tuple[bytes, bytes]:
 
 
 def shared_library(soname: str, functions: list[str]) -> bytes:
-    """The bytes of an ELF shared library for x86-64, whose functions all return 0."""
+    """Return the bytes of an ELF shared library for x86-64 whose functions all return 0."""
     names = [b"", *(name.encode() for name in (*functions, soname))]
     strings = b"\0".join(names) + b"\0"
     *offsets, soname_offset = list(accumulate((len(name) + 1 for name in names), initial=0))[:-1]
@@ -79,14 +79,15 @@ def shared_library(soname: str, functions: list[str]) -> bytes:
 
 
 def _hash_table(n_symbols: int) -> bytes:
-    """One bucket, whose chain runs through all symbols but the empty first; a multiple of 8 bytes long."""
+    """Return the symbol hash table: one bucket, whose chain has all symbols but the empty first; a multiple of 8
+    bytes long."""
     following = [0, *range(2, n_symbols), 0][:n_symbols]
     table = pack(f"<{3 + n_symbols}I", 1, n_symbols, int(n_symbols > 1), *following)
     return table + bytes(-len(table) % 8)
 
 
 def _headers(end: int, dynamic_at: int, dynamic_size: int) -> bytes:
-    """The file's header and its segments: what is read and run, what is written, the latter's use, a plain stack."""
+    """Return the file header and the program headers: read and executable, writable, dynamic, and stack segments."""
     sizes = (_ELF_HEADER.size, _PROGRAM_HEADER.size, 4, _SECTION_HEADER.size, 0, 0)
     header = _ELF_HEADER.pack(b"\x7fELF\x02\x01\x01", _SHARED_OBJECT, _X86_64, 1, 0, _ELF_HEADER.size, 0, 0, *sizes)
     segments = [

@@ -1,1 +1,1 @@
-"""One rotary or linear axis: what its encoders and an outside instrument record at commanded positions."""
+"""Simulation of one rotary or linear axis: encoder and reference readings at commanded positions."""

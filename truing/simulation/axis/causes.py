@@ -1,4 +1,4 @@
-"""What makes an axis stand elsewhere than its command: a factor, lost motion, a zero that shifts."""
+"""Causes that act on an axis: scale error, lost motion, zero shift; base class `AxisCause` and scene `AxisScene`."""
 
 from __future__ import annotations
 
@@ -23,50 +23,51 @@ from truing.simulation.axis.rows import (
 from truing.simulation.cause import Cause, ChannelScene, Parameter, ReportedParameter, Step
 from truing.simulation.inputs import Missing
 
-# The most ordinary element first: where readings cannot tell two apart, it is named, and the other beside it.
+# Most probable element first: if readings cannot distinguish two, it is named first.
 ELEMENTS = (TRANSMISSION, LOAD, MEASURED, MOTOR)
 SUBJECTS = {TRANSMISSION: "axis", MEASURED: "instrument", LOAD: "encoder load", MOTOR: "encoder motor"}
 _STEPS = {TRANSMISSION: Step.STRUCTURE}
 _PLAUSIBLE_SCALE = 1e-4
 _PLAUSIBLE = {ROTARY: 3e-4, LINEAR: 2e-5}  # rad, m
 _UNITS = {ROTARY: ("rad", 1.0), LINEAR: ("mm", 1e-3)}
-# A zero is called shifted where an encoder was read this often before and after.
+# Least number of readings of an encoder before a shift, and after it.
 _FEWEST = 3
-# Onsets that are tried: in a long campaign, one in some rows.
+# Largest number of onsets: in a long campaign, not every row is tried.
 _MOST_ONSETS = 200
 
 
 @dataclass(frozen=True)
 class AxisScene(ChannelScene["AxisCause"]):
-    """What the campaign of an axis offers to causes: its encoders and its rows."""
+    """Scene of causes that act on an axis: its encoders and its rows."""
 
     axis: Axis
     rows: AxisRows
 
     @property
     def covariates(self) -> Mapping[str, NDArray]:
-        """The columns (B,) that noise may follow."""
+        """Columns (B,) that noise may depend on."""
         return self.rows.covariates
 
     @property
     def size(self) -> tuple[int, int]:
-        """The number of rows B and of encoders K."""
+        """Number of rows B and of encoders K."""
         return len(self.rows.poses), len(self.axis.encoders)
 
     @property
     def inputs(self) -> Mapping[str, NDArray]:
-        """The commands (B,)."""
+        """Commands (B,)."""
         return {"command": self.rows.command}
 
 
 @dataclass(frozen=True)
 class AxisCause(Cause[AxisScene]):
-    """A cause that adds to what encoders of an axis read, to first order: effects do not multiply one another."""
+    """Base class of causes that add to the encoder readings of an axis, to first order: effects do not multiply each
+    other."""
 
     kind_of_axis: str = ROTARY
-    plausible: float = 0.0  # in SI, where readings lie so far off that the ordinary size is too small
+    plausible: float = 0.0  # plausible size, SI, if the readings deviate by more than the default
 
-    reach = 1e3  # a factor that is wrong, or a zero, may be so by far
+    reach = 1e3  # a wrong factor or zero may be large
 
     def slopes(self, rows: AxisRows, axis: Axis) -> NDArray:
         """Return the derivative (B, K, P) of the encoders' readings by the parameters, SI."""
@@ -74,7 +75,7 @@ class AxisCause(Cause[AxisScene]):
 
     @property
     def unit(self) -> tuple[str, float]:
-        """Return the unit of lengths or angles in tables, and what one is in SI."""
+        """Unit of lengths or angles in tables, and its SI value."""
         return _UNITS[self.kind_of_axis]
 
     def _length(self, name: str) -> Parameter:
@@ -84,7 +85,7 @@ class AxisCause(Cause[AxisScene]):
 
 @dataclass(frozen=True)
 class ScaleError(AxisCause):
-    """An encoder reads, or the transmission travels, (1 + scale) times as much as it should."""
+    """An encoder reads, or the transmission travels, (1 + scale) times the correct amount."""
 
     element: str = TRANSMISSION
 
@@ -93,11 +94,11 @@ class ScaleError(AxisCause):
 
     @property
     def subject(self) -> str:
-        """Return the encoder, the instrument, or the axis for its transmission."""
+        """Encoder, instrument, or the axis for its transmission."""
         return SUBJECTS[self.element]
 
     def candidates(self, scene: AxisScene) -> Sequence[ScaleError]:
-        """Return every element whose factor readings would show, where commands differ."""
+        """Return every element whose factor is observable, if commands differ."""
         if not np.ptp(scene.rows.command) > 0.0:
             return ()
         size = scene.axis.spread / float(np.ptp(scene.rows.command))
@@ -105,29 +106,29 @@ class ScaleError(AxisCause):
         return [replace(own, element=name) for name in shown_elements(scene.axis)]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the factor less one."""
+        """Return the factor minus one."""
         return (Parameter("scale", "1", max(_PLAUSIBLE_SCALE, self.plausible)),)
 
     def slopes(self, rows: AxisRows, axis: Axis) -> NDArray:
-        """Return the commands, where the factor is read."""
+        """Return the commands, for the encoders that respond to the factor."""
         return (rows.command[:, None] * axis.response(self.element))[..., None]
 
 
 @dataclass(frozen=True)
 class LostMotion(AxisCause):
-    """The load stands behind the motor by backlash x direction of approach; the full gap is twice that."""
+    """The load lags the motor by backlash x direction of approach; the full gap is twice the backlash."""
 
     id = "lost-motion"
     lacking = Missing.APPROACH
     step = Step.STRUCTURE
 
     def candidates(self, scene: AxisScene) -> Sequence[LostMotion]:
-        """Return the cause where an encoder would show it and rows were approached from both sides."""
+        """Return the cause if an encoder responds to it and rows were approached from both sides."""
         both = np.ptp(scene.rows.direction) > 0.0 and bool(shown_elements(scene.axis, (TRANSMISSION,)))
         return (replace(self, kind_of_axis=scene.axis.kind, plausible=scene.axis.spread),) if both else ()
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
-        """Return the gap, which is never less than zero."""
+        """Return the gap: it cannot be negative."""
         return (0,)
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
@@ -135,13 +136,13 @@ class LostMotion(AxisCause):
         return (self._length("backlash"),)
 
     def slopes(self, rows: AxisRows, axis: Axis) -> NDArray:
-        """Return minus the direction of approach, behind the motor."""
+        """Return minus the direction of approach, for the encoders that respond to the transmission."""
         return (-rows.direction[:, None] * axis.response(TRANSMISSION))[..., None]
 
 
 @dataclass(frozen=True)
 class ZeroShift(AxisCause):
-    """From a time on, an encoder or the transmission stands off by a shift: after an event, or from an onset."""
+    """An encoder or the transmission is shifted from a time on: after an event, or from an onset."""
 
     element: str = TRANSMISSION
     from_pose: int | str = ""
@@ -154,11 +155,11 @@ class ZeroShift(AxisCause):
 
     @property
     def subject(self) -> str:
-        """Return the encoder, the instrument, or the axis for its transmission."""
+        """Encoder, instrument, or the axis for its transmission."""
         return SUBJECTS[self.element]
 
     def candidates(self, scene: AxisScene) -> Sequence[ZeroShift]:
-        """Return every element whose zero readings would show, after each event; other onsets are told by profiles."""
+        """Return every element whose zero is observable, after each event; `channel_candidates` has other onsets."""
         found: list[ZeroShift] = []
         for event, start in scene.rows.events:
             late: Mask = np.greater_equal(scene.rows.time_s, start)
@@ -168,7 +169,7 @@ class ZeroShift(AxisCause):
         return found
 
     def channel_candidates(self, scene: AxisScene) -> Sequence[ChannelCandidates[ZeroShift]]:
-        """Return every element from every row on that has some rows on either side."""
+        """Return every element from every row on that has enough rows on either side."""
         elements, onsets = shown_elements(scene.axis), onset_rows(scene.rows, _FEWEST)
         if not len(onsets) or not elements:
             return ()
@@ -194,12 +195,12 @@ class ZeroShift(AxisCause):
         return (self._length("shift"),)
 
     def slopes(self, rows: AxisRows, axis: Axis) -> NDArray:
-        """Return one, from the time on, where the shift is read."""
+        """Return one, from the time on, for the encoders that respond to the shift."""
         late = (rows.time_s >= self.from_s).astype(float)
         return (late[:, None] * axis.response(self.element))[..., None]
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the shift, and since when."""
+        """Return the shift, and its event or first row."""
         since = (
             ReportedParameter("event", self.event, None, "")
             if self.event
@@ -209,18 +210,19 @@ class ZeroShift(AxisCause):
 
 
 def shown_elements(axis: Axis, elements: Sequence[str] = ELEMENTS) -> list[str]:
-    """Return the elements that any recorded encoder would show."""
+    """Return the elements to which any recorded encoder responds."""
     return [name for name in elements if axis.response(name).any()]
 
 
 def onset_rows(rows: AxisRows, fewest: int) -> Index:
-    """Return the rows (S,), in the order of time, from which something may begin: with so many before and from it."""
+    """Return the rows (S,), in order of time, of possible onsets: with at least ``fewest`` rows before and from
+    them."""
     in_time = np.argsort(rows.order, kind="stable")
     return in_time[fewest : len(in_time) - fewest + 1 : 1 + len(in_time) // _MOST_ONSETS]
 
 
 def _both_sides(scene: AxisScene, late: NDArray) -> NDArray:
-    """Return which encoders (S, K) were read often enough before and from each of S onsets, late (S, B)."""
+    """Return the mask (S, K) of encoders read often enough before and from each of S onsets, late (S, B)."""
     seen = scene.recorded.astype(int)
     after = late.astype(int) @ seen
     return np.asarray((after >= _FEWEST) & (seen.sum(0) - after >= _FEWEST))

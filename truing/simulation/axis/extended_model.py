@@ -1,4 +1,4 @@
-"""The extended model of an axis, its text in model.toml, and what it predicts at further commands."""
+"""Class `ExtendedAxis`: an identified axis with its effects; its model.toml, and prediction of encoder readings."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ _OWN = ("mechanism", "kind", "loop", "least_move", "encoders")
 
 @dataclass(frozen=True)
 class ExtendedAxis(IdentifiedInSI[AxisCause]):
-    """An axis with its encoders' zeros (K,), rad or m, which lead the covariance."""
+    """An identified axis with its encoders' zeros (K,), rad or m, which come first in the covariance."""
 
     axis: Axis
     zeros: NDArray
 
 
 def extended_axis(model: AxisModel, shared: NDArray, covariance: NDArray, context: dict[str, str]) -> ExtendedAxis:
-    """Return the model with its unknowns (G,) and their covariance (G, G), in prior sigmas, brought to SI."""
+    """Convert a fit, unknowns (G,) with covariance (G, G) in prior sigmas, to the extended model in SI."""
     scale = np.empty(model.shared_size)
     scale[model.layout["zero"]] = model.zero_sigma
     for cause in model.causes:
@@ -47,9 +47,9 @@ def extended_axis(model: AxisModel, shared: NDArray, covariance: NDArray, contex
 
 
 def predict_axis(extended: ExtendedAxis, rows: AxisRows) -> tuple[NDArray, NDArray]:
-    """Return what the encoders read (B, K), rad or m, and one standard deviation of it that the model leaves.
+    """Return predicted encoder readings (B, K), rad or m, and their standard deviation by the model's uncertainty.
 
-    What belongs to the campaign itself, as a zero that shifted in it, moves no prediction.
+    Effects that end with the campaign, such as a zero shift, are omitted.
     """
     count, encoders = len(rows.command), len(extended.axis.encoders)
     slopes = [np.broadcast_to(np.eye(encoders), (count, encoders, encoders))]
@@ -74,12 +74,12 @@ def write_axis(extended: ExtendedAxis) -> str:
 
 
 def is_axis(document: dict[str, Any]) -> bool:
-    """Return whether a parsed model.toml is that of an axis."""
+    """Whether a parsed model.toml is that of an axis."""
     return describes(document, MECHANISM)
 
 
 def read_axis(text: str) -> ExtendedAxis:
-    """Return the model that a text of `write_axis` describes; raises ValueError where it does not describe one."""
+    """Read the model from a text of `write_axis`; raises ValueError if the text is no such model."""
     return read_document(text, _from_document)
 
 

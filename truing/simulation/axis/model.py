@@ -1,4 +1,4 @@
-"""What the encoders of an axis read at its commands, as a function of what is not known exactly."""
+"""Class `AxisModel`: encoder readings of an axis at its commands as a function of the unknowns."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from truing.simulation.axis.rows import Axis, AxisRows
 from truing.simulation.effects_model import ChannelModel, Prediction
 from truing.simulation.inputs import ranks
 
-# Rows this far apart are left out of a fit together.
+# Number of blocks of rows that are left out of a fit in turn.
 _EVERY = 5
 
 
@@ -22,8 +22,8 @@ _EVERY = 5
 class AxisModel(ChannelModel[AxisCause]):
     """An axis with K encoders; predicts readings minus commands (B, K, 1), rad or m.
 
-    ``zero_sigma`` is the wide prior of each encoder's zero, ``command_sigma`` one sigma of how far the axis stands from
-    its command, in all encoders alike.
+    ``zero_sigma`` is the wide prior of each encoder's zero, ``command_sigma`` one sigma of the axis' deviation from its
+    command, common to all encoders.
     """
 
     axis: Axis
@@ -39,24 +39,24 @@ class AxisModel(ChannelModel[AxisCause]):
 
     @property
     def local_size(self) -> int:
-        """Return the number of local unknowns: how far the axis stands from its command, where that is not exact."""
+        """Number of local unknowns: the deviation from the command, unless it is exact."""
         return int(self.command_sigma > 0.0)
 
     @property
     def channel_names(self) -> tuple[str, ...]:
-        """The encoders (K,)."""
+        """Names (K,) of the encoders."""
         return self.axis.encoders
 
     @property
     def blocks(self) -> NDArray:
-        """Return which rows (B,) are left out of a fit together: every fifth, since what depends on the time is told
-        between rows that were measured, not beyond them."""
+        """Block (B,) of each row for leaving out data: every fifth row, because effects of time can only be
+        interpolated."""
         rank = ranks(self.rows.order)
         return np.asarray(rank % _EVERY * len(rank) + rank // _EVERY)
 
     @property
     def scene(self) -> AxisScene:
-        """Return what the campaign offers to causes when they propose candidates."""
+        """Scene from which causes propose candidates."""
         return AxisScene(self.axis, self.rows)
 
     def at(self, conditions: AxisRows) -> Self:
@@ -64,7 +64,7 @@ class AxisModel(ChannelModel[AxisCause]):
         return replace(self, rows=conditions)
 
     def rescaled(self, readings: float, survey: float) -> Self:
-        """Return the model with the noise of commands so many times as large; there is no survey."""
+        """Return the model with the noise of commands multiplied by a factor; there is no survey."""
         return replace(self, command_sigma=self.command_sigma * readings)
 
     def points(self, shared: NDArray, local: NDArray) -> NDArray:

@@ -1,7 +1,7 @@
-"""What no cause of the catalogue explains of an axis: an encoder or the transmission follows inputs.
+"""Nonparametric effects on an axis: an encoder or the transmission depends smoothly on inputs.
 
-What a cause already does in the very same form (in proportion to the command, by the direction of approach alone) is no
-candidate here: data could not tell the two apart.
+A dependence of exactly the form of a catalogued cause (proportional to the command, on the direction of approach only)
+is no candidate, because data could not distinguish the two.
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import ORDER, TIME, middle_and_half, varying
 from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, chebyshev, dependence
 
-# A curve over the travel since the axis turned, with the sign of the direction of approach; rows that stand off.
+# Forms: a curve over the travel since the axis turned, times the direction of approach; an offset during a period.
 LOOP, STRETCH = "loop", "stretch"
-# Plausible, in standard deviations of a reading.
+# Plausible amplitude, in standard deviations of a reading.
 _PLAUSIBLE_SIGMAS = 4.0
 _SMOOTH = (1, 2, 3)
 _WAVES_OF_TIME, _WAVES_OF_PLACE = (2, 4, 8, 12), (4, 8)
 _LOOPS = (2, 3, 4)
-# The slowest wave is so many times as large as others are plausible; the k-th is k times smaller.
+# Plausible amplitude of the slowest wave relative to other forms; that of the k-th is k times smaller.
 _OF_A_WALK = 2.0
-# A stretch has at least so many rows, and at most this share of them.
+# Least number of rows of a stretch, and its largest share of all rows.
 _FEWEST, _LONGEST = 3, 0.35
-# Ends of a range count as within it.
+# Relative tolerance at the ends of a range, for rounding.
 _EDGE = 1e-6
 
 
 @dataclass(frozen=True)
 class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
-    """An encoder or the transmission adds a dependence on columns of the rows, on how the axis came, or the product of
-    two.
+    """An encoder or the transmission depends on columns of the rows, on previous movements, or on a product of two
+    inputs.
 
-    Further forms are a loop, whose functions are the direction of approach times Chebyshev polynomials, from the
-    constant on, of the travel since the axis turned; and a stretch of time in which readings stand off by a constant.
+    Further forms: ``loop``, the direction of approach times Chebyshev polynomials, with the constant, of the travel
+    since the axis turned; ``stretch``, a constant offset during a period of time.
     """
 
     element: str = TRANSMISSION
@@ -63,20 +63,20 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
 
     @property
     def subject(self) -> str:
-        """Return the encoder, the instrument, or the axis for its transmission."""
+        """Encoder, instrument, or the axis for its transmission."""
         return SUBJECTS[self.element]
 
     def inputs(self, legs: int) -> tuple[str, ...]:
-        """Return what it depends on, as the rows of an axis name it."""
+        """Return the inputs that it depends on, as the rows of an axis name them."""
         return tuple(COMMAND if column == SINCE_TURN else column for column in super().inputs(legs))
 
     def needs(self, legs: int) -> tuple[str, ...]:
-        """Return the columns, beside the command, without which it cannot be predicted."""
+        """Return the columns, except the command, that a prediction needs."""
         known = {TIME, ORDER, COMMAND, DIRECTION, SINCE_TURN}
         return tuple(column for column in self.columns if column not in known)
 
     def candidates(self, scene: AxisScene) -> Sequence[NonparametricAxisEffect]:
-        """Return everything that what can be told apart may depend on, as far as its readings allow."""
+        """Return all dependences of distinguishable elements for which there are enough readings."""
         found: list[NonparametricAxisEffect] = []
         for bare, count in self._distinguishable(scene):
             for columns, form, degree in _dependences(scene.rows):
@@ -86,7 +86,7 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
         return found
 
     def channel_candidates(self, scene: AxisScene) -> Sequence[ChannelCandidates[NonparametricAxisEffect]]:
-        """Return every stretch of time in which something that can be told apart may stand off."""
+        """Return every period of time during which a distinguishable element may have an offset."""
         elements = [bare for bare, _ in self._distinguishable(scene)]
         first, last = _stretches(scene.rows)
         if not len(first) or not elements:
@@ -106,18 +106,18 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
         return [ChannelCandidates(within[..., None].astype(float), each, read, elements[0].plausible, member, patterns)]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return one amplitude per function; the faster a wave, the smaller, as those of a random walk are."""
+        """Return one amplitude per function; those of faster waves are smaller, as in a random walk."""
         own = super().parameters(legs)
         if self.form != WAVES:
             return own
         return tuple(replace(p, scale=_OF_A_WALK * p.scale / k) for k, p in enumerate(own, self.first))
 
     def slopes(self, rows: AxisRows, axis: Axis) -> NDArray:
-        """Return the functions' values, where they are read."""
+        """Return the values of the functions, for the encoders that respond."""
         return np.asarray(self._functions(rows)[:, None] * axis.response(self.element)[:, None])
 
     def _functions(self, rows: AxisRows) -> NDArray:
-        """Return the functions' values (B, m)."""
+        """Return the values (B, m) of the functions."""
         values = partial(_values_of, rows)
         if self.form == STRETCH:
             return (np.abs(self.scaled(values)[0]) <= 1.0 + _EDGE).astype(float)[:, None]
@@ -142,7 +142,8 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
         return *self.unit, self.plausible
 
     def _distinguishable(self, scene: AxisScene) -> Iterator[tuple[NonparametricAxisEffect, int]]:
-        """Yield the effect for each element that readings tell from the others, and how many rows would show it."""
+        """Yield the effect for each element that readings distinguish from the others, and the number of rows that
+        show it."""
         known: list[NDArray] = []
         for element in shown_elements(scene.axis, ELEMENTS):
             response = scene.axis.response(element)
@@ -159,7 +160,7 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
 
 
 def _dependences(rows: AxisRows) -> Iterator[tuple[tuple[str, ...], str, int]]:
-    """Yield inputs, form and degree of what something may depend on."""
+    """Yield inputs, form and degree of all dependences."""
     columns = varying(rows.covariates)
     timed = TIME if TIME in columns else ORDER
     for column in columns:
@@ -178,7 +179,7 @@ def _dependences(rows: AxisRows) -> Iterator[tuple[tuple[str, ...], str, int]]:
 
 
 def _stretches(rows: AxisRows) -> tuple[Index, Index]:
-    """Return the first and last rows (S,) of stretches with rows before and after them."""
+    """Return the first and last rows (S,) of periods with rows before and after them."""
     starts = onset_rows(rows, _FEWEST)
     in_time = np.argsort(rows.order, kind="stable")
     longest = max(int(_LONGEST * len(in_time)), _FEWEST)
@@ -201,5 +202,5 @@ def _range_of(rows: AxisRows, column: str) -> tuple[float, float]:
 
 
 def _values_of(rows: AxisRows, column: str) -> NDArray:
-    """Return a column's values (B,)."""
+    """Return the values (B,) of a column."""
     return rows.since_turn if column == SINCE_TURN else np.asarray(rows.covariates[column], float)

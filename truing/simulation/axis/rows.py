@@ -1,4 +1,4 @@
-"""The rows of an axis: commands, how they were approached, events; and which encoders recorded where it stood."""
+"""Data of an axis: `Axis` with its encoders and control loop, and `AxisRows` with commands, approaches and events."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from truing.simulation.inputs import ORDER, TIME
 
 MOTOR, LOAD, MEASURED = "motor", "load", "measured"
 ENCODERS = (MOTOR, LOAD, MEASURED)
-# What is at fault between or in the encoders: the transmission, or one of them.
+# Element that may have an error besides the encoders: the transmission between them.
 TRANSMISSION = "axis"
 COMMAND, DIRECTION, SINCE_TURN = "command", "direction of approach", "travel since the turn"
 ROTARY, LINEAR = "rotary", "linear"
@@ -21,11 +21,11 @@ ROTARY, LINEAR = "rotary", "linear"
 
 @dataclass(frozen=True)
 class Axis:
-    """An axis: rotary or linear, the encoders (K) that were recorded, the one that the controller holds to the command.
+    """An axis: rotary or linear, K recorded encoders, and the encoder of the position loop.
 
-    The loop may be closed on an encoder that was not recorded. Movements up to ``least_move`` (rad, m) turn no
-    direction of approach; ``spread`` (rad, m) is how far readings lie from their middle: errors of that size are
-    plausible. ``noise`` (rad, m) is one standard deviation of a reading less its command.
+    The loop may be closed on an encoder that was not recorded. Movements up to ``least_move`` (rad, m) do not change
+    the direction of approach; ``spread`` (rad, m) is the spread of the readings about their centre: errors of that size
+    are plausible. ``noise`` (rad, m) is one standard deviation of a reading minus its command.
     """
 
     kind: str
@@ -36,9 +36,9 @@ class Axis:
     noise: float = 0.0
 
     def response(self, element: str) -> NDArray:
-        """Return by how much each encoder (K,) reads more where an element adds one unit, the loop being closed.
+        """Return the change of each encoder's reading (K,) if an element adds one unit, with the loop closed.
 
-        The transmission adds to where the load stands, behind the motor; an encoder adds to its own reading. The
+        The transmission adds to the position of the load, behind the motor; an encoder adds to its own reading. The
         controller moves the axis until the encoder of its loop reads the command again.
         """
         added = {name: float(name == element) for name in ENCODERS}
@@ -49,11 +49,11 @@ class Axis:
 
 @dataclass(frozen=True)
 class AxisRows:
-    """B rows in the order of the table: names, time (s), command and direction of approach (B,), events (B,) as text.
+    """B rows in the order of the table: names, time (s), command (rad or m) and direction of approach (B,).
 
-    Commands are in rad or m. ``order`` is the rank in time over the whole campaign, ``direction`` -1 or 1. ``events``
-    are the campaign's: (name, time of the first row after it). ``since_turn`` (B,) is how far the axis came since it
-    last turned round, rad or m. ``others`` (B,) are all further columns.
+    ``order`` is the rank in time over the whole campaign, ``direction`` -1 or 1. ``events`` are the campaign's: (name,
+    time of the first row after it). ``since_turn`` (B,) is the travel since the last reversal, rad or m. ``others``
+    (B,) are all other columns.
     """
 
     poses: tuple[int | str, ...]
@@ -75,20 +75,20 @@ class AxisRows:
         events: tuple[tuple[str, float], ...] = (),
         others: Mapping[str, NDArray] | None = None,
     ) -> AxisRows:
-        """Return rows with what follows from their order in time; least_move as in `Axis`."""
+        """Return rows with the quantities that follow from their order in time; least_move as in `Axis`."""
         order = np.argsort(np.argsort(time_s, kind="stable")).astype(float)
         direction, since_turn = approaches(command, order, least_move)
         return cls(tuple(poses), time_s, command, direction, since_turn, order, events, others or {})
 
     @property
     def covariates(self) -> dict[str, NDArray]:
-        """Return the columns (B,) that something may follow."""
+        """Columns (B,) that effects may depend on."""
         known = {name: values for name, values in self.others.items() if np.isfinite(values).all()}
         return {**known, TIME: self.time_s, ORDER: self.order, COMMAND: self.command, DIRECTION: self.direction}
 
     @property
     def readings(self) -> NDArray:
-        """Return what predictions are made from: the commands (B, 1)."""
+        """Inputs of predictions: the commands (B, 1)."""
         return self.command[:, None]
 
     def chosen(self, rows: Mask) -> AxisRows:
@@ -106,10 +106,10 @@ class AxisRows:
 
 
 def approaches(command: NDArray, order: NDArray, least: float) -> tuple[NDArray, NDArray]:
-    """Return of rows (N,) the direction of approach, -1 or 1, and how far the axis came since it last turned round.
+    """Return for rows (N,) the direction of approach, -1 or 1, and the travel since the last reversal.
 
-    The direction is that of the last movement larger than ``least`` in the order of time; 1 before any. Rows without a
-    command are as the row before.
+    The direction is that of the last movement larger than ``least`` in order of time; 1 before any. Rows without a
+    command keep the values of the row before.
     """
     direction, travel = np.ones(len(command)), np.zeros(len(command))
     way, current, turn = 1.0, np.nan, np.nan

@@ -1,1 +1,1 @@
-"""Free bodies, without a mechanism."""
+"""Simulation of free bodies, without a mechanism."""

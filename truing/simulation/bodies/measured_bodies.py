@@ -1,4 +1,4 @@
-"""Bodies without a mechanism as they were measured: where their targets sit, which were moved, how they stand."""
+"""Measured bodies without a mechanism: their targets, displaced targets, poses, and places where they stand still."""
 
 from __future__ import annotations
 
@@ -27,34 +27,33 @@ from truing.simulation.targets import FREE_LENGTH_M, Targets
 
 FEWEST_TARGETS = 3
 _FEWEST_POSES = 3
-# Where a target sits that was not surveyed is open by this share of the body's size: so wide that not even the body's
-# scale is taken to be known.
+# Prior sigma of the position of an unsurveyed target, relative to the body's size: so wide that even the scale is open.
 _FREE_SHAPE = 0.3
 _FAR_LESS = 0.4
-_ROUNDING_M = 1e-7  # no noise is smaller
-# Where a body is seen from another one, most poses have to tell it.
+_ROUNDING_M = 1e-7  # least noise
+# Least share of poses in which a body must be determined relative to another one.
 _KNOWN_SHARE = 0.9
-# From one pose to the next, half of the time, a body that stands still moves by less than so many standard deviations
-# of a point: an instrument's own jitter is of that order. A frame of its own in every pose makes it jump by metres.
+# Largest median step of a still body, in standard deviations of a point; jitter of an instrument is of that order. If
+# every pose has its own frame, the body jumps by metres.
 _STEP = 30.0
 _FEWEST = 8
-# So many steps between poses at the same place tell how much a body jitters, whatever else happens to it.
+# Least number of steps between poses at the same place for an estimate of the jitter.
 _ENOUGH_STEPS = 30
-# Jitter is taken to be alike in all directions as surely as so many steps would show it: a covariance from few steps
-# fits them too well, and everything else looks significant.
+# Weight, in steps, of isotropic jitter as a prior: a covariance from few steps would fit these too well, and other
+# effects would look significant.
 _ALIKE = 100.0
 _NORMAL = 1.4826  # standard deviation over median absolute deviation
-_TAIL = 3.0  # standardised steps count no more than this
-_LEAST = 0.3  # of the points' noise: a smaller jitter is of no account
+_TAIL = 3.0  # standardised steps are clipped to this
+_LEAST = 0.3  # least jitter, relative to the points' noise
 
 
 @dataclass(frozen=True)
 class BodyTargets:
     """One body over B poses and k targets, lengths in m.
 
-    ``shape`` (k, 3) in the body's frame with covariance; points (B, k, 3) as measured, with covariance, seen (B, k),
-    gross errors apart; ``R``, ``t`` from the body to the measurement where ``ok`` (B,), else the identity. ``certain``
-    is what leaves no doubt before any search: labels that were exchanged, targets that were moved far.
+    ``shape`` (k, 3) in the body's frame with covariance; points (B, k, 3) as measured, with covariance; seen (B, k)
+    without gross errors; ``R``, ``t`` from the body to the measurement if ``ok`` (B,), else the identity. ``certain``
+    holds causes that are evident before any search: exchanged labels, and targets that moved far.
     """
 
     name: str
@@ -72,7 +71,7 @@ class BodyTargets:
 
     @property
     def sigma(self) -> float:
-        """Return the typical standard deviation of a coordinate, m."""
+        """Typical standard deviation of a coordinate, m."""
         return float(np.sqrt(np.median(np.trace(self.cov[self.seen], axis1=-2, axis2=-1)) / 3))
 
 
@@ -85,10 +84,11 @@ def measured_body(
     order: Array,
     noise: float,
 ) -> BodyTargets | None:
-    """The body where its targets that were not rejected put it, gross errors apart; None where that is in no poses.
+    """Fit the body's poses to its accepted targets, without gross errors; None if fewer than three poses are
+    determined.
 
-    shape (k, 3), m, with its covariance (k, 3, 3) where it was surveyed; order (B,) rank of the poses in time; noise of
-    a coordinate, m, where points carry none.
+    shape (k, 3), m, with its covariance (k, 3, 3) if it was surveyed; order (B,) rank of the poses in time; noise of a
+    coordinate, m, if points have none.
     """
     assessed = select_points(residuals, points, shape, order)
     right, trusted = _put_right(points, residuals, assessed)
@@ -120,8 +120,10 @@ def measured_body(
 
 
 def _loose_corners(body: str, targets: Sequence[str], shape: Array, trusted: Mask) -> Array:
-    """Return how many times less surely places (B, k) are known: of a marker's corners, which leave a body together,
-    what the rest of it tells; targets by themselves leave the rest as sure as it was."""
+    """Return the factor (B, k) of the uncertainty of each target's position relative to the rest of the body.
+
+    It is one except for corners of markers, which move together: only the rest of the body determines their position.
+    """
     loose = np.ones(trusted.shape)
     corners = [k for own in markers_of([body] * len(targets), targets).values() for k in own]
     loose[:, corners] = looseness(shape, trusted)[:, corners]
@@ -131,7 +133,8 @@ def _loose_corners(body: str, targets: Sequence[str], shape: Array, trusted: Mas
 def moved_for_certain(
     body: str, points: PosePoints, shape: Array, order: Array, changes: list[tuple[int, int]]
 ) -> tuple[TargetMoved, ...]:
-    """Return what certainly sits elsewhere from a pose on: a marker where all its corners do, else single targets."""
+    """Return the evident displacements from a pose on: of a marker if all its corners moved, otherwise of single
+    targets."""
     at = set(changes)
     markers = markers_of([body] * len(points.targets), points.targets)
     found = []
@@ -148,7 +151,7 @@ def moved_for_certain(
 
 
 def _put_right(points: PosePoints, residuals: PointResiduals, assessed: PointSelection) -> tuple[Array, Mask]:
-    """Points (B, k, 3) under their right labels, and which of them (B, k) tell where the body is."""
+    """Return points (B, k, 3) under their true labels, and the mask (B, k) of those that determine the pose."""
     right = points.points.copy()
     trusted = points.seen & residuals.fitted
     for one in assessed.exchanges:
@@ -159,9 +162,9 @@ def _put_right(points: PosePoints, residuals: PointResiduals, assessed: PointSel
 
 
 def _found_smaller(cov: Array, gaps: Array, targets: int) -> Array:
-    """Covariances (B, k, 3, 3), brought to how far points miss their places by where that is far less than declared.
+    """Scale covariances (B, k, 3, 3) to the observed scatter of the points, if that is far smaller than declared.
 
-    Who declares what "rigid" is to mean, and not the noise, would hide what goes on below it.
+    A declared limit of rigidity instead of the noise would hide all smaller effects.
     """
     free = 3 * targets / max(3 * targets - 6, 1)
     scatter = float(np.median(np.linalg.norm(gaps, axis=-1))) / 1.538 * np.sqrt(free) if len(gaps) else np.inf
@@ -171,9 +174,9 @@ def _found_smaller(cov: Array, gaps: Array, targets: int) -> Array:
 
 @dataclass(frozen=True)
 class BodyPlaces:
-    """How a body stands: the number of its places, which of them each pose has (B,), a root of its jitter (6, 6).
+    """Places where a body stands still: their number, the place of each pose (B,), and a root of its jitter (6, 6).
 
-    No place where it need not stand still. ``R``, ``t`` (B, ..) are where it stands, as a start, m.
+    No places for a body that need not stand still. ``R``, ``t`` (B, ..) are start values of its pose, m.
     """
 
     levels: int
@@ -185,8 +188,10 @@ class BodyPlaces:
 
 @dataclass(frozen=True)
 class MeasuredBodies:
-    """Bodies with how they stand, and the one in whose frame the others are modelled; -1 where the measurement has one
-    frame for the campaign."""
+    """Bodies with their places, and the index of the body whose frame the model uses.
+
+    The index is -1 if the measurement has one frame for the campaign.
+    """
 
     bodies: list[BodyTargets]
     body_places: list[BodyPlaces]
@@ -194,14 +199,15 @@ class MeasuredBodies:
 
     @classmethod
     def led(cls, bodies: list[BodyTargets], places: list[BodyPlaces], reference: str | None) -> MeasuredBodies:
-        """Return bodies led by the reference, else by the one determined most often; by none where one stands still."""
+        """Return bodies led by the reference, otherwise by the body with most determined poses; by none if a body
+        stands still."""
         names = [body.name for body in bodies]
         lead = names.index(reference) if reference in names else int(np.argmax([body.ok.sum() for body in bodies]))
         return cls(bodies, places, -1 if any(one.levels for one in places) else lead)
 
     @property
     def targets(self) -> Targets:
-        """Return all targets, one body after the other."""
+        """All targets, one body after the other."""
         counts = [len(body.names) for body in self.bodies]
         return Targets(
             np.repeat(np.arange(len(self.bodies)) + FIRST_BODY, counts),
@@ -211,10 +217,10 @@ class MeasuredBodies:
         )
 
     def places(self, order: Array) -> dict[str, Array]:
-        """Return where other bodies are, seen from the leading one (B,), m: without drives, they deform with these.
+        """Return the positions (B,) of other bodies relative to the leading one, m, as inputs of deformations.
 
-        Between poses that do not tell, a body is taken to go straight; one that most poses do not tell is left out.
-        ``order`` (B,) is the rank in time.
+        Positions are interpolated linearly between determined poses; a body with few such poses is omitted. ``order``
+        (B,) is the rank in time.
         """
         columns: dict[str, Array] = {}
         for body in self.bodies if self.lead >= 0 else []:
@@ -232,8 +238,8 @@ class MeasuredBodies:
     def gravity(self, up: Sequence[float], reference: str | None) -> dict[str, Array]:
         """Return the direction of gravity (B, 3) in each body's frame, by its column.
 
-        ``up`` is told in the frame of the reference, or of the measurement where nothing is the reference. None where
-        the reference was not measured. Where a body is not determined, gravity is what it is on average.
+        ``up`` is given in the frame of the reference, or of the measurement without a reference. Empty if the reference
+        was not measured. The mean direction replaces that of poses where a body is not determined.
         """
         names = [body.name for body in self.bodies]
         down = -np.asarray(up, float) / np.linalg.norm(up)
@@ -253,7 +259,7 @@ class MeasuredBodies:
         return found
 
     def conditions(self, covariates: Mapping[str, Array], poses: tuple[int | str, ...]) -> BodyConditions:
-        """Return where each body was found in the model's frame: that of the leading body, else as measured."""
+        """Return the pose of each body in the model's frame: that of the leading body, otherwise as measured."""
         R, t = np.stack([one.R for one in self.body_places], 1), np.stack([one.t for one in self.body_places], 1)
         if self.lead >= 0:
             back = np.swapaxes(R[:, self.lead], 1, 2)[:, None]
@@ -266,7 +272,7 @@ class MeasuredBodies:
         return BodyConditions(np.zeros((len(poses), 0)), dict(covariates), poses, span, R, t, level)
 
     def epochs(self, conditions: BodyConditions, rows: Mask) -> Epochs:
-        """Return what was measured at some poses (mask B)."""
+        """Return the measurements at some poses (mask B)."""
         measured = Observations(
             np.concatenate([body.points[rows] for body in self.bodies], 1),
             np.concatenate([body.cov[rows] for body in self.bodies], 1),
@@ -281,7 +287,7 @@ class MeasuredBodies:
 
 
 def frame_is_common(body: BodyTargets, order: Array) -> bool:
-    """Whether a body hardly moves from one pose to the next: the measurement then has one frame for the campaign."""
+    """Whether a body hardly moves from one pose to the next, so that the measurement has one frame for the campaign."""
     in_time = np.argsort(order, kind="stable")
     points, seen = body.points[in_time], (body.seen & body.ok[:, None])[in_time]
     both = seen[1:] & seen[:-1]
@@ -292,12 +298,13 @@ def frame_is_common(body: BodyTargets, order: Array) -> bool:
 
 
 def free_body(body: BodyTargets) -> BodyPlaces:
-    """Stand a body nowhere: it need not stand still."""
+    """Return a body without places: it need not stand still."""
     return BodyPlaces(0, np.zeros(len(body.ok), np.int64), np.eye(6), body.R, body.t)
 
 
 def fixed_body(body: BodyTargets, level: Index, order: Array) -> BodyPlaces:
-    """Stand a body at the middle of what was found at each of its places, of which each pose has one (B,)."""
+    """Return a body with places: at each, it stands at the median of the poses there; level (B,) is the place of
+    each pose."""
     R, t, middle = body.R.copy(), body.t.copy(), body.shape.mean(0)
     centre = body.t + body.R @ middle
     for place in range(level.max() + 1):
@@ -311,9 +318,9 @@ def fixed_body(body: BodyTargets, level: Index, order: Array) -> BodyPlaces:
 
 
 def _jitter(body: BodyTargets, level: Index, order: Array) -> Array:
-    """A square root (6, 6) of the covariance of a body's pose from one pose to the next, beyond its targets' noise.
+    """Return a square root (6, 6) of the covariance of a body's pose jitter, without the noise of its targets; robust.
 
-    Shift of the targets' middle (m), then rotation vector (rad), in the axes of the measurement. Robust.
+    Shift of the targets' centroid (m), then rotation vector (rad), in the axes of the measurement.
     """
     steps = _steps(body, level, order)
     if len(steps) < _ENOUGH_STEPS:
@@ -327,7 +334,7 @@ def _jitter(body: BodyTargets, level: Index, order: Array) -> Array:
 
 
 def _steps(body: BodyTargets, level: Index, order: Array) -> Array:
-    """Steps (n, 6) of the pose between poses at the same place, one after the other in time, over the root of two."""
+    """Return the steps (n, 6) between successive poses at the same place, divided by the root of two."""
     centre, found = body.t + body.R @ body.shape.mean(0), []
     in_time = np.argsort(order, kind="stable")
     for place in range(level.max() + 1):
@@ -338,17 +345,17 @@ def _steps(body: BodyTargets, level: Index, order: Array) -> Array:
 
 
 def _of_noise(body: BodyTargets) -> Array:
-    """The covariance (6, 6) that the points' noise gives a pose."""
+    """Return the covariance (6, 6) of a pose due to the points' noise."""
     arms = (body.shape - body.shape.mean(0)) @ body.R[np.flatnonzero(body.ok)[0]].T
     design = rigid_motions(arms).reshape(-1, 6)
     return np.asarray(np.linalg.pinv(design.T @ design / body.sigma**2))
 
 
 def _root(covariance: Array, body: BodyTargets) -> Array:
-    """A square root of what is positive of a covariance; at least a small share of the points' noise everywhere.
+    """Return a square root of the positive part of a covariance, at least a small share of the points' noise.
 
-    Lower triangular: the first three unknowns are the shift, with the rotation that comes along, the others what it
-    turns beside.
+    It is lower triangular: the first three unknowns are the shift with the correlated rotation, the others the
+    remaining rotation.
     """
     radius = max(float(np.sqrt(np.mean(np.sum((body.shape - body.shape.mean(0)) ** 2, -1)))), 1e-6)
     unit = np.array([body.sigma] * 3 + [body.sigma / radius] * 3)

@@ -1,8 +1,8 @@
-"""Points of bodies without a mechanism, as a function of what is not known exactly, with exact derivatives.
+"""Class `BodyModel`: points of bodies without a mechanism as a function of the unknowns, with exact derivatives.
 
-Nothing says where such a body stands in a pose, so its pose is fitted: what the model claims to know is that its
-targets keep their places on it. A body that stands still claims more: its pose is one for the campaign, but for the
-jitter of the instrument, and the frame of the measurement is then one frame too.
+The pose of such a body is fitted; the model only states that its targets keep their positions on it. A body that stands
+still has one pose for the campaign, except for the jitter of the instrument; the frame of the measurement is then one
+frame too.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from truing.simulation.mechanisms.recording import (
 from truing.simulation.mechanisms.state import State
 from truing.simulation.targets import FREE_ANGLE_RAD, FREE_LENGTH_M, ShapeUnknowns
 
-# Bodies without a mechanism are numbered from here: what concerns base, platform or legs alone passes them by.
+# First number of bodies without a mechanism: causes on base, platform or legs do not apply to them.
 FIRST_BODY = 3
 _POSE = 6
 _FREE_POSE = np.diag([FREE_LENGTH_M] * 3 + [FREE_ANGLE_RAD] * 3)
@@ -45,10 +45,10 @@ _NO_FRAMES = LegFrames(np.empty((0, 0, 3)), np.empty((0, 0, 3, 3)), np.empty((0,
 
 @dataclass(frozen=True)
 class BodyConditions(Conditions):
-    """What is known of each pose, and where each of N bodies was found there, as a start: R (B, N, 3, 3), t (B, N, 3).
+    """Data of each pose, and start values R (B, N, 3, 3), t (B, N, 3) of the poses of N bodies.
 
-    Both lead from the body's frame to the model's, m; ``readings`` is (B, 0). ``level`` (B, N) numbers the places where
-    a body that stands still does so: one, or one for every combination of drives that it follows.
+    R and t lead from the body's frame to the model's, m; ``readings`` is (B, 0). ``level`` (B, N) numbers the places of
+    a body that stands still: one, or one for every combination of the drives that move it.
     """
 
     R: NDArray = field(default_factory=lambda: np.empty((0, 0, 3, 3)))
@@ -71,13 +71,12 @@ class BodyConditions(Conditions):
 
 @dataclass(frozen=True)
 class KnownBodies:
-    """What is known beforehand of N bodies and their K targets; m and rad.
+    """Prior knowledge of N bodies and their K targets; m and rad.
 
-    ``shape`` (K, 3) in the bodies' frames, with what ``survey`` leaves unknown of it; ``surveyed`` (W,) tells which of
-    that is knowledge, and not merely wide. ``levels`` (N,) is the number of places where a body stands still, 0 for
-    one that does not; ``jitter`` (N, 6, 6) is a square root of the covariance of its pose from pose to pose (shift of
-    the targets' centre, then rotation). ``lead`` is the body whose frame the model's is in every pose; -1 where that
-    of the measurement is one frame for the campaign.
+    ``shape`` (K, 3) in the bodies' frames, with its unknown errors ``survey``; ``surveyed`` (W,) marks those whose
+    prior is knowledge, not a wide default. ``levels`` (N,) is the number of places of a still body, 0 for others;
+    ``jitter`` (N, 6, 6) is a square root of the covariance of its pose (shift of the targets' centre, then rotation).
+    ``lead`` is the body whose frame the model uses in every pose; -1 if the measurement has one frame for the campaign.
     """
 
     shape: NDArray
@@ -92,13 +91,13 @@ class KnownBodies:
 
     @property
     def still(self) -> NDArray:
-        """Return which bodies (N,) stand still."""
+        """Mask (N,) of the bodies that stand still."""
         return np.asarray(self.levels > 0)
 
 
 @dataclass(frozen=True)
 class BodyModel(RecordedModel):
-    """Bodies with their targets; a function of the unknowns for a set of effects."""
+    """Bodies with their targets, as a function of the unknowns for a set of effects."""
 
     conditions: BodyConditions
     known: KnownBodies
@@ -107,7 +106,7 @@ class BodyModel(RecordedModel):
 
     @cached_property
     def channel_groups(self) -> NDArray:
-        """Return the number of each target's body (K,)."""
+        """Number (K,) of each target's body."""
         return self.targets.body - FIRST_BODY
 
     @property
@@ -117,30 +116,29 @@ class BodyModel(RecordedModel):
 
     @cached_property
     def _local(self) -> dict[int, slice]:
-        """Return where each body's pose stands among the local unknowns: those that stand still come first."""
+        """Slice of each body's pose among the local unknowns; bodies that stand still come first."""
         order = [*np.flatnonzero(self.known.still), *np.flatnonzero(~self.known.still)]
         fitted = [int(body) for body in order if body != self.known.lead]
         return {body: slice(_POSE * n, _POSE * (n + 1)) for n, body in enumerate(fitted)}
 
     @property
     def local_size(self) -> int:
-        """Return the number of local unknowns H: six for each body but the leading one, then what photographs share."""
+        """Number of local unknowns H: six for each body except the leading one, then common errors of photographs."""
         return _POSE * len(self._local) + self._pose_size
 
     @property
     def unpredicted(self) -> NDArray:
-        """Return which local unknowns (H,) the model says nothing of: the poses of bodies that do not stand still."""
+        """Mask (H,) of the local unknowns that the model does not predict: poses of bodies that do not stand still."""
         return np.arange(self.local_size) >= _POSE * int(self.known.still.sum())
 
     @property
     def blocks(self) -> NDArray | None:
-        """Return which poses can be left out together: none, since bodies follow time and drives alone, which a block
-        would have to be told beyond."""
+        """None: no block of poses can be left out, because effects of time and drives would have to be extrapolated."""
         return None
 
     @property
     def scene(self) -> PointScene:
-        """Return what the campaign offers to causes when they propose candidates."""
+        """Scene from which causes propose candidates."""
         conditions = self.conditions
         return PointScene(
             self.targets,
@@ -158,28 +156,28 @@ class BodyModel(RecordedModel):
         )
 
     def rescaled(self, readings: float, survey: float) -> Self:
-        """Return the model with jitter and the survey's noise so many times as large."""
+        """Return the model with the jitter and the survey's noise multiplied by factors."""
         factors = np.where(self.known.surveyed, survey, 1.0)
         modes = replace(self.known.survey, modes=self.known.survey.modes * factors)
         return replace(self, known=replace(self.known, survey=modes, jitter=self.known.jitter * readings))
 
     @property
     def input_scale(self) -> NDArray:
-        """Return one prior sigma of the shift of each body that stands still, for each part of its pose (H,), m."""
+        """Prior sigma of the shift of each still body, for each component of its pose (H,), m."""
         jitter = self.known.jitter[self.known.still]
         return np.repeat(np.sqrt(np.sum(jitter[:, :3] ** 2, (1, 2)) / 3), _POSE)
 
     def with_input_factor(self, factor: NDArray) -> Self:
-        """Return the model with jitters of the bodies that stand still, (B, H), so many times as large."""
+        """Return the model with the jitter of still bodies multiplied by factors (B, H)."""
         return replace(self, conditions=replace(self.conditions, input_factor=factor))
 
     def _jittered(self, body: int) -> NDArray:
-        """Return by how much the prior sigmas (B, 6), or (1, 6), of a body's pose are larger than known beforehand."""
+        """Return the factor (B, 6), or (1, 6), of the prior sigmas of a body's pose."""
         factor = self.conditions.input_factor
         return np.ones((1, _POSE)) if factor is None or not self.known.still[body] else factor[:, self._local[body]]
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
-        """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones if asked for."""
+        """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones on request."""
         recording = self._recording(shared, local)
         by_local = np.zeros((*recording.state.points.shape, self.local_size))
         for body, own, slope in self._by_pose(shared, local, recording):
@@ -208,11 +206,12 @@ class BodyModel(RecordedModel):
         return slopes
 
     def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
-        """Return no channel: what acts on bodies moves their points."""
+        """Return no pathway: effects on bodies move their points directly."""
         return {}
 
     def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[PointCause], dict[str, NDArray]]:
-        """Return what tells a cause's change of the pathway ``observed``, (B or 1, 3 K, P), per plausible scale."""
+        """Return the function from a cause to its change of the pathway ``observed``, (B or 1, 3 K, P), per
+        plausible scale."""
         recording = self._recording(shared, local)
 
         def found(cause: PointCause) -> dict[str, NDArray]:
@@ -239,7 +238,7 @@ class BodyModel(RecordedModel):
         return np.asarray(self.known.jitter[body]) if self.known.still[body] else _FREE_POSE
 
     def _pose(self, body: int, shared: NDArray, local: NDArray) -> NDArray:
-        """Return how far a body is from where it was found (B, 6): shift of its centre, rotation vector."""
+        """Return the deviation (B, 6) of a body's pose from its start value: shift of its centre, rotation vector."""
         found = np.zeros((len(self.conditions.t), _POSE), np.result_type(shared, local))
         if body in self._local:
             found = found + (local[:, self._local[body]] * self._jittered(body)) @ self._pose_factor(body).T
@@ -252,12 +251,12 @@ class BodyModel(RecordedModel):
 
     @cached_property
     def _centres(self) -> NDArray:
-        """Return the mean place (N, 3) of each body's targets in its frame."""
+        """Mean position (N, 3) of each body's targets in its frame."""
         own = (self.channel_groups == body for body in range(len(self.known.levels)))
         return np.stack([self.known.shape[there].mean(0) for there in own])
 
     def _recording(self, shared: NDArray, local: NDArray) -> Recording:
-        """Return what is recorded of the bodies with the effects in force."""
+        """Return the recorded points of the bodies with the effects in force."""
         forward_pass = self._forward_pass(shared)
         places = self._places(forward_pass)
         kind = np.result_type(places, shared, local)
@@ -272,7 +271,7 @@ class BodyModel(RecordedModel):
         return record(forward_pass, self.targets, _NO_FRAMES, self.effects(shared), points, turn)
 
     def _forward_pass(self, shared: NDArray) -> ForwardPass:
-        """Return where the targets sit on their bodies, and which effects brought them there."""
+        """Return the forward pass with the targets' shape and displacements on their bodies."""
         none = self.conditions.readings
         shape = self.known.shape + self.known.survey.modes @ shared[self.layout["shape"]]
         state = State(
@@ -289,12 +288,13 @@ class BodyModel(RecordedModel):
         return ForwardPass(state, (), {}).through(Step.STRUCTURE, self.effects(shared), applied)
 
     def _places(self, forward_pass: ForwardPass) -> NDArray:
-        """Return where the targets sit (B, K, 3) in the frames of their bodies."""
+        """Return the positions (B, K, 3) of the targets in the frames of their bodies."""
         state = forward_pass.state
         return np.broadcast_to(state.shape + state.moved, (len(self.conditions.t), *state.shape.shape))
 
     def _by_pose(self, shared: NDArray, local: NDArray, recording: Recording) -> Iterator[tuple[int, NDArray, NDArray]]:
-        """Yield each body, its targets, and how these (B, k, 3, 6) follow a shift and a rotation vector of its pose."""
+        """Yield each body, its targets, and their derivatives (B, k, 3, 6) by a shift and a rotation vector of its
+        pose."""
         turn, places = recording.state.turn, self._places(recording.forward_pass)
         for body, centre in enumerate(self._centres):
             own = self.channel_groups == body
@@ -305,7 +305,7 @@ class BodyModel(RecordedModel):
             yield body, own, slope
 
     def _fill_structure(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
-        """Fill in the derivatives by the parameters of effects on the bodies."""
+        """Fill the derivatives by the parameters of effects on the bodies."""
         for effect in self.effects(shared):
             cause = effect.cause
             if cause.step is Step.STRUCTURE and len(effect.values):

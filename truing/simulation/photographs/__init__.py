@@ -1,1 +1,1 @@
-"""What photographs tell by themselves: rays of all poses as a function of cameras, scale bars and air."""
+"""Simulation of photographs: rays of all poses as a function of cameras, scale bars and air."""

@@ -1,6 +1,6 @@
-"""Rays of all poses, each pose's reduced to what it tells of the numbers that all poses share, with exact derivatives.
+"""Class `RayModel`: rays of each pose, reduced to their information on common parameters, with exact derivatives.
 
-Poses are poses; channels, of one dimension and unit noise, stand for targets.
+Channels have dimension one and unit noise, and take the place of targets.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from truing.simulation.effects_model import ChannelModel, Prediction
 from truing.simulation.photographs.causes.ray_causes import RayCause, RayScene
 from truing.simulation.photographs.ray_poses import RayPoses
 
-# What nothing is known of beforehand: so many times its scale, for the adjustment has brought it near.
+# Prior sigma of an unknown parameter, in units of its scale: the adjustment already gives a good estimate.
 _WIDE = 30.0
 
 
 @dataclass(frozen=True)
 class RayModel(ChannelModel[RayCause]):
-    """Cameras, scale bars and air that are the same in all poses, but for a set of effects.
+    """Cameras, scale bars and air that are constant over all poses, except for a set of effects.
 
-    ``common`` are the numbers that an adjustment does not know exactly, though they are common to all poses.
+    ``common`` are the indices of uncertain parameters that all poses share.
     """
 
     conditions: RayPoses
@@ -35,7 +35,7 @@ class RayModel(ChannelModel[RayCause]):
 
     @classmethod
     def of(cls, rays: RayPoses) -> Self:
-        """Return the model of some poses, in which everything that was estimated of what they share is open."""
+        """Return the model of some poses, with all estimated common parameters as unknowns."""
         return cls(rays, tuple(n for n, p in enumerate(rays.parameters) if p.sigma != 0.0 and rays.determinable[n]))
 
     @cached_property
@@ -44,7 +44,7 @@ class RayModel(ChannelModel[RayCause]):
 
     @cached_property
     def _common_sigma(self) -> NDArray:
-        """Return one prior sigma of each of these, in units of its scale."""
+        """Prior sigma of each common parameter, in units of its scale."""
         own = [self.conditions.parameters[n] for n in self._common]
         return np.array([_WIDE if p.sigma is None else p.sigma / p.scale for p in own])
 
@@ -54,22 +54,22 @@ class RayModel(ChannelModel[RayCause]):
 
     @property
     def channel_names(self) -> tuple[str, ...]:
-        """What each channel (K,) tells of."""
+        """Ray parameter (K,) of each channel."""
         return self.conditions.channels
 
     @property
     def channel_kinds(self) -> tuple[str, ...]:
-        """That all channels (K,) are of rays."""
+        """Sort (K,) of the channels: ``rays``."""
         return ("rays",) * len(self.conditions.channels)
 
     @property
     def blocks(self) -> NDArray:
-        """Return the poses' ranks in time (B,): any can be left out together."""
+        """Ranks (B,) of the poses in time: any pose can be left out of a fit."""
         return self.conditions.rank
 
     @property
     def scene(self) -> RayScene:
-        """Return what the campaign offers to causes when they propose candidates."""
+        """Scene from which causes propose candidates."""
         return RayScene(self.conditions)
 
     def at(self, conditions: RayPoses) -> Self:
@@ -77,11 +77,11 @@ class RayModel(ChannelModel[RayCause]):
         return replace(self, conditions=conditions)
 
     def rescaled(self, readings: float, survey: float) -> Self:
-        """Return the model: it has neither readings nor a survey."""
+        """Return the model unchanged: it has neither readings nor a survey."""
         return self
 
     def offsets(self, shared: NDArray) -> NDArray:
-        """Return by how much each number (B, T), SI, is off its value in the adjustment, pose by pose."""
+        """Return the deviation of each ray parameter (B, T), SI, from its value in the adjustment, pose by pose."""
         rays = self.conditions
         found = np.zeros((len(rays.poses), len(rays.parameters)), np.result_type(shared, float))
         mean = np.array([rays.parameters[n].mean for n in self._common])
@@ -91,7 +91,8 @@ class RayModel(ChannelModel[RayCause]):
         return found
 
     def by_shared(self, shared: NDArray) -> NDArray:
-        """Return how these offsets (B, T, G), in units of each number's scale, follow the shared unknowns."""
+        """Return the derivatives (B, T, G) of the offsets, in units of each parameter's scale, by the shared
+        unknowns."""
         rays = self.conditions
         found = np.zeros((len(rays.poses), len(rays.parameters), self.shared_size))
         place = np.arange(self.layout["common"].start, self.layout["common"].stop)
@@ -100,7 +101,7 @@ class RayModel(ChannelModel[RayCause]):
         return found
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
-        """Return channels and derivatives at shared (G,) unknowns; by the shared ones if asked for."""
+        """Return channels and derivatives at shared (G,) unknowns; derivatives on request."""
         root = self.conditions.root
         channels = np.einsum("bkt,bt->bk", root, self.offsets(shared) / self._scale)[..., None]
         slopes = (root @ self.by_shared(shared))[:, :, None] if by_shared else None
@@ -124,5 +125,6 @@ class RayModel(ChannelModel[RayCause]):
         return known
 
     def _number_slopes(self, cause: RayCause, values: NDArray) -> NDArray:
-        """Return how the numbers (B, T, P), in units of their scale, follow a cause's parameters at values (P,), SI."""
+        """Return the derivatives (B, T, P) of ray parameters, in units of their scale, by a cause's parameters at
+        values (P,), SI."""
         return cause.slopes(self.conditions, values) / self._scale[:, None]

@@ -1,4 +1,4 @@
-"""What rays of a pose may tell of: the numbers that all poses should share, and what is known of the poses."""
+"""Information of rays, pose by pose (`RayPoses`), on parameters that all poses should share (`RayParameter`)."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ CAMERA, BAR, AIR, WINDOW = "camera", "bar", "air", "window"
 
 @dataclass(frozen=True)
 class RayParameter:
-    """A number that all poses should share: of which kind of thing, of which one of these, its name and unit.
+    """A parameter common to all poses: kind of its owner, owner, name and unit.
 
-    ``scale`` is what brings it to about one. ``sigma`` is how well its value in the adjustment is known beforehand
-    apart from the rays (a bar's calibration); None: not at all; 0: exactly, so that only causes move it; ``mean``:
-    what was known of it beforehand, less that value.
+    ``scale`` is its typical size. ``sigma`` is the prior sigma of its value in the adjustment, apart from the rays (a
+    bar's calibration); None: unknown; 0: exact, so that only causes change it. ``mean``: prior value minus the value in
+    the adjustment.
     """
 
     kind: str
@@ -33,16 +33,17 @@ class RayParameter:
 
     @property
     def called(self) -> str:
-        """Return what tells it from all others: ``camera A c``, ``bar 1 strain``."""
+        """Unique name: ``camera A c``, ``bar 1 strain``."""
         return " ".join(filter(None, (self.kind, self.owner, self.name)))
 
 
 @dataclass(frozen=True)
 class RayPoses:
-    """B poses and the T numbers that their rays tell of, pose by pose.
+    """B poses and the T parameters that their rays determine, pose by pose.
 
-    ``root`` (B, K, T) is how the K whitened channels of a pose follow these, in units of their scale; ``seen`` (B, K)
-    which channels of a pose say anything. Covariates (B,) are the columns known of each pose, with ``order``.
+    ``root`` (B, K, T) is the derivative of a pose's K whitened channels by the parameters, in units of their scale;
+    ``seen`` (B, K) the mask of channels with information. Covariates (B,) are the columns known at each pose, with
+    ``order``.
     """
 
     poses: tuple[int | str, ...]
@@ -57,42 +58,42 @@ class RayPoses:
 
     @property
     def readings(self) -> NDArray:
-        """Return what stands for the readings of actuators: none (B, 0)."""
+        """Inputs in the place of actuator readings: none (B, 0)."""
         return np.zeros((len(self.poses), 0))
 
     @cached_property
     def heat(self) -> NDArray:
-        """Return the temperature above the reference (B,), K."""
+        """Temperature above the reference (B,), K."""
         return np.asarray(self.covariates[TEMPERATURE], float) - self.reference_temperature_c
 
     @cached_property
     def rank(self) -> NDArray:
-        """Return the rank in time (B,) of each pose among these."""
+        """Rank in time (B,) of each pose among these."""
         order = self.covariates.get(ORDER, np.arange(len(self.poses)))
         return ranks(order)
 
     def varies(self, column: str) -> bool:
-        """Return whether a column is known at all poses and takes more than one value."""
+        """Whether a column is known at all poses and takes more than one value."""
         values = self.covariates.get(column)
         return values is not None and bool(np.isfinite(values).all() and np.ptp(values) > 0)
 
     def owners(self, kind: str) -> tuple[str, ...]:
-        """Return the things of a kind that any pose tells of."""
+        """Return the owners of a kind on which any pose has information."""
         return tuple(
             dict.fromkeys(p.owner for n, p in enumerate(self.parameters) if p.kind == kind and self.determinable[n])
         )
 
     @cached_property
     def determinable(self) -> NDArray:
-        """Return which numbers (T,) any pose tells anything of."""
+        """Mask (T,) of the parameters on which any pose has information."""
         return np.any(self.root != 0.0, (0, 1))
 
     def poses_of(self, kind: str, owner: str) -> NDArray:
-        """Return which poses (B,) tell of one thing of a kind."""
+        """Return the mask (B,) of poses with information on one owner of a kind."""
         own = [n for n, p in enumerate(self.parameters) if p.kind == kind and p.owner == owner]
         return np.any(self.root[:, :, own] != 0.0, (1, 2))
 
     def places(self, kind: str, owner: str, names: tuple[str, ...]) -> list[int]:
-        """Return where the named numbers of a thing stand; raises KeyError where there is none."""
+        """Return the indices of named parameters of an owner; raises KeyError if one is missing."""
         known = {(p.kind, p.owner, p.name): n for n, p in enumerate(self.parameters)}
         return [known[kind, owner, name] for name in names]

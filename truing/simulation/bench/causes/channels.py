@@ -26,7 +26,7 @@ from truing.simulation.bench.load_steps import AIR, MATERIAL, PRESSURE, LoadStep
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import TIME, Missing
 
-# Plausible drift per hour in the channel's unit, and per kelvin of displacements (0.3 m of steel), rotations and signals.
+# Plausible drift per hour in the channel's unit, and per kelvin: of displacements (0.3 m of steel), rotations, signals.
 _PER_HOUR, _SIGNAL_PER_HOUR = 1.0, 0.05  # signals in mV
 _PER_KELVIN = {"um": 3.0, "arcsec": 1.0, "mV": 0.05}
 _PLAUSIBLE_PATH_M = 0.5

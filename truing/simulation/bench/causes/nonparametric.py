@@ -39,7 +39,7 @@ from truing.simulation.cause import Step
 from truing.simulation.inputs import ORDER, TIME, middle_and_half, varying
 from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, dependence
 
-# Prefixes of a load's name: 1 if its size decreases, else 0; its largest size so far in the run; sign of its last change.
+# Prefixes of a load's name: whether its size decreases; its largest size so far in the run; sign of its last change.
 UNLOADING, SO_FAR, WAY = "unloading ", "largest so far ", "direction of "
 # Forms: a load one and two steps before; sine and cosine of a period.
 MEMORY, PERIOD = "memory", "period"
@@ -58,7 +58,7 @@ _WAVES = 6
 _PLAUSIBLE_SIGMAS = 4.0
 # Columns with a linear cause in the catalogue.
 _NAMED_LINEAR = (IN_RUN, MATERIAL, AIR)
-# Periods of time: least steps per period, least periods per campaign, largest number, and frequency step in 1 / campaign.
+# Periods of time: least steps per period, least periods per campaign, largest number, frequency step in 1 / campaign.
 _STEPS_PER_PERIOD, _PERIODS_AT_LEAST, _MOST_PERIODS, _APART = 2.5, 3.0, 300, 0.5
 # Periods of a load: least levels per period, as waves fit any fewer levels, and least periods in the range of loads, as
 # polynomials cover slower waves.

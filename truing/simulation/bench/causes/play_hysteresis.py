@@ -17,8 +17,8 @@ from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.inputs import Missing
 
 _PLAUSIBLE = 0.02
-# Number of thresholds; the largest and smallest, as shares of the largest load; the least over a step of the load, below
-# which all look alike; prior sigma of the log of the threshold.
+# Number of thresholds; largest and smallest, as shares of the largest load; least over a step of the load, below which
+# all look alike; prior sigma of the log of the threshold.
 _THRESHOLDS, _LARGEST, _LEAST, _OF_A_STEP, _PLAUSIBLE_LOG = 3, 0.4, 0.02, 0.5, 0.5
 _ALL_SHARE = 0.3
 _TURNS = 2

@@ -1,12 +1,12 @@
-"""Tolerances as samples of platforms, and to first order (force-sensor paper, eq. 16-17).
+"""Platform errors by tolerances of a 6-UPUR sensor: random samples, and covariances to first order (paper, eq. 16-17).
 
-T is the full width of a tolerance zone: sigma = T / 6, and three sigma reach its border. A normal law does not stop
-there; 0.27 % of the errors lie beyond, unless they are asked to be bounded.
+T is the full width of a tolerance zone: sigma = T / 6, so that three sigma reach its border. A normal distribution
+exceeds it in 0.27 % of the samples, unless these are bounded.
 
-Where a platform stands on legs with errors is solved without linearising, many sensors at once. Each leg keeps its
-length, `|P + R b' - B'| = L'`, with the radii and the length that it has got, by Newton's method with the unloaded
-sensor's matrix throughout: errors of 1e-4 of a leg shrink by that factor with every step. Everything is held as one
-array per number, over samples, so that NumPy runs along memory.
+The pose of a platform on legs with errors is solved without linearisation, for many sensors at once. Each leg keeps its
+length, `|P + R b' - B'| = L'`, with its actual radii and length. Newton's method uses the unloaded sensor's matrix
+throughout: errors of 1e-4 of a leg shrink by that factor with every step. Each coordinate is one array over samples, so
+that NumPy runs along memory.
 """
 
 from __future__ import annotations
@@ -23,14 +23,15 @@ from truing.simulation.bench.six_upur.geometry import JointCentres, outward
 from truing.simulation.bench.six_upur.influence import influence_matrix
 
 _MAX_ITERATIONS = 30
-# What is left after a step, of a leg's length, once it no longer matters.
+# Remaining error, relative to a leg's length, at which the iteration ends.
 _ROUNDING = 1e-16
 Three = tuple[NDArray, NDArray, NDArray]
 
 
 @dataclass(frozen=True)
 class _LegGeometry:
-    """What all samples share: (3, 6, 1) legs, arms and outward directions below and above; 1 / G; (6, 1) lengths."""
+    """Geometry common to all samples: (3, 6, 1) legs, arms and outward directions below and above; 1 / G; (6, 1)
+    lengths."""
 
     leg: NDArray
     arm: NDArray
@@ -41,7 +42,8 @@ class _LegGeometry:
 
 
 def plan_of(joints: JointCentres) -> _LegGeometry:
-    """Return what `platform_errors` needs of one sensor; raises LinAlgError where six legs do not hold the platform."""
+    """Return the arguments of `platform_errors` for one sensor; raises LinAlgError if six legs do not hold the
+    platform."""
     arrays = (joints.leg, joints.arm, outward(joints.lower), outward(joints.arm))
     leg, arm, below, above = (array.T[..., None] for array in arrays)
     return _LegGeometry(leg, arm, below, above, np.linalg.inv(influence_matrix(joints)), joints.length[:, None])
@@ -50,7 +52,7 @@ def plan_of(joints: JointCentres) -> _LegGeometry:
 def assembled(joints: JointCentres, errors: NDArray) -> NDArray:
     """Return platform errors (N, 6), m and rotation vector in rad, of sensors with errors (N, 6, 5) of the sources, m.
 
-    NaN where the legs do not close.
+    NaN if the legs do not close.
     """
     return platform_errors(plan_of(joints), np.ascontiguousarray(np.transpose(errors, (2, 1, 0)))).T
 
@@ -88,7 +90,7 @@ def platform_errors(plan: _LegGeometry, errors: NDArray) -> NDArray:
 def _moved(leg: Three, arm: Three, x: NDArray) -> Three:
     """Return the legs (3 of (6, N)) with the platform moved by x: a shift, and half a rotation in Cayley's form.
 
-    R = I + 2 ([c]x + [c]x^2) / (1 + c^2), one matrix per sample and not one product per leg.
+    R = I + 2 ([c]x + [c]x^2) / (1 + c^2), one matrix per sample instead of one product per leg.
     """
     a, b, c = 0.5 * x[3], 0.5 * x[4], 0.5 * x[5]
     aa, bb, cc = a * a, b * b, c * c
@@ -103,14 +105,14 @@ def _moved(leg: Three, arm: Three, x: NDArray) -> Three:
 
 
 def _turned(row: Three, arm: Three, total: NDArray, room: NDArray) -> NDArray:
-    """Return total (6, N) with a row of a matrix times the arms added in its place; room for one product."""
+    """Add a row of a matrix times the arms to total (6, N), in place; room is memory for one product."""
     for number, part in zip(row, arm, strict=True):
         total += np.multiply(number, part, out=room)
     return total
 
 
 def _with_rotation_vector(x: NDArray) -> NDArray:
-    """Return x (6, N) with the rotation vector in place of twice the tangent of its half."""
+    """Replace twice the tangent of the half angle by the rotation vector in x (6, N), in place."""
     tangent = 0.5 * np.sqrt(_squared((x[3], x[4], x[5])))
     still = tangent == 0.0
     x[3:] *= np.where(still, 1.0, np.arctan(tangent) / np.where(still, 1.0, tangent))
@@ -118,7 +120,7 @@ def _with_rotation_vector(x: NDArray) -> NDArray:
 
 
 def _combined(inverse: NDArray, long: NDArray) -> NDArray:
-    """Return inverse' long (6, N), leg by leg: products of libraries may add up in another order on other machines."""
+    """Return inverse' long (6, N), summed leg by leg: library products may add in another order on other machines."""
     step, room = inverse[0][:, None] * long[0], np.empty_like(long)
     for row, values in zip(inverse[1:], long[1:], strict=True):
         step += np.multiply(row[:, None], values, out=room)
@@ -137,9 +139,9 @@ def _squared(v: Three) -> NDArray:
     return total
 
 
-# Samples that share a stream of random numbers: part of what a seed means, so that it never follows the machine.
+# Samples per stream of random numbers: fixed, so that the results of a seed do not depend on the machine.
 _STREAM = 1 << 14
-# Samples worked on at once, so that their arrays stay in a processor's own cache.
+# Samples per block, whose arrays fit into a processor's cache.
 _BLOCK = 1 << 11
 _BORDER = 3.0
 
@@ -165,8 +167,8 @@ def sampled_errors(
 ) -> NDArray:
     """Return errors (count, 6), m and rad, of the platforms of sensors whose sources have sigma (5,), m.
 
-    Closed loops, not linearised. The same generator gives the same bytes with any number of workers, as every 16384
-    samples have a stream of their own. bounded: errors beyond T / 2 = 3 sigma are drawn again.
+    Closed loops, not linearised. The same generator gives the same bytes for any number of workers, because every 16384
+    samples have their own stream. bounded: errors beyond T / 2 = 3 sigma are drawn again.
     """
     plan, widths = plan_of(joints), np.asarray(sigma, float)
     found = np.empty((count, 6))
@@ -186,7 +188,7 @@ def _blocks(start: int, stop: int) -> Iterator[slice]:
 
 
 def _drawn(sigma: NDArray, count: int, rng: np.random.Generator, bounded: bool) -> NDArray:
-    """Return errors (5, 6, count), m; sources without tolerance use up no random numbers."""
+    """Return errors (5, 6, count), m; sources without tolerance consume no random numbers."""
     active = np.flatnonzero(sigma)
     drawn = rng.standard_normal((len(active), 6, count))
     while bounded and (beyond := np.abs(drawn) > _BORDER).any():
@@ -197,7 +199,7 @@ def _drawn(sigma: NDArray, count: int, rng: np.random.Generator, bounded: bool) 
 
 
 def first_order_covariances(error_map: NDArray, sigma: ArrayLike) -> NDArray:
-    """Return what each source contributes to the covariance of the platform's error (..., 5, 6, 6), m and rad.
+    """Return the contribution of each source to the covariance of the platform's error (..., 5, 6, 6), m and rad.
 
     error_map (..., 6, 6, 5) by leg and source, `assembly.closed_loop_map` or the paper's; sigma (5,) m.
     """
@@ -215,7 +217,8 @@ class Band:
 
 
 def rms_band(norms: NDArray, confidence: float = 0.95) -> Band:
-    """Return the root mean square (...) of comprehensive errors (..., N) and what N samples let one say of it."""
+    """Return the root mean square (...) of comprehensive errors (..., N), with its confidence interval from N
+    samples."""
     squares = norms * norms
     mean = squares.mean(-1)
     safe = np.where(mean > 0.0, mean, 1.0)
@@ -226,10 +229,10 @@ def rms_band(norms: NDArray, confidence: float = 0.95) -> Band:
 
 
 def rms_scatter(covariance: NDArray, count: int) -> NDArray:
-    """Return the relative standard deviation (...) of an rms from so many samples of errors.
+    """Return the relative standard deviation (...) of an rms from ``count`` samples of errors.
 
-    covariance (..., n, n): that of one sample.
-    The variance of a squared normal error is 2 tr C^2; an rms scatters half as much, relatively, as its square.
+    covariance (..., n, n): of one sample. The variance of a squared normal error is 2 tr C^2; the relative scatter of
+    an rms is half that of its square.
     """
     trace = np.trace(covariance, axis1=-2, axis2=-1)
     return np.sqrt(0.5 * np.sum(covariance * covariance, (-1, -2)) / count) / trace

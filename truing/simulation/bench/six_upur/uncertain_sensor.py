@@ -1,7 +1,8 @@
-"""A sensor within its tolerances: compliance and leg forces as functions of what is not known of it.
+"""Class `UncertainSensor`: compliance and leg forces of a sensor as functions of its uncertain dimensions and
+stiffnesses.
 
-Unknowns are counted in standard deviations: length errors of the legs, to first order, and the logarithms of elastic
-parameters, exactly: of each part one that all legs share, and one of each leg's own.
+Unknowns are in standard deviations: length errors of the legs, to first order, and the logarithms of elastic
+parameters, exactly. Each elastic part has one parameter common to all legs, and one per leg.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ _TINY = 1e-30
 
 @dataclass(frozen=True)
 class Response:
-    """How a sensor answers: compliance (..., 6, 6), SI, and leg forces (..., M, 6, 6) by wrench as M models have them.
+    """Compliance (..., 6, 6), SI, of a sensor, and leg forces (..., M, 6, 6) by wrench in M models.
 
-    The first model is that of joints that resist nothing; the second, of elastic legs, is what runs along these; of
-    a given compliance, what its legs' lengthening tells.
+    The first model has joints without stiffness. The second has elastic legs and takes the forces along them; for a
+    given compliance, it takes forces proportional to the elongation of the legs.
     """
 
     compliance: NDArray
@@ -37,13 +38,13 @@ class Response:
 
 @dataclass(frozen=True)
 class UncertainSensor:
-    """A sensor of elastic legs, with what tolerances leave open of it; a ``given`` compliance (6, 6) replaces theirs.
+    """A sensor of elastic legs within its tolerances; a ``given`` compliance (6, 6) replaces that of the legs.
 
-    Legs of one that is given are taken to be alike: one may be softer than its like, or sit elsewhere, all the same.
-    One that is given as zero is not known: then nothing tells what bends the legs. geometry_sigma: (5,) m, by error
-    source, 0 where exact; stiffness_sigma: relative, of every elastic parameter, and ``share`` of its square what all
-    legs have in common: legs of one bar are off alike, legs made one by one are not, and the declaration does not say
-    which they are. Where no joints are known there are no leg forces (M = 0).
+    The legs behind a given compliance are assumed to be alike; each may still have its own errors. A given compliance
+    of zero means that the elasticity of the legs is unknown. geometry_sigma: (5,) m, by error source, 0 if exact;
+    stiffness_sigma: relative, of every elastic parameter; ``share`` of its square is common to all legs: legs of one
+    bar have a common error, legs made one by one do not, and the declaration does not say which applies. Without joints
+    there are no leg forces (M = 0).
     """
 
     joints: JointCentres | None
@@ -59,30 +60,29 @@ class UncertainSensor:
 
     @property
     def _is_elastic(self) -> bool:
-        """Return whether the compliance is that of the legs' elements."""
+        """Whether the compliance is that of the legs' elements."""
         return self.elastic is not None and (self.given is None or np.array_equal(self.given, self.elastic.compliance))
 
     @cached_property
     def sources(self) -> NDArray:
-        """Return which of the 30 length errors (leg by leg) are unknown."""
+        """Indices of the unknown ones among the 30 length errors (leg by leg)."""
         if self.joints is None:
             return np.zeros(0, int)
         return np.flatnonzero(np.tile(np.asarray(self.geometry_sigma) > 0.0, _LEGS))
 
     @property
     def models(self) -> int:
-        """Return the number M of models of the leg forces."""
+        """Number M of models of the leg forces."""
         return 0 if self.joints is None else 2 if self.elastic is not None or np.any(self.given) else 1
 
     @property
     def geometry_size(self) -> int:
-        """Return the number of unknown length errors."""
+        """Number of unknown length errors."""
         return len(self.sources)
 
     @property
     def stiffness_size(self) -> int:
-        """Return the number of unknown elastic parameters: common ones first, then leg by leg; one where there are
-        no legs."""
+        """Number of unknown elastic parameters: common ones first, then leg by leg; one if there are no legs."""
         if self.stiffness_sigma == 0.0:
             return 0
         if self.elastic is not None and self._is_elastic:
@@ -91,7 +91,7 @@ class UncertainSensor:
 
     @cached_property
     def _equal_legs(self) -> NDArray | None:
-        """Return the legs' stiffnesses (6, 6, 6), SI, that a given compliance speaks of, if it speaks of legs."""
+        """Stiffnesses (6, 6, 6), SI, of equal legs that explain a given compliance; None if there are none."""
         if (
             self.joints is None
             or self._is_elastic
@@ -102,8 +102,7 @@ class UncertainSensor:
 
     @cached_property
     def legs(self) -> LegElasticity | None:
-        """Return what each part of each leg gives a wrench at the platform's origin; None where nobody gave the
-        elements."""
+        """Flexible parts of each leg at the platform's origin; None if the elements are unknown."""
         if self.elastic is None or not self._is_elastic:
             return None
         back = np.linalg.inv(self.elastic.leg_transport)[:, None]
@@ -112,12 +111,12 @@ class UncertainSensor:
 
     @property
     def is_split(self) -> bool:
-        """Return whether elastic parameters have a part that is common to all legs and one of each leg's own."""
+        """Whether elastic parameters have a part common to all legs and one per leg."""
         return self.stiffness_size > 1
 
     @property
     def unknowns(self) -> list[tuple[int | None, str]]:
-        """Return what the unknowns are, lengths first: leg (from 1; None where all legs share it) and name."""
+        """Leg (from 1; None if common to all) and name of each unknown, lengths first."""
         named: list[tuple[int | None, str]] = [
             (int(place) // len(SOURCES) + 1, SOURCES[int(place) % len(SOURCES)]) for place in self.sources
         ]
@@ -129,7 +128,7 @@ class UncertainSensor:
 
     @property
     def scales(self) -> NDArray:
-        """Return what one standard deviation of each unknown is: m of the lengths, relative of the stiffnesses."""
+        """Standard deviation of each unknown: m for lengths, relative for stiffnesses."""
         lengths = np.tile(self.geometry_sigma, _LEGS)[self.sources]
         common = np.array([leg is None for leg, _ in self.unknowns[self.geometry_size :]], bool)
         share = np.where(common, self.share, 1.0 - self.share) if self.is_split else np.ones(self.stiffness_size)
@@ -144,13 +143,13 @@ class UncertainSensor:
         )
 
     def by_stiffness(self, stiffness: NDArray) -> Response:
-        """Return the response's derivatives by the elastic unknowns, of which there is one more leading axis."""
+        """Return the response's derivatives by the elastic unknowns, with one more leading axis."""
         nudged = stiffness + 1j * _TINY * np.eye(self.stiffness_size)
         return _imaginary(self._elastically(nudged))
 
     @cached_property
     def by_geometry(self) -> Response:
-        """Return the response's derivatives by the length errors, of which there is one more leading axis."""
+        """Derivatives of the response by the length errors, with one more leading axis."""
         if self.joints is None or not self.geometry_size:
             return Response(np.zeros((0, 6, 6)), np.zeros((0, self.models, 6, 6)))
         motion = motion_of_sources(self.joints)
@@ -186,8 +185,8 @@ class UncertainSensor:
         return self._response(self.joints, np.einsum("...lp,lpij->...lij", np.exp(-logs), parts))
 
     def _each_leg(self, stiffness: NDArray) -> NDArray:
-        """Return the logarithms (..., 6, P) by which each leg's parameters are off: by what is common (first), and by
-        each leg's own, of unknowns (..., 7, P)."""
+        """Return the logarithms (..., 6, P) of each leg's relative parameters from unknowns (..., 7, P), common ones
+        first."""
         common, own = self.stiffness_sigma * np.sqrt([self.share, 1.0 - self.share])
         return np.asarray(common * stiffness[..., :1, :] + own * stiffness[..., 1:, :])
 
@@ -200,7 +199,7 @@ class UncertainSensor:
         return np.asarray(np.linalg.inv(np.einsum("...l,lij->...ij", stiffer, self._equal_legs)))
 
     def _lengthened(self) -> NDArray | None:
-        """Return the legs' compliances (30, 6, 6, 6) with each length error as a tiny imaginary part."""
+        """Return the legs' compliances (30, 6, 6, 6), each with one length error as a tiny imaginary part."""
         if self.elastic is None:
             return None
         parts = self.elastic.parts
@@ -211,7 +210,7 @@ class UncertainSensor:
         return found.reshape(-1, _LEGS, 6, 6)
 
     def _response(self, joints: JointCentres | None, giving: NDArray | None) -> Response:
-        """Return the response of joints with legs of compliances (..., 6, 6, 6), if they have any."""
+        """Return the response of joints with legs of compliances (..., 6, 6, 6), or without."""
         if joints is None:
             return Response(self._given((6, 6)), np.zeros((0, 6, 6)))
         G = influence_matrix(joints)
@@ -229,15 +228,17 @@ class UncertainSensor:
         return Response(compliance if self._is_elastic else self._displaced(G), forces)
 
     def _displaced(self, G: NDArray) -> NDArray:
-        """Return a given compliance (..., 6, 6) with the legs where they have influence G (..., 6, 6)."""
+        """Return a given compliance (..., 6, 6) for displaced legs with influence matrix G (..., 6, 6)."""
         if self._equal_legs is None or self.joints is None:
             return self._given(G.shape)
         back = influence_matrix(self.joints) @ np.linalg.inv(G)
         return np.asarray(np.swapaxes(back, -1, -2) @ self._given((6, 6)) @ back)
 
     def _lengthening(self, G: NDArray) -> NDArray:
-        """Return the forces (..., 6, 6) along alike legs of a given compliance: in proportion to how these lengthen,
-        which is G' C of the wrench, whatever else they resist; as large as those of joints that resist nothing."""
+        """Return the forces (..., 6, 6) along alike legs of a given compliance, proportional to their elongation G' C.
+
+        They have the mean size of the forces with joints without stiffness.
+        """
         lengthened = np.swapaxes(G, -1, -2) @ np.asarray(self.given)
         size = np.trace(lengthened @ G, axis1=-2, axis2=-1) / _LEGS
         return np.asarray(lengthened / np.where(size == 0.0, 1.0, size)[..., None, None])
@@ -250,8 +251,8 @@ class UncertainSensor:
 class ComplianceChange:
     """Derivatives of a platform's compliance.
 
-    by_source: (6, 5, 6, 6), by leg and error source, per m; by_stiffness: (6, P, 6, 6), by leg and the logarithm of
-    the elastic parameter of each part: where it is the same in all legs, their sum is the derivative.
+    by_source: (6, 5, 6, 6), by leg and error source, per m; by_stiffness: (6, P, 6, 6), by leg and the logarithm of the
+    elastic parameter of each part. For a change common to all legs, the derivative is the sum over legs.
     """
 
     by_source: NDArray
@@ -259,9 +260,10 @@ class ComplianceChange:
 
 
 def compliance_change(sensor: ElasticSensor) -> ComplianceChange:
-    """Return the derivatives of an unloaded sensor's compliance, as it is assembled.
+    """Return the derivatives of an unloaded, assembled sensor's compliance.
 
-    A length error moves the platform to where its legs close, turns all six of them, and moves what lies in between.
+    A length error moves the platform to the pose where its legs close, turns all six legs, and moves the parts in
+    between.
     """
     free = UncertainSensor(sensor.joints, sensor, None, np.ones(len(SOURCES)), stiffness_sigma=1.0, share=0.0)
     parts = len(sensor.parts.names)
@@ -273,8 +275,8 @@ def compliance_change(sensor: ElasticSensor) -> ComplianceChange:
 def compliance_covariance(change: NDArray, sigma: ArrayLike) -> NDArray:
     """Return the covariance (36, 36) of a compliance, row by row, by independent parameters.
 
-    change: derivatives (..., 6, 6), any number of axes of parameters first; sigma: their standard deviations, of those
-    axes' shape.
+    change: derivatives (..., 6, 6), after any number of axes of parameters; sigma: their standard deviations, of the
+    shape of these axes.
     """
     weighed = np.broadcast_to(np.asarray(sigma, float)[..., None, None], change.shape) * change
     flat = weighed.reshape(-1, 36)
@@ -282,7 +284,7 @@ def compliance_covariance(change: NDArray, sigma: ArrayLike) -> NDArray:
 
 
 def _stacked(forces: list[NDArray], lead: tuple[int, ...]) -> NDArray:
-    """Return models of the leg forces (..., M, 6, 6)."""
+    """Stack the models of the leg forces (..., M, 6, 6)."""
     return np.stack([np.broadcast_to(one, (*lead, 6, 6)) for one in forces], -3)
 
 
@@ -291,11 +293,12 @@ def _imaginary(response: Response) -> Response:
 
 
 _KINDS = 5  # along, across, twist, bend, and across by bending
-_NEARLY_PASSIVE = 1e-2  # of the platform's own: a leg that gives energy by more is none
+_NEARLY_PASSIVE = 1e-2  # largest negative eigenvalue of a leg, relative to the platform's stiffness
 
 
 def equal_legs(stiffness: NDArray, joints: JointCentres) -> NDArray:
-    """Return the stiffness (6, 6, 6), SI, about the platform's origin, of legs that add up to a given one (6, 6)."""
+    """Return the stiffness (6, 6, 6), SI, about the platform's origin, of alike legs whose sum is a given one (6,
+    6)."""
     scale = 1.0 / np.sqrt(np.diag(stiffness))
     scaled = scale[:, None] * scale
     kinds = _kinds(stiffness, joints)
@@ -308,7 +311,8 @@ def equal_legs(stiffness: NDArray, joints: JointCentres) -> NDArray:
 
 
 def _kinds(stiffness: NDArray, joints: JointCentres) -> NDArray:
-    """Return each kind of leg stiffness (5, 6, 6, 6), by leg, of one N/m; of moments, at the platform's own length."""
+    """Return the kinds of leg stiffness (5, 6, 6, 6), by leg, of 1 N/m; moments at the platform's characteristic
+    length."""
     moments, forces = np.trace(stiffness[3:, 3:]), np.trace(stiffness[:3, :3])
     length = np.sqrt(moments / forces)
     along = joints.direction[:, :, None] * joints.direction[:, None, :]
@@ -324,7 +328,7 @@ def _kinds(stiffness: NDArray, joints: JointCentres) -> NDArray:
 
 
 def _by_axial_forces(stiffness: NDArray, joints: JointCentres) -> NDArray:
-    """Return the parts (6, 6, 6) of a stiffness that go with the force along each leg: exact where that is all."""
+    """Return the parts (6, 6, 6) of a stiffness by the force along each leg; exact if legs carry only such forces."""
     G = influence_matrix(joints)
     shares = G.T[:, :, None] * np.linalg.inv(G)[:, None, :] @ stiffness
     return np.asarray(0.5 * (shares + shares.swapaxes(-1, -2)))

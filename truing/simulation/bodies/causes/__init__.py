@@ -1,1 +1,1 @@
-"""Causes of free bodies alone."""
+"""Causes that act only on free bodies."""

@@ -1,7 +1,7 @@
-"""Bodies without a mechanism that are not rigid after all: what all of these have in common, and those that deform.
+"""Base class `BodyCause` of causes that deform a body, and the cause `BodyDeformation` by drives or temperature.
 
-A pattern over the targets has no part that a motion of the body as a whole would explain: that is the body's pose. Only
-a body that stands still can be seen to move as a whole.
+A pattern of shifts of the targets contains no rigid motion of the body, because that would be part of its pose. Only
+for a body that stands still is a motion as a whole observable.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from truing.simulation.mechanisms.point_causes import PointCause, PointScene
 from truing.simulation.mechanisms.state import State
 
 _MM = 1e-3
-# A plausible shift of a target over its distance from the middle of the body.
+# Plausible shift of a target, relative to its distance from the body's centre.
 _PLAUSIBLE = 1e-4
 _FEWEST = 3
-# With more targets a pattern has so many parameters that only what is in proportion to something is tried.
+# With more targets, a pattern has many parameters, and only proportional terms are tried.
 _MANY_TARGETS = 30
 _SHARE_OF_OTHERS = 0.25
 
 
 @dataclass(frozen=True)
 class BodyCause(PointCause):
-    """What happens to the targets of one body; ``places`` are where they sit on it, m, one after the other.
+    """Shifts of the targets of one body; ``places`` are their positions on it, m, flattened.
 
-    They shift by a pattern, or, with ``whole``, together with the body, which should stand still.
+    They shift by a pattern or, if ``whole``, together with the body, which should stand still.
     """
 
     body: str = ""
@@ -55,20 +55,20 @@ class BodyCause(PointCause):
 
     @property
     def subject(self) -> str:
-        """Return the body."""
+        """Body concerned."""
         return self.body
 
     def lacks(self, scene: PointScene) -> Missing | None:
-        """What was not recorded; None of a mechanism, whose platform and base have causes of their own."""
+        """Return the input that was not recorded; None for a mechanism, whose platform and base have other causes."""
         return None if scene.legs else self.lacking
 
     def needs(self, legs: int) -> tuple[str, ...]:
-        """Return no column: it moves no platform."""
+        """Return no column: the effect does not move the platform."""
         return ()
 
     @cached_property
     def _arms(self) -> NDArray:
-        """Return where the targets sit (k, 3) from their middle."""
+        """Positions (k, 3) of the targets relative to their centroid."""
         places = np.reshape(self.places, (-1, 3))
         return np.asarray(places - places.mean(0))
 
@@ -78,17 +78,17 @@ class BodyCause(PointCause):
 
     @cached_property
     def _rigid(self) -> NDArray:
-        """Return how the targets (3k, 6) follow a shift and a rotation of the body."""
+        """Derivatives (3k, 6) of the targets by a shift and a rotation of the body."""
         return rigid_motions(self._arms).reshape(-1, 6)
 
     @cached_property
     def _shape_only(self) -> NDArray:
-        """Return the matrix (3k, 3k) that takes the motion as a whole out of shifts of the targets."""
+        """Matrix (3k, 3k) that removes the rigid motion from shifts of the targets."""
         return np.eye(len(self._rigid)) - self._rigid @ np.linalg.pinv(self._rigid)
 
     @cached_property
     def _pattern(self) -> NDArray:
-        """Return how the targets (3k, Q) follow the parameters of one function."""
+        """Derivatives (3k, Q) of the targets by the parameters of one function."""
         return self._rigid if self.whole else self._shape_only
 
     def _moved(self, state: State, functions: NDArray) -> NDArray:
@@ -104,14 +104,14 @@ class BodyCause(PointCause):
         return moved.reshape(poses, len(known), 3, -1)
 
     def _of_pattern(self, suffix: str = "") -> tuple[Parameter, ...]:
-        """Return each target's shift, or shift and turn of the body as a whole."""
+        """Return the parameters of the pattern: each target's shift, or shift and rotation of the whole body."""
         scale, whose = _PLAUSIBLE * self._radius, ("shift",) if self.whole else self.targets
         shifts = tuple(Parameter(f"{name}_{axis}{suffix}", "mm", scale, _MM) for name in whose for axis in "xyz")
         turns = tuple(Parameter(f"turn_{axis}{suffix}", "rad", _PLAUSIBLE) for axis in "xyz")
         return (*shifts, *turns) if self.whole else shifts
 
     def _free_of_motion(self, values: NDArray, covariance: NDArray) -> tuple[NDArray, NDArray]:
-        """Return values and covariance of a pattern without the motion as a whole, which is no part of it."""
+        """Return values and covariance of a pattern without its rigid motion, which has no effect."""
         if self.whole:
             return values, covariance
         own = np.kron(np.eye(len(values) // len(self._shape_only)), self._shape_only)
@@ -122,9 +122,9 @@ class BodyCause(PointCause):
 class BodyDeformation(BodyCause):
     """A body's targets shift by a pattern times columns of the campaign.
 
-    ``terms`` are columns or products of two, as ``a*b``; ``columns`` are all that occur in them, counted from ``zeros``
-    in units of ``ranges``, so that a parameter is a shift over the range that the campaign went through. ``with_time``
-    says that time ran along with them: no data of the campaign tell such a deformation from a drift.
+    ``terms`` are columns or products of two, as ``a*b``. ``columns`` are all that occur in them, relative to ``zeros``
+    and in units of ``ranges``, so that a parameter is the shift over the range in the campaign. ``with_time``: the
+    columns were proportional to time, so that the campaign cannot distinguish the deformation from a drift.
     """
 
     terms: tuple[str, ...] = ()
@@ -138,7 +138,7 @@ class BodyDeformation(BodyCause):
 
     @property
     def key(self) -> str:
-        """Return the name that tells this candidate from all others."""
+        """Unique name of the candidate."""
         return f"{self.id} {self.body} {'whole ' if self.whole else ''}{' '.join(self.terms)}"
 
     def candidates(self, scene: PointScene) -> Sequence[BodyDeformation]:
@@ -156,7 +156,7 @@ class BodyDeformation(BodyCause):
         ]
 
     def prior(self, scene: PointScene) -> float:
-        """Return the share of these terms: what is in proportion to one column is likelier than all else."""
+        """Return the relative prior weight: proportionality to one column is more probable than other terms."""
         alone = len(self.terms) == 1 and TIMES not in self.terms[0] and not self.terms[0].startswith(CAME_FROM)
         return 1.0 if alone else _SHARE_OF_OTHERS
 
@@ -167,16 +167,16 @@ class BodyDeformation(BodyCause):
         return tuple(parameter for n in range(len(self.terms)) for parameter in self._of_pattern(f"_{n + 1}"))
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return d moved / d shift = the term's value, free of a motion of the body as a whole."""
+        """Return d moved / d shift: the value of the term, without a rigid motion of the body."""
         return Change({"moved": self._moved(state, self._functions(state))}, len(self.terms) * self._pattern.shape[1])
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the pattern, and what it follows."""
+        """Return the pattern, and the columns that drive it."""
         found = super().reported(*self._free_of_motion(values, covariance), legs)
         return (*found, ReportedParameter("driver", " ".join(map(named_term, self.terms)), None, ""))
 
     def _functions(self, state: State) -> NDArray:
-        """Return the terms' values (B, m)."""
+        """Return the values (B, m) of the terms."""
         counted = {
             name: (np.asarray(state.covariates[name]) - zero) / span
             for name, zero, span in zip(self.columns, self.zeros, self.ranges, strict=True)
@@ -185,7 +185,7 @@ class BodyDeformation(BodyCause):
 
 
 def bodies_of(scene: PointScene) -> Iterator[tuple[str, tuple[str, ...], tuple[float, ...]]]:
-    """Yield each body with enough targets: its name, its targets, where they sit."""
+    """Yield each body with enough targets: its name, its targets, and their positions."""
     for body in dict.fromkeys(scene.targets.bodies):
         own = [n for n, other in enumerate(scene.targets.bodies) if other == body]
         if len(own) >= _FEWEST:
@@ -197,5 +197,5 @@ def is_large(targets: tuple[str, ...]) -> bool:
 
 
 def wholes(scene: PointScene, body: str) -> tuple[bool, ...]:
-    """Return whether a body may shift as a pattern, or also as a whole."""
+    """Return the options for a body: shift by a pattern, and also as a whole if it should stand still."""
     return (False, True) if body in scene.still else (False,)

@@ -1,4 +1,4 @@
-"""Bodies without a mechanism that drift with time, from some time on, or stand elsewhere from one pose on."""
+"""Cause: drift of a body with time, continuous, from some time on, or as a jump at one pose."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from truing.simulation.mechanisms.point_causes import PointScene
 from truing.simulation.mechanisms.state import State
 from truing.simulation.settling import settling
 
-# Time constants that are tried, over the length of the campaign.
+# Time constants of the candidates, relative to the duration of the campaign.
 _TAUS = (0.03, 0.1, 0.3, 1.0)
-# Half periods of slow waves over the campaign, and how many poses each wants.
+# Largest number of half periods of slow waves over the campaign, and least number of poses per half period.
 _WAVES, _POSES_PER_WAVE = 6, 25
-# When a drift that was not there from the start may begin, over the length of the campaign.
+# Starts of a late drift, relative to the duration of the campaign.
 _STARTS = (0.2, 0.35, 0.5, 0.65, 0.8)
-# Poses that are tried for a jump of a body as a whole, and of its shape; targets beyond which only the former is tried.
+# Largest number of onsets for a jump of the whole body, and of its shape; largest number of targets for the latter.
 _MOST_ONSETS, _MOST_OF_SHAPE, _MOST_JUMPING = 60, 20, 12
 _SHARE_OF_WAVES, _SHARE_OF_STARTS = 0.5, 0.5
-# Logarithms of ratios of time constants beyond which a drift is a line, or a step, whatever they are.
+# Limits of the log of the ratio of time constants: beyond them, a drift is a line or a step.
 _LOG_RATIOS = (-4.0, 4.0)
 
 
 @dataclass(frozen=True)
 class BodyDrift(BodyCause):
-    """A body drifts with time: its targets shift by a pattern, or, where it stands still, it moves as a whole.
+    """A body drifts with time: its targets shift by a pattern or, if it should stand still, it moves as a whole.
 
-    ``column`` (time_s, or the order of the poses) runs from ``start`` over ``span``, before which nothing moves; the
-    drift is linear, goes with 1 - exp(-t / tau), or, smooth but of no simple form, as so many slow ``waves``. With
-    ``tau_is_fitted`` the last parameter is the logarithm of the time constant over ``tau``. A body that jumped stands
-    elsewhere from the pose ``from_pose`` on, whose rank in time is ``from_order``.
+    ``column`` (time_s, or the order of the poses) runs from ``start`` over ``span``, before which nothing moves. The
+    drift is linear, follows 1 - exp(-t / tau), or is a sum of slow ``waves``. If ``tau_is_fitted``, the last parameter
+    is the logarithm of the time constant over ``tau``. A jump displaces the body from the pose ``from_pose`` on, whose
+    rank in time is ``from_order``.
     """
 
     column: str = TIME
@@ -48,34 +48,34 @@ class BodyDrift(BodyCause):
     tau: float = 0.0
     waves: int = 0
     tau_is_fitted: bool = False
-    late: bool = False  # whether ``start`` is later than the campaign's
+    late: bool = False  # whether ``start`` is after the start of the campaign
     from_pose: int | str = ""
     from_order: float = -np.inf
 
     id = "body-drift"
-    share = 0.5  # where a drive only went one way, it is likelier to be what a body follows than time
+    share = 0.5  # if a drive moved in one direction only, the drive is the more probable input
 
     @property
     def jumps(self) -> bool:
-        """Return whether it happened from one pose to the next."""
+        """Whether it is a jump from one pose to the next."""
         return bool(np.isfinite(self.from_order))
 
     @property
     def key(self) -> str:
-        """Return the name that tells this candidate from all others."""
+        """Unique name of the candidate."""
         form = f"{self.waves} waves" if self.waves else f"tau={self.tau:.6g}" if self.tau else "linear"
         return f"{self.family} {f'{form} from {self.start:.6g}' if self.late else form}"
 
     @property
     def family(self) -> str:
-        """Return what drifts: its courses exclude each other, and a jump only itself."""
+        """Body and pattern: courses of drift exclude each other, a jump only itself."""
         whose = f"{self.id} {self.body} {'whole' if self.whole else 'pattern'} {self.column}"
         return f"{whose} jump at {self.from_order:.6g}" if self.jumps else whose
 
     def candidates(self, scene: PointScene) -> Sequence[BodyDrift]:
-        """Return every body with every form of drift; as a whole only where it should stand still.
+        """Return every body with every form of drift; as a whole only if it should stand still.
 
-        None where a drive ran along with time: what it would explain is told of the drive.
+        None if a drive was proportional to time: such an effect is attributed to the drive.
         """
         column = TIME if scene.varies(TIME) else ORDER
         if scene.legs or not scene.varies(column) or any(runs_with_time(scene, (d,)) for d in scene.drives):
@@ -88,8 +88,11 @@ class BodyDrift(BodyCause):
         ]
 
     def prior(self, scene: PointScene) -> float:
-        """Return the share of this form: as likely linear as with any time constant, or as a jump at any pose; less so
-        without simple form, or from later on."""
+        """Return the share of this form: linear, with any time constant, and as a jump at any pose are equally
+        probable.
+
+        Waves and a late start are less probable.
+        """
         if self.jumps:
             return 1.0 / len(_onsets(len(scene.poses), self.whole))
         if self.late:
@@ -97,17 +100,17 @@ class BodyDrift(BodyCause):
         return _SHARE_OF_WAVES if self.waves else 1.0 / len(_TAUS) if self.tau else 1.0
 
     def refined(self) -> Self:
-        """Return the drift with its time constant among the parameters."""
+        """Return the form with a fitted time constant."""
         return replace(self, tau_is_fitted=True) if self.tau else self
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the drift from the first to the last pose: each target's, or of the body as a whole; tau."""
+        """Return the drift from the first to the last pose, of each target or of the whole body; then tau."""
         if self.waves:
             return tuple(parameter for n in range(self.waves) for parameter in self._of_pattern(f"_wave{n + 1}"))
         return (*self._of_pattern(), *((Parameter("tau", "1", 1.0),) if self.tau_is_fitted else ()))
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return d moved / d drift, and by the time constant."""
+        """Return d moved / d drift, and the derivative by the time constant."""
         if self.waves:
             x = (np.asarray(state.covariates[self.column]) - self.start) / self.span
             functions = (np.cos(np.pi * x[:, None] * np.arange(1, self.waves + 1)) - 1.0) / 2.0
@@ -124,7 +127,7 @@ class BodyDrift(BodyCause):
         return Change({"moved": moved}, moved.shape[-1])
 
     def shift(self, state: State, values: NDArray) -> dict[str, NDArray]:
-        """Return how far the targets have drifted, (B, K, 3)."""
+        """Return the drift (B, K, 3) of the targets."""
         if not self.tau_is_fitted:
             return super().shift(state, values)
         size = self._pattern.shape[1]
@@ -145,7 +148,8 @@ class BodyDrift(BodyCause):
         return (*found, ReportedParameter("tau", tau, tau * float(np.sqrt(covariance[size, size])), unit))
 
     def _course(self, state: State, log_ratio: Any) -> tuple[NDArray, NDArray]:
-        """Return the course of the drift (B,), 0 at the start and 1 at the end, and its slope by the log of tau."""
+        """Return the course of the drift (B,), 0 at the start and 1 at the end, and its derivative by the log of
+        tau."""
         x = (np.asarray(state.covariates[self.column]) - self.start) / self.span
         if not self.tau:
             return (np.maximum(x, 0.0) if self.late else x), np.zeros_like(x)
@@ -154,7 +158,7 @@ class BodyDrift(BodyCause):
 
 
 def _forms(own: BodyDrift, scene: PointScene) -> list[BodyDrift]:
-    """Return the forms in which a body may drift; of one with many targets the shape drifts evenly only."""
+    """Return the forms of drift of a body; only a linear one for the shape of a body with many targets."""
     start, end = _ends(scene, own.column)
     own, many = replace(own, start=start, span=end - start), is_large(own.targets) and not own.whole
     waves = min(_WAVES, len(scene.poses) // _POSES_PER_WAVE)
@@ -172,7 +176,7 @@ def _forms(own: BodyDrift, scene: PointScene) -> list[BodyDrift]:
 
 
 def _onsets(poses: int, whole: bool) -> range:
-    """Return the ranks in time from which a body may stand elsewhere: with three poses on either side."""
+    """Return the ranks in time of possible jumps: with three poses on either side."""
     most = _MOST_ONSETS if whole else _MOST_OF_SHAPE
     return range(FEWEST, poses - FEWEST + 1, -(-poses // most))
 

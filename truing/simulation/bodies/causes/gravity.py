@@ -1,4 +1,4 @@
-"""Targets that sag: they shift on their body with the direction of gravity in its frame, as soft holders do."""
+"""Cause: targets that sag with the direction of gravity in the frame of their body, as on soft holders."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from truing.simulation.mechanisms.state import State
 
 ALONG, FREE = "along", "free"
 _MM = 1e-3
-# A plausible sag of a target over its distance from the middle of the body.
+# Plausible sag of a target, relative to its distance from the body's centre.
 _PLAUSIBLE = 1e-4
-# The direction of gravity has to turn by this much in a body's frame, rad, to show anything.
+# Least turn of the direction of gravity in a body's frame, rad, for a sag to be observable.
 _LEAST_TURN = 0.1
 _SHARES = {ALONG: 0.4, FREE: 0.2}
 _SHARE_OF_ONE = 0.4
@@ -27,12 +27,12 @@ _SHARE_OF_ONE = 0.4
 
 @dataclass(frozen=True)
 class GravitySag(BodyCause):
-    """A body's targets shift with the direction of gravity in its frame, counted from its mean over the campaign.
+    """A body's targets shift with the direction of gravity in its frame, relative to its mean over the campaign.
 
-    Each along gravity by its own ``sag``, beyond what all do, or, ``free``, in any direction by each component of it;
-    or the target ``one`` alone. ``middle`` is the mean direction. Of a mechanism's platform, whose pose follows from
-    the readings, all may do so alike, and there is no ``free`` form; ``up`` is a unit vector of the base frame. Without
-    ``up`` a column holds the direction of gravity.
+    Each target has its own ``sag`` along gravity, without their common part, or, if ``free``, a shift in any direction
+    per component of gravity; or only target ``one`` sags. ``middle`` is the mean direction. The platform of a
+    mechanism, whose pose follows from the readings, may have a common sag but no ``free`` form; ``up`` is then a unit
+    vector of the base frame. If ``up`` is empty, a column holds the direction of gravity.
     """
 
     form: str = ALONG
@@ -45,22 +45,22 @@ class GravitySag(BodyCause):
     reads = frozenset({"pose"})
 
     def lacks(self, scene: PointScene) -> Missing | None:
-        """What was not recorded: the direction of gravity, of a mechanism also tilts of its platform."""
+        """Return the missing input: the direction of gravity, or for a mechanism tilts of its platform."""
         return Missing.TILT if scene.legs else self.lacking
 
     @property
     def key(self) -> str:
-        """Return the name that tells this candidate from all others."""
+        """Unique name of the candidate."""
         return f"{self.id} {self.body} {self.form} {self.one}".strip()
 
     @property
     def family(self) -> str:
-        """Return the body: its forms exclude each other."""
+        """Body: its forms exclude each other."""
         return f"{self.id} {self.body}"
 
     @property
     def subject(self) -> str:
-        """Return the target that sags alone, or the body."""
+        """Target that sags alone, or the body."""
         return f"target {self.one}" if self.one else self.body
 
     def candidates(self, scene: PointScene) -> Sequence[GravitySag]:
@@ -80,19 +80,21 @@ class GravitySag(BodyCause):
         return replace(self, form=form, one=one)
 
     def prior(self, scene: PointScene) -> float:
-        """Return the share of this form: a single soft holder is as likely as all of them, each by its own."""
+        """Return the share of this form: a single soft holder is as probable as individual sags of all."""
         return _SHARE_OF_ONE / len(self.targets) if self.one else _SHARES[self.form]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the sag of each target, or of one, as gravity turns from across to along; of a free form the shift
-        along each axis by each component of the direction."""
+        """Return the sag of each target, or of one, for unit change of the direction of gravity.
+
+        For the free form, return the shift along each axis per component of the direction.
+        """
         if self.form == FREE:
             return tuple(parameter for axis in "xyz" for parameter in self._of_pattern(f"_g{axis}"))
         scale = _PLAUSIBLE * self._radius
         return tuple(Parameter(f"{name}_sag", "mm", scale, _MM) for name in ((self.one,) if self.one else self.targets))
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return d moved / d sag: the direction of gravity in the body's frame; nothing where that is not known."""
+        """Return d moved / d sag: the direction of gravity in the body's frame; empty if that is unknown."""
         size = len(self.parameters(0))
         down = self._down(state)
         if down is None or state.targets is None:
@@ -108,7 +110,7 @@ class GravitySag(BodyCause):
         return Change({"moved": away[:, None, :, None] * shares[:, None]}, size)
 
     def _down(self, state: State) -> NDArray | None:
-        """Return the direction of gravity (B, 3) in the body's frame; None where that is not known."""
+        """Return the direction of gravity (B, 3) in the body's frame; None if it is unknown."""
         if self.up:
             return np.asarray(-np.array(self.up) @ state.R) if len(state.R) else None
         found = state.covariates.get(gravity_column(self.body))
@@ -116,14 +118,14 @@ class GravitySag(BodyCause):
 
     @property
     def _shares(self) -> NDArray:
-        """Return how far each target (k, P) sags: what all of a free body have in common is its pose."""
+        """Derivative (k, P) of each target's shift by the sags; a common sag of a free body is part of its pose."""
         count = len(self.targets)
         if self.one:
             return (np.array(self.targets) == self.one).astype(float)[:, None]
         return np.eye(count) if self.up else np.eye(count) - 1.0 / count
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the sags, without what is a motion of the body as a whole."""
+        """Return the sags, without their rigid motion of the body."""
         if self.form == FREE:
             return super().reported(*self._free_of_motion(values, covariance), legs)
         own = np.eye(1) if self.one else self._shares

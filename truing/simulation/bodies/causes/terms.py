@@ -1,4 +1,5 @@
-"""What a body without a mechanism may deform with: drives, temperature, other bodies; squares and products of them."""
+"""Inputs that may deform a body without a mechanism: drives, temperature, other bodies, and their squares and
+products."""
 
 from __future__ import annotations
 
@@ -11,15 +12,15 @@ from truing.schemas.covariates import own_name
 from truing.simulation.inputs import ORDER, TEMPERATURE, TIME
 from truing.simulation.mechanisms.point_causes import PointScene
 
-CAME_FROM = "approach "  # before a drive's name: the direction of its last movement
+CAME_FROM = "approach "  # prefix of a drive's name, for the direction of its last movement
 TIMES = "*"
 _MOST_TOGETHER = 6
-# Two columns that correlate by more than this are one and the same to a campaign.
+# Columns with a larger correlation cannot be distinguished in a campaign.
 _SAME_COURSE = 0.99
 
 
 def proposed_terms(scene: PointScene) -> Iterator[tuple[str, ...]]:
-    """Yield what a body may deform with."""
+    """Yield the terms of possible deformations."""
     drives = [drive for drive in scene.drives if _known(scene, drive)]
     for column in (*drives, *((TEMPERATURE,) if _known(scene, TEMPERATURE) else ())):
         yield (column,)
@@ -35,7 +36,7 @@ def proposed_terms(scene: PointScene) -> Iterator[tuple[str, ...]]:
 
 
 def place_columns(body: str) -> tuple[str, ...]:
-    """Return the columns that tell where a body is, m."""
+    """Return the columns with the position of a body, m."""
     return tuple(f"{body} {axis}" for axis in "xyz")
 
 
@@ -44,7 +45,8 @@ def _known(scene: PointScene, column: str) -> bool:
 
 
 def counted(scene: PointScene, terms: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[float, ...], tuple[float, ...]]:
-    """Return the columns of terms, from where they count (the reference, else what is nearest to zero), their range."""
+    """Return the columns of terms, their zeros (the reference, otherwise the value nearest to zero) and their
+    ranges."""
     columns = tuple(dict.fromkeys(column for term in terms for column in term.split(TIMES)))
     found = [np.asarray(scene.covariates[column]) for column in columns]
     nearest = [float(np.clip(0.0, values.min(), values.max())) for values in found]
@@ -53,7 +55,7 @@ def counted(scene: PointScene, terms: tuple[str, ...]) -> tuple[tuple[str, ...],
 
 
 def runs_with_time(scene: PointScene, terms: tuple[str, ...]) -> bool:
-    """Return whether terms' columns ran along with time, so that nothing tells them apart."""
+    """Whether the terms' columns were proportional to time, so that data cannot distinguish them."""
     time = scene.covariates.get(TIME if scene.varies(TIME) else ORDER)
     columns = [scene.covariates.get(c) for term in terms for c in term.split(TIMES) if not c.startswith(CAME_FROM)]
     if time is None or not columns or any(values is None or np.ptp(values) == 0 for values in columns):
@@ -62,7 +64,7 @@ def runs_with_time(scene: PointScene, terms: tuple[str, ...]) -> bool:
 
 
 def named_term(term: str) -> str:
-    """Return a term with the laboratory's names of its columns."""
+    """Return a term with the laboratory's own column names."""
     return TIMES.join(
         f"{CAME_FROM if column.startswith(CAME_FROM) else ''}{own_name(column.removeprefix(CAME_FROM))}"
         for column in term.split(TIMES)

@@ -1,1 +1,1 @@
-"""Causes that photographs show: of cameras, of scale bars, of what rays pass through."""
+"""Causes that act on photographs: on cameras, scale bars, and the path of rays."""

@@ -1,4 +1,4 @@
-"""A camera that does not hold still inside: its interior orientation is another one in some poses."""
+"""Cause: unstable interior orientation of a camera, which changes between poses."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ _WHAT = (PRINCIPAL_DISTANCE, PRINCIPAL_POINT, ("x0",), ("y0",), (*PRINCIPAL_DIST
 _SHARE_OF_WHAT = (0.4, 0.2, 0.1, 0.1, 0.2)
 _SHARE_OF_FORM = {JUMP: 0.25, DRIFT: 0.15, SETTLES: 0.1, WARMTH: 0.25, SCATTER: 0.25}
 _PLAUSIBLE_PX, _PLAUSIBLE_PX_PER_K = 1.0, 0.3
-# Time constants that are tried, in spans of the campaign.
+# Time constants of the candidates, relative to the duration of the campaign.
 _SETTLING = (0.5, 0.25, 0.125, 0.0625)
-# One sigma of the logarithm of a time constant about the one that was tried.
+# Prior sigma of the log of the time constant about that of the candidate.
 _PLAUSIBLE_LOG = 0.5
-# More poses than this are not asked one by one.
+# Largest number of poses for independent changes.
 _MOST_APART = 60
 
 
@@ -33,9 +33,9 @@ _MOST_APART = 60
 class CameraInstability(RayCause):
     """The principal distance (c), the principal point (x0, y0), or both, of a camera change between poses.
 
-    ``form``: by a jump at the pose of time rank ``since`` (``from_pose``), evenly with time from ``start_s`` over
-    ``duration_s``, ever more slowly with ``tau_s``, with the temperature, or pose by pose, each by itself (``poses``).
-    Where ``free``, the logarithm of tau over ``tau_s`` is one parameter more.
+    ``form``: a jump at the pose of time rank ``since`` (``from_pose``), a linear drift with time from ``start_s`` over
+    ``duration_s``, an exponential one with time constant ``tau_s``, proportional to temperature, or an independent
+    change in each of ``poses``. If ``free``, the logarithm of tau over ``tau_s`` is a further parameter.
     """
 
     camera: str = ""
@@ -55,22 +55,22 @@ class CameraInstability(RayCause):
 
     @property
     def subject(self) -> str:
-        """Return the camera."""
+        """Camera concerned."""
         return f"{CAMERA} {self.camera}"
 
     @property
     def key(self) -> str:
-        """Return the name that tells this candidate from all others."""
+        """Unique name of the candidate."""
         shape = {JUMP: f" {self.from_pose}", SETTLES: f" {self.tau_s:.6g}"}.get(self.form, "")
         return f"{self.family} {self.form}{shape}"
 
     @property
     def family(self) -> str:
-        """Return the camera and what changes of it."""
+        """Camera, and the parameters that change."""
         return f"{self.id} {self.camera} {' '.join(self.what)}"
 
     def excludes(self, other: RayCause) -> bool:
-        """Return whether another form has the same course in the same camera: a camera may jump and drift."""
+        """Whether the other has the same course in the same camera; a camera may both jump and drift."""
         if not isinstance(other, CameraInstability) or self.camera != other.camera:
             return False
         shared = bool(set(self.what) & set(other.what))
@@ -78,7 +78,7 @@ class CameraInstability(RayCause):
         return shared and alike and (self.form != JUMP or self.from_pose == other.from_pose)
 
     def candidates(self, scene: RayScene) -> Sequence[CameraInstability]:
-        """Return every form of every camera that its poses and columns allow."""
+        """Return every form of every camera for which there are poses and columns."""
         rays = scene.rays
         return [
             form
@@ -88,26 +88,27 @@ class CameraInstability(RayCause):
         ]
 
     def prior(self, scene: RayScene) -> float:
-        """Return the share of this form and of what changes; jumps share theirs."""
+        """Return the share of this form and of the changing parameters; all jumps together have one share."""
         rays = scene.rays
         own = {JUMP: len(_onsets(rays, self.camera)), SETTLES: len(_SETTLING)}
         of_what = _SHARE_OF_WHAT[_WHAT.index(self.what)]
         return of_what * _SHARE_OF_FORM[self.form] / max(own.get(self.form, 1), 1)
 
     def covers(self, covariates: Mapping[str, NDArray], poses: int) -> NDArray:
-        """Return at which poses (B,) it claims to hold: what has no order says nothing of other poses."""
+        """Return the mask (B,) of poses where the cause is valid; none for independent changes, which predict no
+        other pose."""
         return np.full(poses, self.form != SCATTER)
 
     def refined(self) -> Self:
-        """Return the form whose time constant is fitted too; the same of all others."""
+        """Return the form with a fitted time constant; other forms unchanged."""
         return replace(self, free=True) if self.form == SETTLES else self
 
     def needs(self, legs: int) -> tuple[str, ...]:
-        """Return no column: what a camera does moves no machine."""
+        """Return no column: a camera does not move the machine."""
         return ()
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the change of each number: of a jump, of a drift over the campaign, per kelvin, or in every pose."""
+        """Return the change of each camera parameter: by the jump, over the campaign, per kelvin, or in every pose."""
         if self.form == WARMTH:
             return tuple(Parameter(f"{name}_per_k", "px/K", _PLAUSIBLE_PX_PER_K) for name in self.what)
         if self.form == SCATTER:
@@ -118,7 +119,7 @@ class CameraInstability(RayCause):
         return (*own, Parameter("log_tau", "1", _PLAUSIBLE_LOG)) if self.free else own
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the changes, then the pose of a jump or the time constant; of what has no order its scatter."""
+        """Return the changes, then the pose of a jump or the time constant; for independent changes their scatter."""
         if self.form == SCATTER:
             return tuple(self._scatter(values, covariance))
         reported_values = super().reported(values, covariance, legs)
@@ -136,7 +137,7 @@ class CameraInstability(RayCause):
         return (*reported_values[:-1], ReportedParameter("tau", tau, tau * float(np.sqrt(covariance[-1, -1])), "s"))
 
     def slopes(self, rays: RayPoses, values: NDArray) -> NDArray:
-        """Return d numbers / d parameters: the course, of each number or of each pose."""
+        """Return the derivatives of the camera parameters: the course, or one per pose."""
         places = rays.places(CAMERA, self.camera, self.what)
         if self.form == SCATTER:
             return self._apart(rays, places)
@@ -148,12 +149,12 @@ class CameraInstability(RayCause):
         return found
 
     def moved(self, rays: RayPoses, values: NDArray) -> NDArray:
-        """Return by how much the numbers (B, T) are off, px."""
+        """Return the errors (B, T) of the parameters, px."""
         slopes = self.slopes(rays, values)
         return np.asarray(slopes[..., :-1] @ values[:-1] if self.free else slopes @ values)
 
     def _course(self, rays: RayPoses, values: NDArray) -> tuple[NDArray, NDArray]:
-        """Return what each change is multiplied with (B,), and its derivative by the logarithm of tau."""
+        """Return the course (B,) of the change, and its derivative by the logarithm of tau."""
         if self.form == WARMTH:
             return rays.heat, np.zeros(len(rays.poses))
         if self.form == JUMP:
@@ -165,7 +166,7 @@ class CameraInstability(RayCause):
         return settling(passed, rate)
 
     def _apart(self, rays: RayPoses, places: list[int]) -> NDArray:
-        """Return the slopes where every pose has a change of its own; other poses know none."""
+        """Return the slopes of independent changes in each pose; zero in other poses."""
         at = {pose: n for n, pose in enumerate(self.poses)}
         own = np.array([at.get(pose, -1) for pose in rays.poses])
         found = np.zeros((len(own), len(rays.parameters), len(places), len(self.poses)))
@@ -174,7 +175,7 @@ class CameraInstability(RayCause):
         return found.reshape(len(own), len(rays.parameters), -1)
 
     def _scatter(self, values: NDArray, covariance: NDArray) -> list[ReportedParameter]:
-        """Return the root mean square change of each number about its mean, noise taken off, and one sigma of it."""
+        """Return the scatter of each camera parameter about its mean, without its noise, and one sigma of it."""
         count, found = len(self.poses), []
         for number, name in enumerate(self.what):
             own = slice(number * count, (number + 1) * count)
@@ -184,7 +185,7 @@ class CameraInstability(RayCause):
             square = float(np.sum((apart @ values[own]) ** 2))
             variance = max((square - float(np.trace(noise))) / freedom, 0.0)
             spread = variance * apart + noise
-            sigma = float(np.sqrt(2.0 * np.sum(spread * spread))) / freedom  # of the variance
+            sigma = float(np.sqrt(2.0 * np.sum(spread * spread))) / freedom  # sigma of the variance
             size = float(np.sqrt(variance))
             found.append(
                 ReportedParameter(f"{name}_scatter", size, sigma / (2.0 * max(size, 0.5 * np.sqrt(sigma))), "px")
@@ -193,14 +194,14 @@ class CameraInstability(RayCause):
 
 
 def _onsets(rays: RayPoses, camera: str) -> list[int]:
-    """Return the poses from which on a camera may be another one: with enough of its poses on either side."""
+    """Return the poses at which a camera may jump: with enough of its poses on either side."""
     own = np.flatnonzero(rays.poses_of(CAMERA, camera))
     in_time = own[np.argsort(rays.rank[own], kind="stable")]
     return in_time[FEWEST : len(in_time) - FEWEST + 1].tolist() if len(in_time) >= 2 * FEWEST else []
 
 
 def _forms(plain: CameraInstability, rays: RayPoses) -> list[CameraInstability]:
-    """Return the forms that a campaign's poses and columns allow."""
+    """Return the forms for which a campaign has poses and columns."""
     found = [
         replace(plain, form=JUMP, since=float(rays.covariates["order"][row]), from_pose=rays.poses[row])
         for row in _onsets(rays, plain.camera)

@@ -1,4 +1,4 @@
-"""What no cause of the catalogue explains of rays: a number of a camera or a scale bar depends on inputs."""
+"""Nonparametric effects on rays: a parameter of a camera or a scale bar depends smoothly on inputs."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, Non
 from truing.simulation.photographs.causes.ray_causes import RayCause, RayScene, at_numbers
 from truing.simulation.photographs.ray_poses import BAR, CAMERA, RayPoses
 
-# What of a camera or a bar may depend on something, each by itself, and how much of it is plausible: an amplitude is
-# half of what there is from one end to the other.
+# Parameters of a camera or bar that may depend on inputs, and their plausible amplitudes: half of the full range.
 _PLAUSIBLE = {"c": 0.5, "x0": 0.5, "y0": 0.5, "strain": 5e-5}
 _POLYNOMIALS, _WAVES = (1, 2, 3), (2, 4)
 _MOST_DRIVES = 8
@@ -23,7 +22,7 @@ _MOST_DRIVES = 8
 
 @dataclass(frozen=True)
 class NonparametricRayEffect(NonparametricEffect[RayScene], RayCause):
-    """A number of a camera or a scale bar depends on inputs: columns of the poses, or the product of two."""
+    """A parameter of a camera or a scale bar depends on inputs: columns of the poses, or the product of two."""
 
     owner_kind: str = CAMERA
     owner: str = ""
@@ -34,15 +33,15 @@ class NonparametricRayEffect(NonparametricEffect[RayScene], RayCause):
 
     @property
     def subject(self) -> str:
-        """Return the camera or the bar."""
+        """Camera or scale bar concerned."""
         return f"{self.owner_kind} {self.owner}"
 
     def needs(self, legs: int) -> tuple[str, ...]:
-        """Return no column: what a camera does moves no machine."""
+        """Return no column: a camera does not move the machine."""
         return ()
 
     def candidates(self, scene: RayScene) -> Sequence[NonparametricRayEffect]:
-        """Return everything that each number may depend on, as far as its poses allow."""
+        """Return all dependences of each parameter for which there are enough poses."""
         rays = scene.rays
         columns = varying(rays.covariates)
         ranges = {column: middle_and_half(values) for column, values in columns.items()}
@@ -60,7 +59,7 @@ class NonparametricRayEffect(NonparametricEffect[RayScene], RayCause):
         return found
 
     def slopes(self, rays: RayPoses, values: NDArray) -> NDArray:
-        """Return the functions' values at every pose."""
+        """Return the values of the functions at every pose."""
         place = rays.places(self.owner_kind, self.owner, (self.name,))
         basis = self.basis(rays.covariates.__getitem__)
         return np.concatenate([at_numbers(rays, place, column) for column in basis.T], -1)
@@ -75,7 +74,7 @@ class NonparametricRayEffect(NonparametricEffect[RayScene], RayCause):
 
 
 def _dependences(columns: list[str]) -> list[tuple[tuple[str, ...], str, int]]:
-    """Return inputs, form and degree of what the numbers of a campaign may depend on."""
+    """Return inputs, form and degree of all dependences."""
     found = [((column,), POLYNOMIAL, degree) for column in columns for degree in _POLYNOMIALS]
     found += [((column,), WAVES, count) for column in columns if column in (TIME, ORDER) for count in _WAVES]
     drives = [column for column in columns if column not in (TIME, ORDER, TEMPERATURE)]
@@ -84,6 +83,7 @@ def _dependences(columns: list[str]) -> list[tuple[tuple[str, ...], str, int]]:
 
 
 def _has_a_name(kind: str, columns: tuple[str, ...], degree: int) -> bool:
-    """Return whether a straight course is a cause's: of cameras in time and temperature, of bars in the latter."""
+    """Whether a linear course is that of a catalogued cause: of cameras in time and temperature, of bars in
+    temperature."""
     named = {TIME, TEMPERATURE} if kind == CAMERA else {TEMPERATURE}
     return degree == 1 and len(columns) == 1 and columns[0] in named

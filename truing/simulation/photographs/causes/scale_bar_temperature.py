@@ -1,4 +1,4 @@
-"""A scale bar that grows with temperature, more than was stated of it."""
+"""Causes: scale bars whose thermal expansion exceeds the stated one; of one bar, or of all."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from truing.simulation.mechanisms.state import State
 from truing.simulation.photographs.causes.ray_causes import RayCause, RayScene, at_numbers
 from truing.simulation.photographs.ray_poses import BAR, RayPoses
 
-# Steel grows by 12e-6 of its length per kelvin, carbon fibre by next to nothing.
+# Expansion per kelvin: steel 12e-6, carbon fibre nearly 0.
 _PLAUSIBLE = 1e-5
-_ONE_ALONE = 2  # bars with which one may be told from the others
+_ONE_ALONE = 2  # least number of bars to distinguish one from the others
 ID = "scale-bar-temperature"
 
 
@@ -28,7 +28,8 @@ def _parameters() -> tuple[Parameter, ...]:
 
 @dataclass(frozen=True)
 class OneBar(RayCause):
-    """A bar grows by alpha times the temperature above the reference, beyond what is stated: seen beside another."""
+    """A bar expands by alpha times the temperature above the reference, beyond the stated expansion; observable with
+    two bars."""
 
     bar: str = ""
 
@@ -36,17 +37,17 @@ class OneBar(RayCause):
 
     @property
     def subject(self) -> str:
-        """Return the bar."""
+        """Scale bar concerned."""
         return f"{BAR} {self.bar}"
 
     def candidates(self, scene: RayScene) -> Sequence[OneBar]:
-        """Return every bar that is seen beside another in poses of different temperature."""
+        """Return every bar, if there are at least two and the temperature varies."""
         rays = scene.rays
         bars = rays.owners(BAR)
         return [OneBar(bar) for bar in bars] if len(bars) >= _ONE_ALONE and rays.varies(TEMPERATURE) else []
 
     def needs(self, legs: int) -> tuple[str, ...]:
-        """Return no column: a bar moves no machine."""
+        """Return no column: a bar does not move the machine."""
         return ()
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
@@ -60,18 +61,18 @@ class OneBar(RayCause):
 
 @dataclass(frozen=True)
 class AllBars(PointCause):
-    """The bars that give points their scale grow alike: all points of a pose shrink by alpha times the heat."""
+    """All scale bars expand alike: all points of a pose shrink by alpha times the temperature above the reference."""
 
     id = ID
     step = Step.INSTRUMENT
     reads = frozenset()
 
     def candidates(self, scene: PointScene) -> Sequence[AllBars]:
-        """Return the cause where bars give the scale, and the temperature varies."""
+        """Return the cause if bars give the scale and the temperature varies."""
         return (self,) if scene.photographed and scene.photographed.scale_bars and scene.varies(TEMPERATURE) else ()
 
     def needs(self, legs: int) -> tuple[str, ...]:
-        """Return no column: the scale of an instrument moves no platform."""
+        """Return no column: the scale of an instrument does not move the platform."""
         return ()
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
@@ -79,10 +80,10 @@ class AllBars(PointCause):
         return _parameters()
 
     def change(self, state: State, values: NDArray) -> Change:
-        """Return d point / d alpha: a bar that is longer than it is taken to be makes all else look shorter."""
+        """Return d point / d alpha: a bar longer than assumed makes all other lengths look shorter."""
         return Change({"points": -state.points[..., None] * state.heat[:, None, None, None]}, 1)
 
     def recorded(self, points: NDArray, state: State, values: NDArray) -> NDArray:
-        """Return points, or their motions, (B, K, 3, ...), as measured by such bars."""
+        """Return points, or their motions, (B, K, 3, ...), as measured with such bars."""
         factor = 1.0 - state.heat * values[0]
         return np.asarray(points * factor.reshape(-1, *([1] * (points.ndim - 1))))
