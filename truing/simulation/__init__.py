@@ -1,1 +1,1 @@
-"""What physics predicts: mechanisms, their kinematics, and the causes that change them. Knows no data."""
+"""Simulation of mechanisms, benches, axes, bodies and photographs, and the causes that act on them. Knows no data."""

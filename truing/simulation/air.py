@@ -116,6 +116,9 @@ def _edlen_dispersion(wavelength_m: ArrayLike) -> tuple[Array, Array]:
 
 
 def index_sigma(slopes: ArrayLike, sigma: ArrayLike, equation: float = 1e-8) -> Array:
-    """Return the standard deviation of the index from independent errors of temperature, pressure and vapour
-    pressure (..., 3) and of the equation itself (about 1e-8 in ordinary air, Stone and Zimmerman)."""
+    """Return the standard deviation of the index from independent errors of temperature, pressure, vapour pressure
+    (..., 3).
+
+    ``equation`` is the error of the equation itself, about 1e-8 in ordinary air (Stone and Zimmerman).
+    """
     return np.sqrt(np.sum((np.asarray(slopes, float) * np.asarray(sigma, float)) ** 2, axis=-1) + equation**2)

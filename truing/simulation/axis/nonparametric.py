@@ -1,7 +1,7 @@
 """Nonparametric effects on an axis: an encoder or the transmission depends smoothly on inputs.
 
-A dependence of exactly the form of a catalogued cause (proportional to the command, on the direction of approach only)
-is no candidate, because data could not distinguish the two.
+A dependence of exactly the form of a catalogued cause is no candidate, because data could not distinguish the two. Such
+forms are: proportional to the command, and dependent on the direction of approach only.
 """
 
 from __future__ import annotations

@@ -21,9 +21,9 @@ from truing.simulation.targets import Targets
 class Photographed:
     """Errors of points that were computed from photographs, and the scale bars.
 
-    ``errors`` is the number of errors common to all poses (of cameras, of scale bars), ``pose_errors`` the number of
-    errors common to the points of a pose (its scale, ...), each of unit variance. ``scale_height_m`` is the height of
-    the ``scale_bars`` in the model's frame, m.
+    ``errors`` is the number of errors common to all poses (of cameras, of scale bars), each of unit variance.
+    ``pose_errors`` is the number of errors common to the points of a pose (its scale, ...). ``scale_height_m`` is the
+    height of the ``scale_bars`` in the model's frame, m.
     """
 
     errors: int = 0
@@ -38,10 +38,11 @@ class PointScene(Scene["PointCause"]):
 
     ``covariates`` are columns known at every pose, (B,) or (B, L): ``time_s``, ``temperature_c``, others, ``order``
     (rank of the pose in time over the whole campaign) and ``approach``. ``span_s`` is the first and last time of the
-    whole campaign; ``seen`` (B, K) the mask of seen targets, None for all. ``lengths_apart`` says whether the length of
-    a leg and the displacement of its actuator act differently. Bodies without a mechanism have no legs: ``drives`` are
-    columns that may deform them, ``still`` the bodies that should stand still, ``placed`` those whose positions x, y, z
-    are known as columns, seen from another body.
+    whole campaign; ``seen`` (B, K) the mask of seen targets, None for all. ``lengths_apart``: the length of a leg and
+    the displacement of its actuator act differently.
+
+    Bodies without a mechanism have no legs. ``drives`` are columns that may deform them, and ``still`` the bodies that
+    should stand still. ``placed`` are bodies whose positions x, y, z relative to another body are known as columns.
     """
 
     targets: Targets
@@ -81,9 +82,9 @@ class PointCause(Cause[PointScene]):
     """Base class of causes that change fields of a `State`.
 
     ``reads`` names the fields of the state, except covariates, that the effect depends on; the derivative is wrong if
-    one is missing. ``pose`` means p and R, which are found after the effects of the structure, so that a cause that
-    reads it needs a few more iterations. ``moved`` of a target may depend on its own ``shape`` only; nothing else may
-    depend on shapes.
+    one is missing. ``pose`` means p and R; they are found after the effects of the structure, so that reading them
+    needs a few more iterations. ``moved`` of a target may depend on its own ``shape`` only; nothing else may depend on
+    shapes.
     """
 
     reads: ClassVar[frozenset[str]] = LEG_FIELDS | {"shape"}

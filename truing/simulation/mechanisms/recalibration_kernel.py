@@ -2,8 +2,8 @@
 
 Results are those of `truing.simulation.mechanisms.recalibration.calibrate_leg` by the trust region. Draws without
 proven convergence must be solved again by the caller. Importing this module imports numba. No library solves thousands
-of small problems in parallel: this code solves more than 100,000 legs a second on two cores, about 30 times as many as
-a general solver one by one (`python -m benchmarks.recalibration`).
+of small problems in parallel. This code solves more than 100,000 legs a second on two cores, about 30 times as many as
+a general solver (`python -m benchmarks.recalibration`).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 All positions are in the base frame, m. Base targets are fixed; platform targets move with the platform; a target on an
 attachment is at the attachment. Targets on a leg move with the leg, which turns about its lower joint by the smallest
-angle and, with like flexures at both ends, about its own axis by half the platform's twist.
+angle. With like flexures at both ends, it also turns about its own axis by half the platform's twist.
 """
 
 from __future__ import annotations
@@ -63,11 +63,11 @@ class LegFrames:
 
 
 def leg_frames(state: State, nominal: NDArray, roll: NDArray, seats: NDArray | None = None) -> LegFrames:
-    """Return the frames of the legs, turned from nominal directions (L, 3) and by roll (B, L) rad plus half the
-    platform's twist about their axes.
+    """Return the frames of the legs, turned from nominal directions (L, 3) by the smallest angle and about their own
+    axes.
 
-    seats (L, 3, 3) are the rotations from the axes of a leg's survey to the leg in its nominal direction; None:
-    identity.
+    The angle about the axis is roll (B, L) rad plus half the platform's twist. seats (L, 3, 3) are the rotations from
+    the axes of a leg's survey to the leg in its nominal direction; None: identity.
     """
     z = unit(leg_vectors(state.legs, state.p, state.R, state.rho, state.delta_bz))
     twist = roll + 0.5 * np.einsum("bli,bi->bl", z, log_so3(state.R))

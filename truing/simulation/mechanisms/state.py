@@ -20,15 +20,16 @@ _OF_STATE = ("indicated", "rho", "delta_bz", "moved", "points")
 class State:
     """State of B poses of L legs and K targets; m and rad.
 
-    ``indicated`` is the indicated position of the actuators (effects of the drive depend on it), ``rho`` the true one,
-    ``delta_bz`` the attachments' shift along z of the platform; ``legs`` may differ from pose to pose. ``shape`` is the
-    position of targets relative to the body's origin (of a leg: its lower joint), along the axes of the body's survey,
-    and ``moved`` their displacement at each pose.
+    ``indicated`` is the indicated position of the actuators, on which effects of the drive depend, ``rho`` the true
+    one. ``delta_bz`` is the attachments' shift along z of the platform; ``legs`` may differ from pose to pose.
+    ``shape`` is the position of targets relative to the body's origin (of a leg: its lower joint), along the axes of
+    the body's survey, and ``moved`` their displacement at each pose.
 
-    After the structure: pose p, R of the platform in the base frame, ``points`` (targets in the base frame, as recorded
-    so far) and ``turn`` (rotations from the axes of the bodies' surveys to the base). ``nominal_direction`` holds the
-    legs' directions in the nominal reference pose, ``reference_direction`` and ``reference_rotation`` the legs'
-    directions and the platform's rotation in the reference pose of the machine with these legs.
+    The structure adds the pose p, R of the platform in the base frame. ``points`` are the targets in the base frame, as
+    recorded so far; ``turn`` are the rotations from the axes of the bodies' surveys to the base.
+
+    ``nominal_direction`` holds the legs' directions in the nominal reference pose. ``reference_direction`` and
+    ``reference_rotation`` are the legs' directions and the platform's rotation in the reference pose of these legs.
     """
 
     legs: Legs

@@ -97,8 +97,8 @@ class LoadEccentricity(LoadCause):
 class LoadImbalance(LoadCause):
     """Two drive units of an axis differ: a force causes a parasitic moment, a torque a parasitic force.
 
-    ``components`` of x, y, z; ``forms``: proportional to the load F, to half its size (a difference between positive
-    and negative loads by the asymmetry), or to F |F| over the largest load.
+    ``components`` of x, y, z. ``forms``: ``""`` proportional to the load F; ``_asymmetry`` to |F| / 2, which differs
+    between positive and negative loads; ``_growth`` to F |F| over the largest load.
     """
 
     axis: str = "fz"

@@ -1,7 +1,7 @@
 """Nonparametric effects on a bench: a channel depends smoothly on inputs.
 
-A dependence of exactly the form of a catalogued cause (a channel proportional to the load of its own axis, or to the
-time in a run) is no candidate, because data could not distinguish the two.
+A dependence of exactly the form of a catalogued cause is no candidate, because data could not distinguish the two. Such
+forms are: a channel proportional to the load of its own axis, or to the time in a run.
 """
 
 from __future__ import annotations

@@ -123,8 +123,8 @@ class BodyDeformation(BodyCause):
     """A body's targets shift by a pattern times columns of the campaign.
 
     ``terms`` are columns or products of two, as ``a*b``. ``columns`` are all that occur in them, relative to ``zeros``
-    and in units of ``ranges``, so that a parameter is the shift over the range in the campaign. ``with_time``: the
-    columns were proportional to time, so that the campaign cannot distinguish the deformation from a drift.
+    and in units of ``ranges``: a parameter is the shift over the range in the campaign. ``with_time``: the columns
+    changed nearly linearly with time, so that the campaign cannot distinguish the deformation from a drift.
     """
 
     terms: tuple[str, ...] = ()

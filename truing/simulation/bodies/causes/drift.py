@@ -75,7 +75,7 @@ class BodyDrift(BodyCause):
     def candidates(self, scene: PointScene) -> Sequence[BodyDrift]:
         """Return every body with every form of drift; as a whole only if it should stand still.
 
-        None if a drive was proportional to time: such an effect is attributed to the drive.
+        None if a drive changed nearly linearly with time: such an effect is attributed to the drive.
         """
         column = TIME if scene.varies(TIME) else ORDER
         if scene.legs or not scene.varies(column) or any(runs_with_time(scene, (d,)) for d in scene.drives):

@@ -76,11 +76,13 @@ _AXES = {Quantity.ATTACHMENTS_SIDEWAYS: ("_x", "_y"), Quantity.TARGETS: ("_x", "
 class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
     """A quantity of all legs, of ``legs``, or of the ``targets`` of a body depends on inputs.
 
-    Inputs are columns of the configurations, ``rho3_mm`` (displacement of that actuator, m), ``own drive``
-    (displacement of each leg's own actuator), ``approach`` and ``last step`` (direction and size of each actuator's
-    last movement), and ``memory`` (fading sum of all its movements). The form ``all drives`` is linear in the
-    displacements of all actuators. Several targets move by smooth patterns over the body if ``places`` gives two
-    coordinates of each, from -1 to 1; otherwise one by one.
+    Inputs are columns of the configurations, and movements of the actuators. ``rho3_mm`` is the displacement of
+    actuator 3, m, and ``own drive`` that of each leg's own actuator. ``approach`` and ``last step`` are direction and
+    size of its last movement, ``memory`` is the fading sum of all. The form ``all drives`` is linear in the
+    displacements of all actuators.
+
+    Several targets move by smooth patterns over the body if ``places`` gives two coordinates of each, from -1 to 1;
+    otherwise one by one.
     """
 
     columns: tuple[str, ...] = (OWN_DRIVE,)

@@ -74,7 +74,7 @@ class ApproachScatter(PointCause):
         return self.body or " ".join(f"leg{leg}" for leg in self.legs)
 
     def lacks(self, scene: PointScene) -> Missing | None:
-        """Return what is missing: poses or, without a mechanism, a body that stands still."""
+        """Return the missing input: poses or, without a mechanism, a body that stands still."""
         return Missing.POSES if scene.legs or scene.still else Missing.STILL
 
     def candidates(self, scene: PointScene) -> Sequence[ApproachScatter]:

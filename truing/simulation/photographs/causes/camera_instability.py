@@ -33,9 +33,9 @@ _MOST_APART = 60
 class CameraInstability(RayCause):
     """The principal distance (c), the principal point (x0, y0), or both, of a camera change between poses.
 
-    ``form``: a jump at the pose of time rank ``since`` (``from_pose``), a linear drift with time from ``start_s`` over
-    ``duration_s``, an exponential one with time constant ``tau_s``, proportional to temperature, or an independent
-    change in each of ``poses``. If ``free``, the logarithm of tau over ``tau_s`` is a further parameter.
+    ``form``: a jump at the pose of time rank ``since`` (``from_pose``); a linear drift with time from ``start_s`` over
+    ``duration_s``; an exponential one with time constant ``tau_s``; proportional to temperature; an independent change
+    in each of ``poses``. If ``free``, the logarithm of tau over ``tau_s`` is a further parameter.
     """
 
     camera: str = ""
