@@ -1,1 +1,1 @@
-"""What campaign.toml and every artifact hold: columns, types, units, bounds, meaning."""
+"""Definitions of campaign.toml and of every artifact: columns, types, units, bounds, meaning."""

@@ -1,4 +1,4 @@
-"""``python -m schemas``: write docs/artifacts.md, docs/reference/campaign-toml.md and docs/glossary.md again."""
+"""``python -m schemas``: write docs/artifacts.md, docs/reference/campaign-toml.md and docs/glossary.md."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What an artifact is: its file, its columns, its key; the enforcement of them, and the table read back."""
+"""Definition of an artifact: file, columns and key; validation, and reading of a table."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Artifact:
-    """A file that a stage leaves: columns in order, which may be absent, whether covariates may be added.
+    """A file that a stage writes: its columns in order, optional columns, and whether covariates are allowed.
 
-    ``columns`` is empty for what is no table (report.html, model.toml). ``covariates`` allows further real columns
-    under any name, as a campaign's own drives and surroundings have. ``families`` are numbered columns.
+    ``columns`` is empty for files that are no tables (report.html, model.toml). ``covariates`` allows further real
+    columns of any name. ``families`` are numbered columns.
     """
 
     name: str
@@ -41,14 +41,14 @@ class Artifact:
         return bool(self.columns)
 
     def column(self, name: str) -> Column | None:
-        """The definition of one of the artifact's columns, or None where it has no such column."""
+        """Definition of one of the artifact's columns, or None."""
         if name in self.columns or name in self.optional:
             return COLUMNS[name]
         found = find_column(name)
         if found is not None and found.family and found.name in self.families:
             return found
         if self.covariates:
-            return Column(name, "real", "covariate, carried along", nullable=True)
+            return Column(name, "real", "covariate of the campaign", nullable=True)
         return None
 
     def units(self, names: list[str]) -> dict[str, str]:
@@ -56,7 +56,7 @@ class Artifact:
         return {name: column.unit for name in names if (column := self.column(name)) is not None and column.unit}
 
     def arrow_schema(self, identifier: str = "int64", present: tuple[str, ...] = ()) -> pa.Schema:
-        """The Arrow schema with the optional columns and family members named in ``present``."""
+        """Arrow schema with the optional columns and family members in ``present``."""
         import pyarrow as pa
 
         names = [*self.columns, *(name for name in present if name not in self.columns)]
@@ -69,11 +69,11 @@ class Artifact:
         return pa.schema(fields)
 
     def empty(self, identifier: str = "int64") -> pa.Table:
-        """A table without rows, as a stage leaves it when it was not evaluated."""
+        """A table without rows, for a stage that was not evaluated."""
         return self.arrow_schema(identifier).empty_table()
 
     def faults(self, table: pa.Table | pa.RecordBatch) -> list[Fault]:
-        """Everything in which a table departs from this artifact: columns, types, nulls, bounds, choices."""
+        """All departures of a table from this definition: columns, types, nulls, bounds, choices."""
         names = table.schema.names
         missing = [Fault(self.file, f"a column {name}") for name in self.columns if name not in names]
         return missing + [fault for name in names for fault in self._column_faults(name, table.column(name))]
@@ -89,7 +89,7 @@ class Artifact:
 
 
 def arrow_type(column: Column, identifier: str = "int64") -> pa.DataType:
-    """The Arrow type that a column is stored in."""
+    """Arrow type of a column."""
     import pyarrow as pa
 
     if column.kind == "identifier":
@@ -160,7 +160,7 @@ def parquet(
     version: int = 1,
     file: str = "",
 ) -> Artifact:
-    """A table in the file of its name; columns by blanks, those of its key with a ``*`` behind."""
+    """Artifact in the Parquet file of its name; columns separated by blanks, key columns marked with ``*``."""
     own, further = ([column.removesuffix("*") for column in names.split()] for names in (columns, optional))
     key = tuple(column[:-1] for column in f"{columns} {optional}".split() if column.endswith("*"))
     file = file or f"{name}.parquet"
@@ -168,7 +168,7 @@ def parquet(
 
 
 def checked_table(path: Path, artifact: Artifact) -> pa.Table:
-    """Return the table in a Parquet file; raises ValueError with everything in which it is not this artifact."""
+    """Return the table in a Parquet file; raises ValueError with every departure from the artifact."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -180,7 +180,7 @@ def checked_table(path: Path, artifact: Artifact) -> pa.Table:
         raise_shortage(error)
         raise ValueError(f"{artifact.file}: expected a whole Parquet file ({_first_line(error)})") from None
     except OSError as error:
-        if error.errno:  # not of the file's bytes, but of reaching them
+        if error.errno:  # the file cannot be reached, which says nothing about its content
             raise
         raise ValueError(f"{artifact.file}: expected a whole Parquet file ({_first_line(error)})") from None
     if faults:

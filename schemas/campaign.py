@@ -1,4 +1,4 @@
-"""What campaign.toml may hold, key by key; anything else is a fault with a suggestion."""
+"""Model of campaign.toml; every fault is reported, an unknown key with the nearest known one."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _is_first_format(value: Any) -> Any:
     return value
 
 
-# Sections of [mechanism] by tag, which is the name of no key; types without a tag of their own are of legs.
+# Sections of [mechanism] by tag; no key has such a name. All other types have legs.
 _TYPES = {"legged": LeggedMechanism, "6-upur": SensorMechanism, "one-axis": AxisMechanism, "none": NoMechanism}
 _TAGS = {"6-upur": "6-upur", "axis": "one-axis", "none": "none"}
 
@@ -72,7 +72,7 @@ def _listed(entry: Any) -> Any:
 
 
 class Campaign(Section):
-    """campaign.toml as a whole."""
+    """All of campaign.toml."""
 
     format: Annotated[Literal[1], BeforeValidator(_is_first_format)] = 1
     campaign: CampaignSection
@@ -106,36 +106,36 @@ class Campaign(Section):
             ]
             if of_benches:
                 raise ValueError(
-                    "pose, body or target in [[exclude]] and [[keep]]: run, step and channel are a bench's"
+                    "pose, body or target in [[exclude]] and [[keep]]; run, step and channel are keys for a bench"
                 )
         elif self.renamed or self.resurvey:
-            raise ValueError("no [[renamed]] and no [[resurvey]]: a bench has no targets")
+            raise ValueError("no [[renamed]] and no [[resurvey]], because a bench has no targets")
         return self
 
     @model_validator(mode="after")
     def _up_has_a_frame(self) -> Campaign:
         if self.measurement.up is not None and self.reference_body is None and not self.is_frame_fixed:
             raise ValueError(
-                '[bodies] reference, or frame = "campaign", beside [measurement] up: in a frame of its own in every '
-                "pose no direction is up"
+                '[bodies] reference, or frame = "campaign", with [measurement] up, because a frame that changes with '
+                "each pose has no fixed upward direction"
             )
         return self
 
     @property
     def reference_body(self) -> str | None:
-        """The body that the others are seen from: ``base`` where a mechanism stands on one."""
+        """Body in whose frame the others are given; ``base`` by default for a mechanism with legs."""
         if self.bodies.reference is None and self.mechanism.is_legged:
             return "base"
         return self.bodies.reference
 
     @property
     def is_frame_fixed(self) -> bool:
-        """Whether one frame of the instrument holds for the whole campaign, so that no body has to carry it along."""
+        """Whether one instrument frame holds for the whole campaign."""
         return self.measurement.frame == "campaign"
 
 
 def read_campaign(document: dict[str, Any], file: str = "campaign.toml") -> Campaign:
-    """The campaign that a parsed campaign.toml describes; raises CampaignFaults with every fault at once."""
+    """Validate a parsed campaign.toml; raises CampaignFaults with every fault."""
     try:
         campaign = Campaign.model_validate(document)
     except ValidationError as error:
@@ -147,9 +147,9 @@ def read_campaign(document: dict[str, Any], file: str = "campaign.toml") -> Camp
     return campaign
 
 
-# The library writes a bound with all its digits.
+# Bounds are shortened here, because pydantic writes all their digits.
 _BOUNDS = {"less_than_equal": ("at most", "le"), "greater_than_equal": ("at least", "ge")}
-# What pydantic calls a value of another type, and what was expected.
+# Expected types by pydantic's error types.
 _KINDS = {
     "float_type": "a number, without quotation marks",
     "int_type": "a whole number, without quotation marks",
@@ -174,7 +174,7 @@ def _fault(file: str, document: dict[str, Any], detail: Any) -> Fault:
 
 
 def _dotted(location: tuple[int | str, ...], document: dict[str, Any]) -> str:
-    """The place as campaign.toml has it: entries of a list count from 1, and a single table has no number."""
+    """Key path as in campaign.toml: list entries count from 1, and a single table has no number."""
     parts: list[str] = []
     place: Any = document
     for part in location:
@@ -189,7 +189,7 @@ def _dotted(location: tuple[int | str, ...], document: dict[str, Any]) -> str:
 
 
 def _shown(value: Any, *, quoted: bool) -> str | None:
-    """A value as a fault shows it; where its type is at fault, as TOML writes it."""
+    """A value as a fault shows it, in TOML notation for a wrong type."""
     if isinstance(value, (dict, list, tuple)):
         return None
     if isinstance(value, bool):
@@ -216,7 +216,7 @@ def _suggestion(location: tuple[int | str, ...]) -> str:
 
 
 def _step(section: Any, part: int | str) -> Any:
-    """The model one key further down; where the key is an index or a table's name, the same model."""
+    """Model of a key; the same model for an index or a table's name."""
     field = section.model_fields.get(part)
     return section if field is None else _inner_model(field.annotation) or section
 

@@ -1,4 +1,4 @@
-"""[certificate] of campaign.toml: what a calibration certificate tells that no measurement does."""
+"""[certificate] of campaign.toml: entries of a calibration certificate that are not measured."""
 
 from __future__ import annotations
 
@@ -14,60 +14,62 @@ Issuer = Literal["manufacturer", "calibrationLaboratory", "customer", "owner", "
 
 
 class Contact(Section):
-    """[certificate.laboratory], [certificate.customer]: who it is, and where."""
+    """[certificate.laboratory], [certificate.customer]: name and address."""
 
-    name: Words | None = Field(None, description="of the laboratory, or of the customer")
+    name: Words | None = Field(None, description="name of the laboratory or of the customer")
     street: Words | None = Field(None, description="with number")
     post_code: Words | None = Field(None, description="of the city")
-    city: Words | None = Field(None, description="where it is")
+    city: Words | None = Field(None, description="city")
     country: Country | None = Field(None, description="two letters of ISO 3166-1")
     e_mail: Words | None = Field(None, description="for questions")
     phone: Words | None = Field(None, description="for questions")
 
 
 class Item(Section):
-    """[certificate.item], [[certificate.equipment]]: what was calibrated; what it was calibrated with."""
+    """[certificate.item], [[certificate.equipment]]: the calibrated item; the equipment used."""
 
-    name: Words | None = Field(None, description="what it is")
-    manufacturer: Words | None = Field(None, description="who made it")
-    model: Words | None = Field(None, description="by the name of its maker")
+    name: Words | None = Field(None, description="kind of item")
+    manufacturer: Words | None = Field(None, description="manufacturer")
+    model: Words | None = Field(None, description="model name by the manufacturer")
     identification: Words | None = Field(None, description="serial or inventory number")
-    issuer: Issuer = Field("manufacturer", description="who gave it the number")
+    issuer: Issuer = Field("manufacturer", description="who issued the number")
 
 
 class Person(Section):
-    """[[certificate.persons]]: who answers for it; the first one signs."""
+    """[[certificate.persons]]: responsible persons; the first one signs."""
 
-    name: Words | None = Field(None, description="of the person")
-    role: Words | None = Field(None, description="in the laboratory")
+    name: Words | None = Field(None, description="name")
+    role: Words | None = Field(None, description="role in the laboratory")
 
 
 class Certificate(Section):
-    """[certificate]: what `truing export --to dcc` needs to know and no measurement tells; never needed by a run."""
+    """[certificate]: data for `truing export --to dcc` that no measurement gives; never needed by a run."""
 
-    number: Words | None = Field(None, description="of the certificate, unique")
-    country: Country | None = Field(None, description="where it is issued, two letters of ISO 3166-1")
+    number: Words | None = Field(None, description="unique number of the certificate")
+    country: Country | None = Field(None, description="country of issue, two letters of ISO 3166-1")
     location: Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"] | None = Field(
-        None, description="where it was measured"
+        None, description="place of the measurement"
     )
     begin: Day | None = Field(None, description="first day of the measurement")
     end: Day | None = Field(None, description="last day of the measurement")
-    received: Day | None = Field(None, description="day on which the item was received")
+    received: Day | None = Field(None, description="day of receipt of the item")
     issued: Day | None = Field(None, description="day of issue")
     order: Words | None = Field(None, description="the customer's order")
-    laboratory_code: Words | None = Field(None, description="of its accreditation")
-    temperature_c: Temperature | None = Field(None, description="of the item, where the campaign has recorded none")
-    temperature_within_c: NotNegative | None = Field(None, description="half the range that it stayed within")
-    traceability: Words | None = Field(None, description="a sentence on the traceability of the results")
-    methods: tuple[Words, ...] = Field((), description="further procedures that were followed, by name")
-    laboratory: Contact = Field(Contact(), description="who calibrated it")
-    customer: Contact = Field(Contact(), description="who had it calibrated")
-    item: Item = Field(Item(), description="what was calibrated")
-    persons: tuple[Person, ...] = Field((), description="who answers for it; the first one signs")
-    equipment: tuple[Item, ...] = Field((), description="what it was calibrated with")
+    laboratory_code: Words | None = Field(None, description="code of the accreditation")
+    temperature_c: Temperature | None = Field(
+        None, description="temperature of the item, if the campaign has none recorded"
+    )
+    temperature_within_c: NotNegative | None = Field(None, description="half the range of the temperature")
+    traceability: Words | None = Field(None, description="sentence on the traceability of the results")
+    methods: tuple[Words, ...] = Field((), description="names of further procedures that were followed")
+    laboratory: Contact = Field(Contact(), description="calibration laboratory")
+    customer: Contact = Field(Contact(), description="customer")
+    item: Item = Field(Item(), description="calibrated item")
+    persons: tuple[Person, ...] = Field((), description="responsible persons; the first one signs")
+    equipment: tuple[Item, ...] = Field((), description="equipment used for the calibration")
 
     def missing(self, *, temperature_known: bool) -> Iterator[str]:
-        """Yield every key without which there is no certificate."""
+        """Yield every missing key that a certificate requires."""
         needed: dict[str, tuple[str, ...]] = {"": ("number", "country", "location", "begin", "end")}
         needed |= {f"{name}.": ("name", "city", "country") for name in ("laboratory", "customer")}
         needed["item."] = ("name", "identification")

@@ -1,4 +1,4 @@
-"""One column of an artifact: name, type, unit, bounds, meaning."""
+"""Definition of a column of an artifact: name, type, unit, bounds, meaning."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import re
 from dataclasses import dataclass
 from typing import Any, Literal
 
-# No measurement, in whatever unit; its fourth power is still a number, so that nothing later overflows.
+# Larger than any measurement in any unit; its fourth power is finite, so that later computations do not overflow.
 LARGEST = 1e30
-# Nor is anything this small but nothing; its square is still a number, and so is one over that.
+# Smaller than any measurement except 0; its square and the inverse of that are finite.
 SMALLEST = 1e-30
-# Standard deviations of a coordinate, mm: a picometre is a hundredth of an atom, a kilometre no measurement.
+# Plausible standard deviations of a coordinate, mm: from a picometre to a kilometre.
 LEAST_SIGMA_MM, MOST_SIGMA_MM = 1e-9, 1e6
-# Standard deviations by unit: from what no instrument resolves to what is no measurement.
+# Plausible standard deviations by unit, from below any resolution to beyond any measurement.
 SIGMA_BOUNDS = {
     "mm": (LEAST_SIGMA_MM, MOST_SIGMA_MM),
     "m": (1e-12, 1e3),
@@ -28,10 +28,10 @@ Kind = Literal["identifier", "text", "integer", "real", "flag"]
 
 @dataclass(frozen=True)
 class Column:
-    """One named quantity; the same name means the same thing in every table.
+    """One named quantity; the same name has the same meaning in every table.
 
-    ``identifier`` columns are int64 where every value of the campaign is an integer, else text. ``family`` is a
-    regular expression where one definition stands for numbered columns (``rho1_mm``, ``rho2_mm``, ...).
+    ``identifier`` columns are int64 if every value of the campaign is an integer, else text. ``family`` is a regular
+    expression if one definition covers numbered columns (``rho1_mm``, ``rho2_mm``, ...).
     """
 
     name: str

@@ -1,7 +1,7 @@
-"""Names of covariates: a laboratory's own, kept apart from every name that means something else in a run.
+"""Names of covariates, kept apart from all other names of a run.
 
-A covariate may bear any name that is no column of its own table. Where tables meet, and where the program has a name of
-its own, such as the order of the poses, the covariate stands under `column_alias` of its name; what people read says
+A covariate may have any name that is not a column of its own table. Where tables are joined, or where the program has
+such a name (for example the order of the poses), the covariate is stored under `column_alias` of its name; texts show
 `own_name`.
 """
 
@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from urllib.parse import quote, unquote
 
 _MARK = "covariate:"
-# Raw columns of tables of loads, and what stages add to them: a covariate of one is a column of another.
+# Columns of load tables, raw or added by stages: a covariate of one table may be a column of another.
 OF_LOADS = frozenset(
     (
         *("load_axis", "load", "channel", "reading", "unit", "sigma", "role"),
@@ -21,7 +21,7 @@ OF_LOADS = frozenset(
         *("shown_fx_n", "shown_fy_n", "shown_fz_n", "shown_mx_nm", "shown_my_nm", "shown_mz_nm"),
     )
 )
-# What the diagnosis calls things that no column holds, and the columns of the plan of what to measure next.
+# Names of the diagnosis for quantities without a column, and columns of the plan of next measurements.
 _OF_DIAGNOSIS = frozenset(
     (
         *("order", "approach", "last step", "memory", "own drive", "time_in_run_s", "held_out"),
@@ -34,33 +34,33 @@ _LISTED = re.compile(r'"((?:[^"]|"")*)"|(\S+)')
 
 
 def column_alias(column: str) -> str:
-    """Return what a covariate stands under beside the program's own names; its own name where none is like it."""
+    """Return the column name of a covariate: its own name, or a marked one if the program uses that name."""
     is_taken = column in OF_LOADS or column in _OF_DIAGNOSIS or _OF_PROGRAM.fullmatch(column)
     return marked(column) if is_taken and not is_marked(column) else column
 
 
 def marked(name: str) -> str:
-    """Return a name that no column and no name of the program bears."""
+    """Return a name that no column and no quantity of the program has."""
     return _MARK + quote(name, safe="")
 
 
 def is_marked(column: str) -> bool:
-    """Whether a column stands under a name of `marked`."""
+    """Whether a column has a name made by `marked`."""
     return column.startswith(_MARK)
 
 
 def own_name(column: str) -> str:
-    """Return the name that the laboratory gave a column."""
+    """Return the laboratory's name of a column."""
     return unquote(column.removeprefix(_MARK)) if is_marked(column) else column
 
 
 def listed(columns: Iterable[str]) -> str:
-    """Return the laboratory's names of columns, separated by blanks; a name with a blank or a quote within quotes."""
+    """Return the laboratory's names of columns, separated by blanks; names with a blank or quote are quoted."""
     return " ".join(_quoted(own_name(column)) for column in columns)
 
 
 def named(text: str) -> tuple[str, ...]:
-    """Return the names in a text of `listed`."""
+    """Return the names in a text made by `listed`."""
     return tuple(plain or quoted.replace('""', '"') for quoted, plain in _LISTED.findall(text))
 
 

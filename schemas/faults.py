@@ -1,4 +1,4 @@
-"""How bad input is named: one line per fault, all faults at once."""
+"""Messages about bad input: one line per fault, all faults together."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ _LONGEST = {
     "place": 160,
     "value": 120,
     "expected": 1000,
-}  # characters: a message tells of a file, it does not repeat it
+}  # characters
 
 _FILES_SHOWN = 3  # with the same fault; more of them are counted
 
 
 class Unfit(ValueError):
-    """A quantity that cannot be what it is given as: ``what`` it is, what was found, what was expected."""
+    """A quantity with an impossible value: ``what`` it is, the value found, and the expectation."""
 
     def __init__(self, what: str, found: str, expected: str) -> None:
         super().__init__(f"{what}: found {found}, expected {expected}")
@@ -24,11 +24,11 @@ class Unfit(ValueError):
 
 @dataclass(frozen=True)
 class Fault:
-    """One thing wrong with an input: where it stands, what stands there, and what was expected.
+    """One fault of an input: place, value found and value expected.
 
-    ``row`` is the line of the file as an editor counts it (the header is line 1), or the row counted from 1
-    in a binary table. ``more`` counts further faults of the same kind that are not listed one by one, ``more_files``
-    the further files that they stand in.
+    ``row`` is the line of the file as an editor counts it (the header is line 1), or the row of a binary table from 1.
+    ``more`` counts further faults of the same kind that are not listed, ``more_files`` the further files that contain
+    them.
     """
 
     file: str
@@ -52,7 +52,7 @@ class Fault:
 
 
 def _shown(text: str, longest: int) -> str:
-    """A text on one line: what a terminal would obey instead of showing it is written out."""
+    """A text on one line, with control characters escaped for the terminal."""
     text = _shortened(" ".join(text.split("\n")), longest)
     return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
@@ -62,7 +62,7 @@ def _shortened(text: str, longest: int) -> str:
 
 
 def by_kind(faults: Iterable[Fault]) -> Iterator[Fault]:
-    """Faults with those that many files have in common said once, with how many, where the first of them stood."""
+    """Yield the faults; one that many files share is reported once, with their number."""
     listed = list(faults)
     alike: dict[tuple[str | None, str], list[Fault]] = {}
     for fault in listed:
@@ -77,7 +77,7 @@ def by_kind(faults: Iterable[Fault]) -> Iterator[Fault]:
 
 
 class CampaignFaults(Exception):
-    """The campaign cannot be used as it stands: every fault that was found, never just the first."""
+    """All faults of a campaign that cannot be used."""
 
     def __init__(self, faults: Iterable[Fault]) -> None:
         self.faults = tuple(by_kind(faults))

@@ -1,6 +1,6 @@
-"""The glossary: every term of the project with symbol, unit, meaning, and where it is defined.
+"""Glossary: every term of the project with symbol, unit, meaning and place of definition.
 
-`glossary.csv` is the one place for these sentences: docs/glossary.md is written from it, and a report can show them.
+`glossary.csv` holds these sentences; docs/glossary.md is written from it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Written by `python -m schemas` from `schemas/glossary.csv`.
 
 @dataclass(frozen=True)
 class Term:
-    """A term and its meaning in one sentence; symbol and unit are empty where it has none.
+    """A term and its meaning in one sentence; symbol and unit may be empty.
 
     ``module``: dotted name of the code; ``page``: path below docs/. At least one of the two is given.
     """
@@ -45,7 +45,7 @@ def glossary() -> tuple[Term, ...]:
 
 
 def glossary_page() -> str:
-    """The whole page as Markdown."""
+    """The glossary page as Markdown."""
     return _HEAD + "".join(f"{_row(entry)}\n" for entry in glossary())
 
 

@@ -1,4 +1,4 @@
-"""What this project knows of a kind, and what installed packages add to it by entry points."""
+"""Own items of a kind, joined with those of installed packages (entry points)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def with_installed(
     name: Callable[[Known], str],
     wanted: Callable[[Known], bool] = lambda one: True,
 ) -> dict[str, Known]:
-    """Return the project's own items by name, then the wanted ones that entry points of a group make.
+    """Return the project's own items by name, then the wanted items of a group of entry points.
 
     Raises ValueError if two have the same name.
     """

@@ -1,5 +1,4 @@
-"""[interferometer] of campaign.toml: light and air, and what is known of beams, of the frame and of the instruments
-beside it."""
+"""[interferometer]: wavelength, air, beam geometry, material and their uncertainties."""
 
 from __future__ import annotations
 
@@ -11,48 +10,50 @@ from truing.schemas.section import Finite, NotNegative, Positive, Section, Vecto
 
 LINEAR = ("dx", "dy", "dz")
 _AXES = (*LINEAR, "rx", "ry", "rz")
-# A beam 45 degrees off its channel's axis reads another channel as much; up to 30, three beams always tell three axes.
+# At 45 degrees a beam reads two channels equally; up to 30, three beams always determine three axes.
 _NEAREST_SQUARED = 0.75  # cos(30 degrees) squared
-# No solid grows faster; 11.5 for 11.5e-6 is what it keeps out.
+# Above any solid's; rejects 11.5 given for 11.5e-6.
 _LARGEST_EXPANSION = 1e-3
 
 Expansion = Annotated[float, Field(gt=0.0, lt=_LARGEST_EXPANSION, allow_inf_nan=False)]
 
 
 class DeadPaths(Section):
-    """[interferometer.dead_path_mm]: of linear channels; an angle is the difference of two beams: theirs cancel.
+    """[interferometer.dead_path_mm]: dead paths of linear channels, negative if a reading grows as its path shrinks.
+    The dead paths of the two beams of an angular channel cancel."""
 
-    Negative where a reading counts positive as its path gets shorter.
-    """
-
-    dx: Finite = Field(0.0, description="of the channel dx")
-    dy: Finite = Field(0.0, description="of the channel dy")
-    dz: Finite = Field(0.0, description="of the channel dz")
+    dx: Finite = Field(0.0, description="channel dx")
+    dy: Finite = Field(0.0, description="channel dy")
+    dz: Finite = Field(0.0, description="channel dz")
 
 
 class RotationAxis(Section):
-    """What an angular channel turns about."""
+    """Rotation axis of an angular channel."""
 
-    direction: Vector | None = Field(None, description="fixed frame, of any length; absent: the channel's own axis")
-    direction_sigma_rad: NotNegative = Field(0.0, description="one sigma of its angles across")
+    direction: Vector | None = Field(
+        None, description="in the fixed frame, of any length; absent: the channel's own axis"
+    )
+    direction_sigma_rad: NotNegative = Field(0.0, description="standard deviation of its transverse angles")
 
 
 class Beam(RotationAxis):
-    """How a linear channel's beam meets the platform: along a direction, at an arm from its origin."""
+    """Beam of a linear channel: direction, and arm from the platform's origin to the point that it measures."""
 
-    arm_mm: Vector = Field((0.0, 0.0, 0.0), description="from the platform's origin to the point that the beam meets")
-    arm_sigma_mm: NotNegative = Field(0.0, description="one sigma of the arm, in each direction")
+    arm_mm: Vector = Field(
+        (0.0, 0.0, 0.0), description="from the platform's origin to the point that the beam measures"
+    )
+    arm_sigma_mm: NotNegative = Field(0.0, description="standard deviation of each component of the arm")
 
 
 class Beams(Section):
-    """[interferometer.beams]: cosine and Abbe terms of each channel, where the geometry is known."""
+    """[interferometer.beams]: geometry of the beams, for cosine and Abbe corrections."""
 
-    dx: Beam = Field(Beam(), description="the beam of dx")
-    dy: Beam = Field(Beam(), description="the beam of dy")
-    dz: Beam = Field(Beam(), description="the beam of dz")
-    rx: RotationAxis = Field(RotationAxis(), description="the axis of rx")
-    ry: RotationAxis = Field(RotationAxis(), description="the axis of ry")
-    rz: RotationAxis = Field(RotationAxis(), description="the axis of rz")
+    dx: Beam = Field(Beam(), description="beam of dx")
+    dy: Beam = Field(Beam(), description="beam of dy")
+    dz: Beam = Field(Beam(), description="beam of dz")
+    rx: RotationAxis = Field(RotationAxis(), description="axis of rx")
+    ry: RotationAxis = Field(RotationAxis(), description="axis of ry")
+    rz: RotationAxis = Field(RotationAxis(), description="axis of rz")
 
     @field_validator(*_AXES)
     @classmethod
@@ -61,69 +62,70 @@ class Beams(Section):
             return given
         own = given.direction[_AXES.index(str(info.field_name)) % 3]
         if own <= 0.0 or own**2 < _NEAREST_SQUARED * sum(part**2 for part in given.direction):
-            raise ValueError("a direction within 30 degrees of the channel's own axis, the way in which it counts up")
+            raise ValueError("a direction within 30 degrees of the channel's own axis, pointing to increasing readings")
         return given
 
     @property
     def are_plain(self) -> bool:
-        """Whether every channel is along its own axis through the platform's origin, as far as anybody knows."""
+        """Whether every channel is declared as along its own axis through the platform's origin."""
         return self == Beams()
 
 
 class Growth(Section):
-    """Material between a channel's mirror and what is measured, and how it grows."""
+    """Material between a channel's mirror and the measured point, and its expansion."""
 
-    length_mm: Finite = Field(
-        description="positive where growth moves the mirror the way in which the channel counts up"
-    )
+    length_mm: Finite = Field(description="positive if expansion increases the reading")
     expansion_per_k: Expansion = Field(description="expansion of the material")
-    expansion_sigma_per_k: NotNegative = Field(0.0, description="one sigma of it")
+    expansion_sigma_per_k: NotNegative = Field(0.0, description="standard deviation of the expansion")
 
 
 class AxisGrowth(Section):
-    """A positioned axis: it is as long as its material's temperature makes it."""
+    """Thermal expansion of a positioned axis."""
 
     expansion_per_k: Expansion = Field(description="expansion of the material")
-    expansion_sigma_per_k: NotNegative = Field(0.0, description="one sigma of it")
+    expansion_sigma_per_k: NotNegative = Field(0.0, description="standard deviation of the expansion")
 
 
 class Material(Section):
-    """[interferometer.material]: what material_temperature_c does to readings; corrected where it is said."""
+    """[interferometer.material]: effect of material_temperature_c on readings; declared channels are corrected."""
 
-    dx: Growth | None = Field(None, description="of the channel dx")
-    dy: Growth | None = Field(None, description="of the channel dy")
-    dz: Growth | None = Field(None, description="of the channel dz")
+    dx: Growth | None = Field(None, description="channel dx")
+    dy: Growth | None = Field(None, description="channel dy")
+    dz: Growth | None = Field(None, description="channel dz")
     axis: AxisGrowth | None = Field(None, description="positioning runs")
 
 
 class SurroundingsSigma(Section):
-    """[interferometer.surroundings_sigma]: one sigma of what reads air and material, and of the index."""
+    """[interferometer.surroundings_sigma]: standard deviations of the sensors of air and material, and of the
+    refractive index."""
 
     air_temperature_c: NotNegative = Field(0.0, description="temperature of the air")
-    air_pressure_hpa: NotNegative = Field(0.0, description="its pressure")
-    relative_humidity_pct: NotNegative = Field(0.0, description="its humidity")
+    air_pressure_hpa: NotNegative = Field(0.0, description="pressure of the air")
+    relative_humidity_pct: NotNegative = Field(0.0, description="humidity of the air")
     material_temperature_c: NotNegative = Field(0.0, description="temperature of the material")
-    index: NotNegative = Field(1e-8, description="of the equation of the refractive index")
+    index: NotNegative = Field(1e-8, description="equation of the refractive index")
 
 
 class Interferometer(Section):
     """[interferometer]: wavelength, dead path, air, beams and material."""
 
-    wavelength_nm: float = Field(632.990577, gt=100.0, lt=1e5, description="of the laser in vacuum")
+    wavelength_nm: float = Field(632.990577, gt=100.0, lt=1e5, description="vacuum wavelength of the laser")
     dead_path_mm: DeadPaths = Field(
         DeadPaths(),
         description="one number, or one per linear channel; negative where a reading grows as its path shrinks",
     )
     compensated: bool = Field(True, description="whether readings are compensated for the refractive index of air")
-    passes: int = Field(2, ge=1, description="raw signals: how often light goes the way to the mirror")
+    passes: int = Field(2, ge=1, description="raw signals: number of passes of the light to the mirror")
     average_samples: bool = Field(
-        False, description="readings: several of a step and channel are samples of it, and their mean counts"
+        False, description="readings: several of one step and channel are samples, and their mean is used"
     )
-    signal_step: Positive | None = Field(None, description="raw signals: whole steps of a converter, this large")
-    beams: Beams = Field(Beams(), description="where a beam is askew, or meets the platform off its origin")
-    material: Material = Field(Material(), description="what the material between mirror and platform grows")
+    signal_step: Positive | None = Field(
+        None, description="raw signals: step of the converter, if they are whole multiples of it"
+    )
+    beams: Beams = Field(Beams(), description="for beams that are oblique, or that miss the platform's origin")
+    material: Material = Field(Material(), description="expansion of the material between mirror and platform")
     surroundings_sigma: SurroundingsSigma | None = Field(
-        None, description="how well air and material are known; absent: exactly"
+        None, description="uncertainty of air and material; absent: exact"
     )
 
     @field_validator("dead_path_mm", mode="before")

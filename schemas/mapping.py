@@ -1,4 +1,4 @@
-"""[files.<table>]: how a laboratory's own export becomes one of the contract's tables, untouched."""
+"""[files.<table>]: mapping of a laboratory's own export to one of the tables, without changes to the file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag,
 from truing.schemas.section import Finite, Name, Positive, RawText, Section, Whole, is_path, is_raw_text
 
 LONGEST_PATTERN = 20_000
-_FILLED = re.compile(r"(.?[<>^])?\d{0,2}")  # what may follow a name's colon: the column is filled up
+_FILLED = re.compile(r"(.?[<>^])?\d{0,2}")  # allowed format after a name's colon: padding
 
 FORMATS = (
     *("auto", "delimited", "parquet", "ply", "pcd", "xyz", "c3d", "trc", "rtl"),
@@ -24,7 +24,7 @@ FORMATS = (
 )
 FORMAT_ENTRY_POINTS = "truing.formats"  # group of installed packages
 
-# What tells the forms of a key apart, where it takes several; no key is called so.
+# Tags of the forms of a key that takes several forms; no key has such a name.
 OF_NAME, OF_TABLE = "<name>", "<table>"
 Channel = Literal["dx", "dy", "dz", "rx", "ry", "rz"]
 
@@ -34,11 +34,11 @@ _NOT_OF_FILES = ("idna", "punycode", "unicode-escape", "raw-unicode-escape", "un
 def _compiles(pattern: str) -> str:
     if len(pattern) > LONGEST_PATTERN:
         raise ValueError(f"a regular expression of at most {LONGEST_PATTERN} characters")
-    import regex  # not where every command would wait for it
+    import regex  # imported here, because it slows every command down
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of what later versions of Python may read in another way
+            warnings.simplefilter("ignore")  # warnings about syntax of later Python versions
             re.compile(pattern)
             re.compile(pattern.encode())
             regex.compile(pattern)
@@ -60,7 +60,7 @@ def _is_template(template: str) -> str:
     if not parts or any(name == "" for _, name, _, _ in parts):
         raise ValueError('a template with the names of columns in braces, such as "{set}-{ID}"')
     if any(conversion is not None or not _FILLED.fullmatch(form or "") for _, _, form, conversion in parts):
-        raise ValueError("a template that fills a column up at most, to no more than 99 characters, as {ID:0>3} does")
+        raise ValueError("a template with padding as its only format, to at most 99 characters, such as {ID:0>3}")
     return template
 
 
@@ -68,7 +68,7 @@ def _is_template_of_names(template: str) -> str:
     parts = [part for part in string.Formatter().parse(_is_template(template)) if part[1] is not None]
     names = [name or "" for _, name, _, _ in parts]
     if len(set(names)) < len(names) or not all(name.isidentifier() for name in names):
-        raise ValueError('a template in which every name stands once and is a word: "{target}_{axis}"')
+        raise ValueError('a template with each name once, as a word: "{target}_{axis}"')
     if any(form for _, _, form, _ in parts):
         raise ValueError("a template of names without a colon")
     return template
@@ -81,7 +81,7 @@ def _is_time_format(form: str) -> str:
         if "does not match" not in str(error):
             raise ValueError(f"a format of strptime, such as %Y-%m-%d %H:%M:%S: {error}") from None
     except (re.error, IndexError, OverflowError, RecursionError):
-        raise ValueError("a format of strptime that holds each of its directives once") from None
+        raise ValueError("a format of strptime with each directive once") from None
     return form
 
 
@@ -90,7 +90,7 @@ def _refer_to_groups(names: dict[str, str]) -> dict[str, str]:
         try:
             re.compile(pattern).sub(name, "")
         except (re.error, IndexError) as error:
-            raise ValueError(f"a new name that refers to groups of its own expression alone: {error}") from None
+            raise ValueError(f"a new name that refers only to groups of its own expression: {error}") from None
     return names
 
 
@@ -103,7 +103,7 @@ Renames = Annotated[dict[Pattern, RawText], AfterValidator(_refer_to_groups)]
 
 
 def _is_format(name: str) -> str:
-    """Own formats first: asking what is installed takes time."""
+    """Accept own formats first, because the query of installed packages is slow."""
     if name not in FORMATS:
         added = sorted(entry_points(group=FORMAT_ENTRY_POINTS).names)
         if name not in added:
@@ -121,30 +121,30 @@ RawColumn = Annotated[str | int, BeforeValidator(_is_raw_column)]
 
 
 class RawValue(Section):
-    """One raw column and what its numbers stand for: ``value = raw * scale + offset``, then wrapped, then divided by
-    ``coverage``; all in ``unit``, from which the value is brought into that of the table's column."""
+    """One raw column and the meaning of its numbers: ``value = raw * scale + offset``, then wrapped, then divided by
+    ``coverage``, all in ``unit``; the value is then converted to the unit of the table's column."""
 
     name: RawColumn | None = Field(None, description="raw name, or position from 1; absent: the column's own name")
-    unit: RawText | None = Field(None, description="unit that the value is in")
-    scale: Finite = Field(1.0, description="factor of the raw number; -1 turns the direction round")
+    unit: RawText | None = Field(None, description="unit of the value")
+    scale: Finite = Field(1.0, description="factor of the raw number; -1 inverts the direction")
     offset: Finite = Field(0.0, description="added to the scaled number, in `unit`")
-    modulo: Positive | None = Field(None, description="period that the value is wrapped into, in `unit`")
-    lowest: Finite | None = Field(None, description="least value after wrapping, in `unit`; absent: 0")
+    modulo: Positive | None = Field(None, description="period for wrapping the value, in `unit`")
+    lowest: Finite | None = Field(None, description="lower end of the wrapped range, in `unit`; absent: 0")
     coverage: Positive | None = Field(
-        None, description="coverage factor k of an expanded uncertainty U = k sigma, which is divided by it"
+        None, description="coverage factor k of an expanded uncertainty U = k sigma; the value is divided by it"
     )
 
     @model_validator(mode="after")
     def _makes_sense(self) -> RawValue:
         if self.scale == 0.0:
-            raise ValueError("a scale other than 0, which would make all values alike")
+            raise ValueError("a scale other than 0, because 0 makes all values equal")
         if self.lowest is not None and self.modulo is None:
             raise ValueError("lowest together with modulo, the period")
         return self
 
     @property
     def is_plain(self) -> bool:
-        """Whether numbers are taken as they are, their unit apart."""
+        """Whether numbers are used unchanged except for their unit."""
         return (self.scale, self.offset, self.modulo, self.coverage) == (1.0, 0.0, None, None)
 
 
@@ -167,7 +167,7 @@ def _is_separator(text: str) -> str:
 
 def _is_quote(text: str) -> str:
     if text and not _is_mark(text):
-        raise ValueError("one ASCII character, or empty where a quotation mark is a mark like any other")
+        raise ValueError("one ASCII character, or empty if the file has no quoting")
     return text
 
 
@@ -223,11 +223,10 @@ Source = Annotated[Annotated[RawColumn, Tag(OF_NAME)] | Annotated[RawValue, Tag(
 
 
 class FileMapping(Section):
-    """One [files.<table>] entry (or one of several): which raw files, in which format, which column is what.
+    """One [files.<table>] entry (or one of several): raw files, format and columns.
 
-    A column of the table is what ``constants``, ``from_name``, ``split``, ``number_rows`` or ``join`` says it
-    is, else the raw column that ``columns`` names, else the raw column of the same name. Then ``rename`` and
-    ``offset`` apply.
+    A column of the table comes from ``constants``, ``from_name``, ``split``, ``number_rows`` or ``join``, else from the
+    raw column in ``columns``, else from the raw column of the same name. Then ``rename`` and ``offset`` apply.
     """
 
     path: Paths = Field(description="file or glob, relative to campaign.toml")
@@ -236,24 +235,26 @@ class FileMapping(Section):
         description=f"one of {', '.join(FORMATS)}, or an installed package's own; auto goes by the file's name",
     )
     separator: Annotated[RawText, AfterValidator(_is_separator)] | None = Field(
-        None, description='one character, or "whitespace"; absent: found out'
+        None, description='one character, or "whitespace"; absent: detected'
     )
-    header: bool | None = Field(None, description="whether the first line names the columns")
+    header: bool | None = Field(None, description="whether the first line holds the column names")
     names: tuple[RawText, ...] = Field((), description="names for the columns of a file without header")
-    decimal: Literal[".", ","] = Field(".", description="the decimal mark")
-    thousands: Literal[",", ".", "'", " "] | None = Field(None, description="a blank: any kind of blank")
-    encoding: Annotated[RawText, AfterValidator(_is_encoding)] = Field("utf-8", description="of the files")
-    quote: Annotated[RawText, AfterValidator(_is_quote)] = Field(
-        '"', description="empty where a quotation mark is a mark like any other"
+    decimal: Literal[".", ","] = Field(".", description="decimal mark")
+    thousands: Literal[",", ".", "'", " "] | None = Field(
+        None, description="thousands separator; a blank: any kind of blank"
     )
-    comment: RawText | None = Field(None, description="lines that begin with it are passed over")
-    skip_lines: int = Field(0, ge=0, description="lines at the top to pass over")
-    keep_lines: Pattern | None = Field(None, description="expression of the lines to read")
+    encoding: Annotated[RawText, AfterValidator(_is_encoding)] = Field("utf-8", description="encoding of the files")
+    quote: Annotated[RawText, AfterValidator(_is_quote)] = Field(
+        '"', description="quotation mark; empty if the file has no quoting"
+    )
+    comment: RawText | None = Field(None, description="lines that begin with this text are skipped")
+    skip_lines: int = Field(0, ge=0, description="number of lines to skip at the top")
+    keep_lines: Pattern | None = Field(None, description="regular expression for the lines to read")
     columns: dict[Name, Source] = Field(
         default_factory=dict,
-        description="column = raw name, or position from 1, or a table with its name and what its numbers stand for",
+        description="column = raw name, or position from 1, or a table with the name and the meaning of its numbers",
     )
-    units: dict[Name, RawText] = Field(default_factory=dict, description="column = unit it is given in")
+    units: dict[Name, RawText] = Field(default_factory=dict, description="column = its unit in the file")
     unit: RawText | None = Field(None, description="unit of all coordinates")
     constants: dict[Name, Constant] = Field(default_factory=dict, description="column = its value")
     missing: tuple[RawText, ...] = Field(
@@ -261,17 +262,19 @@ class FileMapping(Section):
     )
     from_name: GroupPattern | None = Field(
         None,
-        description="regular expression on the file's name (on its path, where it holds a slash); "
-        "named groups become columns",
+        description="regular expression on the file's name (on its path, if the expression contains a slash); named "
+        "groups become columns",
     )
     split: dict[Name, GroupPattern] = Field(
         default_factory=dict,
         description="column = regular expression for its whole value; named groups become columns",
     )
-    number_rows: dict[Name, Whole] = Field(default_factory=dict, description="column = number of a file's first row")
+    number_rows: dict[Name, Whole] = Field(
+        default_factory=dict, description="column = number of the first row of a file"
+    )
     join: dict[Name, Template] = Field(default_factory=dict, description='column = template, such as "{set}-{ID}"')
     rename: dict[Name, Renames] = Field(
-        default_factory=dict, description="column = expressions for whole values, and what they become"
+        default_factory=dict, description="column = regular expressions for whole values, and their replacements"
     )
     offset: dict[Name, Whole] = Field(default_factory=dict, description="column = whole number to add")
     coverage: Positive | None = Field(
@@ -280,36 +283,38 @@ class FileMapping(Section):
     rows_per_pose: int | None = Field(
         None,
         ge=2,
-        description="so many rows of the file make a pose: of `points` they share its number; of tables with one row "
-        "per pose (poses, configurations) they stand side by side, columns by position from 1 on",
+        description="number of rows of the file per pose: in `points`, they share a pose number; in tables with one "
+        "row per pose (poses, configurations), they are joined side by side, with columns by position "
+        "from 1",
     )
     rows_per_group: dict[Name, Annotated[Whole, Field(ge=1)]] = Field(
         default_factory=dict,
-        description="column = so many rows share its number; other columns of number_rows count anew in each group",
+        description="column = number of rows that share its number; other columns of number_rows restart in each group",
     )
     sheet: Sheet | None = Field(
         None, description="xlsx: name of the sheet, or its number from 1; absent: the only visible one"
     )
     variable: Variables | None = Field(
-        None, description="mat: variable, or several side by side; fields of structs as a.b"
+        None, description="mat: name of the variable, or of several side by side; fields of structs as a.b"
     )
     transpose: bool = Field(False, description="mat: rows of the file are columns of the table")
     select: dict[Name, Pattern] = Field(
-        default_factory=dict, description="column = expression for the whole value of the rows to read"
+        default_factory=dict, description="column = regular expression for the whole value, for rows to read"
     )
     ignore: Pattern | None = Field(
-        None, description="expression for the whole names of raw columns not to carry along as covariates"
+        None, description="regular expression for whole names of raw columns that are not read as covariates"
     )
     channels: dict[Channel, RawColumn] = Field(
-        default_factory=dict, description="interferometer: channel = raw column of its readings; a row per channel"
+        default_factory=dict,
+        description="interferometer: channel = raw column of its readings; gives one row per channel",
     )
     wide: TemplateOfNames | None = Field(
-        None, description='template of the raw names of coordinates, "{target}_{axis}": a row per target'
+        None, description='template of the raw names of coordinates, "{target}_{axis}"; gives one row per target'
     )
     arrays: dict[RawText, tuple[Name, ...]] = Field(
-        default_factory=dict, description="raw column whose cells hold several numbers = names for these"
+        default_factory=dict, description="raw column with several numbers per cell = names for these numbers"
     )
-    time_format: TimeFormat | None = Field(None, description="strptime format of time_s, counted from the earliest")
+    time_format: TimeFormat | None = Field(None, description="strptime format of time_s; times count from the earliest")
 
     @model_validator(mode="after")
     def _wide_names_targets(self) -> FileMapping:
@@ -321,7 +326,7 @@ class FileMapping(Section):
     def _said_once(self) -> FileMapping:
         for name, source in self.columns.items():
             if isinstance(source, RawValue) and source.coverage is not None and not is_uncertainty(name):
-                raise ValueError(f"coverage for sigma_... columns alone: {name} is no uncertainty")
+                raise ValueError(f"coverage only for sigma_... columns; {name} is not an uncertainty")
             if isinstance(source, RawValue) and source.unit is not None and name in self.units:
                 raise ValueError(f"the unit of {name} once: in columns, or in units")
         if self.rows_per_pose is not None and "pose" in self.rows_per_group:
@@ -335,14 +340,14 @@ class FileMapping(Section):
         return self
 
     def reference(self, name: str) -> str | int:
-        """The raw name or position that a column is read from; its own name where nothing else is said."""
+        """Raw name or position of a column; its own name by default."""
         source = self.columns.get(name, name)
         if isinstance(source, RawValue):
             return name if source.name is None else source.name
         return source
 
     def value(self, name: str) -> RawValue:
-        """What the numbers of a column stand for."""
+        """Meaning of the numbers of a column."""
         source = self.columns.get(name)
         given = source if isinstance(source, RawValue) else RawValue()
         if self.coverage is not None and given.coverage is None and is_uncertainty(name):
@@ -351,12 +356,12 @@ class FileMapping(Section):
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """The files or globs as a tuple, also where there is one."""
+        """Files or globs as a tuple."""
         return (self.path,) if isinstance(self.path, str) else self.path
 
     @property
     def by_channel(self) -> tuple[FileMapping, ...]:
-        """An entry for each of ``channels``, which reads its column alone; the entry itself where there are none."""
+        """One entry for each of ``channels``, which reads only that column; the entry itself without channels."""
         if not self.channels:
             return (self,)
         others = [re.escape(str(column)) for column in self.channels.values()]

@@ -1,4 +1,4 @@
-"""[mechanism]: legs with actuators that carry a platform, a force sensor, one axis, or none."""
+"""[mechanism]: legs with actuators, a force sensor, one axis, or none."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from truing.schemas.section import TYPED, Finite, Name, NotNegative, Path, Posit
 _STIFFEST_GPA = 2000.0  # diamond has 1200
 _IN_GPA = {"MPa": 1e-3, "Pa": 1e-9}
 _LIKELY_GPA = (0.5, _STIFFEST_GPA)
-# No rod of a machine is thinner over its length; in metres it is a thousandth of what it was.
+# Least ratio of diameter to length of a rod; a diameter given in metres falls below it.
 _THINNEST = 5e-4
 
-# A lab's package names its own closures of a leg under this group: `"my-type" = "my_package.legs:MyLeg"`.
+# Entry points of closures in installed packages: `"my-type" = "my_package.legs:MyLeg"`.
 CLOSURES = "truing.closures"
 OF_LEGS = ("6-pus", "ups")
 WITHOUT_LEGS = ("6-upur", "axis", "none")
-"""Types whose bodies no legs with actuators carry."""
+"""Types without legs that have actuators."""
 
-# What stages that read the rows of an axis declare: columns, how far it stands from its command, noise of encoders.
+# Settings of stages that read the rows of an axis: columns, noise of the command, noise of the encoders.
 COLUMNS_OF_AXES = tuple(
     f"mechanism.{name}" for name in ("kind", "command", "motor", "load", "loop", "counts_per_deg", "counts_per_mm")
 )
@@ -42,7 +42,7 @@ def _is_modulus(value: float) -> float:
 
 
 def thin_rod(what: str, diameter_mm: float, length_mm: float | None) -> None:
-    """Raise ValueError where a rod is thinner than any, as one is whose diameter is in metres."""
+    """Raise ValueError for a rod thinner than any real one, as with a diameter given in metres."""
     if length_mm and diameter_mm < _THINNEST * length_mm:
         raise ValueError(
             f"{what}.diameter_mm of at least 1/{1 / _THINNEST:g} of its length, {length_mm:g} mm; "
@@ -57,12 +57,12 @@ Poisson = Annotated[float, Field(gt=-1.0, lt=0.5)]
 class Leg(Section):
     """One leg of a legged mechanism: joints, actuator direction and lengths."""
 
-    a_mm: Vector = Field(description="actuator's zero on the base, base frame")
+    a_mm: Vector = Field(description="zero point of the actuator on the base, base frame")
     b_mm: Vector = Field(description="joint on the platform, platform frame")
     u: Vector | None = Field(None, description="unit direction of the actuator, base frame")
     length_mm: Positive = Field(description="leg length (ups: at zero reading)")
     rho0_mm: Finite = Field(0.0, description="actuator reading in the reference configuration")
-    flexure_length_mm: Positive | None = Field(None, description="length of the flexures at its ends")
+    flexure_length_mm: Positive | None = Field(None, description="length of the flexures at both ends")
 
     @model_validator(mode="after")
     def _direction_is_unit(self) -> Leg:
@@ -74,13 +74,13 @@ class Leg(Section):
 class Rod(Section):
     """A circular elastic part: flexure or leg tube."""
 
-    diameter_mm: Positive = Field(description="its diameter")
+    diameter_mm: Positive = Field(description="diameter")
     youngs_gpa: Modulus = Field(description="Young's modulus")
     poisson: Poisson = Field(description="Poisson's ratio")
 
 
 class Tolerance(Section):
-    """[mechanism.tolerance]: one standard deviation of manufacturing and assembly, the prior of calibration."""
+    """[mechanism.tolerance]: standard deviations of manufacturing and assembly, the prior of calibration."""
 
     a_mm: NotNegative | None = Field(None, description="each coordinate of the joints on the base")
     b_mm: NotNegative | None = Field(None, description="each coordinate of the joints on the platform")
@@ -90,19 +90,21 @@ class Tolerance(Section):
 
 
 class MechanismSection(Section):
-    """[mechanism], whatever its type."""
+    """Base of all types of [mechanism]."""
 
-    type: Name = Field(description="6-pus, ups, 6-upur, axis, none, or what an installed package adds")
-    reference_temperature_c: Temperature = Field(20.0, description="of the survey and of the nominal geometry")
+    type: Name = Field(description="6-pus, ups, 6-upur, axis, none, or a type of an installed package")
+    reference_temperature_c: Temperature = Field(
+        20.0, description="temperature of the survey and of the nominal geometry"
+    )
 
     @property
     def is_legged(self) -> bool:
-        """Whether legs with actuators carry a platform, whose readings say where it is."""
+        """Whether legs with actuators carry a platform, so that readings determine its pose."""
         return self.type not in WITHOUT_LEGS
 
 
 def _known_closure(kind: str) -> str:
-    """Own types first: asking what is installed takes time."""
+    """Accept own types first, because the query of installed packages is slow."""
     if kind not in OF_LEGS:
         added = sorted(entry_points(group=CLOSURES).names)
         if kind not in added:
@@ -111,28 +113,30 @@ def _known_closure(kind: str) -> str:
 
 
 class NoMechanism(MechanismSection):
-    """[mechanism] absent or type = "none": bodies of any names, and nothing that says how they move."""
+    """[mechanism] absent or type = "none": bodies of any names, without a model of their motion."""
 
     type: Literal["none"] = Field("none", description="none: bodies of any names")
 
 
 class LeggedMechanism(MechanismSection):
-    """[mechanism] of type 6-pus, ups or an installed package's own: nominal geometry and its tolerance."""
+    """[mechanism] of type 6-pus, ups or that of an installed package: nominal geometry and its tolerance."""
 
     type: Annotated[str, AfterValidator(_known_closure)] = Field(
-        description="6-pus: fixed legs, moved actuators; ups: legs of variable length; or an installed package's own"
+        description="6-pus: fixed legs, moved actuators; ups: legs of variable length; or a type of an installed "
+        "package"
     )
     legs: tuple[Leg, ...] = Field(description="one entry per leg, in leg order")
     flexure: Rod | None = Field(None, description="stiffness model: the flexures")
     leg_tube: Rod | None = Field(None, description="stiffness model: the legs")
-    tolerance: Tolerance = Field(Tolerance(), description="how well the geometry is known beforehand")
-    actuator_pitch_mm: Positive | None = Field(None, description="pitch of the actuators' leadscrew")
+    tolerance: Tolerance = Field(Tolerance(), description="prior uncertainty of the geometry")
+    actuator_pitch_mm: Positive | None = Field(None, description="lead of the actuators' leadscrews")
     payload_kg: Positive | None = Field(
         None,
-        description="what the legs carry, platform included; a column of configurations.csv with this name comes first",
+        description="mass that the legs carry, platform included; a column of configurations.csv with this name has "
+        "precedence",
     )
-    payload_com_mm: Vector = Field((0.0, 0.0, 0.0), description="its centre of gravity, platform frame")
-    model: Path | None = Field(None, description="model.toml of an earlier campaign of this machine, to start from")
+    payload_com_mm: Vector = Field((0.0, 0.0, 0.0), description="centre of gravity of this mass, platform frame")
+    model: Path | None = Field(None, description="model.toml of an earlier campaign of this machine, as a start")
 
     @model_validator(mode="after")
     def _legs_fit_the_type(self) -> LeggedMechanism:
@@ -146,7 +150,7 @@ class LeggedMechanism(MechanismSection):
 
     @model_validator(mode="after")
     def _parts_are_no_longer_than_the_legs(self) -> LeggedMechanism:
-        """A tolerance or flexure longer than a leg contradicts the drawing: a slipped decimal, or another unit."""
+        """Reject a tolerance or flexure longer than a leg: a wrong decimal point or unit."""
         shortest = min(leg.length_mm for leg in self.legs)
         sizes = {f"tolerance.{name}": size or 0.0 for name, size in self.tolerance if name.endswith("_mm")}
         sizes["two flexures of a leg"] = max(2.0 * (leg.flexure_length_mm or 0.0) for leg in self.legs)
@@ -167,7 +171,7 @@ class SensorLeg(Section):
     b_mm: Vector = Field(description="upper joint centre, platform frame")
 
 
-# What each kind of element needs; a rigid one without length takes up the rest of its leg, a notch is 2 radius long.
+# Required keys by kind; a rigid element without length fills the rest of its leg, a notch is 2 radius long.
 _ELASTIC = ("youngs_gpa", "poisson")
 _NEEDED: dict[str, tuple[str, ...]] = {
     "cylinder": ("length_mm", "diameter_mm", *_ELASTIC),
@@ -186,22 +190,26 @@ _ALLOWED: dict[str, tuple[str, ...]] = {
 
 
 class SensorElement(Section):
-    """One element of a sensor's leg, from the base to the platform; what it needs depends on its kind."""
+    """One element of a sensor's leg, from the base to the platform; its kind determines its keys."""
 
-    kind: Literal["cylinder", "leaf", "notch", "spring", "rigid", "compliance"] = Field(description="what it is")
-    length_mm: NotNegative | None = Field(None, description="along the leg; absent: rigid takes up what is left of it")
-    diameter_mm: Positive | None = Field(None, description="cylinder")
-    width_mm: Positive | None = Field(None, description="leaf, notch: across")
-    thickness_mm: Positive | None = Field(None, description="leaf")
-    web_mm: Positive | None = Field(None, description="notch: what is left at its thinnest")
-    radius_mm: Positive | None = Field(None, description="notch")
-    soft: Literal["s1", "s2"] | None = Field(None, description="leaf, notch: the axis that it bends about")
+    kind: Literal["cylinder", "leaf", "notch", "spring", "rigid", "compliance"] = Field(
+        description="kind of the element"
+    )
+    length_mm: NotNegative | None = Field(
+        None, description="length along the leg; absent: a rigid element fills the rest of the leg"
+    )
+    diameter_mm: Positive | None = Field(None, description="cylinder: diameter")
+    width_mm: Positive | None = Field(None, description="leaf, notch: width across the leg")
+    thickness_mm: Positive | None = Field(None, description="leaf: thickness")
+    web_mm: Positive | None = Field(None, description="notch: smallest thickness")
+    radius_mm: Positive | None = Field(None, description="notch: radius")
+    soft: Literal["s1", "s2"] | None = Field(None, description="leaf, notch: axis of bending")
     youngs_gpa: Modulus | None = Field(None, description="Young's modulus")
     poisson: Poisson | None = Field(None, description="Poisson's ratio")
     axial_n_per_m: Positive | None = Field(None, description="spring: stiffness along the leg; absent: rigid")
     torsion_n_m_per_rad: Positive | None = Field(None, description="spring: stiffness about the leg; absent: rigid")
     matrix: tuple[tuple[Finite, ...], ...] | None = Field(
-        None, description="compliance, 6 x 6, SI, at the element's outer end"
+        None, description="compliance: 6 x 6 matrix, SI, at the element's outer end"
     )
 
     @model_validator(mode="after")
@@ -217,7 +225,7 @@ class SensorElement(Section):
             thin_rod("cylinder", self.diameter_mm or 0.0, self.length_mm)
         own = 2.0 * (self.radius_mm or 0.0)
         if self.kind == "notch" and abs((self.length_mm or own) - own) > TYPED * own:
-            raise ValueError(f"length_mm to be 2 radius_mm, {own:g}, {kind}; absent it is that")
+            raise ValueError(f"length_mm to be 2 radius_mm, {own:g}, {kind}; absent: this value")
         rows = [len(row) for row in self.matrix or ()]
         if rows and rows != [6] * 6:
             raise ValueError(f"a matrix of 6 x 6 numbers, not rows of {', '.join(map(str, rows))}")
@@ -225,28 +233,26 @@ class SensorElement(Section):
 
 
 class SensorTolerance(Section):
-    """[mechanism.tolerance] of a 6-upur: full widths T, sigma = T / 6."""
+    """[mechanism.tolerance] of a 6-upur: full widths T, with sigma = T / 6."""
 
     platform_radius_um: NotNegative | None = Field(None, description="radius of the upper joints")
     base_radius_um: NotNegative | None = Field(None, description="radius of the lower joints")
     lower_clearance_um: NotNegative | None = Field(None, description="clearance of the lower joint")
     middle_clearance_um: NotNegative | None = Field(None, description="clearance of the middle joint")
     sensor_installation_um: NotNegative | None = Field(None, description="installation of the cell in its leg")
-    stiffness: Share = Field(0.0, description="one sigma, relative, of the elastic parameters")
+    stiffness: Share = Field(0.0, description="relative standard deviation of the elastic parameters")
 
 
 class SensorMechanism(MechanismSection):
-    """[mechanism] of type 6-upur: joint centres, and the elements of one leg or the compliance itself."""
+    """[mechanism] of type 6-upur: joint centres, and the elements of one leg or the compliance."""
 
     type: Literal["6-upur"] = Field(description="a force sensor of six elastic legs")
     legs: tuple[SensorLeg, ...] = Field(min_length=6, max_length=6, description="six entries, in leg order")
-    height_mm: Positive = Field(description="platform's origin above that of the fixed frame, unloaded")
-    elements: tuple[SensorElement, ...] = Field((), description="of one leg, from the base to the platform")
-    compliance_file: Path | None = Field(None, description="the simulated compliance, 6 x 6, SI, instead of elements")
-    tolerance: SensorTolerance = Field(
-        SensorTolerance(), description="how well geometry and stiffness are known beforehand"
-    )
-    model: Path | None = Field(None, description="model.toml of an earlier campaign of this sensor, to start from")
+    height_mm: Positive = Field(description="height of the platform's origin above the fixed frame's, without load")
+    elements: tuple[SensorElement, ...] = Field((), description="elements of one leg, from the base to the platform")
+    compliance_file: Path | None = Field(None, description="simulated compliance, 6 x 6, SI, instead of elements")
+    tolerance: SensorTolerance = Field(SensorTolerance(), description="prior uncertainty of geometry and stiffness")
+    model: Path | None = Field(None, description="model.toml of an earlier campaign of this sensor, as a start")
 
     @model_validator(mode="after")
     def _one_simulation(self) -> SensorMechanism:
@@ -256,33 +262,35 @@ class SensorMechanism(MechanismSection):
 
 
 class AxisMechanism(MechanismSection):
-    """[mechanism] of type axis: which columns of configurations.csv hold its command and its encoders."""
+    """[mechanism] of type axis: columns of configurations.csv with its command and its encoders."""
 
     type: Literal["axis"] = Field(description="one rotary or linear axis")
-    kind: Literal["rotary", "linear"] = Field(description="rotary: angles, in degrees; linear: lengths, in mm")
-    command: Name = Field(description="column of where the axis was sent: ..._deg, ..._mm or ..._counts")
-    motor: Name | None = Field(None, description="column of the encoder at the motor")
-    load: Name | None = Field(None, description="column of the encoder at the load, behind the transmission")
+    kind: Literal["rotary", "linear"] = Field(description="rotary: angles in degrees; linear: lengths in mm")
+    command: Name = Field(description="column of the command: ..._deg, ..._mm or ..._counts")
+    motor: Name | None = Field(None, description="column of the motor encoder")
+    load: Name | None = Field(None, description="column of the load encoder, after the transmission")
     loop: Literal["motor", "load"] = Field(
-        "motor", description="the encoder that the controller holds to the command, recorded or not"
+        "motor", description="encoder in the controller's feedback loop, recorded or not"
     )
-    counts_per_deg: Positive | None = Field(None, description="rotary: counts of columns that end in _counts")
-    counts_per_mm: Positive | None = Field(None, description="linear: counts of columns that end in _counts")
+    counts_per_deg: Positive | None = Field(
+        None, description="rotary: counts per degree, for columns that end in _counts"
+    )
+    counts_per_mm: Positive | None = Field(None, description="linear: counts per mm, for columns that end in _counts")
 
     @property
     def unit(self) -> str:
-        """The unit of the axis in tables: deg or mm."""
+        """Unit of the axis in tables: deg or mm."""
         return _UNIT[self.kind]
 
     @property
     def columns(self) -> dict[str, str]:
-        """The columns that the section names, by what they hold: command, motor, load."""
+        """Columns named in the section, by content: command, motor, load."""
         named = {"command": self.command, "motor": self.motor, "load": self.load}
         return {what: column for what, column in named.items() if column is not None}
 
     @property
     def counts_per_unit(self) -> float | None:
-        """Counts per degree or per mm; None where no column is in counts."""
+        """Counts per degree or per mm; None if no column is in counts."""
         return self.counts_per_deg if self.kind == "rotary" else self.counts_per_mm
 
     @model_validator(mode="after")
@@ -292,9 +300,9 @@ class AxisMechanism(MechanismSection):
             if not column.endswith((f"_{unit}", _COUNTS)):
                 raise ValueError(f"a column ..._{unit} or ...{_COUNTS} as {what} of a {self.kind} axis, not {column}")
             if column.endswith(_COUNTS) and self.counts_per_unit is None:
-                raise ValueError(f"counts_per_{unit}, since column {column} is in counts")
+                raise ValueError(f"counts_per_{unit}, because column {column} is in counts")
         if len(set(self.columns.values())) < len(self.columns):
-            raise ValueError("a column of its own for each of command, motor and load")
+            raise ValueError("different columns for command, motor and load")
         other = self.counts_per_mm if self.kind == "rotary" else self.counts_per_deg
         if other is not None:
             raise ValueError(f"counts_per_{unit} for a {self.kind} axis")

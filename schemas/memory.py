@@ -1,4 +1,4 @@
-"""Want of memory, by whatever error a library tells of it."""
+"""Recognition of memory shortages in the errors of libraries."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ import errno
 import re
 from collections.abc import Iterator
 
-# What libraries say, in errors that have no type of their own: the loader of the system, Python's and Arrow's threads.
+# Messages of memory shortages without an error type: the system's loader, threads of Python and of Arrow.
 _SAID = re.compile(
     r"failed to map segment|cannot allocate memory|can't start new thread|failed to launch worker thread"
     r"|bad_alloc|static TLS block|unable to allocate|out of memory",
     re.IGNORECASE,
 )
 _ASKED = re.compile(r"alloc of size (\d+) failed")  # Arrow
-_MOST = 1 << 40  # bytes: a damaged file asks for more, which is no want of memory
+_MOST = 1 << 40  # bytes; a damaged file may request more, which is no memory shortage
 _TELLING = (ImportError, RuntimeError, SystemError)
 
 
 def shortage(error: BaseException) -> BaseException | None:
-    """The error that tells of a want of memory, among one and those that it came from; None where none does."""
+    """The first error in the chain of causes that reports a memory shortage; None if there is none."""
     return next(filter(_is_shortage, _chain(error)), None)
 
 
 def raise_shortage(error: BaseException) -> None:
-    """Raise MemoryError where an error comes from a want of memory: what could not be read for it is not broken."""
+    """Raise MemoryError if an error comes from a memory shortage, so that the file does not count as damaged."""
     if (found := shortage(error)) is not None:
         raise MemoryError(str(found)) from error
 
@@ -39,7 +39,7 @@ def _is_shortage(error: BaseException) -> bool:
 
 
 def _chain(error: BaseException) -> Iterator[BaseException]:
-    """An error, and those in whose handling it was raised, also where they are not shown."""
+    """An error and all errors in whose handling it was raised, suppressed ones included."""
     seen: set[int] = set()
     waiting: list[BaseException | None] = [error]
     while waiting:

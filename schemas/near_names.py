@@ -1,4 +1,4 @@
-"""Names that differ in their spelling alone, and which known name somebody may have meant."""
+"""Names that differ only in spelling, and suggestions for mistyped names."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from collections.abc import Iterable, Iterator
 from itertools import islice
 
 _BETWEEN = re.compile(r"(?<!\d)[\s_.-]+|[\s_.-]+(?!\d)|\s+")  # 1-2 is not 12
-_TRIED = 20  # measured names that a hint is sought for: every known one is compared with each
+_TRIED = 20  # measured names to search a hint for, because each is compared with every known name
 _LEADING = re.compile(r"(?<![\d.,])0+(?=\d)")
 
 
 def spelling(name: str) -> str:
-    """Return a name without what spells it alone: capitals, blanks, hyphens, leading zeros."""
+    """Return a name without differences of spelling: capitals, blanks, hyphens, leading zeros."""
     return _LEADING.sub("", _BETWEEN.sub("", name.casefold()))
 
 
 def similar_names(names: Iterable[object]) -> Iterator[list[str]]:
-    """Yield groups of different names that differ in their spelling alone."""
+    """Yield groups of different names that differ only in spelling."""
     groups: dict[str, list[str]] = defaultdict(list)
     for name in dict.fromkeys(map(str, names)):
         groups[spelling(name)].append(name)
@@ -27,9 +27,8 @@ def similar_names(names: Iterable[object]) -> Iterator[list[str]]:
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
-    """Return the known name that was likely meant: the same but for its spelling, else the most similar one; None where
-    none is near.
-    """
+    """Return the known name that was probably meant: equal but for spelling, else the most similar; None if none is
+    near."""
     every = list(known)
     if (same := _same(name, every)) is not None:
         return same
@@ -38,15 +37,15 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
 
 
 def meant(name: str, known: Iterable[str]) -> str:
-    """Return what somebody may have meant as the end of a message; empty where nothing is near."""
+    """Return a suggestion as the end of a message; empty if no known name is near."""
     near = nearest(name, known)
     return "" if near is None else f"; did you mean {near}?"
 
 
 def meant_by(names: Iterable[str], known: Iterable[str]) -> str:
-    """Return the same for the first of several measured names that is near to a known one, which it names.
+    """Return a suggestion for the first of several measured names that is near a known name.
 
-    Names with other numbers are other names: what was measured is numbered, and not mistyped.
+    Names with other numbers are other names, because measured points are numbered and not typed.
     """
     every = list(known)
     for name in islice(names, _TRIED):

@@ -1,4 +1,4 @@
-"""What a next measurement serves, in the order in which a reader needs it."""
+"""Needs that a next measurement serves, the most urgent first."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class Need(StrEnum):
-    """What a next measurement serves; those before come first."""
+    """Need that a next measurement serves, the most urgent first."""
 
     REQUIREMENT = "requirement"
     RIVAL = "rival"
@@ -15,5 +15,5 @@ class Need(StrEnum):
 
     @property
     def rank(self) -> int:
-        """The place in the order of needs, from 0."""
+        """Index in the order of urgency."""
         return list(Need).index(self)

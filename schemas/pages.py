@@ -1,4 +1,4 @@
-"""The reference written from the definitions that are enforced: docs/artifacts.md, docs/reference/campaign-toml.md."""
+"""Generated reference pages: docs/artifacts.md and docs/reference/campaign-toml.md."""
 
 from __future__ import annotations
 
@@ -26,17 +26,21 @@ from truing.schemas.section import Finite, NotNegative, Positive, Vector, Whole
 _COVARIANCE = ("cov_0_0", "cov_5_5")
 _ARTIFACTS_HEAD = """# What does a run leave, column by column?
 
-Written by `python -m schemas` from the definitions in `schemas/`, which are enforced whenever an artifact is
-written or read. Tables are Parquet; the metadata of each file names its schema and version (`truing.schema`,
-`truing.schema_version`), the units (`truing.units`), the stage that made it, the digest of all it was made from,
-the software's version and the campaign. A name means the same in every table.
+This page lists every file of a run folder, with name, unit, bounds and meaning of each column.
+
+Tables are Parquet files. A column name has the same meaning in every table. The metadata of each file holds its
+schema and version (`truing.schema`, `truing.schema_version`), the units (`truing.units`), the stage, the digest of its
+inputs, the software version and the campaign. Every artifact is checked against these definitions (`schemas/`)
+whenever it is written or read. `python -m schemas` writes this page.
 """
 
 _CAMPAIGN_HEAD = """# What may campaign.toml hold, key by key?
 
-Written by `python -m schemas` from the definitions that check it. Every key that is not here is a fault, and the
-message names the nearest one that is. A key without a default is optional unless it says `required`. `truing init --all
-FOLDER` writes a campaign.toml with all of this as comments, and `truing check CAMPAIGN` tells every fault at once.
+This page lists every key of campaign.toml, with type, unit, default and meaning.
+
+An unknown key is a fault, and its message names the nearest known key. A key without a default is optional unless it is
+`required`. `truing init --all FOLDER` writes a campaign.toml with all keys as comments. `truing check CAMPAIGN`
+reports every fault at once. `python -m schemas` writes this page.
 
 | key | takes | unit | default | meaning |
 | --- | --- | --- | --- | --- |
@@ -74,7 +78,7 @@ _SIGNS = {Gt: ("gt", "above"), Ge: ("ge", "from"), Lt: ("lt", "below"), Le: ("le
 
 
 def artifacts_page() -> str:
-    """The whole page as Markdown."""
+    """The page of artifacts as Markdown."""
     return "\n".join([_ARTIFACTS_HEAD, *(_artifact(artifact) for artifact in ARTIFACTS.values())])
 
 
@@ -92,15 +96,15 @@ def _columns(artifact: Artifact) -> Iterator[str]:
     for name in artifact.columns:
         if name == _COVARIANCE[0] or not re.match(r"cov_\d", name):
             yield _column_row(COLUMNS[name])
-    yield from (_column_row(COLUMNS[name], "; where the campaign has it") for name in artifact.optional)
+    yield from (_column_row(COLUMNS[name], "; present if the campaign has it") for name in artifact.optional)
     yield from (_column_row(COLUMNS[name], "; numbered") for name in artifact.families)
     if artifact.covariates:
-        yield "| any other | real |  |  | carried along as a covariate |"
+        yield "| any other | real |  |  | a covariate of the campaign |"
     yield ""
 
 
 def _column_row(column: Column, remark: str = "") -> str:
-    """One line of a table; the entries of a covariance are one line together."""
+    """One table row; the entries of a covariance share one row."""
     first, last = _COVARIANCE
     shown = f"`{first}` .. `{last}`" if column.name == first else f"`{column.family or column.name}`"
     return f"| {shown} | {column.kind} | {column.unit} | {_allowed(column)} | {column.meaning}{remark} |"
@@ -125,7 +129,7 @@ def _allowed(column: Column) -> str:
 
 @dataclass(frozen=True)
 class Table:
-    """One table of campaign.toml, or several that hold the same: where they are, the model that checks them."""
+    """A table of campaign.toml, or several with the same keys: their places, and the model that checks them."""
 
     places: tuple[str, ...]
     model: type[BaseModel]
@@ -133,12 +137,12 @@ class Table:
 
 
 def campaign_page() -> str:
-    """The whole page as Markdown."""
+    """The page of campaign.toml as Markdown."""
     return "\n".join([_CAMPAIGN_HEAD, *(line for table in _top() for line in _written(table))]).rstrip() + "\n"
 
 
 def _top() -> Iterator[Table]:
-    """Tables of the file in the order of the model; of [mechanism] one per family of types."""
+    """Tables of campaign.toml in the order of the model; [mechanism] once per family of types."""
     for table in _within(Campaign, ""):
         if table.places == ("[mechanism]",):
             yield Table(table.places, LeggedMechanism, " of legs and actuators")
@@ -149,7 +153,7 @@ def _top() -> Iterator[Table]:
 
 
 def _within(model: type[BaseModel], place: str, remark: str = "") -> Iterator[Table]:
-    """The tables that a model's keys hold, those of the same kind as one."""
+    """Tables within a model, those with equal keys together."""
     found: dict[type[BaseModel], list[str]] = {}
     for key, field in model.model_fields.items():
         if inner := _model(field.annotation):
@@ -164,7 +168,7 @@ def _bracketed(place: str, annotation: Any) -> str:
 
 
 def _written(table: Table, depth: int = 2) -> Iterator[str]:
-    """A heading, its sentences, its keys, then the tables within it."""
+    """Heading, description and keys of a table, then the tables within it."""
     yield f"{'#' * depth} {', '.join(f'`{place}`' for place in table.places)}{table.remark}\n"
     yield f"{_sentences(table.model)}\n"
     yield "| key | takes | unit | default | meaning |\n| --- | --- | --- | --- | --- |"
@@ -176,7 +180,7 @@ def _written(table: Table, depth: int = 2) -> Iterator[str]:
 
 
 def _sentences(model: type[BaseModel]) -> str:
-    """The first paragraph of a docstring and what follows, without the name of the table before its colon."""
+    """First paragraph of a docstring and the rest, without the table's name before the colon."""
     text = " ".join((model.__doc__ or "").split())
     text = re.sub(r"^(One )?\[[^:]*: ", "", text).replace("``", "`")
     return f"{text[0].upper()}{text[1:]}"
@@ -204,7 +208,7 @@ def _default(field: FieldInfo) -> str:
 
 
 def _takes(annotation: Any, metadata: list[Any]) -> str:
-    """What a key takes, in words."""
+    """Allowed values of a key, in words."""
     if known := next((words for kind, words in _NUMBERS.items() if annotation == kind), ""):
         return known
     origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
@@ -228,7 +232,7 @@ def _plural(words: str) -> str:
 
 
 def _bounds(metadata: list[Any]) -> str:
-    """Limits from a field's constraints, those against absurd sizes left out."""
+    """Limits of a field, except those against implausible sizes."""
     flat = [rule for entry in metadata for rule in (entry.metadata if isinstance(entry, FieldInfo) else [entry])]
     known = [(rule, *sign) for rule in flat for kind, sign in _SIGNS.items() if isinstance(rule, kind)]
     found = [(word, getattr(rule, name)) for rule, name, word in known]
@@ -236,7 +240,7 @@ def _bounds(metadata: list[Any]) -> str:
 
 
 def _model(annotation: Any) -> type[BaseModel] | None:
-    """The table within an annotation, however it is wrapped."""
+    """Model within an annotation."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return next((found for one in typing.get_args(annotation) if (found := _model(one))), None)

@@ -1,4 +1,4 @@
-"""[photographs] and [[cameras]]: what to look for in images, and what is known of the cameras."""
+"""[photographs] and [[cameras]]: targets to find in images, and prior knowledge of the cameras."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from truing.schemas.section import Finite, Identifier, Name, NotNegative, Positi
 
 Parameter = Literal["c", "x0", "y0", "A1", "A2", "A3", "B1", "B2", "C1", "C2"]
 
-# As published, and with every word there is.
+# Published codes, and all possible codes.
 _PUBLISHED = ("ring8", "ring12", "ring14")
 RINGS = (*_PUBLISHED, *(f"{family}_any" for family in _PUBLISHED))
 _ARUCO = tuple(f"aruco{bits}x{bits}_{codes}" for bits in (4, 5, 6, 7) for codes in (50, 100, 250, 1000))
@@ -20,7 +20,7 @@ MARKERS = (
     *("apriltag16h5", "apriltag25h9", "apriltag36h10", "apriltag36h11"),
 )
 FAMILIES = (*RINGS, *MARKERS)
-# Of ArUco the smallest family of each size: a larger one repeats its codes.
+# The smallest ArUco family of each size, because larger families repeat its codes.
 USUAL = (*_PUBLISHED, "aruco4x4_50", "aruco5x5_100", "aruco6x6_250", "apriltag36h11")
 
 
@@ -36,34 +36,38 @@ Corners = Annotated[int, Field(ge=2, le=200)]
 
 
 class Board(Section):
-    """[[photographs.boards]]: a chessboard, or one with markers in its white squares."""
+    """[[photographs.boards]]: a chessboard, with or without markers in its white squares."""
 
-    name: Shown = Field("", pattern=r"^[^/\s.]{0,60}$", description="names its corners; absent: its kind does")
+    name: Shown = Field("", pattern=r"^[^/\s.]{0,60}$", description="prefix of its corners' names; absent: its kind")
     kind: Literal["chessboard", "charuco"] = Field(description="charuco: a marker in every white square")
     columns: Corners = Field(description="inner corners along x")
     rows: Corners = Field(description="inner corners along y")
-    family: Family = Field("aruco4x4_50", description="charuco: the markers' family")
-    first_code: int = Field(0, ge=0, description="charuco: the code of the first marker")
+    family: Family = Field("aruco4x4_50", description="charuco: family of the markers")
+    first_code: int = Field(0, ge=0, description="charuco: code of the first marker")
     marker_share: float = Field(0.75, gt=0.2, lt=1.0, description="charuco: edge of a marker over that of a square")
-    legacy: bool = Field(False, description="charuco: the pattern of OpenCV before 4.6, where rows are odd")
-    square_mm: Positive | None = Field(None, description="edge of a square: gives the scale where nothing else does")
+    legacy: bool = Field(
+        False, description="charuco: the pattern of OpenCV before 4.6, for an even number of rows of squares"
+    )
+    square_mm: Positive | None = Field(None, description="edge of a square; gives the scale if nothing else does")
 
     @model_validator(mode="after")
     def _is_distinguishable(self) -> Board:
         if self.kind == "chessboard" and (self.columns + self.rows) % 2 == 0:
-            raise ValueError("one even and one odd number of columns and rows: else it looks the same upside down")
+            raise ValueError(
+                "one even and one odd number of columns and rows, because else it looks the same upside down"
+            )
         if self.kind == "charuco" and self.family not in MARKERS:
             raise ValueError("a family of square markers")
         return self
 
     @property
     def label(self) -> str:
-        """What its corners are named by."""
+        """Prefix of its corners' names."""
         return self.name or self.kind
 
 
 class Photographs(Section):
-    """[photographs]: the targets to look for, and how the network of rays is adjusted."""
+    """[photographs]: targets to find, and settings of the bundle adjustment."""
 
     targets: tuple[Family, ...] | None = Field(
         None,
@@ -73,66 +77,68 @@ class Photographs(Section):
     boards: tuple[Board, ...] = Field((), description="boards to look for")
     uncoded: bool | None = Field(
         None,
-        description="whether circles without a code are measured and matched over images; absent: yes, unless boards "
-        "alone are looked for",
+        description="whether uncoded circles are measured and matched between images; absent: yes, unless only "
+        "boards are searched for",
     )
     polarity: Literal["both", "white", "black"] = Field(
-        "both", description="circular targets: lighter than what surrounds them (white), darker (black), or both"
+        "both", description="circular targets: lighter than their surroundings (white), darker (black), or both"
     )
-    smallest_px: Positive = Field(2.5, description="circular targets: least half axis of the image of one")
-    largest_px: Positive = Field(120.0, description="circular targets: largest half axis of the image of one")
+    smallest_px: Positive = Field(2.5, description="circular targets: smallest semi-axis of the image")
+    largest_px: Positive = Field(120.0, description="circular targets: largest semi-axis of the image")
     sensor_width_mm: Positive | None = Field(
-        None, description="the longer side of the sensor, where photographs tell a focal length in mm alone"
+        None, description="longer side of the sensor, if the photographs give only a focal length in mm"
     )
     target_mm: Positive | None = Field(
-        None, description="diameter of circular targets that the table image_targets gives none"
+        None, description="diameter of circular targets without one in the table image_targets"
     )
     marker_mm: Positive | None = Field(
-        None, description="edge of square markers that the table image_targets gives none"
+        None, description="edge of square markers without one in the table image_targets"
     )
     datum: Literal["free", "minimal", "known"] = Field(
         "free",
-        description="what the frame of each pose rests on: all its points, six coordinates, or the known points",
+        description="datum of each pose: all its points (free), six coordinates (minimal), or the known points",
     )
     false_alarm: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(
-        0.001, description="probability of a good ray to be rejected as a gross error"
+        0.001, description="probability that a good ray is rejected as a gross error"
     )
     variance_components: bool = Field(
         True, description="whether the noise of each camera and kind of target is estimated from the residuals"
     )
-    eccentricity: bool = Field(True, description="whether the centres of circles' images are brought to their circles'")
+    eccentricity: bool = Field(True, description="whether image centres of circles are corrected for eccentricity")
 
     @model_validator(mode="after")
     def _is_distinguishable(self) -> Photographs:
         for family in set(self.targets or ()) & set(_PUBLISHED):
             if f"{family}_any" in (self.targets or ()):
-                raise ValueError(f"{family} or {family}_any, not both: one ring would have two numbers")
+                raise ValueError(f"{family} or {family}_any, not both, because one ring would have two codes")
         labels = [board.label for board in self.boards]
         if len(set(labels)) < len(labels):
-            raise ValueError("boards with a name each: several have the same one")
+            raise ValueError("different names for all boards")
         if self.largest_px <= self.smallest_px:
             raise ValueError("largest_px above smallest_px")
         return self
 
 
 class GivenCamera(Section):
-    """[[cameras]]: what is known of a camera beforehand; x right, y down, the middle of the first pixel at 0."""
+    """[[cameras]]: prior knowledge of a camera; x right, y down, the centre of the first pixel at 0."""
 
-    name: Name = Field(description="the camera, as photographs or rays name it")
+    name: Name = Field(description="name of the camera in photographs or rays")
     of: Name | None = Field(
-        None, description="the camera as photographs or rays name it, of which some photographs count as by this one"
+        None,
+        description="camera in photographs or rays that took some photographs that this entry separates as "
+        "another camera",
     )
-    poses: tuple[Identifier, ...] | None = Field(None, description="the poses of these photographs; absent: all")
-    images: tuple[Name, ...] | None = Field(None, description="these photographs; absent: all in these poses")
+    poses: tuple[Identifier, ...] | None = Field(None, description="poses of these photographs; absent: all")
+    images: tuple[Name, ...] | None = Field(None, description="names of these photographs; absent: all in these poses")
     width_px: int | None = Field(
-        None, ge=1, le=1_000_000, description="pixels along x; absent: as the photographs have"
+        None, ge=1, le=1_000_000, description="pixels along x; absent: those of the photographs"
     )
     height_px: int | None = Field(None, ge=1, le=1_000_000, description="pixels along y")
-    pixel_um: Positive | None = Field(None, description="pitch of the pixels")
+    pixel_um: Positive | None = Field(None, description="pixel pitch")
     c_mm: Positive | None = Field(None, description="principal distance; needs pixel_um")
-    focal_px: Positive | None = Field(None, description="the same in pixels")
-    x0_px: Finite = Field(0.0, description="principal point from the middle of the format")
-    y0_px: Finite = Field(0.0, description="the same along y")
+    focal_px: Positive | None = Field(None, description="principal distance in pixels")
+    x0_px: Finite = Field(0.0, description="principal point along x, from the centre of the format")
+    y0_px: Finite = Field(0.0, description="principal point along y, from the centre of the format")
     A1: Finite = Field(0.0, description="radial distortion, 1/px^2")
     A2: Finite = Field(0.0, description="radial distortion, 1/px^4")
     A3: Finite = Field(0.0, description="radial distortion, 1/px^6")
@@ -141,7 +147,7 @@ class GivenCamera(Section):
     C1: Finite = Field(0.0, description="affinity")
     C2: Finite = Field(0.0, description="shear")
     balancing_radius_px: NotNegative | None = Field(
-        None, description="where the radial distortion is zero; absent: a third of the format's diagonal"
+        None, description="radius at which the radial distortion is zero; absent: a third of the format's diagonal"
     )
     free: tuple[Parameter, ...] | None = Field(None, description="parameters to estimate; absent: all ten")
 
@@ -149,9 +155,9 @@ class GivenCamera(Section):
     def _group_of_photographs(self) -> GivenCamera:
         chosen = self.poses is not None or self.images is not None
         if chosen and self.of is None:
-            raise ValueError('of, the camera whose photographs these are, beside poses or images: of = "camera"')
+            raise ValueError('the key of with poses or images, for the camera of these photographs: of = "camera"')
         if self.of is not None and not chosen:
-            raise ValueError("poses or images beside of: which photographs count as by this camera")
+            raise ValueError("poses or images with the key of, for the photographs of this camera")
         if self.of == self.name:
             raise ValueError("a name other than that of the camera in of")
         return self
@@ -161,5 +167,5 @@ class GivenCamera(Section):
         if self.c_mm is not None and self.focal_px is not None:
             raise ValueError("c_mm or focal_px, not both")
         if self.c_mm is not None and self.pixel_um is None:
-            raise ValueError("pixel_um beside c_mm, or focal_px")
+            raise ValueError("pixel_um with c_mm, or focal_px")
         return self

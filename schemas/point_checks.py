@@ -1,4 +1,4 @@
-"""The checks of a campaign of object points, and of photographs that they come from, by their names in qa.parquet."""
+"""Checks of object points and photographs, by their names in qa.parquet."""
 
 from __future__ import annotations
 
@@ -6,283 +6,277 @@ from truing.schemas.quality_check import TEMPERATURE_UNIT, CheckLimits, Checks, 
 
 OF_POINTS: Checks = {
     "unobserved-poses": QualityCheck(
-        "Of which configurations was no point measured?",
-        "A pose that was not photographed is missing where it was planned to tell something; more often its points are "
-        "there under another name.",
+        "Which configurations have no measured point?",
+        "The pose was not measured, or its points have another pose name.",
         CheckLimits("share of the configurations without a point", warn=0.0, fail=0.3, most=1.0),
-        "Compare the pose names of both tables; mend the mapping, measure the pose, or take its row out.",
+        "Compare the pose names of both tables; correct the mapping, measure the pose or delete its row.",
     ),
     "attachment-labels": QualityCheck(
-        "Does each target with a `leg` lie nearest to that leg's own nominal attachment?",
-        "A target given to a wrong leg gives that leg the shift of another one.",
-        VerdictRule(fails="any that does not"),
+        "Is each target with a `leg` nearest to the nominal attachment of that leg?",
+        "A wrong leg number assigns one leg's shift to another leg.",
+        VerdictRule(fails="any target nearer to another leg"),
         "Correct `leg` in targets.csv, or the order of the legs in [mechanism].",
         withholds="models",
     ),
     "completeness": QualityCheck(
-        "Which share of a body's target readings is missing?",
-        "What is hidden is rarely hidden at random: whole directions or poses lose their weight.",
+        "What share of a body's target readings is missing?",
+        "Targets are rarely hidden at random: whole directions or poses lose weight.",
         CheckLimits("share of the target readings missing", warn=0.1, fail=0.3, most=1.0),
-        "Look which targets and poses are missing; add camera stations, clean the targets, or repeat those poses.",
+        "Find the missing targets and poses; add camera stations, clean targets or repeat poses.",
     ),
     "poses-determined": QualityCheck(
-        "In how many poses has a body too few usable targets?",
-        "Such a pose is lost to everything that follows.",
+        "In how many poses does a body have too few usable targets?",
+        "All later results lack such a pose.",
         CheckLimits("share of the poses that cannot be determined", warn=0.05, fail=0.3, most=1.0),
-        "Repeat the poses that are named; put targets where they stay visible.",
+        "Repeat the named poses; place targets where they stay visible.",
     ),
     "geometry": QualityCheck(
-        "Has a body three targets that make its frame?",
-        "With fewer, it has no orientation.",
+        "Does each body have three targets for its frame?",
+        "Fewer targets give no orientation.",
         VerdictRule(fails="fewer than three"),
-        "Put more targets on it and survey it anew.",
+        "Add targets and survey the body again.",
     ),
     "geometry-line": QualityCheck(
         "How far do a body's targets spread across their longest axis?",
-        "Targets in a line leave the roll about it free.",
+        "Targets on one line do not determine the rotation about it.",
         # Below it the roll is known to some 5 degrees at best.
         CheckLimits("spread (rms) over the noise of a target", fail=5.0, below=True, unit="sigma"),
-        "Put a target well off the line and survey the body anew.",
+        "Place a target well off the line and survey the body again.",
     ),
     "geometry-plane": QualityCheck(
-        "How thick is a body of more than three targets, over its length?",
-        "In a plane, labels that are mirrored fit as well as right ones, and go unnoticed.",
+        "How thick is a body of more than three targets, relative to its length?",
+        "Mirrored labels fit coplanar targets as well as correct labels.",
         CheckLimits("thickness over length", warn=0.01, below=True),
-        "Put one target out of the plane; else compare the labels with a photograph.",
+        "Place one target out of the plane, or compare the labels with a photograph.",
     ),
     "geometry-leverage": QualityCheck(
-        "Which share of a target's own error stays in the frame?",
-        "A frame that hangs on one target moves with it, and its residual shows nothing.",
-        CheckLimits("share of the target's error that stays in the frame", warn=0.9, most=1.0),
-        "Put a second target near to the one that is named.",
+        "What share of one target's error enters the frame?",
+        "If the frame depends on one target, its residual hides its error.",
+        CheckLimits("share of the target's error that enters the frame", warn=0.9, most=1.0),
+        "Place a second target near the named one.",
     ),
     "gross-errors": QualityCheck(
-        "How many readings are far from their place, after a robust fit?",
-        "A few are ordinary and left out; many say that labels, the survey or the targets themselves are wrong.",
-        CheckLimits("share of the readings far from their place", warn=0.05, fail=0.15, most=1.0),
-        "Look at the targets that are named most often: loose, damaged, reflecting, or labelled wrongly? Not "
-        "evaluated: fewer than three targets, or one pose without a survey.",
+        "How many readings are gross errors after a robust fit?",
+        "A few are normal and left out. Many indicate wrong labels, a wrong survey or bad targets.",
+        CheckLimits("share of gross errors", warn=0.05, fail=0.15, most=1.0),
+        "Inspect the targets named most often: loose, damaged, reflecting or mislabelled? Not evaluated: fewer than "
+        "three targets, or one pose without a survey.",
     ),
     "exchanged-labels": QualityCheck(
-        "Do two targets lie on each other's places?",
-        "Every figure that rests on them is wrong, and the mend is in the laboratory's hands.",
+        "Do two targets lie at each other's positions?",
+        "All results that use them are wrong.",
         VerdictRule(fails="any pair"),
-        "Exchange the labels in the poses that are named, in the instrument's project or in the export. Not evaluated: "
-        "fewer than three targets, or one pose without a survey.",
+        "Exchange the labels in the named poses, in the instrument's project or in the export. Not evaluated: fewer "
+        "than three targets, or one pose without a survey.",
     ),
     "moved-targets": QualityCheck(
-        "Does a target sit elsewhere from some pose on?",
-        "A sticker that was touched looks like a deformation. It can be modelled, and so does not gate.",
-        VerdictRule(warns="any, beyond chance at its share"),
-        "Find out what happened before the pose that is named; survey the target anew, or exclude it by name. "
-        "Not evaluated: no target is seen in six poses.",
+        "Does a target lie elsewhere from some pose on?",
+        "A target that was touched looks like a deformation. The diagnosis can model it, so this only warns.",
+        VerdictRule(warns="any significant step"),
+        "Find out what happened before the named pose; survey the target again, or exclude it by name. Not evaluated: "
+        "no target is seen in six poses.",
     ),
     "resurvey": QualityCheck(
-        "How far do targets lie from where they were surveyed before, where nothing takes that into account?",
-        "A target that moved and was not noticed turns the body in all poses after. Those that lie elsewhere beyond "
-        "chance are named, the common motion of the others taken out; one that holds anew from a pose on, or is "
-        "excluded, passes.",
-        CheckLimits("shift of a target that moved beyond chance, over its sigma", warn=0.0, fail=10.0, unit="sigma"),
-        "Say from which pose on the new place holds (`[[resurvey]] from_pose`; `moved-targets` tells when), or exclude "
-        "the target by name.",
+        "How far are targets from their earlier survey, where no entry of campaign.toml explains it?",
+        "An unnoticed move rotates the body in all later poses. The common motion of the other targets is removed. "
+        "Excluded targets pass, as do targets with a `from_pose`.",
+        CheckLimits("significant shift of a target over its sigma", warn=0.0, fail=10.0, unit="sigma"),
+        "Give the first pose of the new position (`[[resurvey]] from_pose`; see `moved-targets`), or exclude the "
+        "target by name.",
     ),
     "names-known": QualityCheck(
-        "Does a name that the survey does not know lie at the place of a target that is missing there?",
-        "Instruments number anew, and labels are replaced: such points are lost to the body as long as nobody says "
-        "which target they are. Nothing is renamed by itself.",
+        "Does an unknown name lie at the position of a missing target?",
+        "Instruments renumber targets and labels are replaced. The body loses such points; nothing is renamed "
+        "automatically.",
         VerdictRule(warns="any"),
-        "Write the `[[renamed]]` that the report proposes, once you have looked. Not evaluated: no survey.",
+        "Check the `[[renamed]]` that the report proposes, then add it. Not evaluated: no survey.",
     ),
     "points-against-survey": QualityCheck(
-        "Are a body's points its survey, moved: not its mirror image, and in the same unit?",
-        "A mirrored body or another unit fits nothing, and every later figure rests on it.",
-        VerdictRule(
-            warns="beyond 10 sigma of a point, unexplained", fails="a mirror image or another unit explains it"
-        ),
-        "Correct the axis, the unit or the names that the message names, in the export or in its mapping.",
+        "Does a rigid motion bring the survey onto a body's points, without mirror image or change of unit?",
+        "A mirrored body or another unit makes every later result wrong.",
+        VerdictRule(warns="above 10 sigma of a point, unexplained", fails="a mirror image or another unit explains it"),
+        "Correct the named axis, unit or names in the export or in its mapping.",
         withholds="poses",
     ),
     "copied-poses": QualityCheck(
-        "Is each pose a measurement of its own?",
-        "Points that agree in every digit are a copy, or come from an instrument that stood still. Not evaluated where "
-        "a single pose was measured, or the file's resolution is too coarse to tell.",
-        VerdictRule(fails="two poses the same in every digit"),
-        "Export the poses that are named again; take out those that were not measured.",
+        "Is each pose a separate measurement?",
+        "Points equal in every digit are a copy, or the instrument stood still.",
+        VerdictRule(fails="two poses equal in every digit"),
+        "Export the named poses again; delete those that were not measured. Not evaluated: a single pose, or a file "
+        "of too coarse resolution.",
         withholds="models",
     ),
     "legs-regular": QualityCheck(
-        "Do the legs of [mechanism] hold the platform in all six directions?",
-        "Parallel or otherwise singular legs leave a motion free: no readings say where the platform is.",
+        "Do the legs of [mechanism] constrain all six motions of the platform?",
+        "Parallel or otherwise singular legs leave a motion free; the readings then do not determine the pose.",
         VerdictRule(fails="a motion that changes no leg"),
         "Compare a_mm, b_mm and u of [mechanism] with the drawing.",
         withholds="models",
     ),
     "readings-against-poses": QualityCheck(
-        "Do actuator readings move as the measured poses and [mechanism] ask for?",
-        "A unit, a sign, an exchanged column or a shifted row bends every parameter, and a matrix can swallow it. "
-        "Plausible slips in readings, rows and description are tried; one counts if it beats all physical effects.",
+        "Do actuator readings agree with the measured poses and [mechanism]?",
+        "A wrong unit or sign, exchanged columns or shifted rows bias every parameter. Such slips are tried; one "
+        "counts if it explains the data better than all physical effects.",
         VerdictRule(
-            "misfit beyond 0.2 of the movement",
-            "a slip explains the data, or the misfit is beyond 0.5 of the movement, of all legs or of one",
+            "misfit above 0.2 of the movement",
+            "a slip explains the data, or the misfit of all legs or of one is above 0.5 of the movement",
         ),
-        "Undo the slip that the message names once you know it is true; else compare readings and poses one by one.",
+        "Correct the slip in the message once you have confirmed it; else compare readings and poses one by one.",
         withholds="models",
     ),
     "noise": QualityCheck(
-        "How large is the scatter per body, and per body and axis, over the declared noise?",
-        "Every uncertainty and test rests on the declared noise. Ten per cent off is ordinary; the test is one-sided "
-        "against the multiple, so that the share of false alarms holds just below it.",
+        "How large is the scatter of a body, and of each axis, over the declared noise?",
+        "Every uncertainty and test uses the declared noise. A deviation of 10 % is normal; the test is one-sided "
+        "against the multiple.",
         VerdictRule(
-            "beyond 1.1 times either way, beyond chance",
-            "beyond 1.5 times, beyond chance; one axis beyond 2.5 times",
+            "significantly above 1.1 times or below 1/1.1",
+            "significantly above 1.5 times; one axis above 2.5 times",
         ),
-        "Declare what the instrument does (`[noise]`, sigma columns), or find what shakes: tripod, traffic, exposure.",
+        "Declare the instrument's real noise (`[noise]`, sigma columns), or find the vibration: tripod, traffic, "
+        "exposure.",
     ),
     "noise-by-pose": QualityCheck(
-        "Which poses are noisier than the body's ordinary scatter?",
-        "One is a pose to look at: something moved while it was taken. Many are no campaign.",
+        "Which poses are noisier than the body's usual scatter?",
+        "In one noisy pose, something moved during the measurement. Many make the campaign unusable.",
         VerdictRule(
-            "any beyond 1.5 times, at one in a million", "beyond 3 times in a tenth of the poses, beyond chance"
+            "any pose above 1.5 times, at one in a million", "a tenth of the poses significantly above 3 times"
         ),
-        "Repeat the pose that is named; let the machine settle before each pose.",
+        "Repeat the named pose; let the machine settle before each pose.",
     ),
     "base-drift": QualityCheck(
-        "Does the reference body walk in the frame of the measurement?",
-        "A tripod or foundation that gives way moves everything, where that frame is one for the campaign.",
-        VerdictRule(warns="beyond 3 sigma and beyond chance"),
-        "See poses in the frame of the base (`[bodies] reference`); fix the instrument's stand before going on. "
-        "Not evaluated: no body is the reference, fewer than eight poses show all its targets, or the frame may change "
-        "from pose to pose (`[measurement] frame`).",
+        "Does the reference body drift in the measurement frame?",
+        "A moving tripod or foundation moves everything, if all poses share that frame.",
+        VerdictRule(warns="above 3 sigma and significant"),
+        "Express poses in the frame of the base (`[bodies] reference`); fix the instrument's stand. Not evaluated: no "
+        "reference body, fewer than eight poses with all its targets, or a frame that may change "
+        "(`[measurement] frame`).",
     ),
     "overruled": QualityCheck(
-        "What does each [[exclude]], [[keep]] and [[accept]] name, and how many points or verdicts is that?",
-        "A rule with a mistyped name does nothing, in silence.",
-        VerdictRule(warns="one that names nothing that was seen, or no verdict"),
-        "Correct the name in the entry that is told, or take the entry out.",
+        "How many points or verdicts does each [[exclude]], [[keep]] and [[accept]] match?",
+        "An entry with a mistyped name does nothing.",
+        VerdictRule(warns="an entry that matches none"),
+        "Correct the name in the entry, or delete the entry.",
     ),
     "repeatability": QualityCheck(
-        "How far apart are poses and single reflectors that were taken twice, over their stated uncertainty?",
-        "It is the only direct witness that the uncertainties are true of the machine and not of the fit alone.",
+        "How large is the scatter of repeated poses and single reflectors, over their stated uncertainty?",
+        "Only repeats show that the uncertainties describe the machine and not just the fit.",
         VerdictRule(
-            "beyond 1.5 times, beyond chance, all together or at one pose; poses that scatter differently (p < 0.001)",
-            "beyond 3 times, beyond chance, all together or at one pose",
+            "significantly above 1.5 times, together or at one pose; poses that scatter differently (p < 0.001)",
+            "significantly above 3 times, together or at one pose",
         ),
-        "Look for backlash, temperature and settling between the repeats, at the pose that is named. Not evaluated: "
-        "repeat three poses.",
+        "Look for backlash, temperature and settling at the named pose. Not evaluated: repeat three poses.",
     ),
     "time-gaps": QualityCheck(
-        "How long is the longest pause, over the usual pace?",
-        "Something may have changed meanwhile: temperature, a target, the instrument's place.",
-        CheckLimits("longest pause over the usual", warn=10.0, unit="times"),
-        "Write down what happened; repeat a pose from before the pause. Not evaluated: times are not recorded, or "
-        "merely count the poses.",
+        "How long is the longest pause, relative to the usual interval?",
+        "Temperature, targets or the instrument may have changed meanwhile.",
+        CheckLimits("longest pause over the usual interval", warn=10.0, unit="times"),
+        "Note what happened; repeat a pose from before the pause. Not evaluated: times are missing, or only count "
+        "poses.",
     ),
     "time-unit": time_unit("pose"),
     "temperature-span": QualityCheck(
-        "How far did the temperature walk?",
-        "Lengths follow it: 1 m of steel by 12 µm each kelvin.",
-        CheckLimits("span of the temperature", warn=2.0, unit="K"),
-        "Keep the temperature, or record it with every pose, so that the diagnosis can ask what follows it.",
+        "How much did the temperature change?",
+        "1 m of steel grows by 12 µm per kelvin.",
+        CheckLimits("range of the temperature", warn=2.0, unit="K"),
+        "Stabilise the temperature, or record it at each pose, so that the diagnosis can test it.",
     ),
     "temperature-unit": TEMPERATURE_UNIT,
 }
 
 OF_PHOTOGRAPHS: Checks = {
     "images-oriented": QualityCheck(
-        "Which share of the photographs of a pose has no orientation?",
-        "Such a photograph sees too few points that others see, and all its rays are lost.",
+        "What share of the photographs of a pose has no orientation?",
+        "Such a photograph shares too few points with others, and all its rays are lost.",
         CheckLimits("share of a pose's photographs without orientation", warn=0.0, fail=0.5, most=1.0),
-        "Put coded targets where neighbouring photographs both see four of them; take the photograph anew.",
+        "Place coded targets so that neighbouring photographs share four of them; repeat the photograph.",
     ),
     "scale": QualityCheck(
-        "Does anything give each pose its scale, and do bars, known points and the survey agree about it?",
-        "Rays alone leave all lengths open together. Where lengths contradict each other, checks that this trips are "
-        "not evaluated.",
-        VerdictRule(fails="any pose without; a length that contradicts the others beyond five sigma and 0.5 mm/m"),
-        "Lay a scale bar into every pose, and say in scale_bars.csv how long it is. Where nothing checks the scale: a "
-        "second bar would, one that `serves` as check, or the stated size of targets.",
+        "Does each pose have a scale, and do bars, known points and the survey agree about it?",
+        "Rays alone give no scale. If lengths contradict each other, checks that depend on the scale are not "
+        "evaluated.",
+        VerdictRule(fails="any pose without scale; a length that differs from the others by five sigma and 0.5 mm/m"),
+        "Place a scale bar in every pose and give its length in scale_bars.csv. To check the scale, use a second "
+        "bar, a bar that `serves` as check, or the stated size of targets.",
         withholds="poses",
     ),
     "known-points": QualityCheck(
-        "Do known points lie where rays and the other known points have them?",
-        "A known point that contradicts them is left out of the datum: it would reject its own rays and bend the rest. "
-        "Where as many contradict as agree, all count as known less well.",
-        VerdictRule(
-            fails="any point of a pose beyond chance (p < 0.001 of all together), or without a ray that is left"
-        ),
-        "Look up coordinates and names of the points that are named, in known_points.csv and in the photographs.",
+        "Do known points agree with the rays and with the other known points?",
+        "A known point that contradicts them is left out of the datum, because it would reject its own rays. If as "
+        "many contradict as agree, all get a larger sigma.",
+        VerdictRule(fails="any point of a pose significantly off (p < 0.001 for all together), or left without rays"),
+        "Verify coordinates and names of the named points in known_points.csv and in the photographs.",
     ),
     "target-sizes": QualityCheck(
-        "How large are circles and markers on the scale that was found, over what is stated of them?",
-        "Where the scale comes from a survey or a single bar, this alone tells a length in another unit. Sizes are "
-        "those of `target_mm`, `marker_mm` and `image_targets.csv`; markers that give the scale do not count.",
+        "How large are measured circles and markers, relative to their stated size?",
+        "If a survey or a single bar gives the scale, only this check detects a length in another unit. Markers that "
+        "give the scale do not count.",
         CheckLimits("measured over stated size, or stated over measured", warn=1.25, fail=3.0, unit="times"),
-        "Look at the units of the survey and of scale_bars.csv, and at what is stated of targets: the diameter of the "
-        "dot, the edge of the dark square.",
+        "Check the units of the survey and of scale_bars.csv, and the stated sizes (`target_mm`, `marker_mm`, "
+        "`image_targets.csv`): diameter of the dot, edge of the dark square.",
         withholds="poses",
     ),
     "rays-per-point": QualityCheck(
-        "Which share of a pose's object points is seen in fewer than three photographs?",
-        "Two rays meet or do not: which of them is wrong, nobody can tell.",
+        "What share of a pose's object points has fewer than three rays?",
+        "If two rays do not meet, nothing shows which one is wrong.",
         CheckLimits("share of the points with fewer than three rays", warn=0.1, fail=0.5, most=1.0),
-        "Take photographs of the points that are named from further sides.",
+        "Photograph the named points from more directions.",
     ),
     "intersection-angles": QualityCheck(
-        "At what angle do the rays to the worst-placed tenth of a pose's points meet, at most?",
-        "Rays that meet at a sharp angle leave the distance from the cameras open.",
+        "At what largest angle do the rays of the worst tenth of a pose's points meet?",
+        "Small angles leave the distance from the cameras uncertain.",
         CheckLimits(
             "largest angle of the rays to a point, of the worst tenth", warn=30.0, fail=5.0, below=True, unit="deg"
         ),
-        "Stand further apart, at right angles if there is room, and photograph from above and below.",
+        "Move the stations further apart, up to a right angle, and photograph from above and below.",
     ),
     "format-coverage": QualityCheck(
-        "Which share of a camera's format do its image points cover, of all photographs together?",
-        "Distortion is estimated where there are points; beyond them it is only continued.",
+        "What share of a camera's format do all its image points together cover?",
+        "Distortion is estimated where image points lie, and extrapolated elsewhere.",
         CheckLimits("share of the format's cells (5 x 5) with image points", warn=0.6, fail=0.1, below=True, most=1.0),
-        "Fill the picture: go nearer, and let the object lie in the corners of some photographs.",
+        "Move nearer, and place the object in the corners of some photographs.",
     ),
     "image-noise": QualityCheck(
-        "How large is the noise of each camera and kind of target, over what is stated of the rays?",
-        "It is what the residuals of the adjustment say (variance components); sigmas of points are made with it. Far "
-        "from one, something is in the rays that nobody stated: blur, a moving object, distortion of another kind.",
-        CheckLimits("noise over stated, or stated over noise", warn=2.0, fail=10.0, unit="times"),
-        "Look at the residuals of the photographs; state the noise that the camera has (`[noise] image_px`).",
+        "How large is the noise of each camera and kind of target, relative to the stated noise?",
+        "The residuals give this noise (variance components) and it scales the sigmas of points. A ratio far from 1 "
+        "indicates blur, a moving object or unmodelled distortion.",
+        CheckLimits("measured over stated noise, or stated over measured", warn=2.0, fail=10.0, unit="times"),
+        "Look at the residuals of the photographs; state the camera's real noise (`[noise] image_px`).",
     ),
     "rejected-rays": QualityCheck(
-        "Which share of a camera's rays was rejected?",
-        "A few are ordinary. Many are misread codes, merged targets, reflections, or an object that moved.",
+        "What share of a camera's rays was rejected?",
+        "A few are normal. Many indicate misread codes, merged targets, reflections or a moving object.",
         CheckLimits("share of the rays rejected", warn=0.05, fail=0.3, most=1.0),
-        "Look at the photographs that the report names first; cover what reflects, enlarge the targets.",
+        "Start with the photographs that the report lists first; cover reflections, enlarge the targets.",
     ),
     "residuals-systematic": QualityCheck(
-        "Do residuals have a mean of their own in some part of a camera's format?",
-        "Noise has none: it is distortion that the camera's model does not have, or a camera that changed.",
-        VerdictRule(warns="any part beyond chance (p < 0.001) and beyond a tenth of the noise"),
-        "Free more parameters of the camera (`[[cameras]] free`); fix its focus; group photographs into two cameras.",
+        "Do residuals have a mean other than zero in some part of a camera's format?",
+        "The camera model lacks a distortion, or the camera changed.",
+        VerdictRule(warns="any part significant (p < 0.001) and above a tenth of the noise"),
+        "Free more camera parameters (`[[cameras]] free`); fix its focus; divide the photographs among two cameras.",
     ),
     "camera-stability": QualityCheck(
-        "Do photographs by one camera differ in principal distance, or its poses in principal distance and point?",
-        "All photographs share one camera: where it changes, points are bent, and the deformation found is the lens's. "
-        "Each photograph is held against what most share, so that a few that changed are named, and no other.",
+        "Do photographs by one camera differ in principal distance, or poses in principal distance and point?",
+        "Photographs share one camera model. If the camera changes, points shift and look like a deformation. Each "
+        "photograph is compared with the majority.",
         VerdictRule(
-            warns="beyond chance (p < 0.001)",
-            fails="beyond chance, and points move by more than their sigma where these photographs have a camera of "
-            "their own; poses that differ by more than three times their uncertainty",
+            warns="significant (p < 0.001)",
+            fails="significant, and a separate camera for these photographs moves points by more than their sigma; "
+            "poses that differ by more than three times their uncertainty",
         ),
-        "Give the photographs that are named a camera of their own (`of`, `poses`, `images` of `[[cameras]]`). Fix "
-        "focus, zoom and stabiliser, let the camera warm up. The diagnosis asks what the change follows.",
+        "Give the named photographs their own camera (`of`, `poses`, `images` of `[[cameras]]`). Fix focus, zoom and "
+        "stabiliser; let the camera warm up.",
     ),
     "bar-lengths": QualityCheck(
-        "How far is each scale bar's length as adjusted from the calibrated one, over the uncertainty of that?",
-        "A bar that contradicts the others is bent, warm, misnumbered, or was calibrated otherwise.",
+        "How far is each adjusted scale bar from its calibrated length, over the uncertainty of the difference?",
+        "A bar that contradicts the others is bent, warm, misnumbered or wrongly calibrated.",
         CheckLimits("largest deviation of the bar over its sigma", warn=4.0, fail=20.0, unit="sigma"),
-        "Compare its ends with a photograph and its length with the certificate; think of its temperature.",
+        "Compare its ends with a photograph, its length with the certificate; check its temperature.",
     ),
     "length-errors": QualityCheck(
-        "How large is the length error of the reference lengths that check the scale, over their length?",
-        "It is the figure by which photogrammetric systems are accepted (VDI/VDE 2634 part 1); set the limit that "
-        "yours has to keep. Lengths that gave the scale do not count.",
+        "How large is the error of the lengths that check the scale, relative to their length?",
+        "VDI/VDE 2634 part 1 accepts photogrammetric systems by this figure; set your own limit. Lengths that give the "
+        "scale do not count.",
         CheckLimits("largest error of a length that checks, over the length", warn=100.0, unit="um/m"),
-        "Look for what bends the network: too few sides, a camera that changed, a scale bar in one corner.",
+        "Find what distorts the network: too few directions, a changed camera, a scale bar in one corner.",
     ),
 }

@@ -1,5 +1,4 @@
-"""Every check of a campaign's quality by kind of campaign, and the limits that a campaign sets for those that have
-plain ones."""
+"""All quality checks by kind of campaign, and faults of the limits and acceptances in campaign.toml."""
 
 from __future__ import annotations
 
@@ -18,13 +17,13 @@ CHECKS: Mapping[str, Checks] = {
     "photogrammetry": {**OF_POINTS, **OF_PHOTOGRAPHS, **OF_AXES},
     "interferometer": {**OF_LOADS, **OF_POSITIONS},
 }
-# Checks by which the data do not belong together as described; a name that two kinds share means the same in both.
+# Checks whose failure withholds results; a name that both kinds share means the same in both.
 WITHHOLDING: Checks = {name: check for checks in CHECKS.values() for name, check in checks.items() if check.withholds}
 ENTRY_POINTS = "truing.checks"  # group of installed packages
 
 
 def installed_checks(kind: str) -> dict[str, DeclaredCheck]:
-    """The checks that installed packages add to a kind of campaign, by name; raises ValueError for a name in use."""
+    """Checks of installed packages for a kind of campaign, by name; raises ValueError for a name in use."""
     own: tuple[DeclaredCheck, ...] = ()
     found = with_installed(own, ENTRY_POINTS, "check", lambda one: one.name, lambda one: one.kind == kind)
     if twice := sorted({*found} & {*CHECKS[kind]}):
@@ -33,19 +32,19 @@ def installed_checks(kind: str) -> dict[str, DeclaredCheck]:
 
 
 def checks_of(kind: str) -> dict[str, QualityCheck]:
-    """All checks of a kind of campaign by name: the project's own, then those of installed packages."""
+    """All checks of a kind of campaign by name, those of installed packages last."""
     return {**CHECKS[kind], **{name: one.declared for name, one in installed_checks(kind).items()}}
 
 
 def settable(kind: str) -> dict[str, CheckLimits]:
-    """The checks of a kind of campaign whose limits it may set, with those that hold otherwise."""
+    """Default limits of the checks whose limits a campaign may set, by name."""
     return {
         name: check.criterion for name, check in checks_of(kind).items() if isinstance(check.criterion, CheckLimits)
     }
 
 
 def in_force(declared: CheckLimits, own: SetLimits) -> tuple[float | None, float | None]:
-    """(warn, fail) of a check, those of the campaign before those declared."""
+    """(warn, fail) of a check: the campaign's limits, else the defaults."""
     return (
         declared.warn if own.warn is None else own.warn,
         declared.fail if own.fail is None else own.fail,
@@ -53,8 +52,7 @@ def in_force(declared: CheckLimits, own: SetLimits) -> tuple[float | None, float
 
 
 def limit_faults(file: str, kind: str, limits: Mapping[str, SetLimits]) -> Iterator[Fault]:
-    """What is wrong with [qa.limits.<check>]: no such check, none that is set, beyond sense, or failing before it
-    warns."""
+    """Faults of [qa.limits.<check>]: unknown check, no limit, too large a limit, or a fail limit passed before warn."""
     known = settable(kind) if limits else {}
     for name, own in limits.items():
         place = f"qa.limits.{name}"
@@ -63,20 +61,20 @@ def limit_faults(file: str, kind: str, limits: Mapping[str, SetLimits]) -> Itera
             continue
         if own.warn is None and own.fail is None:
             yield Fault(file, "warn, fail, or both", column=place)
-        yield from _beyond_sense(file, place, known[name], own)
+        yield from _limits_above_most(file, place, known[name], own)
         warn, fail = in_force(known[name], own)
         if warn is not None and fail is not None and (fail > warn if known[name].below else fail < warn):
-            mine = "; the one that is not given is the default" if None in (own.warn, own.fail) else ""
+            mine = "; a limit that is not given has its default" if None in (own.warn, own.fail) else ""
             yield Fault(
                 file,
-                f"fail ({fail:g}) {'at most' if known[name].below else 'at least'} warn ({warn:g}): what fails is "
-                f"worse than what warns{mine}",
+                f"fail ({fail:g}) {'at most' if known[name].below else 'at least'} warn ({warn:g}), "
+                f"because a failure is worse than a warning{mine}",
                 column=place,
             )
 
 
 def acceptance_faults(file: str, kind: str, accept: Sequence[Acceptance]) -> Iterator[Fault]:
-    """What is wrong with [[accept]]: a check that this kind of campaign does not have."""
+    """Faults of [[accept]]: checks that this kind of campaign does not have."""
     known = checks_of(kind) if accept else {}
     for number, entry in enumerate(accept, 1):
         if entry.check not in known:
@@ -85,7 +83,7 @@ def acceptance_faults(file: str, kind: str, accept: Sequence[Acceptance]) -> Ite
             yield Fault(file, expected, column=f"accept.{number}.check", value=entry.check)
 
 
-def _beyond_sense(file: str, place: str, declared: CheckLimits, own: SetLimits) -> Iterator[Fault]:
+def _limits_above_most(file: str, place: str, declared: CheckLimits, own: SetLimits) -> Iterator[Fault]:
     for key, value in (("warn", own.warn), ("fail", own.fail)):
         if value is not None and declared.most is not None and value > declared.most:
             yield Fault(file, f"at most {declared.most:g} ({declared.of})", column=f"{place}.{key}", value=f"{value:g}")
@@ -93,7 +91,9 @@ def _beyond_sense(file: str, place: str, declared: CheckLimits, own: SetLimits) 
 
 def _unknown(name: str, kind: str) -> str:
     if name in checks_of(kind):
-        return "a check with a plain limit; this one rests on chance ([qa] false_alarm) or on what is wrong at any size"
+        return (
+            "a check with a settable limit; this check is a significance test ([qa] false_alarm) or fails at any size"
+        )
     known = settable(kind)
     near = nearest(name, known)
     if near is not None:

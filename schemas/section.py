@@ -1,6 +1,6 @@
-"""What every section of campaign.toml is made of: closed tables, numbers within bounds, names and sentences.
+"""Types of campaign.toml: closed tables, bounded numbers, names and sentences.
 
-A value has the type that it is written in: ``true`` is no 1, and ``"0.005"`` is no number.
+A value keeps its TOML type: ``true`` is not 1, and ``"0.005"`` is not a number.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from truing.schemas.column import LARGEST, SMALLEST
 
 def _is_of_size(value: float) -> float:
     if 0.0 < abs(value) < SMALLEST:
-        raise ValueError(f"at least {SMALLEST:g}: no quantity of a campaign is smaller")
+        raise ValueError(f"at least {SMALLEST:g}; smaller quantities are not plausible")
     return value
 
 
 Positive = Annotated[float, Field(gt=0.0, le=LARGEST, allow_inf_nan=False), AfterValidator(_is_of_size)]
 NotNegative = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), AfterValidator(_is_of_size)]
-# A relative standard deviation, or an angle in rad: none, or one that numbers can be weighed by.
+# A relative standard deviation, or an angle in rad: 0, or large enough to weight numbers by.
 Share = Annotated[float, Field(ge=0.0, lt=1.0, allow_inf_nan=False), AfterValidator(_is_of_size)]
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 # From absolute zero to where the last metal melts.
 Temperature = Annotated[float, Field(ge=-273.15, le=3500.0, allow_inf_nan=False)]
 Vector = tuple[Finite, Finite, Finite]
-# What a person types has four digits or so.
+# Relative rounding of numbers that a person types.
 TYPED = 1e-3
 LONGEST_NAME = 200  # characters; it becomes part of file names, tables and pages
 LONGEST_TEXT = 2000
 
-# Marks that reverse the order in which a line is shown.
+# Characters that change the writing direction of a line.
 _REVERSING = {*"\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"}
 _OF_LINES = "\t\n\r"
 
@@ -42,19 +42,19 @@ _OF_LINES = "\t\n\r"
 def _is_shown(text: str, allowed: str = "") -> str:
     for mark in text:
         if mark not in allowed and (unicodedata.category(mark) in ("Cc", "Zl", "Zp") or mark in _REVERSING):
-            raise ValueError(f"text without control characters; it holds U+{ord(mark):04X}")
+            raise ValueError(f"text without control characters; it contains U+{ord(mark):04X}")
     return text
 
 
 def _is_given(text: str) -> str:
     if not text.strip():
-        raise ValueError("text that says something")
+        raise ValueError("text that is not blank")
     return text
 
 
 def is_raw_text(text: str) -> str:
-    """Return text that may hold ends of lines and tabs; raises ValueError where it holds other control characters or
-    is too long."""
+    "Return text that may contain line ends and tabs; raises ValueError for other control characters or too long"
+    "text."
     return _is_shown(_is_short(text, LONGEST_TEXT), _OF_LINES)
 
 
@@ -65,7 +65,7 @@ def _is_short(text: str, longest: int) -> str:
 
 
 def is_path(text: str) -> str:
-    """Return a path or glob; raises ValueError where it is empty, or holds what no file's name does."""
+    """Return a path or glob; raises ValueError if it is empty or has control characters."""
     return _is_shown(_is_given(text))
 
 
@@ -82,7 +82,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _is_identifier(value: Any) -> Any:
-    """Pydantic would tell of both kinds that a union has; here it is one sentence."""
+    """Accept an integer or a name with one message, where pydantic would report both members of the union."""
     if isinstance(value, bool) or not isinstance(value, int | str):
         raise ValueError("a whole number, or a name in quotation marks")
     if isinstance(value, int) and abs(value) >= 1 << 63:
@@ -106,12 +106,12 @@ def _is_date(value: Any) -> Any:
 
 
 Name = Annotated[str, AfterValidator(_is_name)]
-# Whatever a pattern allows besides, on one line.
+# Text on one line; a pattern may restrict it further.
 Shown = Annotated[str, AfterValidator(_is_shown)]
 Identifier = Annotated[int | str, BeforeValidator(_is_identifier)]
-# A sentence or several, as a person writes them.
+# One or more sentences.
 Words = Annotated[str, AfterValidator(_is_given), AfterValidator(is_raw_text)]
-# What stands in a file of others: also a line's end in a column's name.
+# Text of raw files, where also a column name may contain a line end.
 RawText = Annotated[str, AfterValidator(is_raw_text)]
 Path = Annotated[str, AfterValidator(is_path)]
 Whole = Annotated[int, Field(gt=-(2**53), lt=2**53)]
@@ -120,7 +120,7 @@ Day = Annotated[date, BeforeValidator(_is_date)]
 
 
 class Section(BaseModel):
-    """A table of campaign.toml: immutable, closed to keys that it does not know, and strict about types."""
+    """A table of campaign.toml: immutable, without unknown keys, with strict types."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
@@ -131,7 +131,7 @@ class Section(BaseModel):
 
 
 def _frozen(value: Any) -> Any:
-    """A list as the tuple that a strict model takes."""
+    """Convert lists to tuples, recursively, for a strict model."""
     if isinstance(value, list | tuple):
         return tuple(_frozen(one) for one in value)
     return {key: _frozen(one) for key, one in value.items()} if isinstance(value, dict) else value

@@ -1,4 +1,4 @@
-"""Sections of campaign.toml beside [mechanism]: what is loaded, how well it is measured, what is decided of it."""
+"""Sections of campaign.toml other than [mechanism]: loads, noise, decisions and limits."""
 
 from __future__ import annotations
 
@@ -26,35 +26,35 @@ OverloadFactor = Annotated[float, Field(ge=1.0, le=10.0, allow_inf_nan=False)]
 
 
 class CampaignSection(Section):
-    """[campaign]: its name, its kind, and the columns that deformation may follow."""
+    """[campaign]: name, kind, and columns on which deformation may depend."""
 
-    name: Shown = Field(pattern=r"^[^/\\:*?\"<>|\x00-\x1f]{1,120}$", description="names the run's folder")
+    name: Shown = Field(pattern=r"^[^/\\:*?\"<>|\x00-\x1f]{1,120}$", description="name of the run's folder")
     kind: Literal["photogrammetry", "interferometer"] = Field(
         description="photogrammetry: points of bodies; interferometer: motion of a platform under load"
     )
-    drives: tuple[Name, ...] = Field((), description="columns of configurations.csv that deformation may follow")
+    drives: tuple[Name, ...] = Field((), description="columns of configurations.csv on which deformation may depend")
 
 
 class Overload(Section):
-    """[loading.overload]: how far an overload test goes beyond the range, as a multiple of it."""
+    """[loading.overload]: largest load of an overload test, as a multiple of the range."""
 
-    fx: OverloadFactor = Field(1.0, description="of the force along x")
-    fy: OverloadFactor = Field(1.0, description="of the force along y")
-    fz: OverloadFactor = Field(1.0, description="of the force along z")
-    mx: OverloadFactor = Field(1.0, description="of the torque about x")
-    my: OverloadFactor = Field(1.0, description="of the torque about y")
-    mz: OverloadFactor = Field(1.0, description="of the torque about z")
+    fx: OverloadFactor = Field(1.0, description="for the force along x")
+    fy: OverloadFactor = Field(1.0, description="for the force along y")
+    fz: OverloadFactor = Field(1.0, description="for the force along z")
+    mx: OverloadFactor = Field(1.0, description="for the torque about x")
+    my: OverloadFactor = Field(1.0, description="for the torque about y")
+    mz: OverloadFactor = Field(1.0, description="for the torque about z")
 
 
 class Loading(Section):
-    """[loading]: the range of each load; beyond it a load is a fault, but for an overload test."""
+    """[loading]: range of each load; a larger load is a fault, except in an overload test."""
 
-    fx_n: Positive | None = Field(None, description="largest force along x, either way")
-    fy_n: Positive | None = Field(None, description="the same along y")
-    fz_n: Positive | None = Field(None, description="the same along z")
-    mx_nm: Positive | None = Field(None, description="largest torque about x, either way")
-    my_nm: Positive | None = Field(None, description="the same about y")
-    mz_nm: Positive | None = Field(None, description="the same about z")
+    fx_n: Positive | None = Field(None, description="largest force along x, in both directions")
+    fy_n: Positive | None = Field(None, description="largest force along y, in both directions")
+    fz_n: Positive | None = Field(None, description="largest force along z, in both directions")
+    mx_nm: Positive | None = Field(None, description="largest torque about x, in both directions")
+    my_nm: Positive | None = Field(None, description="largest torque about y, in both directions")
+    mz_nm: Positive | None = Field(None, description="largest torque about z, in both directions")
     overload: Overload = Field(
         Overload(),
         description="largest load of an overload test over the range (1.2: 120 %): one number, or one per load",
@@ -70,7 +70,7 @@ class Loading(Section):
         return given
 
     def allowed(self, load: str) -> float | None:
-        """The largest load of a component by its column (fx_n), an overload test included; None where none is said."""
+        """Largest allowed load of a column (fx_n), overload test included; None without a range."""
         largest = getattr(self, load)
         return None if largest is None else float(largest * getattr(self.overload, load.partition("_")[0]))
 
@@ -97,16 +97,18 @@ class SignalChain(Section):
 
 
 class Signals(Section):
-    """[signals]: what is known of the gain of the signal channels."""
+    """[signals]: prior knowledge of the gain of the signal channels."""
 
     sensitivity_mv_per_n: OneOrSeveral | None = Field(
-        None, description="gain of the channels, one number or one per channel; absent: unknown"
+        None, description="gain of the channels: one number, or one per channel; absent: unknown"
     )
-    sensitivity_tolerance: NotNegative | None = Field(None, description="one sigma of it, relative")
+    sensitivity_tolerance: NotNegative | None = Field(None, description="relative standard deviation of the gain")
     zero_mv: NotNegative | None = Field(
-        None, description="one sigma of a signal's zero where each run was tared; absent: unknown"
+        None, description="standard deviation of a signal's zero, if each run was tared; absent: unknown"
     )
-    range_mv: Positive | None = Field(None, description="what the amplifier passes either way; at it, a signal is cut")
+    range_mv: Positive | None = Field(
+        None, description="range of the amplifier, in both directions; signals at its ends are clipped"
+    )
     chain: SignalChain | None = Field(
         None, description="cells and amplifier, in place of sensitivity_mv_per_n and sensitivity_tolerance"
     )
@@ -124,7 +126,7 @@ class Signals(Section):
 
 
 class PoseComponents(Section):
-    """A number for each component of a pose; absent where nothing is said of one."""
+    """One number for each component of a pose; absent: not specified."""
 
     x_mm: Positive | None = Field(None, description="along x")
     y_mm: Positive | None = Field(None, description="along y")
@@ -135,13 +137,13 @@ class PoseComponents(Section):
 
 
 class Workspace(PoseComponents):
-    """[workspace]: half ranges, for pose selection and the requirements table."""
+    """[workspace]: half ranges for pose selection and the requirements table."""
 
-    rho_mm: Positive | None = Field(None, description="of every actuator, about its reference reading")
+    rho_mm: Positive | None = Field(None, description="for every actuator, about its reference reading")
 
 
 class Requirement(PoseComponents):
-    """[requirement]: desired accuracy."""
+    """[requirement]: required accuracy."""
 
 
 def _is_nothing_or_real(value: float) -> float:
@@ -150,8 +152,8 @@ def _is_nothing_or_real(value: float) -> float:
     return value
 
 
-# Standard deviations that an instrument may have, in the unit of the key: from a hundredth of an atom, or from what no
-# converter resolves, to what is no measurement any more. 0 is what is taken as exact.
+# Plausible standard deviations of an instrument, in the unit of the key: from below any resolution to beyond any
+# measurement. 0 means exact.
 OfLength = Annotated[float, Field(ge=LEAST_SIGMA_MM, le=MOST_SIGMA_MM, allow_inf_nan=False)]
 OfReadings = Annotated[float, Field(ge=0.0, le=1e3, allow_inf_nan=False), AfterValidator(_is_nothing_or_real)]
 OfDisplacement = Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)]
@@ -167,8 +169,8 @@ class Noise(Section):
     """[noise]: one standard deviation, as specified for the instrument."""
 
     point_mm: OfLength | None = Field(None, description="photogrammetry: each coordinate of a point")
-    image_px: OfImages | None = Field(None, description="photographs: each image coordinate that gives no sigma itself")
-    actuator_mm: OfReadings = Field(0.0, description="photogrammetry: an actuator's reading")
+    image_px: OfImages | None = Field(None, description="photographs: each image coordinate without a sigma of its own")
+    actuator_mm: OfReadings = Field(0.0, description="photogrammetry: reading of an actuator")
     linear_um: OfDisplacement | None = Field(None, description="interferometer, linear channels")
     angular_arcsec: OfAngles | None = Field(None, description="interferometer, angular channels")
     signal_mv: OfSignals | None = Field(None, description="signal channels")
@@ -176,47 +178,45 @@ class Noise(Section):
         None, description="six-component displacement and measured poses, translation"
     )
     rotation_rad: OfRotation | None = Field(None, description="six-component displacement and measured poses, rotation")
-    command_deg: OfReadings = Field(0.0, description="rotary axis: how far it stands from its command")
-    motor_deg: OfTurns | None = Field(None, description="rotary axis: a reading of the motor's encoder")
-    load_deg: OfTurns | None = Field(None, description="rotary axis: a reading of the load's encoder")
-    measured_deg: OfTurns | None = Field(None, description="rotary axis: a reading of the outside instrument")
-    command_mm: OfReadings = Field(0.0, description="linear axis: how far it stands from its command")
-    motor_mm: OfLength | None = Field(None, description="linear axis: a reading of the motor's encoder")
-    load_mm: OfLength | None = Field(None, description="linear axis: a reading of the load's encoder")
-    measured_mm: OfLength | None = Field(None, description="linear axis: a reading of the outside instrument")
+    command_deg: OfReadings = Field(0.0, description="rotary axis: deviation from its command")
+    motor_deg: OfTurns | None = Field(None, description="rotary axis: reading of the motor encoder")
+    load_deg: OfTurns | None = Field(None, description="rotary axis: reading of the load encoder")
+    measured_deg: OfTurns | None = Field(None, description="rotary axis: reading of the external instrument")
+    command_mm: OfReadings = Field(0.0, description="linear axis: deviation from its command")
+    motor_mm: OfLength | None = Field(None, description="linear axis: reading of the motor encoder")
+    load_mm: OfLength | None = Field(None, description="linear axis: reading of the load encoder")
+    measured_mm: OfLength | None = Field(None, description="linear axis: reading of the external instrument")
     load_n: OfLoads = Field(0.0, description="applied force")
     load_nm: OfLoads = Field(0.0, description="applied torque")
 
 
 class Bodies(Section):
-    """[bodies]: which body the others are seen from; absent, poses are in the measurement frame.
-
-    ``still`` names bodies that should stand still before an instrument whose frame is one for the campaign.
-    """
+    """[bodies]: reference body of all poses, and bodies that should not move."""
 
     reference: Name | None = Field(
         None,
-        description="the body that the others are seen from; absent: a mechanism's base, else the measurement's frame",
+        description="body in whose frame the other bodies' poses are given; absent: a mechanism's base, else the "
+        "measurement frame",
     )
     still: tuple[Name, ...] = Field(
-        (), description="bodies that should stand still before an instrument whose frame is one for the campaign"
+        (), description="bodies that should not move, measured in one frame for the whole campaign"
     )
 
 
 class Measurement(Section):
-    """[measurement]: how long the frame of the instrument stays one and the same."""
+    """[measurement]: frame of the instrument, and direction of gravity."""
 
     frame: Literal["pose", "series", "campaign"] = Field(
         "pose",
-        description="pose: every pose is measured in a frame of its own; series: one frame per series, taken as "
-        "pose, which `truing check` says; campaign: the instrument stood still, and its frame is that of `base` where "
-        "this body is not measured",
+        description="pose: each pose has its own frame; series: one frame per series, treated like pose (`truing "
+        "check` reports this); campaign: the instrument did not move, and its frame is used as that of "
+        "`base` if this body is not measured",
     )
     up: Vector | None = Field(
         None,
-        description="which way is up: a direction of any length in the frame of the reference body (`base` of a "
-        "mechanism), or, where nothing is the reference, in that of an instrument that stood still; absent: gravity is "
-        "no cause",
+        description="upward direction, of any length, in the frame of the reference body (`base` of a mechanism); "
+        "without a reference body, in the frame of an instrument that did not move; absent: gravity is "
+        "not considered as a cause",
     )
 
     @field_validator("up")
@@ -228,13 +228,13 @@ class Measurement(Section):
 
 
 class MeasuredPoses(Section):
-    """[poses]: how the table `poses` writes attitudes."""
+    """[poses]: notation of orientations in the table `poses`."""
 
     euler: str | None = Field(
         None,
         pattern=r"^([XYZ]{3}|[xyz]{3})$",
-        description="order of euler_a, euler_b, euler_c: about turned axes in capitals (`XYZ`), about fixed axes in "
-        "small letters (`xyz`)",
+        description="order of euler_a, euler_b, euler_c: capitals (`XYZ`) for rotating axes, small letters (`xyz`) "
+        "for fixed axes",
     )
 
     @field_validator("euler")
@@ -246,112 +246,112 @@ class MeasuredPoses(Section):
 
 
 class Diagnosis(Section):
-    """[diagnosis]: how sure a finding must be, what becomes of it, and which second campaign tests the models."""
+    """[diagnosis]: false-alarm rate, use of findings, and a second campaign that tests the models."""
 
     false_alarm: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(
-        0.05, description="probability of any finding where the simulation is right"
+        0.05, description="probability of any finding if the simulation is correct"
     )
-    seed: int = Field(0, ge=0, description="seed of the simulated null draws")
+    seed: int = Field(0, ge=0, description="seed of the simulated null distribution")
     apply: tuple[Name, ...] = Field(
-        (), description="causes whose effects the main calibration holds where they are found; absent: data as recorded"
+        (), description="causes whose effects the main calibration includes if they are found; absent: data as recorded"
     )
     ignore: tuple[Name, ...] = Field((), description="causes that the diagnosis does not search for")
     judge_on: Path | None = Field(
         None,
-        description="folder of a second campaign of the same machine, relative to campaign.toml: the models that are "
-        "fitted here predict it, and their errors are listed",
+        description="folder of a second campaign of the same machine, relative to campaign.toml: the models fitted "
+        "here predict it, and their errors are listed",
     )
 
     @model_validator(mode="after")
     def _is_applied_or_ignored(self) -> Diagnosis:
         if both := sorted({*self.apply} & {*self.ignore}):
-            raise ValueError(
-                f"{', '.join(both)} in apply or in ignore, not in both: a cause that is ignored is never found"
-            )
+            raise ValueError(f"{', '.join(both)} in apply or in ignore, not in both: an ignored cause is never found")
         return self
 
 
 class SetLimits(Section):
-    """[qa.limits.<check>]: from where on a check warns or fails, in place of its declared limits."""
+    """[qa.limits.<check>]: own limits of a check, instead of the defaults."""
 
-    warn: NotNegative | None = Field(None, description="from where on the check warns; absent: as declared")
-    fail: NotNegative | None = Field(None, description="from where on it fails; absent: as declared")
-    reason: Words | None = Field(None, description="why; the check says it with its verdict")
+    warn: NotNegative | None = Field(None, description="limit of a warning; absent: the default")
+    fail: NotNegative | None = Field(None, description="limit of a failure; absent: the default")
+    reason: Words | None = Field(None, description="reason, shown with the verdict")
 
 
 class QualityLimits(Section):
-    """[qa]: the probability that all failing checks together trip on a good campaign, and limits of its own."""
+    """[qa]: false-alarm budget of all failing checks, and own limits."""
 
     false_alarm: Annotated[float, Field(gt=0.0, lt=1.0)] = Field(
         0.01, description="probability that any check fails on a good campaign"
     )
-    limits: dict[str, SetLimits] = Field(default_factory=dict, description="by check, where its limits are plain")
+    limits: dict[str, SetLimits] = Field(
+        default_factory=dict, description="own limits by check, for checks with settable limits"
+    )
 
 
 class Overrule(Section):
-    """[[exclude]], [[keep]]: a point or a reading left out or kept by a person, by name and with a reason.
+    """[[exclude]], [[keep]]: a point or reading that a person excludes or keeps, with name and reason.
 
-    An absent key stands for all: ``body = "platform", target = "P07"`` concerns that target in every pose, ``run = 3,
+    An absent key matches all: ``body = "platform", target = "P07"`` matches that target in every pose, ``run = 3,
     channel = "dz"`` that channel in every step of the run.
     """
 
-    pose: Identifier | None = Field(None, description="the pose")
-    body: Name | None = Field(None, description="the body")
-    target: Name | None = Field(None, description="the target")
-    run: Identifier | None = Field(None, description="interferometer: the run")
-    step: int | None = Field(None, description="interferometer: the load step within its run")
+    pose: Identifier | None = Field(None, description="pose")
+    body: Name | None = Field(None, description="body")
+    target: Name | None = Field(None, description="target")
+    run: Identifier | None = Field(None, description="interferometer: run")
+    step: int | None = Field(None, description="interferometer: load step within its run")
     channel: Literal["dx", "dy", "dz", "rx", "ry", "rz", "v1", "v2", "v3", "v4", "v5", "v6", "v7", "v8"] | None = Field(
-        None, description="interferometer: what was read"
+        None, description="interferometer: channel"
     )
-    by: Name = Field(description="who decided")
-    on: Day | None = Field(None, description="when, as 2026-11-22")
-    reason: Words = Field(description="why")
+    by: Name = Field(description="person who decided")
+    on: Day | None = Field(None, description="date, as 2026-11-22")
+    reason: Words = Field(description="reason")
 
     @property
     def signed(self) -> str:
-        """Who decided, and when."""
+        """Person and date of the decision."""
         return self.by if self.on is None else f"{self.by} on {self.on}"
 
 
 class Acceptance(Section):
-    """[[accept]]: a QA verdict accepted by a person, by name and with a reason."""
+    """[[accept]]: a verdict of a quality check that a person accepts, with name and reason."""
 
-    check: Name = Field(description="the check, as qa.parquet names it")
-    subject: Name | None = Field(None, description="what it concerns; absent: whatever it concerns")
-    by: Name = Field(description="who decided")
-    on: Day | None = Field(None, description="when, as 2026-11-22")
-    reason: Words = Field(description="why")
+    check: Name = Field(description="name of the check in qa.parquet")
+    subject: Name | None = Field(None, description="subject of the verdict; absent: all subjects")
+    by: Name = Field(description="person who decided")
+    on: Day | None = Field(None, description="date, as 2026-11-22")
+    reason: Words = Field(description="reason")
 
     @property
     def signed(self) -> str:
-        """Who decided, and when."""
+        """Person and date of the decision."""
         return self.by if self.on is None else f"{self.by} on {self.on}"
 
 
 class Renamed(Section):
-    """[[renamed]]: a target that the files call otherwise in some poses; ``target`` is its name in the campaign.
+    """[[renamed]]: a target with another name in the files in some poses; ``target`` is its name in the campaign.
 
-    ``from_pose`` and ``to_pose`` count in the order of time and are both within; an absent one means the first or the
-    last. All entries act at once, so two targets may take each other's names.
+    ``from_pose`` and ``to_pose`` are in the order of time and included; absent: the first or last pose. All entries act
+    at once, so two targets may exchange names.
     """
 
-    body: Name = Field(description="the body that carries it")
-    called: Name = Field(description="what the files call it")
-    target: Name = Field(description="which target it is")
-    from_pose: Identifier | None = Field(None, description="the first pose of it; absent: the first of all")
-    to_pose: Identifier | None = Field(None, description="the last pose of it; absent: the last of all")
-    by: Name | None = Field(None, description="who says so")
-    reason: Words | None = Field(None, description="why")
+    body: Name = Field(description="body of the target")
+    called: Name = Field(description="name in the files")
+    target: Name = Field(description="name in the campaign")
+    from_pose: Identifier | None = Field(None, description="first pose with this name; absent: the first of all")
+    to_pose: Identifier | None = Field(None, description="last pose with this name; absent: the last of all")
+    by: Name | None = Field(None, description="person who declares it")
+    reason: Words | None = Field(None, description="reason")
 
 
 class Resurvey(Section):
-    """[[resurvey]]: from which pose on a later survey of ``resurveys`` holds; one without this table is a check alone.
+    """[[resurvey]]: first pose for which a survey of the table ``resurveys`` holds; without this table it only checks.
 
-    A target that lies elsewhere in it is another one from that pose on: ``P07@after``, for a survey called after.
+    A target at a new position gets a new name from that pose on: ``P07@after``, for a survey called after.
     """
 
-    survey: Name = Field(description="its name in the column survey of the table resurveys")
-    from_pose: Identifier | None = Field(None, description="the first pose that it holds for; absent: a check alone")
-    moved: tuple[Name, ...] = Field((), description="targets known to have been moved, however little")
-    by: Name | None = Field(None, description="who says so")
-    reason: Words | None = Field(None, description="why")
+    survey: Name = Field(description="name in the column survey of the table resurveys")
+    from_pose: Identifier | None = Field(None, description="first pose for which the survey holds; absent: only check")
+    moved: tuple[Name, ...] = Field((), description="targets known to have moved, however little")
+    by: Name | None = Field(None, description="person who declares it")
+    reason: Words | None = Field(None, description="reason")

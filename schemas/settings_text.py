@@ -1,4 +1,4 @@
-"""Files of settings and of models, read whole: text of a bounded size in a regular file, never a pipe or a device."""
+"""Reader of settings and model files: text of bounded size from regular files, never from pipes or devices."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ LARGEST = 16 << 20  # bytes; the parser takes a hundred times that of memory
 _NOTHING_THERE = {errno.ENOENT, errno.ENOTDIR, errno.ELOOP, errno.ENAMETOOLONG}
 
 DEEPEST = 64  # tables and lists within each other; what is read here needs six
-# A dotted key of thousands of parts takes the parser minutes.
+# The parser needs minutes for a dotted key of thousands of parts.
 _LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++\s*+\.\s*+){{{DEEPEST}}}")
 
 _OF_THE_SYSTEM = ("/proc", "/sys", "/dev")
-_OF_MEMORY = "/dev/shm"  # where ordinary files lie, too
+_OF_MEMORY = "/dev/shm"  # contains ordinary files
 NOTHING_SPECIAL = "no folder, pipe or device, and nothing of /proc, /sys or /dev"
 
 
 class TooDeep(ValueError):
-    """Tables or lists within each other, deeper than settings ever are."""
+    """Tables or lists nested too deeply."""
 
     def __init__(self) -> None:
         super().__init__(f"at most {DEEPEST} tables or lists within each other")
 
 
 class TooLarge(ValueError):
-    """Text of a size that settings never have: ``size`` in bytes."""
+    """Text larger than any settings: ``size`` in bytes."""
 
     def __init__(self, size: int) -> None:
         self.size = size
@@ -40,9 +40,8 @@ class TooLarge(ValueError):
 def read_settings_text(path: Path) -> str:
     """Return the text of a file in UTF-8.
 
-    Raises FileNotFoundError where no regular file is there (nothing, a folder, a pipe, a device, links in a circle, an
-    entry of /proc),
-    TooLarge, and UnicodeDecodeError.
+    Raises FileNotFoundError if the path is no regular file (missing, a folder, a pipe, a device, circular links, an
+    entry of /proc), TooLarge, and UnicodeDecodeError.
     """
     size = regular_size(path)
     if size > LARGEST:
@@ -51,9 +50,9 @@ def read_settings_text(path: Path) -> str:
 
 
 def parsed_toml(text: str) -> dict[str, Any]:
-    """Return the document that a TOML text holds.
+    """Parse a TOML text.
 
-    Raises TooDeep, tomllib.TOMLDecodeError, and ValueError for integers of more digits than Python reads.
+    Raises TooDeep, tomllib.TOMLDecodeError, and ValueError for integers with more digits than Python reads.
     """
     if _LONG_KEY.search(text):
         raise TooDeep
@@ -74,7 +73,7 @@ def _within(one: Any) -> list[Any]:
 
 
 def regular_size(path: Path) -> int:
-    """Return the bytes of a regular file; raises FileNotFoundError where there is none."""
+    """Return the size of a regular file in bytes; raises FileNotFoundError if there is none."""
     try:
         status = os.stat(path)
     except ValueError:  # a null character
@@ -93,9 +92,9 @@ def _none(path: Path) -> FileNotFoundError:
 
 
 def is_special(path: Path) -> bool:
-    """Return whether a path leads, also through links, to what the system makes up; raises OSError.
+    """Return whether a path leads, also through links, to a file that the kernel generates; raises OSError.
 
-    Such a file may hold secrets of the process that reads it, or block who reads it for ever.
+    Such a file may hold secrets of the reading process, or block the reader for ever.
     """
     real = os.path.realpath(path)
     if any(real == place or real.startswith(f"{place}/") for place in _OF_THE_SYSTEM):
@@ -106,12 +105,12 @@ def is_special(path: Path) -> bool:
     if status.st_size:
         return False
     try:
-        with open(real, "rb") as file:  # such as another mount of /proc: empty files that hold something
+        with open(real, "rb") as file:  # size 0 but readable content, such as another mount of /proc
             return file.read(1) != b""
     except PermissionError:
         return False
 
 
 def _devices() -> set[int]:
-    """The devices that /proc and /sys are, as far as they are there and none of the disk's."""
+    """Device numbers of /proc and /sys, if mounted."""
     return {os.stat(place).st_dev for place in _OF_THE_SYSTEM[:2] if os.path.ismount(place)}

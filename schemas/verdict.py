@@ -1,11 +1,11 @@
-"""What a verdict can say: why a section of the page has its state, and which relation a diagnosis tests."""
+"""Codes of verdicts: reasons for the state of a section, and relations that a diagnosis tests."""
 
 from __future__ import annotations
 
 from enum import StrEnum
 
 CAMPAIGN = "campaign"
-# Sections that have a row of their own, in the order in which a failure leads.
+# Sections with a row of their own; the first failed one determines the campaign's verdict.
 SECTIONS = (
     "belonging",
     "quality",
@@ -20,12 +20,12 @@ SECTIONS = (
     "poses",
     "deformation",
 )
-# Sections whose failure says that the data cannot be used as they are: exit code 3.
+# Sections whose failure means that the data cannot be used unchanged: exit code 3.
 GATES = ("belonging", "quality")
 
 
 class ReasonCode(StrEnum):
-    """Why a section has its state."""
+    """Reason for the state of a section."""
 
     BELONG = "belong"
     DEPARTS = "departs"
@@ -67,13 +67,13 @@ class ReasonCode(StrEnum):
 
     @property
     def meaning(self) -> str:
-        """The code in words, as the reference has it."""
+        """Meaning of the code, as in the reference."""
         return _MEANING[self]
 
 
-# Sections whose failure says that the numbers of a model are not to be relied on.
+# Sections whose failure means that a model's parameters are unreliable.
 OF_MODEL = ("adequacy", "pulls", "calibration")
-# Codes of an incomplete picture: what no model holds biases every number of it.
+# Codes of an incomplete model: effects that it leaves out bias its parameters.
 INCOMPLETE = (ReasonCode.BEYOND_NOISE, ReasonCode.LACK_OF_FIT)
 
 _MEANING = {
@@ -118,7 +118,7 @@ _MEANING = {
 
 
 class Relation(StrEnum):
-    """What a search for causes relates."""
+    """Relation that a search for causes tests."""
 
     READINGS_POSES = "readings-poses"
     LOADS_READINGS = "loads-readings"
@@ -129,18 +129,18 @@ class Relation(StrEnum):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether a simulation of the machine relates them."""
+        """Whether a simulation of the machine predicts the relation."""
         return self not in (Relation.BODIES_SURVEY, Relation.RAYS_POINTS)
 
 
-# By chance a right model leaves as much once in 1,000 campaigns; and declared noise is known to a tenth.
+# A correct model has such a misfit once in 1,000 campaigns; declared noise is known to a tenth.
 _UNLIKELY, _MARGIN = 1e-3, 1.1
-BY_A_FACTOR = 2.0  # errors so many times the noise fail: no declared noise is wrong by so much unnoticed
+BY_A_FACTOR = 2.0  # an error above this multiple of the noise fails, because no declared noise is that wrong unnoticed
 
 
 def does_not_fit(p_value: float, ratio: float) -> bool:
-    """Whether a model misses what it was fitted to by more than chance and declared noise explain.
+    """Whether a model's misfit exceeds what chance and declared noise explain.
 
-    ``ratio``: rms misfit over declared noise; ``p_value``: probability of as large a misfit of a right model.
+    ``ratio``: rms misfit over declared noise; ``p_value``: probability of such a misfit for a correct model.
     """
     return p_value < _UNLIKELY and ratio > _MARGIN

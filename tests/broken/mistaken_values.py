@@ -57,7 +57,7 @@ CASES = (
         "name-with-nul",
         "telescope",
         appended("campaign.toml", '\n[[exclude]]\ntarget = "P\\u00007"\nby = "A"\nreason = "x"\n'),
-        ("exclude.1.target", r"control characters; it holds U\+0000"),
+        ("exclude.1.target", r"control characters; it contains U\+0000"),
     ),
     Broken(
         "reference-below-absolute-zero",

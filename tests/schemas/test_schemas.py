@@ -131,7 +131,7 @@ LEG = {"a_mm": [1.0, 2.0, 3.0], "b_mm": [1.0, 2.0, 3.0], "length_mm": 500.0}
             {"measurement": {"up": [0, 0, 0], "frame": "campaign"}},
             "column measurement.up: expected a direction, such as [0, 0, 1]",
         ),
-        ({"measurement": {"up": [0, 0, 1]}}, '[bodies] reference, or frame = "campaign", beside [measurement] up'),
+        ({"measurement": {"up": [0, 0, 1]}}, '[bodies] reference, or frame = "campaign", with [measurement] up'),
     ],
 )
 def test_faults_of_campaign_toml_are_named(section, expected):
@@ -155,7 +155,7 @@ def test_every_fault_of_what_is_known_of_beams_and_material_comes_at_once():
     section = {"beams": beams, "material": material, "surroundings_sigma": spread}
     with pytest.raises(CampaignFaults) as caught:
         read_campaign({"campaign": {"name": "c", "kind": "interferometer"}, "interferometer": section})
-    turned = "a direction within 30 degrees of the channel's own axis, the way in which it counts up"
+    turned = "a direction within 30 degrees of the channel's own axis, pointing to increasing readings"
     facts = [
         ("beams.dx.arm_mm.3", None, "this key to be present"),
         ("beams.dy", None, turned),

@@ -150,7 +150,7 @@ def test_every_key_is_of_a_kind_that_is_tried_here() -> None:
         ({"files": {"points": [{"path": "a"}, {"path": 5}]}}, "files.points.2.path: found '5'"),
         ({"files": {"points": 5}}, "files.points: found '5'; expected a table"),
         ({"bodies": {"still": "pier"}}, "bodies.still: found '\"pier\"'; expected a list, in brackets"),
-        ({"bodies": {"reference": "a\0b"}}, "text without control characters; it holds U+0000"),
+        ({"bodies": {"reference": "a\0b"}}, "text without control characters; it contains U+0000"),
         ({"exclude": [{"pose": "P\n7", "by": "me", "reason": "x"}]}, "exclude.1.pose: found 'P\\n7'; expected text"),
     ],
 )

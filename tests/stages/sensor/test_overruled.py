@@ -109,7 +109,7 @@ def test_a_rule_that_names_nothing_warns_and_is_no_failure(measured: Path, tmp_p
 @pytest.mark.parametrize(
     ("keys", "told"),
     [
-        ({"run": 3}, "pose, body or target in [[exclude]] and [[keep]]: run, step and channel are a bench's"),
+        ({"run": 3}, "pose, body or target in [[exclude]] and [[keep]]; run, step and channel are keys for a bench"),
         ({"channel": "d"}, "exclude.1.channel"),
     ],
 )
