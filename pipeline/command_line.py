@@ -1,4 +1,4 @@
-"""The command line `truing`: a thin face of the functions that do the work."""
+"""The command line `truing`; the commands call functions of other modules."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from truing.pipeline.executor import Workforce
 
 
-# Without rich's formatting of help: it would cost a third of a second before the first word.
+# Help without rich, because rich would delay it by a third of a second.
 app = typer.Typer(
     name="truing",
-    help="Diagnose where a mechanism and its simulation part ways, from measured points and readings.",
+    help="Find out what the simulation of a mechanism gets wrong, from measured points and readings.",
     epilog="Example: truing run sample_data/telescope",
     add_completion=False,
     no_args_is_help=True,
@@ -30,14 +30,14 @@ app = typer.Typer(
 
 
 class _QaGate(StrEnum):
-    """What a failed QA check does to the exit code."""
+    """Effect of a failed quality check on the exit code."""
 
     WARN = "warn"
     FAIL = "fail"
 
 
 class _Method(StrEnum):
-    """How `design` searches."""
+    """Search method of `design`."""
 
     EXCHANGE = "exchange"
     DIRECT = "direct"
@@ -46,51 +46,59 @@ class _Method(StrEnum):
 
 
 class _Within(StrEnum):
-    """What limits the configurations that `design` may choose."""
+    """Limits on the configurations of `design`."""
 
     WORKSPACE = "workspace"
     ACTUATORS = "actuators"
 
 
-Campaigns = Annotated[list[Path], typer.Argument(metavar="CAMPAIGN", help="Folders that hold a campaign.toml.")]
-_OneCampaign = Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="A folder that holds a campaign.toml.")]
+Campaigns = Annotated[list[Path], typer.Argument(metavar="CAMPAIGN", help="Folders with a campaign.toml.")]
+_OneCampaign = Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder with a campaign.toml.")]
 _Out = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="The run's folder; default: runs/<campaign name>.")
+    Path | None, typer.Option("--out", metavar="DIR", help="Folder of the run; default: runs/<campaign name>.")
 ]
 _OutTable = Annotated[
     Path | None, typer.Option("--out", metavar="FILE", help="A .csv or .parquet file; default: CSV on stdout.")
 ]
-_Seed = Annotated[int, typer.Option("--seed", min=0, help="Of the random draws.")]
-_Gate = Annotated[_QaGate, typer.Option("--qa", help="Whether a failed check is exit code 3 or only told.")]
-_Anew = Annotated[bool, typer.Option("--check", help="Read every file anew instead of trusting size, time and inode.")]
-_Quiet = Annotated[bool, typer.Option("--quiet", help="Say only what went wrong.")]
+_Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the random numbers.")]
+_Gate = Annotated[
+    _QaGate, typer.Option("--qa", help="fail: a failed quality check gives exit code 3; warn: it gives 0.")
+]
+_Anew = Annotated[
+    bool, typer.Option("--check", help="Read every file again, even if its size, time and inode are unchanged.")
+]
+_Quiet = Annotated[bool, typer.Option("--quiet", help="Print only problems.")]
 _Workers = Annotated[
-    int | None, typer.Option("--workers", min=1, max=1000, metavar="N", help="Do so many at a time, each in a process.")
+    int | None, typer.Option("--workers", min=1, max=1000, metavar="N", help="Number of parallel processes.")
 ]
 _Scheduler = Annotated[
     str | None,
-    typer.Option("--scheduler", metavar="ADDRESS", help="A Dask scheduler, tcp://host:port; local: one for this call."),
+    typer.Option(
+        "--scheduler", metavar="ADDRESS", help="Dask scheduler, tcp://host:port; local: start one for this call."
+    ),
 ]
 
 
 def _listed(words: str) -> tuple[str, ...]:
-    """The words of an option that takes several, by commas."""
+    """Words of a comma-separated option."""
     return tuple(word.strip() for word in words.split(",") if word.strip())
 
 
 def _pair(option: str, text: str) -> tuple[float, float]:
-    """Two numbers by a comma; raises typer.BadParameter."""
+    """Two numbers separated by a comma; raises typer.BadParameter."""
     try:
         low, high = (float(word) for word in text.split(","))
     except ValueError:
-        raise typer.BadParameter(f"{option}: two numbers by a comma, as 500,1500; found {text!r}") from None
+        raise typer.BadParameter(
+            f"{option}: two numbers separated by a comma, such as 500,1500; found {text!r}"
+        ) from None
     if not (math.isfinite(low) and math.isfinite(high)):
         raise typer.BadParameter(f"{option}: finite numbers; found {text!r}")
     return low, high
 
 
 def workforce(workers: int | None, scheduler: str | None) -> Workforce:
-    """Who does the work, from the options; raises typer.BadParameter."""
+    """Workforce by the options; raises typer.BadParameter."""
     from truing.pipeline.executor import LOCAL, Workforce
 
     if scheduler not in (None, LOCAL) and not re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", scheduler or ""):
@@ -111,10 +119,10 @@ def _print_version(wanted: bool) -> None:
 @app.callback()
 def truing(
     version: Annotated[
-        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Tell the version and end.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Diagnose where a mechanism and its simulation part ways, from measured points and readings."""
+    """Find out what the simulation of a mechanism gets wrong, from measured points and readings."""
 
 
 @app.command()
@@ -122,26 +130,26 @@ def run(
     campaigns: Campaigns,
     out: _Out = None,
     first: Annotated[
-        str | None, typer.Option("--from", metavar="STAGE", help="Run this stage and all after it again.")
+        str | None, typer.Option("--from", metavar="STAGE", help="Run this stage and all later stages again.")
     ] = None,
     only: Annotated[
-        str | None, typer.Option("--only", metavar="STAGE", help="Just this stage, and what it needs.")
+        str | None, typer.Option("--only", metavar="STAGE", help="Run only this stage and the stages that it needs.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Run stages that are up to date, too.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Run all stages, even if up to date.")] = False,
     qa: _Gate = _QaGate.FAIL,
     check: _Anew = False,
     quiet: _Quiet = False,
     workers: _Workers = None,
     scheduler: _Scheduler = None,
 ) -> None:
-    """Run every stage that is not up to date, then say where the report lies.
+    """Analyse campaigns: run all stages that are not up to date, and write the report.
 
-    Several campaigns are run one after the other, each in its own folder; with --workers or --scheduler several at a
-    time, with the same results. The workers of a Dask cluster must see the same files at the same places. Photographs
-    of one campaign are measured on all cores, or in as many processes as --workers says.
+    Several campaigns run one after the other, each in its own folder; with --workers or --scheduler they run in
+    parallel, with the same results. The workers of a Dask cluster need the same files at the same paths. Photographs
+    of one campaign are measured on all cores, or in the number of processes given by --workers.
 
-    Exit codes: 0 done; 1 a defect of the software; 2 the campaign cannot be used; 3 done, but a QA check failed;
-    4 the environment prevented it; 130 Ctrl-C ended it.
+    Exit codes: 0 done; 1 defect of the software; 2 campaign cannot be used; 3 done, but a quality check failed;
+    4 problem of the environment; 130 ended by Ctrl-C.
 
     Example: truing run sample_data/telescope --from pose
     """
@@ -155,11 +163,15 @@ def run(
 
 @app.command()
 def stages(
-    campaign: Annotated[Path | None, typer.Argument(metavar="CAMPAIGN", help="Absent: the stages there are.")] = None,
+    campaign: Annotated[
+        Path | None, typer.Argument(metavar="CAMPAIGN", help="Folder with a campaign.toml; absent: list all stages.")
+    ] = None,
     out: _Out = None,
     check: _Anew = False,
 ) -> None:
-    """Show each stage of a campaign as fresh, stale (and why) or never run; without one, list the stages there are.
+    """Show the state of each stage of a campaign: fresh, stale (with the reason) or never run.
+
+    Without a campaign, list all stages.
 
     Example: truing stages sample_data/telescope
     """
@@ -170,7 +182,9 @@ def stages(
 
 @app.command()
 def check(campaigns: Campaigns) -> None:
-    """Validate campaigns without running them: every fault of campaign.toml and of the raw files; nothing is written.
+    """Validate campaigns without running them: report all faults of campaign.toml and of the raw files.
+
+    Writes nothing.
 
     Example: truing check my-campaign
     """
@@ -181,10 +195,10 @@ def check(campaigns: Campaigns) -> None:
 
 @app.command()
 def init(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="A folder with raw files and no campaign.toml yet.")],
-    every_key: Annotated[bool, typer.Option("--all", help="Write every key there is, explained.")] = False,
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder with raw files and without campaign.toml.")],
+    every_key: Annotated[bool, typer.Option("--all", help="Write all keys, with explanations.")] = False,
 ) -> None:
-    """Look at the raw files of a folder and write a campaign.toml to complete, with what this campaign needs.
+    """Write a campaign.toml for the raw files of a folder, to be completed by hand.
 
     An existing campaign.toml is never overwritten, and a raw file is never changed.
 
@@ -197,14 +211,12 @@ def init(
 
 @app.command()
 def predict(
-    model: Annotated[
-        Path, typer.Argument(metavar="MODEL", help="The folder of a run, or the model.toml or sensor.toml in it.")
-    ],
+    model: Annotated[Path, typer.Argument(metavar="MODEL", help="Folder of a run, or its model.toml or sensor.toml.")],
     inputs: Annotated[
         Path,
         typer.Argument(
             metavar="INPUTS",
-            help="A table of configurations, load steps, commands or signals, .csv or .parquet; or the folder of a "
+            help="Table of configurations, load steps, commands or signals, .csv or .parquet; or the folder of a "
             "second campaign of the same machine.",
         ),
     ],
@@ -212,16 +224,15 @@ def predict(
 ) -> None:
     """Predict poses or readings with the extended model, or test its predictions on a second campaign.
 
-    INPUTS is a table: configurations of a mechanism give poses of the platform seen from the base, with their 6 x 6
-    covariance; load steps of a force sensor give interferometer readings; commands of an axis give the readings of
-    its encoders, each with its sigma; signals of a calibrated force sensor give wrenches with their covariance. The
-    table needs every column that an effect of the model depends on.
+    A table of configurations gives poses of the platform in the frame of the base, with 6 x 6 covariance. Load steps of
+    a force sensor give interferometer readings. Commands of an axis give encoder readings, each with its sigma. Signals
+    of a calibrated force sensor give wrenches with covariance. The table needs every column on which an effect of the
+    model depends.
 
-    Where INPUTS is the folder of a second campaign of the same machine, its measurements are compared with predictions
-    by the nominal, the calibrated and the extended model: rms and largest error of each. The calibration is that of the
-    run in the folder of the model.
+    For the folder of a second campaign of the same machine, the result is the rms and largest error of the nominal, the
+    calibrated and the extended model. The calibration is read from the folder of the model.
 
-    The result is CSV on standard output, or the file --out, as .csv or .parquet.
+    The result is written as CSV to standard output, or to the file --out (.csv or .parquet).
 
     Example: truing predict runs/telescope/model.toml configurations.csv --out predicted.parquet
     """
@@ -237,45 +248,61 @@ def predict(
 @app.command()
 def design(
     campaign: _OneCampaign,
-    poses: Annotated[int, typer.Option("--poses", min=1, max=1000, help="How many configurations to choose.")] = 40,
+    poses: Annotated[int, typer.Option("--poses", min=1, max=1000, help="Number of configurations to choose.")] = 40,
     verification: Annotated[
-        int, typer.Option("--verification", min=0, max=1000, help="How many more to hold out, among the chosen.")
+        int, typer.Option("--verification", min=0, max=1000, help="Number of additional verification poses.")
     ] = 0,
     extend: Annotated[
-        Path | None, typer.Option("--extend", metavar="FILE", help="Keep the poses of this table, and add to them.")
+        Path | None, typer.Option("--extend", metavar="FILE", help="Keep the poses of this table and add others.")
     ] = None,
     avoid: Annotated[
         Path | None,
-        typer.Option("--avoid", metavar="FILE", help="Forbidden regions, a row each: x_min_mm, rho1_max_mm, ..."),
+        typer.Option(
+            "--avoid", metavar="FILE", help="Table of forbidden regions, one per row: x_min_mm, rho1_max_mm, ..."
+        ),
     ] = None,
-    method: Annotated[_Method, typer.Option("--method", help="How to search.")] = _Method.EXCHANGE,
+    method: Annotated[_Method, typer.Option("--method", help="Search method.")] = _Method.EXCHANGE,
     within: Annotated[
-        _Within, typer.Option("--within", help="All limits of [workspace], or rho_mm alone.")
+        _Within, typer.Option("--within", help="workspace: all limits of [workspace]; actuators: only rho_mm.")
     ] = _Within.WORKSPACE,
     parameters: Annotated[
         str,
-        typer.Option("--parameters", metavar="NAMES", help="Of each leg: a_x,b_x,l; default: all that can be known."),
+        typer.Option(
+            "--parameters",
+            metavar="NAMES",
+            help="Parameters of each leg, such as a_x,b_x,l; default: all identifiable.",
+        ),
     ] = "",
     trade_off: Annotated[
-        float, typer.Option("--trade-off", min=0.0, max=1.0, help="Order: 0 short travel, 1 time apart from poses.")
+        float,
+        typer.Option(
+            "--trade-off",
+            min=0.0,
+            max=1.0,
+            help="Order of poses: 0 shortest travel, 1 least correlation of time with poses.",
+        ),
     ] = 0.75,
     at_once: Annotated[
-        int, typer.Option("--at-once", min=1, max=6, help="Interferometer: components of a load that act together.")
+        int,
+        typer.Option("--at-once", min=1, max=6, help="Interferometer: number of load components that act together."),
     ] = 6,
     causes: Annotated[
         str,
         typer.Option(
-            "--causes", metavar="NAMES", help="Interferometer: loads that show these, not those to calibrate by."
+            "--causes",
+            metavar="NAMES",
+            help="Interferometer: choose loads that show these causes instead of loads for a calibration.",
         ),
     ] = "",
     seed: _Seed = 0,
     out: _OutTable = None,
 ) -> None:
-    """Choose where to measure: the configurations from which a calibration learns most, and how near the best they are.
+    """Choose configurations that give the most information for a calibration, and report their D-efficiency.
 
-    A campaign.toml with a mechanism and a [workspace] is enough; poses measured already are judged by the same measure.
-    Of an interferometer campaign: load steps within [loading] that tell most of the sensor's calibration matrix; with
-    --causes, runs of loads after which these causes are known twice as well, beside the steps measured or planned.
+    This needs a campaign.toml with a mechanism and a [workspace]. Poses that are already measured are evaluated in the
+    same way. For an interferometer campaign, it chooses load steps within [loading] that give the most information on
+    the sensor's calibration matrix. With --causes, it chooses runs of loads that halve the uncertainty of these causes,
+    in addition to the steps measured or planned.
 
     Example: truing design sample_data/telescope --poses 40 --verification 6 --out configurations.csv
 
@@ -298,27 +325,28 @@ def design(
 def power(
     campaign: _OneCampaign,
     causes: Annotated[
-        str, typer.Option("--causes", metavar="NAMES", help="Ids of causes, by commas; default: all of the catalogue.")
+        str,
+        typer.Option(
+            "--causes", metavar="NAMES", help="Ids of causes, separated by commas; default: the whole catalogue."
+        ),
     ] = "",
     draws: Annotated[
-        int, typer.Option("--draws", min=0, max=10000, help="Campaigns to draw per size and effect; 0: theory alone.")
+        int, typer.Option("--draws", min=0, max=10000, help="Simulated campaigns per size and effect; 0: theory only.")
     ] = 4,
-    gross: Annotated[
-        float, typer.Option("--gross", min=0.0, max=0.2, help="Share of points that are grossly wrong.")
-    ] = 0.0,
+    gross: Annotated[float, typer.Option("--gross", min=0.0, max=0.2, help="Share of points with gross errors.")] = 0.0,
     seed: _Seed = 0,
     workers: _Workers = None,
     scheduler: _Scheduler = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", help="A .csv or .parquet file; default: runs/<name>/power.parquet."),
+        typer.Option("--out", metavar="FILE", help=".csv or .parquet file; default: runs/<name>/power.parquet."),
     ] = None,
 ) -> None:
-    """Hide effects in a campaign of this one's layout, diagnose it, and tell from which size on they are found.
+    """Simulate campaigns of this layout with hidden effects, diagnose them, and report the detectable size of each.
 
-    Needs no measurement yet: campaign.toml, targets.csv and configurations.csv are enough; of a bench, campaign.toml
-    and an interferometer.csv without readings. Causes that rays of photographs show need a run. Leaves the sizes, the
-    rates (FILE-rates) and a page (FILE.html). Exit codes as of `truing run`.
+    This needs no measurement: campaign.toml, targets.csv and configurations.csv are enough; for a bench, campaign.toml
+    and an interferometer.csv without readings. Causes that rays of photographs show need a run. Writes detectable sizes
+    (FILE), detection rates (FILE-rates) and a page (FILE.html). Exit codes as for `truing run`.
 
     Example: truing power sample_data/telescope --causes actuator-gain,leg-drift --draws 8 --workers 4
     """
@@ -335,17 +363,24 @@ def power(
 @app.command()
 def plan(
     campaign: _OneCampaign,
-    stations: Annotated[int, typer.Option("--stations", min=3, max=200, help="Photographs to take at most.")] = 12,
+    stations: Annotated[int, typer.Option("--stations", min=3, max=200, help="Largest number of photographs.")] = 12,
     wanted: Annotated[
         float | None,
-        typer.Option("--wanted", metavar="MM", min=1e-6, help="Stop where every target's standard deviation is below."),
+        typer.Option(
+            "--wanted", metavar="MM", min=1e-6, help="Stop once the standard deviation of every target is below this."
+        ),
     ] = None,
     distance: Annotated[
         str,
-        typer.Option("--distance", metavar="MM,MM", help="Between which a target is sharp; default: wherever it fits."),
+        typer.Option(
+            "--distance", metavar="MM,MM", help="Nearest and farthest distance of sharp focus; default: no limit."
+        ),
     ] = "",
     elevation: Annotated[
-        str, typer.Option("--elevation", metavar="DEG,DEG", help="Of stations above the xy-plane, lowest and highest.")
+        str,
+        typer.Option(
+            "--elevation", metavar="DEG,DEG", help="Lowest and highest elevation of stations above the xy-plane."
+        ),
     ] = "0,80",
     incidence: Annotated[
         float, typer.Option("--incidence", min=1.0, max=89.0, help="Largest angle from a target's normal, degrees.")
@@ -353,31 +388,31 @@ def plan(
     least: Annotated[
         float, typer.Option("--least", min=0.0, max=1000.0, help="Smallest image of a target, pixels.")
     ] = 8.0,
-    directions: Annotated[int, typer.Option("--directions", min=8, max=500, help="From how many sides to try.")] = 60,
+    directions: Annotated[int, typer.Option("--directions", min=8, max=500, help="Number of directions to try.")] = 60,
     camera: Annotated[
-        str | None, typer.Option("--camera", metavar="NAME", help="Which, where the campaign has several.")
+        str | None, typer.Option("--camera", metavar="NAME", help="Name of the camera, if the campaign has several.")
     ] = None,
     run: Annotated[
         Path | None,
-        typer.Option("--run", metavar="RUN", help="Take the camera as this run adjusted it, and its noise."),
+        typer.Option("--run", metavar="RUN", help="Run folder from which to take the adjusted camera and its noise."),
     ] = None,
     normals: Annotated[
         Path | None,
         typer.Option(
-            "--normals", metavar="FILE", help="Where targets face: body, target, normal_x, normal_y, normal_z."
+            "--normals", metavar="FILE", help="Table of target normals: body, target, normal_x, normal_y, normal_z."
         ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", help="A .csv or .parquet file; default: runs/<name>/plan.csv."),
+        typer.Option("--out", metavar="FILE", help=".csv or .parquet file; default: runs/<name>/plan.csv."),
     ] = None,
 ) -> None:
-    """Choose where to stand with a camera, and tell how well the targets will be known from there.
+    """Choose camera stations, and predict the standard deviations of the targets.
 
-    Needs no photograph yet: targets.csv, a camera and the noise of an image point in campaign.toml are enough; without
-    a camera there, that of the campaign's own run counts, or of its photographs. Scale bars count where targets are
-    their ends. Leaves the stations, predicted standard deviations (FILE-targets,
-    FILE-bodies), what fewer or more photographs would do (FILE-curve) and a page (FILE.html).
+    This needs no photograph: targets.csv, a camera and the noise of an image point in campaign.toml are enough. Without
+    a camera in campaign.toml, that of the campaign's run or of its photographs is used. Scale bars are used if their
+    ends are targets. Writes the stations (FILE), predicted standard deviations (FILE-targets, FILE-bodies), their
+    dependence on the number of photographs (FILE-curve) and a page (FILE.html).
 
     Example: truing plan my-campaign --wanted 0.01 --distance 500,1500 --out stations.csv
     """
@@ -396,21 +431,27 @@ def plan(
 
 @app.command()
 def export(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run, as runs/telescope.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, such as runs/telescope.")],
     to: Annotated[
         str,
-        typer.Option("--to", metavar="FORMS", help="Of csv, xlsx, json, controller (default: these), dcc; by commas."),
+        typer.Option(
+            "--to",
+            metavar="FORMS",
+            help="csv, xlsx, json, controller (default: these four) or dcc, separated by commas.",
+        ),
     ] = "",
-    out: Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Where to; default: RUN/exports.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Output folder; default: RUN/exports.")
+    ] = None,
     campaign: Annotated[
-        Path | None, typer.Option("--campaign", metavar="CAMPAIGN", help="For dcc: the folder with campaign.toml.")
+        Path | None, typer.Option("--campaign", metavar="CAMPAIGN", help="For dcc: folder with campaign.toml.")
     ] = None,
 ) -> None:
-    """Write a run's results in the forms that others read.
+    """Write the results of a run in other file formats.
 
     csv: every table. xlsx: every table as a sheet of one workbook. json: a summary for a database. controller: the
-    extended model's numbers with their sigmas, as TOML and as a plain table. dcc: a digital calibration certificate
-    of the results that qualify, with what [certificate] of campaign.toml tells.
+    parameters of the extended model with their sigmas, as TOML and as a plain table. dcc: a digital calibration
+    certificate of the results that qualify, with the entries of [certificate] in campaign.toml.
 
     Example: truing export runs/telescope --to xlsx,controller
     """
@@ -425,15 +466,16 @@ def export(
 
 @app.command()
 def compare(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN RUN...", help="Folders of runs, in their order.")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN RUN...", help="Folders of runs, in order of time.")],
     out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Where to; default: comparison, beside the first run.")
+        Path | None,
+        typer.Option("--out", metavar="DIR", help="Output folder; default: comparison, next to the first run."),
     ] = None,
 ) -> None:
-    """Put campaigns of one machine side by side, and tell which of its numbers have changed.
+    """Compare campaigns of one machine, and report which of its parameters have changed.
 
-    Each run is compared with the one before. Leaves compared.parquet (every number of every run, its change, and
-    whether that is beyond chance) and comparison.html.
+    Each run is compared with the previous one. Writes compared.parquet (every parameter of every run, its change, and
+    whether the change is significant) and comparison.html.
 
     Example: truing compare runs/2026-spring runs/2026-autumn --out runs/comparison
     """
