@@ -167,7 +167,7 @@ def test_photographs_of_a_group_are_by_a_camera_of_their_own(tmp_path: Path) -> 
         ),
         (GROUP, "poses or images with the key of"),
         (f"{GROUP.replace(chr(34) + 'camera', chr(34) + 'refocused')}poses = [1]\n", "a name other than that"),
-        ('[[cameras]]\nname = "a"\nposes = [1]\n', 'poses or images, for the camera of these photographs: of = "camera"'),
+        ('[[cameras]]\nname = "a"\nposes = [1]\n', 'for the camera of these photographs: of = "camera"'),
     ],
 )
 def test_faults_of_a_camera_group_are_named(tmp_path: Path, group: str, told: str) -> None:
