@@ -5,6 +5,7 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
+from tests.sentences import assert_says
 from truing.report.uncertainty_section import freedom, group_of, statement, uncertainty
 
 
@@ -31,13 +32,10 @@ def _tables(dof: tuple[float | None, ...] = (None, None), hostile: str = "points
 
 def test_the_sentence_is_that_of_the_guide() -> None:
     said = statement(_tables()["uncertainty"])
-    assert said == (
-        "The reported expanded uncertainty is stated as the standard uncertainty multiplied by the coverage factor "
-        "k = 1.96, which for a normal distribution corresponds to a coverage probability of approximately 95 %."
-    )
+    assert_says(said, "expanded uncertainty", "coverage factor", "k = 1.96", "normal distribution", "95 %")
     few = statement(_tables((11.0, 11.0))["uncertainty"].iloc[:1])
-    assert "k = 2.20, which for a t-distribution with ν_eff = 11 corresponds" in few
-    assert "k beside it, which for a t-distribution" in statement(_tables((11.0, None))["uncertainty"])
+    assert_says(few, "k = 2.20", "t-distribution", "ν_eff = 11")
+    assert_says(statement(_tables((11.0, None))["uncertainty"]), "k beside it", "t-distribution")
 
 
 def test_results_budgets_and_what_is_in_none_stand_side_by_side() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
+from tests.sentences import assert_says
 from truing.report.calibration.calibrations import main_calibration
 from truing.report.calibration.with_findings import choice_verdicts, compared_calibrations, data_words
 from truing.report.head import build_head
@@ -65,9 +66,10 @@ def test_the_head_tells_what_became_of_causes_that_were_asked_for() -> None:
     told = choice_verdicts({"diagnosis_choices": choices, "diagnosis": found})
     assert {mark for mark, _ in told} == {"warn"}
     sentences = " ".join(sentence for _, sentence in told)
-    assert "that the diagnosis did not find: hysteresis. It was not applied." in sentences
-    assert "names creep: found, but no calibration depends on it" in sentences
-    assert "apply asks: load-imbalance (only suspected: load-imbalance)." in sentences
+    assert_says(sentences, "diagnosis", "not find", "hysteresis")
+    assert_says(sentences, "not applied")
+    assert_says(sentences, "creep", "found", "no calibration")
+    assert_says(sentences, "load-imbalance", "only suspected", "load-imbalance")
     assert "ignore asks: dead-path." in sentences
     head = build_head("c", {"diagnosis_choices": choices})
     assert [verdict for verdict in head.verdicts if verdict in choice_verdicts({"diagnosis_choices": choices})]
@@ -97,7 +99,7 @@ def test_errors_of_a_second_campaign_stand_beside_the_noise() -> None:
     section = transfer({"second_campaign_errors": pd.DataFrame(rows)})
     assert section is not None
     assert "predict second" in section.lead
-    assert "nominal 4 mm, calibrated 20 µm, extended 9 µm; noise alone gives 10 µm." in section.lead
+    assert_says(section.lead, "nominal 4 mm", "calibrated 20 µm", "extended 9 µm", "noise", "10 µm")
     assert [row[0] for row in section.listings[0].rows] == ["nominal", "calibrated", "extended", "noise alone"]
     assert section.listings[0].rows[1][2] == "20 / 40"
     assert transfer({}) is None

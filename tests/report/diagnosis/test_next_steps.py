@@ -9,6 +9,7 @@ import pytest
 from tests.report.diagnosis.test_suspected import adequacy
 from tests.report.diagnosis_parts import part_of, text_of
 from tests.report.diagnosis_tables import NOISE, diagnosis_tables, rejected, row, rows
+from tests.sentences import assert_says, says
 from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.next_steps import NextStep, next_measurements_frame, next_steps
 from truing.report.head import build_head
@@ -65,8 +66,8 @@ def test_an_undecided_requirement_leads_with_the_poses_that_decide_it() -> None:
     first = _steps(tables)[0]
     assert first.need == Need.REQUIREMENT
     assert first.figures["measurements"] == 14.0
-    assert "measure 14 further poses all over the workspace, with role verification" in first.words
-    assert "as large as in the 6 poses so far" in first.words
+    assert_says(first.words, "14 further poses", "workspace", "role verification")
+    assert_says(first.words, "as large", "6 poses")
     said = next(words for mark, words in build_head("c", tables).verdicts if mark == "next")
     assert said == f"Next: {first.words[0].lower()}{first.words[1:]}"
 
@@ -77,7 +78,7 @@ def test_a_requirement_at_its_limit_asks_for_no_poses() -> None:
     first = _steps(tables)[0]
     assert first.need == Need.REQUIREMENT
     assert not first.figures
-    assert "too close to its limit" in first.words
+    assert_says(first.words, "too close", "limit")
 
 
 @pytest.mark.parametrize("verdict", ["meets", "fails", "not evaluated"])
@@ -99,7 +100,7 @@ def test_a_suspected_finding_comes_after_what_tells_whether_the_model_holds() ->
     doubted = row("leg-drift", "suspected", reason_code="inadequate", next_measurement="Return to one pose.")
     steps = _steps(_tables(doubted, tests=adequacy(("observation-noise", "", 3.0, 1e-9, "fails"))))
     rivals = [step for step in steps if step.need == Need.RIVAL]
-    assert [step.words.startswith("Measure one pose ten times") for step in rivals] == [True, False]
+    assert [says(step.words, "one pose", "ten times") for step in rivals] == [True, False]
     assert rivals[1].words == "Return to one pose."
 
 
@@ -134,7 +135,7 @@ def test_a_search_that_was_ended_asks_for_what_shows_the_cause_that_was_next() -
     ended = adequacy(("causes-left", "", 3.0, 1e-9, "fails"))
     ended = ended.assign(search_end="most-causes", left_cause="actuator-backlash", left_subject="leg2")
     (told,) = [step for step in _steps(_tables(tests=ended)) if step.need == Need.RIVAL]
-    assert "Approach the same poses from below and from above" in told.words
+    assert_says(told.words, "same poses", "from below", "from above")
 
 
 @pytest.mark.parametrize("cause", ["target-moved", "unexplained", "of-a-lab"])
@@ -142,20 +143,21 @@ def test_where_words_hang_on_more_than_the_name_of_the_cause_one_thing_changes_a
     ended = adequacy(("causes-left", "", 3.0, 1e-9, "fails"))
     ended = ended.assign(search_end="most-causes", left_cause=cause, left_subject="target B1")
     (told,) = [step for step in _steps(_tables(tests=ended)) if step.need == Need.RIVAL]
-    assert "one input changes at a time" in told.words
+    assert_says(told.words, "one input", "at a time")
     assert "None" not in told.words
 
 
 def test_errors_beyond_noise_that_no_test_explains_ask_for_repeats() -> None:
     tables = _tables(row("platform-deformation-linear", rms_after=30.0, heldout_rms_after=30.0))
     told = [step for step in _steps(tables) if step.purpose.startswith("the errors of predictions exceed")]
-    assert [step.words[:27] for step in told] == ["Measure one pose ten times "]
+    assert [says(step.words, "one pose", "ten times") for step in told] == [True]
 
 
 def test_noise_that_was_found_asks_for_repeats_once() -> None:
     noise = row("unexplained", reason_code="noise", next_measurement="Measure one pose ten times over.", **NOISE)
     steps = _steps(_tables(noise, tests=adequacy(("observation-noise", "", 3.0, 1e-9, "fails"))))
-    assert [step.words for step in steps if step.need == Need.RIVAL] == ["Measure one pose ten times over."]
+    (rival,) = [step for step in steps if step.need == Need.RIVAL]
+    assert_says(rival.words, "one pose", "ten times")
 
 
 def test_one_measurement_for_several_findings_stands_once() -> None:
@@ -166,7 +168,7 @@ def test_one_measurement_for_several_findings_stands_once() -> None:
 def test_what_has_no_name_is_an_open_explanation() -> None:
     unnamed = row("unexplained", follows="time_s", next_measurement="Repeat some poses in another order.")
     (told,) = [step for step in _steps(_tables(unnamed)) if step.need == Need.RIVAL]
-    assert told.words == "Repeat some poses in another order."
+    assert_says(told.words, "Repeat", "poses", "another order")
 
 
 def test_a_kind_of_cause_is_untested_only_where_no_subject_of_it_was_tested() -> None:
@@ -176,12 +178,12 @@ def test_a_kind_of_cause_is_untested_only_where_no_subject_of_it_was_tested() ->
     tables = diagnosis_tables(rows(*both, *alone))
     untested = [step for step in _steps(tables) if step.need == Need.TESTABLE]
     assert [step.purpose for step in untested] == ["base deformation"]
-    assert "Approach from both sides." in text_of(part_of("next", tables))
+    assert_says(text_of(part_of("next", tables)), "Approach", "both sides")
     assert all(mark != "next" for mark, _ in build_head("c", tables).verdicts if len(_steps(tables)) == len(untested))
 
 
 def test_totals_stand_above_each_table() -> None:
     (listing,) = part_of("next", _planned(_tables(row("platform-deformation-linear", **SHARPEN)))).listings
-    assert listing.caption == f"{PLAN}: 5 configurations, 91 poses in all"
+    assert_says(listing.caption, PLAN, "5 configurations", "91 poses")
     assert listing.heads[:2] == ("pose", "times")
     assert listing.rows[0][1] == "13"

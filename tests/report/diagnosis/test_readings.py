@@ -12,6 +12,7 @@ from tests.report.bench_tables import AXES, CHANNELS, LEVELS, NOISE, bench_table
 from tests.report.diagnosis_parts import PARTS, part_of, state_of, text_of
 from tests.report.diagnosis_tables import row, rows, size
 from tests.report.test_page import Reader, render
+from tests.sentences import assert_says
 from tests.tolerance import assert_close
 from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.load_corrections import load_warning, unwritten_loads
@@ -98,7 +99,7 @@ def test_runs_that_were_held_out_stand_by_themselves():
     names = [line[0] for line in part.listings[0].rows]
     assert "dx, fitted runs" in names
     assert "dx, held-out runs" in names
-    assert part.lead.startswith("The rms error on held-out runs (not used in any fit) is 4.2 arcsec without the causes")
+    assert_says(part.lead, "held-out runs", "4.2 arcsec", "without the causes", "0.22 arcsec")
     assert "0.22 arcsec with them" in part.lead
 
 
@@ -109,8 +110,7 @@ def test_several_findings_are_told_over_all_channels_of_a_unit_beside_what_noise
     said = build_head("c", tables).verdicts[0][1]
     own = tables["reading_errors"].query("unit == 'arcsec'")
     before, after = (f"{_rms(own[f'missed_{when}']):#.2g}" for when in ("before", "after"))
-    lowered = f"Modelling both lowers the rms error on fitted runs from {before} arcsec to {after} arcsec"
-    assert f"{lowered}, consistent with the measurement noise (0.20 arcsec)." in said
+    assert_says(said, "both", "lowers", "fitted runs", f"{before} arcsec", f"{after} arcsec", "noise (0.20 arcsec)")
 
 
 def test_readings_missed_by_less_than_noise_leaves_are_no_success():
@@ -121,11 +121,11 @@ def test_readings_missed_by_less_than_noise_leaves_are_no_success():
     )
     mark, said = build_head("c", tables).verdicts[0]
     assert mark == "warn"
-    assert "significantly less than noise alone gives" in said
-    assert "the declared noise is too large" in said
+    assert_says(said, "significantly less", "noise")
+    assert_says(said, "declared noise", "too large")
     part = part_of("gain", tables)
     assert state_of("gain", tables) == "attention"
-    assert "significantly below the noise floor" in part.lead
+    assert_says(part.lead, "significantly below", "noise floor")
 
 
 def test_the_noise_of_channels_and_signals_is_told_with_what_is_not_declared():
@@ -139,10 +139,10 @@ def test_the_noise_of_channels_and_signals_is_told_with_what_is_not_declared():
     declared = pd.DataFrame({"signal_mv": [0.01]})
     given = {**tables, "readings": readings, "quadrature": raw}
     told = {line[0]: line[-1] for line in measured({**given, "declared_noise": declared}).listings[1].rows}
-    assert told["dx"] == "0.500 µm; of 3 not declared"
+    assert_says(told["dx"], "0.500 µm", "3 not declared")
     assert told["dz"] == "not declared"
     assert told["rx"] == "0.200 arcsec to 0.400 arcsec"
-    assert told["ry"] == "0.200 arcsec (of a sample, by its ellipse)"
+    assert_says(told["ry"], "0.200 arcsec", "ellipse")
     assert told["v1"] == "0.0100 mV"
     unknown = {**given, "declared_noise": declared * np.nan}
     assert measured(unknown).listings[1].rows[-1][-1] == "not declared"
@@ -152,10 +152,10 @@ def test_nothing_found_is_told_unit_by_unit():
     tables = bench_tables(rows(*rejected()), signals=0)
     mark, said = build_head("c", tables).verdicts[0]
     assert mark == "pass"
-    assert "load eccentricity 0.11 mm or 20 N per kN·m, stiffness scale 0.40 %" in said
+    assert_says(said, "load eccentricity", "0.11 mm", "20 N per kN·m", "stiffness scale", "0.40 %")
     part = part_of("gain", tables)
-    assert "arcsec, consistent with the noise floor" in part.lead
-    assert "µm, 0.85 times the noise floor" in part.lead
+    assert_says(part.lead, "arcsec", "consistent", "noise floor")
+    assert_says(part.lead, "µm", "0.85 times", "noise floor")
     assert {trace.name for trace in part.figures[1][0].data if trace.name} == {"simulation without changes"}
 
 
@@ -170,14 +170,14 @@ def test_components_of_one_cause_stand_in_one_line():
 def test_a_page_of_a_bench_speaks_of_no_poses(tables):
     text = Reader(render(tables)).text
     assert not re.findall(r"\b[Pp]oses?\b", text.partition("Provenance The digest")[0])
-    assert "rms error on held-out runs from 4.2 arcsec to 0.22 arcsec, consistent with" in text
-    assert "No loads were computed" in text
+    assert_says(text, "held-out runs", "4.2 arcsec", "0.22 arcsec", "consistent")
+    assert_says(text, "No loads", "computed")
 
 
 def test_measured_tells_loads_channels_and_surroundings(tables):
     section = measured(tables)
-    assert section.lead.startswith(f"{RUNS * len(LEVELS)} load steps in {RUNS} runs over 9.4 h, one load at a time.")
-    assert section.lead.endswith("Read were dx, dz, rx, ry (one in each run) and 6 signals (v1 to v6).")
+    assert_says(section.lead, f"{RUNS * len(LEVELS)} load steps", f"{RUNS} runs", "9.4 h", "one load")
+    assert_says(section.lead, "dx, dz, rx, ry", "one in each", "6 signals", "v1 to v6")
     loads, channels, surroundings, runs = section.listings
     assert loads.rows[1] == ("fz", "4", "40", "6", "-9,000 N", "9,000 N", "up and down, both signs")
     assert [line[0] for line in channels.rows] == [*CHANNELS, *(f"v{k}" for k in range(1, 7))]
@@ -207,17 +207,16 @@ def test_what_acts_beside_a_load_is_told_where_a_calibration_takes_it_for_the_lo
     warned = [said for mark, said in build_head("c", calibrated).verdicts if mark == "warn"]
     # 12.03 mm and 7.98 mm at 9000 N.
     assert len(warned) == 1
-    assert "the z load brought up to 108 N·m about y and 72 N·m about x" in warned[0]
+    assert_says(warned[0], "z load", "108 N·m", "about y", "72 N·m", "about x")
     assert unwritten_loads(assessed_causes(calibrated), calibrated).lead == warned[0]
     choice = pd.DataFrame({"model": ["weighted"], "figure": ["loads_as_diagnosed"], "value": [1.0]})
     told = unwritten_loads(assessed_causes(calibrated), {**calibrated, "sensor_choice": choice})
-    assert told.lead.startswith("The z load brought up to 108 N·m about y and 72 N·m about x. The calib")
+    assert_says(told.lead, "z load", "108 N·m", "about y", "72 N·m", "about x")
     assert load_warning(assessed_causes(calibrated), {**calibrated, "sensor_choice": choice}) == ""
     uneven = {"force_x": size(0.002, 1e-4, "1/m"), "force_x_asymmetry": size(-0.004, 1e-4, "1/m")}
     torque = rows(row("load-imbalance", subject="load mx", parameters=uneven))
-    assert "the torque about x brought up to 18 N along x" in load_warning(
-        assessed_causes({"diagnosis": torque}), calibrated
-    )
+    torqued = load_warning(assessed_causes({"diagnosis": torque}), calibrated)
+    assert_says(torqued, "torque about x", "18 N", "along x")
 
 
 def test_a_sensors_pulls_are_named_by_its_elements():
@@ -236,12 +235,11 @@ def test_signals_alone_are_measured_and_say_why_nothing_was_diagnosed():
     whole["diagnosis"].attrs["why_not"] = "needs the elements of a leg, or a compliance_file"
     tables = {name: whole[name] for name in ("signals", "diagnosis")}
     head = build_head("c", tables)
-    assert head.verdicts[0] == (
-        "none",
-        "Diagnosis not evaluated: needs the elements of a leg, or a compliance_file.",
-    )
+    mark, said = head.verdicts[0]
+    assert mark == "none"
+    assert_says(said, "Diagnosis", "not evaluated", whole["diagnosis"].attrs["why_not"])
     assert state_of("diagnosis", tables) == "not tested"
-    assert "8 signals (v1 to v8); how the platform moved was not measured" in text_of(measured(tables))
+    assert_says(text_of(measured(tables)), "8 signals", "v1 to v8", "not measured")
     assert "readings" not in dict(head.tiles)
     Reader(render(tables))
 
@@ -279,9 +277,9 @@ def test_the_loads_to_apply_next_stand_in_a_row_per_run_with_all_steps_to_take_a
     found = row("creep", subject="load fz", parameters={"fraction": size(0.02, 0.001)}, next_in_short=short)
     tables = bench_tables(rows(found)) | {"next_loads": pd.DataFrame(steps)}
     part = part_of("next", tables)
-    assert part.lead.startswith("Most urgent first: 1 finding can be confirmed or measured better.")
+    assert_says(part.lead, "1 finding", "confirmed", "measured better")
     (listing,) = part.listings
-    assert listing.caption == "creep load fz against hysteresis load fz: 2 runs, 6 runs in all"
+    assert_says(listing.caption, "creep load fz", "hysteresis load fz", "2 runs", "6 runs")
     first = ("1", "3", "fz 0, 5000, 10000, 5000, 0 N", "dx dz", "a step every 8 min", "–", "odds of 5:1")
     assert listing.rows[0] == first
     assert listing.csv.splitlines()[2] == "1,1,480,0,0,5000,0,0,0,dx dz"

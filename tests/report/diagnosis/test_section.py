@@ -12,6 +12,7 @@ from tests.report import diagnosis_tables as made
 from tests.report.diagnosis_parts import part_of, parts_of, state_of, text_of, verdict_of
 from tests.report.diagnosis_tables import GAIN_3, MOVED, NOISE, diagnosis_tables, per_leg, rejected, row, rows, size
 from tests.report.test_page import ATTACKS, Reader, render
+from tests.sentences import assert_says, says
 from truing.report.calibration.section import calibration
 from truing.report.diagnosis.section import diagnosis
 from truing.report.head import build_head
@@ -37,7 +38,7 @@ def test_a_finding_says_how_sure_it_is():
 
 def test_the_ranking_that_depends_on_plausible_scales_is_hatched_and_said():
     part = part_of("evidence", diagnosis_tables(rows(row("actuator-gain", parameters=GAIN_3, scale_holds="changes"))))
-    assert "The ranking changes if assumed effect sizes are tripled: actuator gain." in part.lead
+    assert_says(part.lead, "ranking changes", "actuator gain")
     assert list(part.figures[0][0].data[0].marker.pattern.shape) == ["/"]
 
 
@@ -66,7 +67,7 @@ def test_the_share_that_was_removed_follows_from_before_after_and_floor():
     tables = diagnosis_tables()
     part = part_of("gain", tables)
     share = 100.0 * (1.0 - (7.9**2 - 7.2**2) / (34.2**2 - 7.2**2))
-    assert f"The causes explain {share:.3g} % of the variance beyond noise." in part.lead
+    assert_says(part.lead, f"{share:.3g} %", "variance", "noise")
     assert state_of("gain", tables) == "ok"
 
 
@@ -91,10 +92,8 @@ def test_without_held_out_poses_nothing_is_called_predicted():
     tables = diagnosis_tables(rows(found)) | {"prediction": made.prediction(held=0)}
     part = part_of("gain", tables)
     assert "held-out poses" not in part.lead
-    assert "No pose was held out" in part.lead
-    assert (
-        "lowers the rms error on calibration poses from 33 µm to 7.4 µm" in verdict_of("diagnosis", tables).explanation
-    )
+    assert_says(part.lead, "No pose", "held out")
+    assert_says(verdict_of("diagnosis", tables).explanation, "lowers", "calibration poses", "33 µm", "7.4 µm")
     assert [trace.name for trace in part.figures[0][0].data] == ["calibration poses"]
 
 
@@ -103,12 +102,10 @@ def test_errors_far_below_what_noise_should_leave_are_not_called_at_its_floor():
     tables = diagnosis_tables(rows(found))
     part = part_of("gain", tables)
     assert state_of("gain", tables) == "attention"
-    assert "consistent with the noise floor" not in part.lead
-    assert "significantly below the noise floor (19 µm): the declared noise is too large." in part.lead
-    assert (
-        "significantly below the measurement noise (19 µm): the declared noise is too large"
-        in verdict_of("diagnosis", tables).explanation
-    )
+    assert not says(part.lead, "consistent", "noise floor")
+    assert_says(part.lead, "significantly below", "noise floor (19 µm)", "declared noise", "too large")
+    explanation = verdict_of("diagnosis", tables).explanation
+    assert_says(explanation, "significantly below", "noise (19 µm)", "declared noise", "too large")
 
 
 def test_few_poses_below_the_noise_may_be_chance():
@@ -118,15 +115,15 @@ def test_few_poses_below_the_noise_may_be_chance():
     tables["prediction"] = few[few["role"].eq("calibration") | (few["pose"] == few["pose"].max())].iloc[-4:]
     part = part_of("gain", tables)
     assert state_of("gain", tables) == "ok"
-    assert "The data are too few to tell whether this is chance." in part.lead
+    assert_says(part.lead, "too few", "chance")
 
 
 def test_only_a_run_that_left_a_model_is_said_to_have_one():
     tables = diagnosis_tables()
-    assert "added to the extended model (model.toml)" in diagnosis(tables).lead
+    assert_says(diagnosis(tables).lead, "extended model", "model.toml")
     del tables["pulls"]
     assert "model.toml" not in diagnosis(tables).lead
-    assert "1 found and included in the results below" in diagnosis(tables).lead
+    assert_says(diagnosis(tables).lead, "1 found", "included", "results below")
     del tables["next_poses"]
     assert "without a mechanism" in part_of("next", tables).lead
 
@@ -135,8 +132,8 @@ def test_what_was_found_is_not_called_impossible_to_show():
     found = row("thermal-expansion", parameters={"alpha": size(1e-5, 1e-6, "1/K")})
     part = part_of("hidden", diagnosis_tables(rows(found, *rejected())))
     assert "cannot show" not in part.lead
-    assert "only beyond plausible sizes" in text_of(part)
-    assert "cannot show thermal expansion" in part_of("hidden", diagnosis_tables()).lead
+    assert_says(text_of(part), "only beyond", "plausible sizes")
+    assert_says(part_of("hidden", diagnosis_tables()).lead, "cannot show", "thermal expansion")
 
 
 def test_of_a_coordinate_per_target_the_first_are_named():
@@ -150,7 +147,7 @@ def test_of_a_coordinate_per_target_the_first_are_named():
 def test_nothing_found_tells_how_far_the_simulation_misses_as_it_is():
     part = part_of("gain", diagnosis_tables(rows(*rejected())))
     assert "without the causes" not in part.lead
-    assert "is 7.9 µm, consistent with the noise floor" in part.lead
+    assert_says(part.lead, "7.9 µm", "consistent", "noise floor")
     names = [trace.name for trace in part.figures[0][0].data]
     assert all("simulation without changes" in name for name in names)
 
@@ -199,7 +196,7 @@ def test_the_extended_model_has_its_row_among_the_calibrations():
     tables["model_choice"] = pd.concat([choice, own.assign(model="extended", estimator="points")], ignore_index=True)
     tables["accuracy"] = pd.concat([accuracy, accuracy.query("model == '6-pus'").assign(model="extended")])
     section = calibration(tables)
-    assert "The extended model of the diagnosis gives 3 µm and 6 arcsec there." in section.lead
+    assert_says(section.lead, "extended model", "diagnosis", "3 µm", "6 arcsec")
     listing = next(x for x in section.listings if x.caption.startswith("The extended model"))
     assert listing.rows[0][1:3] == ("extended", "matrix")
 

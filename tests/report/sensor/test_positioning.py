@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
+from tests.sentences import assert_says
 from tests.tolerance import assert_close
 from truing.report.head import build_head
 from truing.report.measured_section import measured_loads
@@ -47,17 +48,14 @@ def test_a_campaign_of_positioning_alone_begins_with_what_it_was_measured_for():
     table = pd.DataFrame(rows, columns=["run", "figure", "value"]).assign(subject=None, unit="um", sigma=1.3)
     mark, said = build_head("stage", {"positioning": table}).verdicts[0]
     assert mark == "measured"
-    assert said.replace("\u00a0", " ") == (
-        "By ISO 230-2, the worst of 2 runs, Y: accuracy A 31.0 ± 1.3 µm, repeatability R 14.3 ± 1.3 µm, "
-        "reversal B 4.5 ± 1.3 µm, each with one standard deviation."
-    )
+    assert_says(said, "ISO 230-2", "2 runs", "Y", "accuracy A 31.0 ± 1.3 µm", "R 14.3 ± 1.3 µm", "B 4.5 ± 1.3 µm")
 
 
 def test_approaches_of_an_axis_are_something_measured():
     table = pd.DataFrame({"run": ["X"] * 4, "target_mm": [15.0, 15.0, 25.0, 25.0]})
     section = measured_loads({"positions": table})
     assert section.state != "empty"
-    assert section.lead == "4 approaches of an axis to 2 targets, in 1 run: see Positioning."
+    assert_says(section.lead, "4 approaches", "2 targets", "1 run")
 
 
 def test_a_run_that_failed_a_check_is_told_with_the_reason_and_without_a_figure():
@@ -70,10 +68,10 @@ def test_a_run_that_failed_a_check_is_told_with_the_reason_and_without_a_figure(
     section = positioning({"positions": measured[4:], "positioning": nothing, "qa": qa})
     assert section is not None
     assert section.state == "not evaluated"
-    assert section.lead == "Run Y is not evaluated: Run Y: positions jump by 65.5 mm."
+    assert_says(section.lead, "Run Y", "not evaluated", "jump", "65.5 mm")
     rows = [("X", figure, 5.0) for figure in ("A", "R", "B")]
     table = pd.DataFrame(rows, columns=["run", "figure", "value"]).assign(subject=None, unit="um", sigma=1.3)
     told = {"positions": measured, "positioning": table, "qa": qa.assign(value=None)}
     (failed, _), (mark, said), *_ = build_head("stage", told).verdicts
     assert (failed, mark) == ("fail", "measured")
-    assert said.endswith("Of 1 further run nothing is stated, see Positioning.")
+    assert_says(said, "1 further run", "nothing", "Positioning")
