@@ -1,1 +1,1 @@
-"""How results are said and shown: figures, sentences, templates. Knows tables, and nothing of how they came about."""
+"""Figures, sentences and pages of results, from tables alone."""

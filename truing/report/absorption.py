@@ -1,4 +1,4 @@
-"""The absorption map: which parameters an effect biases if it is left out, as predicted and as fitted."""
+"""Absorption map: parameters that an omitted effect biases, as predicted and as fitted."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ _EFFECTS = {
     "platform-deformation-matrix": "the deformation of the platform",
 }
 _ESTIMATORS = {"implicit": "implicit objectives", "errors-in-variables": "maximum likelihood"}
-_CLEAR = 4.0  # sigmas, beyond which not one of some hundred shifts comes by chance
-# How many parameters a sentence names.
+_CLEAR = 4.0  # sigmas that none of a few hundred shifts exceeds by chance
+# Number of parameters that a sentence names.
 _NAMED = 3
 
 _Group = tuple[str, str, str]  # effect, deformation, estimator
 
-# One parameter may go a hundred tolerances; the others are to be seen beside it.
+# Limit of the colour scale: one parameter may shift by a hundred tolerances, and the others must stay visible.
 _CLIPPED = 10.0
 _COLOURS = (BLUE, ORANGE, GREEN, RED)
 _SYMBOLS = ("circle", "x", "triangle-up", "diamond")
 
 
 def absorbed_by(tables: Tables, key: Key) -> pd.DataFrame | None:
-    """The absorption by a calibration's model of the structure, with the tolerance of each parameter that has one."""
+    """Return the absorption by a calibration's model of the structure, with tolerances of the parameters."""
     table = filled(tables, "absorption")
     if table is None:
         return None
@@ -46,12 +46,14 @@ def absorbed_by(tables: Tables, key: Key) -> pd.DataFrame | None:
 
 
 def _group_words(group: _Group) -> str:
-    """What is left out of which fit: ``ignoring the deformation of the platform (implicit objectives)``."""
+    """Return the omitted effect and the fit in words: ``ignoring the deformation of the platform (implicit
+    objectives)``.
+    """
     return f"{_effect_words(*group[:2])} ({_ESTIMATORS.get(group[2], group[2])})"
 
 
 def _effect_words(effect: str, deformation: str) -> str:
-    """What is left out: ``ignoring the deformation of the platform``."""
+    """Return the omitted effect in words: ``ignoring the deformation of the platform``."""
     words = _EFFECTS.get(effect, effect)
     return f"ignoring {words}" if deformation == "none" else f"modelling {words} as {deformation}"
 
@@ -61,13 +63,13 @@ def _titled(words: str) -> str:
 
 
 def groups(absorbed: pd.DataFrame) -> list[tuple[_Group, pd.DataFrame]]:
-    """Rows by effect, deformation model and estimator, those that bend parameters farthest first."""
+    """Return rows by effect, deformation model and estimator, those with the largest bias first."""
     parts = [(key, rows) for key, rows in absorbed.groupby(["effect", "deformation", "estimator"], sort=False)]
     return sorted(parts, key=lambda part: -_largest(part[1]))
 
 
 def _leading_groups(absorbed: pd.DataFrame) -> list[tuple[_Group, pd.DataFrame]]:
-    """Of every estimator the group that bends parameters farthest."""
+    """Return for every estimator the group with the largest bias."""
     found: dict[str, tuple[_Group, pd.DataFrame]] = {}
     for key, rows in groups(absorbed):
         found.setdefault(key[2], (key, rows))
@@ -79,15 +81,15 @@ def _largest(rows: pd.DataFrame) -> float:
 
 
 def _size(rows: pd.DataFrame) -> Any:
-    """How far a parameter is predicted to go: in its tolerances, where none has one in standard deviations."""
+    """Return the predicted shift of a parameter in tolerances, or in standard deviations where none has a tolerance."""
     scale = rows["tolerance"] if rows["tolerance"].notna().any() else rows["sigma"]
     return np.abs(rows["predicted"] / scale).to_numpy(dtype=float)
 
 
 def swallowed(absorbed: pd.DataFrame | None) -> str:
-    """The parameters that are biased most by the effect that bends the model most; empty where none is known.
+    """Return in words the parameters that the effect with the largest bias shifts most; empty where none is known.
 
-    Only what stands out of its own uncertainty and comes up to a tolerance is named.
+    Only significant shifts of at least a tolerance are named.
     """
     if absorbed is None or not len(absorbed):
         return ""
@@ -115,7 +117,7 @@ def _bias(r: Any) -> str:
 
 
 def agreement(absorbed: pd.DataFrame) -> str:
-    """How closely the fit did what linear algebra had predicted."""
+    """Return in words how closely the fit agrees with the linear prediction."""
     both = absorbed.dropna(subset=["predicted", "observed", "sigma"])
     off = ((both["observed"] - both["predicted"]) / both["sigma"]).abs()
     within = int((off <= 1.96).sum())
@@ -124,7 +126,7 @@ def agreement(absorbed: pd.DataFrame) -> str:
 
 
 def correlation(predicted: Any, observed: Any) -> float | None:
-    """Correlation of two lists, where there are enough of them and both vary."""
+    """Return the correlation of two lists, if they are long enough and both vary."""
     x, y = np.asarray(predicted, float), np.asarray(observed, float)
     known = np.isfinite(x) & np.isfinite(y)
     if known.sum() < 3 or np.ptp(x[known]) == 0.0 or np.ptp(y[known]) == 0.0:
@@ -133,7 +135,7 @@ def correlation(predicted: Any, observed: Any) -> float | None:
 
 
 def absorption_map(absorbed: pd.DataFrame) -> go.Figure:
-    """Predicted change of every parameter per effect left out: number in its unit, colour in its tolerances."""
+    """Return a map of predicted shifts per omitted effect: number in the parameter's unit, colour in tolerances."""
     parts = _leading_groups(absorbed.assign(kind=_kinds(absorbed)))
     titles = [_titled(_group_words(key)) for key, _ in parts]
     heights = [rows["kind"].nunique() for _, rows in parts]
@@ -156,7 +158,7 @@ def absorption_map(absorbed: pd.DataFrame) -> go.Figure:
 
 
 def _kinds(rows: pd.DataFrame) -> list[str]:
-    """Kind and unit of every row's parameter: ``a_x (mm)``."""
+    """Return kind and unit of every row's parameter: ``a_x (mm)``."""
     kinds = [
         (kind_of(name, leg), shown_in(name, unit)[1])
         for name, leg, unit in zip(rows["parameter"], rows["leg"], rows["unit"], strict=True)
@@ -198,7 +200,7 @@ def _panel(rows: pd.DataFrame) -> go.Heatmap:
 
 
 def predicted_against_observed(absorbed: pd.DataFrame) -> go.Figure:
-    """What the fit did against what was predicted, a panel per kind of parameter, with the line of equality."""
+    """Return fitted against predicted shifts, a panel per kind of parameter, with the line of equality."""
     reported = absorbed.assign(kind=_kinds(absorbed))
     reported = reported.assign(
         x=_printed(reported, "predicted"), y=_printed(reported, "observed"), bar=BAR * _printed(reported, "sigma")

@@ -1,4 +1,4 @@
-"""The section of a single axis: how far each encoder is from what its command predicts, before and after."""
+"""Section of a single axis: error of each encoder against its command, before and after modelling."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ _CAPTION = (
 
 
 def axis(tables: Tables) -> ReportSection | None:
-    """What each encoder misses, by the command alone and by the extended model; None where no axis was measured."""
+    """Return the section of an axis with errors by the command alone and by the extended model; None
+    without an axis.
+    """
     errors = filled(tables, "axis_errors")
     if errors is None:
         return None
@@ -56,7 +58,7 @@ def _listing(errors: pd.DataFrame, encoders: list[str]) -> Listing:
 
 
 def _drawn(errors: pd.DataFrame, column: str, title: str) -> go.Figure:
-    """Errors over commands, one row of panels per encoder, coloured by the direction of approach."""
+    """Return errors over commands, one row of panels per encoder, coloured by the direction of approach."""
     encoders = list(dict.fromkeys(errors["encoder"]))
     unit, command = sign(str(errors["unit"].iloc[0])), sign(str(errors["command_unit"].iloc[0]))
     figure = make_subplots(

@@ -1,4 +1,4 @@
-"""Sentences for the test of a relation: do two parts of a campaign belong together, and which slip explains it?"""
+"""Sentences on consistency tests: do two parts of a campaign match, and which slip explains a contradiction?"""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from truing.report.numbers import two_decimals
 _MOST = 6  # subjects that a sentence lists
 _SAME_FACTOR = 1e-6  # relative
 
-# What the two sides of a relation are called in a sentence.
+# Names of the two sides of a relation in a sentence.
 RELATIONS = {
     "readings-against-poses": "Actuator readings and measured poses",
     "points-against-survey": "Measured points and their survey",
@@ -22,8 +22,8 @@ RELATIONS = {
     "copied-runs": "Runs",
 }
 
-_OF_RUNS = ("loads-against-readings", "signals-against-loads", "copied-runs")  # whose subjects are separated by commas
-# Names of factors by quantity: what was written, in place of what.
+_OF_RUNS = ("loads-against-readings", "signals-against-loads", "copied-runs")  # relations with comma-separated subjects
+# Names of factors by quantity: recorded unit, and right unit.
 _FACTORS = {
     "length": {
         1e3: "metres in place of mm",
@@ -82,9 +82,9 @@ _FACTORS = {
         2.0: "half the gain",
     },
 }
-# What columns are, by the units that their names end with.
+# Quantities of columns by the units at the end of their names.
 _ENDINGS = (("_mm", "length"), ("_deg", "angle"), ("_nm", "torque"), ("_n", "force"), ("_mv", "signal"))
-_SEEN = (SlipKind.FROZEN, SlipKind.COPIED)  # what is seen in the numbers themselves, and no guess
+_SEEN = (SlipKind.FROZEN, SlipKind.COPIED)  # slips that are evident in the numbers themselves
 _REASONS = {
     "agrees": "belong together",
     "hardly-moved": "were not compared: the machine hardly moved",

@@ -1,4 +1,4 @@
-"""The section of the deformation: the picture, the shifts against their drives, the models and their errors."""
+"""Section of the deformation: picture, shifts against their drives, models and their errors."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from truing.schemas.verdict import ReasonCode
 
 _KEYS = ["body", "target", "axis"]
 _COORDINATES_SHOWN = 6
-_UNLIKELY = 0.01  # that chance does what a model explains
-# An arrow of three targets says nothing that a rigid fit to them has not taken away.
+_UNLIKELY = 0.01  # p-value below which a model is significant
+# The rigid fit of a body with three targets removes nearly all of their displacements.
 _TARGETS_OF_A_PICTURE = 3
 
 _IN_PLANE = "in-plane"  # the model of shifts along x and y
@@ -33,7 +33,7 @@ _LINES = {"x": BLUE, "y": ORANGE, "z": GREEN}
 
 
 def deformation(tables: Tables) -> ReportSection | None:
-    """The deformation picture, the shifts against their drives, and the models."""
+    """Return the section with deformation picture, shifts against their drives, and models."""
     if "deformation" not in tables:
         return None
     modelled = filled(tables, "deformation_errors") is not None
@@ -47,7 +47,7 @@ def deformation(tables: Tables) -> ReportSection | None:
 
 
 def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
-    """Whether a body is rigid, or follows the drives: a result either way."""
+    """Return the verdict on a body: rigid or deformed by the drives, a result either way."""
     if filled(tables, "deformation_errors") is None or "deformation" not in tables:
         return None
     rigid, text = _tests(tables)[0], _sentence(tables)
@@ -59,7 +59,7 @@ def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
 
 
 def _tests(tables: Tables) -> list[ModelTest]:
-    """Whether the body is rigid, and which models fit significantly better than simpler ones."""
+    """Return the tests of rigidity, and of each model against simpler ones."""
     facts = tables["deformation_errors"]
     found = {}
     for model, figure in (("linear", "p_value_over_none"), ("matrix", "p_value_over_linear")):
@@ -85,7 +85,7 @@ def _tests(tables: Tables) -> list[ModelTest]:
 
 
 def _in_plane_test(facts: pd.DataFrame) -> list[ModelTest]:
-    """Whether attachments shift along z alone, where that was tested."""
+    """Return the test if attachments shift along z alone, where it was made."""
     p = facts.loc[(facts["model"] == _IN_PLANE) & (facts["figure"] == "p_value_over_none"), "value"].dropna()
     says = ("No shift in the plane exceeds chance.", "Attachments shift in the plane with the actuators.")
     asked = "attachments shift only along z, not in the platform's plane"
@@ -118,7 +118,7 @@ def _picture(tables: Tables) -> Drawn:
 
 
 def _body_of_picture(residuals: pd.DataFrame) -> str | None:
-    """The platform; without one, the body that a rigid motion explains least."""
+    """Return the platform or, without one, the body with the largest residuals of a rigid motion."""
     enough = residuals.groupby("body")["target"].nunique() >= _TARGETS_OF_A_PICTURE
     size = (residuals[["dx_mm", "dy_mm", "dz_mm"]] ** 2).sum(axis=1).groupby(residuals["body"]).median()
     size = size[enough]
@@ -130,7 +130,7 @@ def _body_of_picture(residuals: pd.DataFrame) -> str | None:
 def _without_gross_attachments(
     residuals: pd.DataFrame, shape: pd.DataFrame, shifts: pd.DataFrame | None
 ) -> pd.DataFrame:
-    """Residuals less the attachments that were left out of the deformation models as gross errors."""
+    """Return the residuals without attachments that the deformation models excluded as gross errors."""
     if shifts is None or not len(shifts) or "rejected" not in shifts:
         return residuals
     gross = shifts.loc[shifts["rejected"], ["pose", "leg"]].assign(gross=True)
@@ -216,7 +216,9 @@ def _errors(tables: Tables) -> Listing:
 
 
 def shift_against_drive(deformation: pd.DataFrame, models: pd.DataFrame) -> go.Figure:
-    """Shift of each attachment along z against its own actuator, with the linear model (telescope report, figure 7)."""
+    """Return the shift of each attachment along z against its own actuator, with the linear model (telescope report,
+    figure 7).
+    """
     legs = sorted(deformation["leg"].unique())
     grid, places, rows_of_panels = _grid([f"leg {leg}" for leg in legs])
     linear = models[models["model"] == "linear"].set_index("leg")
@@ -245,7 +247,7 @@ def _grid(titles: list[str]) -> tuple[go.Figure, list[dict[str, int]], int]:
 
 
 def _range(kept: pd.DataFrame) -> tuple[float, float]:
-    """Limits that hold all kept shifts with their bars, so that a gross error cannot flatten the rest."""
+    """Return limits that hold all accepted shifts with their bars, so that a gross error does not flatten the rest."""
     low = float((kept["delta_bz_um"] - BAR * kept["sigma_um"]).min()) if len(kept) else -1.0
     high = float((kept["delta_bz_um"] + BAR * kept["sigma_um"]).max()) if len(kept) else 1.0
     margin = 0.06 * (high - low) or 1.0
@@ -288,7 +290,7 @@ _NUMBERED = 15
 
 
 def coefficient_map(models: pd.DataFrame) -> go.Figure:
-    """The matrix model's coefficients as a heat map; entries that chance could explain are set in brackets."""
+    """Return the matrix model's coefficients as a heat map; entries that chance could explain are in brackets."""
     matrix = models[models["model"] == "matrix"]
     wide = {c: matrix.pivot(index="leg", columns="column", values=c) for c in ("coefficient", "sigma")}
     values, sigma = 1e3 * wide["coefficient"], 1e3 * wide["sigma"]
@@ -333,7 +335,7 @@ def _cells(values: Any, real: Any, form: str) -> list[list[str]]:
 
 
 def _entry_listing(values: Any, sigma: Any) -> list[list[str]]:
-    """Every entry with its uncertainty."""
+    """Return every entry with its uncertainty."""
     return [
         [with_uncertainty(v, s, "µm/mm") for v, s in zip(*pair, strict=True)]
         for pair in zip(values, sigma, strict=True)
@@ -347,7 +349,7 @@ def _matrix_axes(figure: go.Figure) -> None:
 
 
 def compliance_map(compliance: pd.DataFrame) -> go.Figure:
-    """The compliance matrix, each entry in units of its own standard deviation, its value in the cell."""
+    """Return the compliance matrix as a map in standard deviations, with the value of each entry in its cell."""
     matrix = compliance[compliance["model"] == "matrix"]
     order = list(dict.fromkeys(matrix["response"])), list(dict.fromkeys(matrix["load"]))
     wide = {
@@ -379,7 +381,9 @@ def compliance_map(compliance: pd.DataFrame) -> go.Figure:
 
 
 def target_against_drive(shifts: pd.DataFrame, drive: pd.Series, slopes: pd.Series) -> go.Figure:
-    """Shift of single coordinates against a drive, a panel each; ``slopes`` in um per unit by body, target, axis."""
+    """Return the shift of single coordinates against a drive, a panel each; ``slopes`` in um per unit by body, target,
+    axis.
+    """
     parts = list(shifts.groupby(["body", "target", "axis"], sort=False))
     grid, places, rows_of_panels = _grid([label(" ".join(name)) for name, _ in parts])
     for (name, rows), place in zip(parts, places, strict=True):

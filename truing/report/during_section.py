@@ -1,4 +1,4 @@
-"""The section of what happened during the campaign: targets surveyed again or called otherwise, and repeats."""
+"""Section of events during the campaign: targets surveyed again or renamed, and repeated measurements."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from truing.report.tables import Tables, cell, filled
 _AXES = "xyz"
 _OPEN = 24
 _UNEQUAL = 1e-3
-_SURE = 0.05  # all subjects of a model together
+_SURE = 0.05  # familywise p-value of all subjects of a model
 
 
 def during(tables: Tables) -> ReportSection | None:
-    """Later surveys, changed names and repeats; None where the campaign has none of them."""
+    """Return the section of later surveys, changed names and repeats; None where the campaign has none of them."""
     reported = {
         "resurveys": _surveys,
         "relabelled": _names,
@@ -52,7 +52,7 @@ def _lead(tables: Tables) -> str:
 
 
 def _statements(tables: Tables) -> list[tuple[str, str]]:
-    """What to look at."""
+    """Return the statements that need attention."""
     texts = []
     names = filled(tables, "likely_names")
     if names is not None:
@@ -112,7 +112,7 @@ def _poses(r: object) -> str:
 
 
 def _suggested(table: pd.DataFrame) -> list[Listing]:
-    """Lines to be copied into campaign.toml, once somebody has looked."""
+    """Return lines for campaign.toml, to be copied after a check by a person."""
     lines = [line for r in table.itertuples() for line in _toml(r)]
     caption = "For campaign.toml, after a check: these names may belong to these targets"
     return [Listing(("lines",), tuple((line,) for line in lines), caption=caption, held_by="likely_names.parquet")]
@@ -125,13 +125,13 @@ def _toml(r: object) -> list[str]:
 
 
 def _quoted(text: str) -> str:
-    """A TOML string that means this text, whatever it holds."""
+    """Return a text as a TOML string."""
     plain_text = text.replace("\\", "\\\\").replace('"', '\\"')
     return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in plain_text) + '"'
 
 
 def _apart(table: pd.DataFrame | None) -> dict[int, str]:
-    """Subjects of repeats whose groups scatter differently, beyond chance, by the row's label."""
+    """Return, by row label, the subjects of repeats whose groups scatter significantly differently."""
     if table is None or "p_equal" not in table:
         return {}
     own = table[table["p_equal"] < _UNEQUAL]
@@ -139,7 +139,7 @@ def _apart(table: pd.DataFrame | None) -> dict[int, str]:
 
 
 def _by_pose(table: pd.DataFrame) -> list[Listing]:
-    """A row per subject and pose; figures with their intervals."""
+    """Return a row per subject and pose, with figures and intervals."""
     rows = []
     for (subject, pose), own in table.groupby(["subject", "pose"], sort=False):
         reported = {r.figure: f"{quantity(r.value, r.unit)} ({quantity(r.low, r.unit)} … {quantity(r.high, r.unit)})"
@@ -179,7 +179,9 @@ def _repeats(table: pd.DataFrame) -> list[Listing]:
 
 
 def _fits(table: pd.DataFrame) -> list[Listing]:
-    """A row per model: the subject where it leaves most beside pure error, all its subjects counted."""
+    """Return a row per model, for the subject with the largest lack of fit against pure error, counted among all
+    subjects.
+    """
     rows, marks = [], []
     for (kind, model), own in table.groupby(["repeated", "contender"], sort=False):
         worst = own.loc[own["p_value"].idxmin()]

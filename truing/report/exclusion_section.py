@@ -1,4 +1,4 @@
-"""The section of what was left out, by which rule or person, and why."""
+"""Section of excluded data: what was excluded, by which rule or person, and why."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from truing.report.numbers import count, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import SHIFT, Tables, cell, each, filled
 
-# Longer listings are folded away.
+# Longer listings are folded.
 _OPEN = 40
 
 
 def excluded(tables: Tables) -> ReportSection:
-    """Rows of raw files, points, attachments and scans that were left out; and what persons decided."""
+    """Return the section of excluded rows, points, attachments and scans, and of the decisions of persons."""
     reported = (_decisions, _effects, _rows_of_files, _points_by_target, _points, _readings, _no_part, _attachments)
     listings = [listing for tell in (*reported, _of_models, _scans) if (listing := tell(tables)).rows]
     lead = "Nothing was left out in this run."
@@ -41,12 +41,12 @@ def _lead(tables: Tables) -> str:
 
 
 def _by_person(table: pd.DataFrame) -> pd.Series:
-    """Which rows a person decided on; the others a rule of the software left out, and nobody has confirmed that."""
+    """Return True for rows that a person decided on; a rule of the software excluded the others, unconfirmed."""
     return table["decision"].notna() if "decision" in table else table["rejected"] & False
 
 
 def _effects(tables: Tables) -> Listing:
-    """What persons left out, and what the result would be without that."""
+    """Return the exclusions by persons, and the results without them."""
     rows = tuple(
         (
             r.entry,
@@ -75,7 +75,7 @@ def _effects(tables: Tables) -> Listing:
 
 
 def _decisions(tables: Tables) -> Listing:
-    """What a person overruled, by name: points excluded or kept, verdicts accepted."""
+    """Return the decisions of persons by name: points excluded or kept, verdicts accepted."""
     rows: list[tuple[str, ...]] = []
     points, readings = (
         ("residuals", "", "body", "target", "pose"),
@@ -105,13 +105,13 @@ def _rows_of_files(tables: Tables) -> Listing:
 
 
 def _by_rule(tables: Tables, name: str) -> pd.DataFrame:
-    """Residuals that were rejected and that no person decided on; without columns where the run has none."""
+    """Return the rejected residuals that no person decided on; without columns where the run has none."""
     table = filled(tables, name)
     return pd.DataFrame() if table is None else table[table["rejected"] & ~_by_person(table)]
 
 
 def _points_by_target(tables: Tables) -> Listing:
-    """Where many points are out: which targets they belong to, the most frequent first."""
+    """Return the targets with excluded points, the most frequent first, where there are many."""
     out, heads = _by_rule(tables, "residuals"), ("body", "target", "left out in poses")
     if len(out) <= _OPEN:
         return Listing(heads, ())
@@ -141,7 +141,7 @@ def _off(r: object) -> str:
 
 
 def _readings(tables: Tables) -> Listing:
-    """Readings of a loaded platform that were kept out as gross errors."""
+    """Return the readings of a loaded platform that were excluded as gross errors."""
     rows = tuple(
         (str(r.run), str(r.step), r.channel, _far(r.residual, r.unit), cell(r.reason))
         for r in _by_rule(tables, "reading_residuals").itertuples()
@@ -152,12 +152,12 @@ def _readings(tables: Tables) -> Listing:
 
 
 def _far(residual: float, unit: str) -> str:
-    """How far a reading is off; nothing is held against one that a person left out."""
+    """Return the deviation of a reading; a dash for exclusions by a person."""
     return quantity(residual, unit) if residual == residual else "–"
 
 
 def _no_part(tables: Tables) -> Listing:
-    """Points that are no gross errors and take no part in a pose all the same, counted by body and reason."""
+    """Return points without gross error that take no part in a pose, counted by body and reason."""
     rows: list[tuple[str, ...]] = []
     if (residuals := filled(tables, "residuals")) is not None:
         idle = residuals[~residuals["rejected"] & residuals["reason"].notna() & ~_by_person(residuals)]
@@ -166,7 +166,7 @@ def _no_part(tables: Tables) -> Listing:
 
 
 def _scans(tables: Tables) -> Listing:
-    """Dense scans that gave no pose, with what the registration says of them."""
+    """Return dense scans that gave no pose, with the remarks of the registration."""
     out = [r for r in each(tables, "scans") if r.status != "ok"]
     rows = tuple((str(r.pose), r.body, r.status, cell(r.message)) for r in out)
     caption = f"{count(len(rows), 'dense scan')} that gave no pose"
@@ -174,7 +174,7 @@ def _scans(tables: Tables) -> Listing:
 
 
 def _of_models(tables: Tables) -> Listing:
-    """What diagnosis and calibration took out beyond that, one by one."""
+    """Return further exclusions by diagnosis and calibration, one by one."""
     rows = tuple(
         (stage, r.subject, _where(r), cell(r.reason), quantity(r.value, r.unit), quantity(r.limit, r.unit))
         for stage in ("diagnosis", "calibration")
@@ -189,7 +189,7 @@ def _of_models(tables: Tables) -> Listing:
 
 
 def _where(r: Any) -> str:
-    """The pose, or the run and step."""
+    """Return the pose, or the run and step."""
     return f"pose {r.pose}" if hasattr(r, "pose") else f"run {r.run}, step {r.step}"
 
 

@@ -1,4 +1,4 @@
-"""What all figures share: colours, titles, and axes that stay readable with a thousand poses or an outlier."""
+"""Common style of all figures: colours, titles, and axes that stay readable with a thousand poses or an outlier."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ import plotly.io as pio
 from numpy.typing import ArrayLike, NDArray
 from plotly.subplots import make_subplots
 
-# Okabe-Ito, told apart by colour-blind readers too.
+# Okabe-Ito colours, which colour-blind readers can distinguish.
 BLUE, ORANGE, GREEN, RED, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#7A7A7A"
-# A value so many times the median would flatten everything else on a linear axis.
+# A value this many times the median would flatten all others on a linear axis.
 _OUTSTANDING = 30.0
 # More points than this are drawn by WebGL.
 MANY_POINTS = 4000
 _LABELS = 24
-BAR = 1.96  # standard deviations that a bar of 95 % reaches to either side
+BAR = 1.96  # half length of a 95 % bar, in standard deviations
 _TEMPLATE = "plotly_white"
 
 
 @contextmanager
 def common_look() -> Iterator[None]:
-    """While figures are made plotly begins each with the project's template; given later it is checked value by value.
+    """Make plotly start each figure with the project's template, inside this context.
 
-    That takes as long as the rest of a figure.
+    A template that is set later is validated value by value, which takes as long as the rest of a figure.
     """
     before, pio.templates.default = pio.templates.default, _TEMPLATE
     try:
@@ -38,7 +38,7 @@ def common_look() -> Iterator[None]:
 
 
 def style(figure: go.Figure, title: str, subtitle: str, height: int) -> go.Figure:
-    """Give a figure its title, a line that says how to read it, and the project's layout."""
+    """Set title, subtitle (how to read the figure) and layout of a figure."""
     if pio.templates.default != _TEMPLATE:  # made outside of `common_look`
         figure.update_layout(template=_TEMPLATE)
     figure.update_layout(
@@ -61,12 +61,12 @@ def style(figure: go.Figure, title: str, subtitle: str, height: int) -> go.Figur
 
 
 def label(name: object) -> str:
-    """A name from the data, safe in a figure: plotly reads its texts as markup."""
+    """Return a name from the data escaped for plotly, which reads its texts as markup."""
     return html.escape(str(name), quote=False)
 
 
 def pose_axis(poses: ArrayLike) -> tuple[NDArray[Any], dict[str, Any]]:
-    """Places of poses along an axis, and the axis: numbered poses at their number, named ones side by side."""
+    """Return places of poses along an axis, and the axis: numbered poses at their number, named ones in sequence."""
     identifiers = np.asarray(poses)
     if np.issubdtype(identifiers.dtype, np.number):
         return identifiers, {"title": {"text": "pose"}}
@@ -87,7 +87,7 @@ def _short(name: str) -> str:
 
 
 def size_axis(values: ArrayLike) -> dict[str, Any]:
-    """An axis for sizes: from zero, or logarithmic where a few of them stand far out."""
+    """Return an axis for sizes: from zero, or logarithmic if a few are much larger than the rest."""
     sizes = np.asarray(values, dtype=float)
     sizes = sizes[np.isfinite(sizes) & (sizes > 0.0)]
     if len(sizes) and sizes.max() > _OUTSTANDING * np.median(sizes):
@@ -96,16 +96,17 @@ def size_axis(values: ArrayLike) -> dict[str, Any]:
 
 
 def sequence_title(title: str, logarithmic: bool) -> str:
-    """An axis title that says when its axis is logarithmic."""
+    """Return an axis title that names a logarithmic scale."""
     return f"{title}, log scale" if logarithmic else title
 
 
 def panel_grid(
     titles: Sequence[str], most: int, gaps: tuple[float, Callable[[int], float]], size: int = 13, **shared: Any
 ) -> tuple[go.Figure, list[dict[str, int]], int]:
-    """Panels with titles, at most ``most`` side by side: the figure, the place of each panel, the number of rows.
+    """Return a figure with titled panels, at most ``most`` side by side, the place of each panel, and the number of
+    rows.
 
-    ``gaps``: between columns, and by the number of rows between these, in parts of the figure.
+    ``gaps``: between columns, and between rows by the number of rows, as shares of the figure.
     """
     columns = min(most, len(titles))
     rows = -(-len(titles) // columns)

@@ -1,4 +1,4 @@
-"""The top of the page: what a busy person acts on, and the figures that place it."""
+"""Top of the page: the sentences that need action, and key figures."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _BENCH_WORDS = {
     "linear": "rms residual, diagonal compliance",
     "matrix": "rms residual, full compliance",
 }
-_OF_AXES = {"A": "accuracy A", "B": "reversal B"}  # as ISO 230-2 has them
+_OF_AXES = {"A": "accuracy A", "B": "reversal B"}  # symbols of ISO 230-2
 _FEW_AXES = 3
 _HELD_OUT = {"position": "um", "orientation": "arcsec"}
-# Sections that have a line of their own where all is well, and those that share one.
+# Sections with a line of their own if they pass, and those that share one.
 _OWN_LINE = ("diagnosis", "simulation", "positioning", "requirements", "changes", "quality")
 _TOGETHER = {
     "belonging": "the data belong together",
@@ -30,18 +30,18 @@ _TOGETHER = {
     "pulls": "pulls are within tolerances",
     "calibration": "the calibration fits",
 }
-# What is not tested and asks for nothing.
+# Untested sections that need no action.
 _SILENT = (ReasonCode.NO_READINGS,)
 
 
 def build_head(campaign: str, tables: Tables) -> PageHead:
-    """The sentences that a busy person acts on, read from the table ``verdict``, and the figures that place them."""
+    """Return the sentences of the table ``verdict`` that need action, and key figures."""
     rows = verdict_rows(with_verdict(tables))
     return PageHead(campaign, tuple(_lines(rows, tables)), tuple(_tiles(tables)))
 
 
 def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
-    """The campaign's verdict first, what asks for attention, what is as it should be, what was not tested."""
+    """Return the campaign's verdict, then what needs attention, what passes, and what was not tested."""
     if not rows:
         return []
     lead = rows[CAMPAIGN]
@@ -66,7 +66,7 @@ def _explanation(rows: dict[str, SectionVerdict], section: str) -> str:
 
 
 def _has_line(one: SectionVerdict) -> bool:
-    """Whether a section has a line: all that fails, and of the others those that a reader looks for."""
+    """Return True if a section has a line: every failure, and of the others those that readers look for."""
     if one.state == RelationState.FAILS:
         return True
     if one.state == RelationState.ATTENTION:
@@ -92,7 +92,7 @@ def _tiles(tables: Tables) -> list[tuple[str, str]]:
 
 
 def _bench_tiles(tables: Tables) -> list[tuple[str, str]]:
-    """Runs, load steps, readings and signals."""
+    """Return the numbers of runs, load steps, readings and signals."""
     steps, readings, signals = load_steps(tables), filled(tables, "readings"), signal_names(tables)
     if not len(steps):
         return []
@@ -104,7 +104,9 @@ def _bench_tiles(tables: Tables) -> list[tuple[str, str]]:
 
 
 def _model_tiles(tables: Tables) -> list[tuple[str, str]]:
-    """How far things moved, and what each model leaves of it; of a bench before any model and after the best."""
+    """Return tiles of the movements and the residuals of each model; for a bench, before any model and
+    after the best.
+    """
     errors = filled(tables, "deformation_errors")
     if errors is None:
         return []
@@ -119,7 +121,7 @@ def _model_tiles(tables: Tables) -> list[tuple[str, str]]:
 
 
 def _positioning_tiles(tables: Tables) -> list[tuple[str, str]]:
-    """Accuracy and reversal of the axes that were positioned, the first few of them."""
+    """Return accuracy and reversal of the first few positioned axes."""
     rows = filled(tables, "positioning")
     if rows is None:
         return []
@@ -130,7 +132,7 @@ def _positioning_tiles(tables: Tables) -> list[tuple[str, str]]:
 
 
 def _calibration_tiles(tables: Tables) -> list[tuple[str, str]]:
-    """How far the chosen model misses on average where nothing was fitted to."""
+    """Return the mean error of the chosen model at held-out poses."""
     chosen = main_calibration(tables)
     by = {"estimator": TO_POINTS} if chosen is not None and chosen[0] == EXTENDED else {}
     figures = figures_by_calibration(tables, **by)

@@ -1,4 +1,4 @@
-"""The section of what can be known: what data determine, what they cannot distinguish, what an omission biases."""
+"""Section of identifiability: what the data determine, what they cannot distinguish, and what an omission biases."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _ROW = 28
 
 
 def knowledge(tables: Tables) -> ReportSection | None:
-    """Rank and unidentifiable combinations, how well each parameter is known, and the absorption map."""
+    """Return the section with rank, unidentifiable combinations, uncertainty of each parameter, and absorption map."""
     if "observability" not in tables:
         return None
     observed = filled(tables, "observability")
@@ -67,7 +67,9 @@ def _facts(own: pd.DataFrame) -> dict[str, float]:
 
 
 def _rank(observed: pd.DataFrame, key: Key) -> str:
-    """What poses and readings alone say of a leg, and of the chosen model."""
+    """Return in words the rank of each leg from poses and readings alone, and of the chosen model from all
+    measurements.
+    """
     legs, whole, texts = _by_leg(observed), _of_whole_machine(observed, key), []
     if len(legs):
         asked, rank = (int(legs.loc[legs["figure"] == name, "value"].max()) for name in ("parameters", "rank"))
@@ -85,7 +87,7 @@ def _rank(observed: pd.DataFrame, key: Key) -> str:
 
 
 def _largest_set_text(legs: pd.DataFrame) -> str:
-    """Which numbers make a largest identifiable set in most legs, and which have no place beside them."""
+    """Return in words a largest identifiable set in most legs, and the parameters that do not fit into it."""
     if "combination" not in legs:
         return ""
     numbers = legs.assign(names=_of_any_leg(legs)).dropna(subset="names")
@@ -100,7 +102,7 @@ def _largest_set_text(legs: pd.DataFrame) -> str:
 
 
 def _of_any_leg(legs: pd.DataFrame) -> list[str | None]:
-    """The names of each row without the number of the leg."""
+    """Return the names of each row without the number of the leg."""
     return [
         " ".join(name.removesuffix(str(int(leg))) for name in words.split()) if isinstance(words, str) else None
         for words, leg in zip(legs["combination"], legs["leg"], strict=True)
@@ -114,7 +116,7 @@ def _unknown(own: pd.DataFrame) -> pd.DataFrame:
 
 
 def _combinations(own: pd.DataFrame, caption: str, folded: bool = False) -> Listing:
-    """A row per direction that goes unseen, so that a group of many can be read."""
+    """Return a row per unobservable direction, so that a group of many stays readable."""
     rows = tuple(
         (symbols(words.strip()), plain(r.value) if k == 0 else "")
         for r in _unknown(own).itertuples()
@@ -126,7 +128,7 @@ def _combinations(own: pd.DataFrame, caption: str, folded: bool = False) -> List
 
 
 def _indices(legs: pd.DataFrame, whole: pd.DataFrame, key: Key) -> Listing:
-    """Rank, condition and the indices O1 to O5 of each leg and of the chosen model."""
+    """Return rank, condition and the indices O1 to O5 of each leg and of the chosen model."""
     parts = [(f"leg {int(leg)}", own) for leg, own in legs.groupby("leg", sort=True)] if len(legs) else []
     if len(whole):
         parts.append((called(key), whole))
@@ -151,7 +153,7 @@ def _index_row(name: str, own: pd.DataFrame) -> tuple[str, ...]:
 
 
 def _sigmas(legs: pd.DataFrame) -> Listing:
-    """How well the data alone would know each number of each leg, in its tolerance, all others being free."""
+    """Return the uncertainty of each leg's parameters from data alone, in tolerances, with all others free."""
     named = "combination" in legs and "leg" in legs
     reported = legs[legs["figure"] == "sigma"] if named else legs.iloc[:0]
     numbers = sorted(reported["leg"].unique()) if named else []
@@ -202,7 +204,7 @@ def _absorbed_row(r: Any) -> tuple[str, ...]:
 
 
 def _knowledge_map(own: pd.DataFrame, key: Key) -> go.Figure:
-    """Heat map of sigma over tolerance of one calibration's parameters; those not identifiable in brackets."""
+    """Return a heat map of sigma over tolerance of one calibration's parameters; unidentifiable ones in brackets."""
     reported = own.assign(
         kind=[kind_of(name, leg) for name, leg in zip(own["parameter"], own["leg"], strict=True)],
         place=[f"leg {int(leg)}" if leg == leg else "all legs" for leg in own["leg"]],

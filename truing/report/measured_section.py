@@ -1,4 +1,6 @@
-"""What was measured: bodies, targets, poses, time and temperature; or runs, loads, channels and surroundings."""
+"""Section of the measured data: bodies, targets, poses, time and temperature; or runs, loads, channels,
+surroundings.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,7 @@ _SURROUNDINGS = {
     "relative_humidity_pct": ("relative humidity", "%"),
     "material_temperature_c": ("temperature of the material", "°C"),
 }
-_RAW = ("phase_deg", "radius", "signal_x", "signal_y")  # what an interferometer's readings were made of
+_RAW = ("phase_deg", "radius", "signal_x", "signal_y")  # raw signals of an interferometer
 _NO_SURROUNDINGS = {*STEP, "time_s", *LOADS.values(), "reading", "sigma", *_RAW}
 _COLOURS = {"x": BLUE, "y": ORANGE, "z": GREEN}
 
@@ -45,7 +47,7 @@ _WHAT = {"air": "refractive index of the air", "material": "temperature of the m
 
 
 def measured(tables: Tables) -> ReportSection | None:
-    """Bodies and targets with what was seen of them, or the loads of a bench; None of an axis."""
+    """Return the section on bodies and targets with their visibility, or on the loads of a bench; None for an axis."""
     if filled(tables, "axis_errors") is not None:
         return None
     points = filled(tables, "observations")
@@ -68,7 +70,7 @@ def measured(tables: Tables) -> ReportSection | None:
 
 
 def _known_targets(tables: Tables, points: pd.DataFrame) -> pd.Series:
-    """Number of targets by body, in the order of the points: those surveyed or ever seen."""
+    """Return the number of targets by body, in the order of the points: all that were surveyed or ever seen."""
     names = points[["body", "target"]].drop_duplicates()
     survey = filled(tables, "survey")
     if survey is not None:
@@ -101,7 +103,7 @@ def _bodies(points: pd.DataFrame, survey: pd.DataFrame | None, known: pd.Series)
 
 
 def _ranges(configurations: pd.DataFrame) -> Listing:
-    """From where to where readings and covariates went."""
+    """Return the ranges of readings and covariates."""
     numeric = configurations.select_dtypes("number").columns
     columns = [c for c in numeric if c not in ("pose", "time_s")]
     rows = tuple(
@@ -117,7 +119,7 @@ def _ranges(configurations: pd.DataFrame) -> Listing:
 
 
 def _targets(points: pd.DataFrame, survey: pd.DataFrame | None, residuals: pd.DataFrame | None) -> Listing:
-    """Every target: its place in the survey, how often it was seen, how often it was left out."""
+    """Return every target: its place in the survey, number of observations, and number of exclusions."""
     keys = ["body", "target"]
     table = points.groupby(keys, sort=False).size().rename("seen").reset_index()
     if survey is not None:
@@ -150,7 +152,7 @@ def _measured_scans(tables: Tables) -> ReportSection:
 
 
 def _measured_poses(tables: Tables, given: pd.DataFrame) -> ReportSection:
-    """Poses that an instrument gave as such, with what was recorded beside them."""
+    """Return poses that an instrument measured directly, with the columns recorded with them."""
     rows = tuple((str(body), f"{len(part):,}") for body, part in given.groupby("body", sort=False))
     listings = [Listing(("body", "poses"), rows, caption="Bodies whose poses were measured")]
     if (conf := filled(tables, "configurations")) is not None and _ranges(conf).rows:
@@ -160,7 +162,7 @@ def _measured_poses(tables: Tables, given: pd.DataFrame) -> ReportSection:
 
 
 def _scans(scans: pd.DataFrame) -> Listing:
-    """What the registration of dense scans made of each body's surface."""
+    """Return the results of the registration of dense scans, body by body."""
     rows = tuple(
         (
             str(body),
@@ -189,7 +191,7 @@ def _campaign_sentence(tables: Tables) -> str:
 
 
 def _time_words(times: Any) -> str:
-    """How long it took; nothing where times merely number the poses."""
+    """Return the duration in words; empty where times merely number the poses."""
     if len(times) < 2:
         return ""
     if np.all(np.diff(np.sort(times)) == 1.0):
@@ -198,7 +200,7 @@ def _time_words(times: Any) -> str:
 
 
 def measured_loads(tables: Tables) -> ReportSection:
-    """Runs, steps, loads, channels and surroundings of a bench."""
+    """Return the section on runs, steps, loads, channels and surroundings of a bench."""
     steps = load_steps(tables)
     if not len(steps):
         if (approaches := filled(tables, "positions")) is not None:
@@ -227,7 +229,7 @@ def measured_loads(tables: Tables) -> ReportSection:
 
 
 def _read(tables: Tables) -> pd.DataFrame:
-    """Run, step and channel of every reading of the interferometer."""
+    """Return run, step and channel of every reading of the interferometer."""
     readings = filled(tables, "readings")
     columns = ["run", "step", "channel"]
     return pd.DataFrame(columns=columns) if readings is None else readings[columns]
@@ -255,7 +257,7 @@ def _lead(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> str:
 
 
 def _is_counted(steps: pd.DataFrame) -> bool:
-    """Whether times merely count the steps of every run."""
+    """Return True if times merely count the steps of every run."""
     run = steps.groupby("run", sort=False).ngroup()
     whole = steps.assign(of_run=run).sort_values(["of_run", "time_s"], kind="stable")
     return merely_counts(*(whole[name].to_numpy() for name in ("time_s", "step", "of_run")))
@@ -273,7 +275,7 @@ def _at_once(steps: pd.DataFrame) -> str:
 
 
 def _loads_in_time(steps: pd.DataFrame) -> go.Figure:
-    """Loads over time, forces above torques, a line per run and axis."""
+    """Return loads over time, forces above torques, a line per run and axis."""
     kinds = [kind for kind in "fm" if any(axis[0] == kind for axis in axes_of(steps))]
     figure = make_subplots(len(kinds), 1, shared_xaxes=True, vertical_spacing=0.08)
     known = steps["time_s"].notna().all() and np.ptp(steps["time_s"]) > 0.0 and not _is_counted(steps)
@@ -304,7 +306,7 @@ def _loads_in_time(steps: pd.DataFrame) -> go.Figure:
 
 
 def _broken(own: pd.DataFrame, axis: str) -> tuple[list[float], list[float], list[str]]:
-    """Points of a line that ends with each run, and their words."""
+    """Return points of a line with a break after each run, and their words."""
     x: list[float] = []
     y: list[float] = []
     words: list[str] = []
@@ -316,7 +318,7 @@ def _broken(own: pd.DataFrame, axis: str) -> tuple[list[float], list[float], lis
 
 
 def _readings_by_load(steps: pd.DataFrame, read: pd.DataFrame) -> go.Figure:
-    """How many readings of each channel there are under each load."""
+    """Return the number of readings of each channel under each load."""
     whole = read.merge(steps, on=["run", "step"], how="left")
     channels, axes = in_channel_order(whole["channel"].unique()), axes_of(steps)
     number = np.array([[int(whole.loc[whole["channel"] == c, a].ne(0.0).sum()) for a in axes] for c in channels])
@@ -359,7 +361,7 @@ def _load_row(steps: pd.DataFrame, axis: str) -> tuple[str, ...]:
 
 
 def _channels(tables: Tables, read: pd.DataFrame) -> Listing:
-    """Range and noise of a single reading of each channel."""
+    """Return range and noise of a single reading of each channel."""
     rows = []
     readings, signal_noise = filled(tables, "readings"), _signal_noise(tables)
     estimated = _by_ellipse(tables)
@@ -381,7 +383,7 @@ def _channels(tables: Tables, read: pd.DataFrame) -> Listing:
 
 
 def _noise(sigma: pd.Series, unit: str, *, estimated: bool) -> str:
-    """One sigma of a channel's readings; ``estimated``: nobody declared it, the ellipse of the raw signals told it."""
+    """Return the sigma of a channel's readings; ``estimated``: from the ellipse of the raw signals, not declared."""
     known = sigma.dropna()
     if not len(known):
         return "not declared"
@@ -393,7 +395,7 @@ def _noise(sigma: pd.Series, unit: str, *, estimated: bool) -> str:
 
 
 def _by_ellipse(tables: Tables) -> set[str]:
-    """The channels whose sigma is that which raw signals leave about their ellipse."""
+    """Return the channels whose sigma comes from the residuals of raw signals about their ellipse."""
     raw = filled(tables, "quadrature")
     if raw is None or "sigma_source" not in raw:
         return set()
@@ -401,7 +403,7 @@ def _by_ellipse(tables: Tables) -> set[str]:
 
 
 def _signal_noise(tables: Tables) -> str:
-    """One sigma of the signals, which [noise] alone tells; a page that is made from tables alone does not know it."""
+    """Return the sigma of the signals from [noise]; no table holds it, so a page made from tables alone lacks it."""
     declared = filled(tables, "declared_noise")
     if declared is None:
         return "[noise] signal_mv"
@@ -410,7 +412,7 @@ def _signal_noise(tables: Tables) -> str:
 
 
 def _surroundings(tables: Tables) -> Listing:
-    """From where to where the surroundings, and further columns that somebody recorded, went."""
+    """Return the ranges of the surroundings and of further recorded columns."""
     table = filled(tables, "readings")
     table = filled(tables, "signals") if table is None else table
     rows = []
@@ -425,7 +427,7 @@ def _surroundings(tables: Tables) -> Listing:
 
 
 def _runs(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> Listing:
-    """Every run: what it loads, what was read, how long it took."""
+    """Return every run: its loads, readings and duration."""
     channels = read.groupby("run")["channel"].unique() if len(read) else {}
     timed = steps.assign(time_s=np.nan) if _is_counted(steps) else steps
     rows = tuple(_run_row(run, own, channels) for run, own in timed.groupby("run", sort=False))
@@ -442,7 +444,7 @@ def _run_row(run: object, own: pd.DataFrame, channels: Any) -> tuple[str, ...]:
 
 
 def corrections(tables: Tables, *, of_axis: bool = False) -> Listing:
-    """Channel by channel, or of a positioned axis: how large each correction was, and how well it is known."""
+    """Return the size and uncertainty of each correction, by channel or for a positioned axis."""
     table = filled(tables, "reading_corrections")
     reported = [] if table is None else [row for row in table.itertuples() if (row.subject == "axis") == of_axis]
     rows = tuple(

@@ -1,4 +1,4 @@
-"""Tests of models on the page: state, p-value and meaning; an effect that a test finds is a result, no failure."""
+"""Tests of models on the page: state, p-value and meaning; an effect found by a test is a result, not a failure."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ from dataclasses import dataclass
 from truing.report.numbers import p_value, plain
 from truing.report.page import Listing
 
-_UNLIKELY, _MARGIN = 1e-3, 1.1  # of errors that are called smaller than noise allows: by chance, and in size
+_UNLIKELY, _MARGIN = 1e-3, 1.1  # p-value and factor beyond which errors are called smaller than noise allows
 _PASS, _FAIL, FOUND, _IDLE = "pass", "fail", "found", "not evaluated"
 _MARKS = {_PASS: "pass", _FAIL: "fail", FOUND: "found", _IDLE: "none"}
 
 
 @dataclass(frozen=True)
 class ModelTest:
-    """One test: what is asked, whether it holds (None: not evaluated), what that means, and its p-value.
-
-    ``otherwise``: its state where it does not hold.
+    """One test: question, result (None: not evaluated), its meaning, and p-value; ``otherwise``: state if it does not
+    hold.
     """
 
     question: str
@@ -28,23 +27,23 @@ class ModelTest:
 
     @property
     def state(self) -> str:
-        """``pass``, ``fail``, ``found`` or ``not evaluated``."""
+        """State: ``pass``, ``fail``, ``found`` or ``not evaluated``."""
         return _IDLE if self.holds is None else _PASS if self.holds else self.otherwise
 
 
 def by_p(
     asked: str, p: float | None, least: float, says: tuple[str, str], why_not: str, otherwise: str = _FAIL
 ) -> ModelTest:
-    """A test that holds where chance does as much with a probability of at least ``least``; ``says``: if so, if not."""
+    """Return a test that holds if its p-value is at least ``least``; ``says``: meaning if it holds and if not."""
     if p is None or p != p:
         return ModelTest(asked, None, why_not)
     return ModelTest(asked, p >= least, says[0] if p >= least else says[1], p, otherwise)
 
 
 def below_noise(asked: str, chi_square: float, freedom: float, why: str) -> ModelTest | None:
-    """A test that fails because less is left than noise allows beyond chance, and by a tenth; None where it is not so.
+    """Return a failed test if errors are significantly smaller than noise allows, by more than 10 %; otherwise None.
 
-    ``why``: what makes it so small.
+    ``why``: possible reason.
     """
     if not freedom > 0.0 or chi_square * _MARGIN**2 >= freedom:
         return None
@@ -57,6 +56,6 @@ def below_noise(asked: str, chi_square: float, freedom: float, why: str) -> Mode
 
 
 def listing_of(tests: Sequence[ModelTest], caption: str) -> Listing:
-    """The tests, one a row."""
+    """Return a listing of the tests, one per row."""
     rows = tuple((test.state, test.question, p_value(test.p), test.statement) for test in tests)
     return Listing(("result", "hypothesis", "p", "meaning"), rows, tuple(_MARKS[test.state] for test in tests), caption)

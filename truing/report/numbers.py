@@ -1,4 +1,4 @@
-"""Numbers as a reader wants them: rounded to what their uncertainty supports, with unit; and names, listed."""
+"""Text of numbers, rounded to their uncertainty, with units; and lists of names."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-# Where a number leaves the range whose digits a reader counts, another unit takes over: from, below, unit, factor.
+# Units for numbers with too many digits: from, below, unit, factor.
 _HANDIER = {
     "mm": (0.0, 1.0, "um", 1e3),
     "um": (1e3, math.inf, "mm", 1e-3),
@@ -18,7 +18,9 @@ _LEAST_P = 1e-6
 
 
 def with_uncertainty(value: float, sigma: float | None, unit: str = "") -> str:
-    """``13.24 ± 0.41 um``: two significant digits of the uncertainty, the value to the same place (GUM 7.2.6)."""
+    """Return ``13.24 ± 0.41 um``: two significant digits of the uncertainty, the value to the same place
+    (GUM 7.2.6).
+    """
     if not math.isfinite(value):
         return plain(value)
     if sigma is None or not math.isfinite(sigma) or sigma <= 0.0:
@@ -37,13 +39,15 @@ def _rounded(value: float, sigma: float) -> str:
 
 
 def _last_place(sigma: float) -> int:
-    """The decimal place that a number with this uncertainty is rounded to (at most 12); negative left of the point."""
+    """Return the decimal place to which a number with this uncertainty is rounded (at most 12); negative left of the
+    point.
+    """
     exponent = int(f"{sigma:.1e}".partition("e")[2])  # of the rounded number: 0.996 is 1.0
     return min(12, 1 - exponent)
 
 
 def plain(value: float | None) -> str:
-    """Three significant digits, without a power of ten where a reader does not need one; a dash for nothing."""
+    """Return three significant digits, mostly without a power of ten; a dash for missing values."""
     if value is None or not math.isfinite(value):
         return "–"
     if value == 0.0:
@@ -56,14 +60,14 @@ def plain(value: float | None) -> str:
 
 
 def rough(value: float | None) -> str:
-    """Two significant digits, all before the point."""
+    """Return two significant digits, all before the point."""
     if value is None or not math.isfinite(value):
         return "–"
     return f"{value:,.0f}" if abs(value) >= 9.95 else f"{value:#.2g}"
 
 
 def quantity(value: float | None, unit: str) -> str:
-    """A number in a unit that suits its size: ``3.4 µm`` for 0.0034 mm, nothing after a ratio."""
+    """Return a number in a suitable unit: ``3.4 µm`` for 0.0034 mm; no unit for a ratio."""
     if value is None or not math.isfinite(value):
         return "–"
     if unit in _HANDIER:
@@ -74,7 +78,7 @@ def quantity(value: float | None, unit: str) -> str:
 
 
 def handy(value: float, sigma: float | None, unit: str) -> str:
-    """``5.3 ± 1.6 mm``: a value with its uncertainty in a unit that suits its size."""
+    """Return a value with its uncertainty in a suitable unit: ``5.3 ± 1.6 mm``."""
     low, high, handier, factor = _HANDIER.get(unit, (math.inf, math.inf, unit, 1.0))
     if low < abs(value) < high:
         return with_uncertainty(value * factor, None if sigma is None else sigma * factor, handier)
@@ -82,12 +86,12 @@ def handy(value: float, sigma: float | None, unit: str) -> str:
 
 
 def two_decimals(value: float) -> str:
-    """``13.35``; three significant digits of what two decimals would tell too little of: ``0.0299``."""
+    """Return two decimals, ``13.35``, or three significant digits of small numbers: ``0.0299``."""
     return f"{value:.2f}" if abs(value) >= 1.0 or not math.isfinite(value) else plain(value)
 
 
 def in_one_unit(values: Sequence[float | None], unit: str) -> list[str]:
-    """Numbers of one kind in the unit that suits the first: ``10.0 µm``, ``4.83 µm``, ``0 µm``."""
+    """Return numbers of one kind in the unit that suits the first: ``10.0 µm``, ``4.83 µm``, ``0 µm``."""
     first = quantity(values[0], unit)
     factor, handier = 1.0, sign(unit)
     if unit in _HANDIER and first.endswith(sign(_HANDIER[unit][2])):
@@ -96,37 +100,37 @@ def in_one_unit(values: Sequence[float | None], unit: str) -> list[str]:
 
 
 def sign(unit: str) -> str:
-    """The unit as it is printed."""
+    """Return the printed form of a unit."""
     return _SIGNS.get(unit, unit)
 
 
 def printed(sentence: str) -> str:
-    """A sentence with its units, and its uncertainties, as they are printed."""
+    """Return a sentence with units and uncertainties in their printed form."""
     sentence = sentence.replace(" +- ", " ± ")
     return re.sub(r"(?<=/mm)[23]\b", lambda power: "²³"[int(power[0]) - 2], re.sub(r"\bu(m|rad)\b", r"µ\1", sentence))
 
 
 def p_value(p: float | None) -> str:
-    """A p-value as a reader wants it."""
+    """Return the text of a p-value."""
     if p is None or not math.isfinite(p):
         return "–"
     return "< 1e-6" if p < _LEAST_P else f"{p:.2g}"
 
 
 def p_equals(p: float) -> str:
-    """The same behind a letter: ``= 0.02``, ``< 1e-6``."""
+    """Return a p-value with its relation: ``= 0.02``, ``< 1e-6``."""
     return p_value(p) if p < _LEAST_P else f"= {p_value(p)}"
 
 
 def percent(value: float) -> str:
-    """``0.19 %``, ``110 %``: two significant digits of a percentage, never a power of ten."""
+    """Return two significant digits of a percentage, without a power of ten: ``0.19 %``, ``110 %``."""
     if abs(value) >= 99.5:
         return f"{value:.0f} %"
     return f"{value:.2g} %" if value == 0.0 or abs(value) >= 1e-4 else f"{value:.6f} %"
 
 
 def count(n: int, noun: str) -> str:
-    """``1 pose``, ``2 poses``, ``2 bodies``, ``2 approaches``."""
+    """Return a number with its noun: ``1 pose``, ``2 poses``, ``2 bodies``, ``2 approaches``."""
     if n == 1:
         return f"{n} {noun}"
     if noun.endswith("dy"):
@@ -135,13 +139,13 @@ def count(n: int, noun: str) -> str:
 
 
 def duration(seconds: float) -> str:
-    """A span of time in the unit that suits it."""
+    """Return a duration in a suitable unit."""
     size, unit = _span(seconds)
     return f"{plain(size)} s" if unit == "s" else f"{size:.1f} {unit}"
 
 
 def about(seconds: float) -> str:
-    """``about 20 min``: a span of time that is known roughly."""
+    """Return an approximate duration: ``about 20 min``."""
     size, unit = _span(seconds)
     return f"about {rough(size)} {unit}"
 
@@ -152,13 +156,13 @@ def _span(seconds: float) -> tuple[float, str]:
 
 
 def listed(names: Sequence[str], most: int = 8) -> str:
-    """The first names, and how many more there are."""
+    """Return the first names, and the number of the others."""
     shown = ", ".join(names[:most])
     return shown if len(names) <= most else f"{shown} and {len(names) - most} more"
 
 
 def reasons(what: str, *left_out: Mapping[tuple[str, str], int]) -> list[str]:
-    """How many were left out for which reason, the most frequent first; given by (file, reason)."""
+    """Return the number of exclusions by reason, the most frequent first; given by (file, reason)."""
     total: Counter[str] = Counter()
     for one in left_out:
         for (_, reason), number in one.items():
@@ -167,5 +171,5 @@ def reasons(what: str, *left_out: Mapping[tuple[str, str], int]) -> list[str]:
 
 
 def gross_errors(number: int, what: str) -> str:
-    """``1 reading as a gross error``, ``2 readings as gross errors``: what a stage leaves out."""
+    """Return ``1 reading as a gross error``, ``2 readings as gross errors``, for the exclusions of a stage."""
     return f"{count(number, what)} as {'a gross error' if number == 1 else 'gross errors'}"

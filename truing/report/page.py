@@ -1,4 +1,4 @@
-"""What a page consists of: a head, sections, and in them figures with captions and tables as shown."""
+"""Elements of a page: a head, and sections with figures, captions and listings."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ if TYPE_CHECKING:
 # Rows of a listing that a page holds, so that a thousand poses of many bodies stay below some megabytes.
 MOST_ROWS = 2000
 
-# Figures with their captions; a sentence behind the mark of colour that it stands beside.
+# Figures with their captions; a sentence with its mark of colour.
 Drawn = list[tuple[object, str]]
 Verdict = tuple[str, str]
 
 
 @dataclass(frozen=True)
 class Listing:
-    """A table as shown: heads, rows of text, and per row a class of colour (pass, warn, fail, found or changed)."""
+    """A table of the page: heads, rows of text, and per row a class of colour (pass, warn, fail, found or changed)."""
 
     heads: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     marks: tuple[str, ...] = ()
     caption: str = ""
     folded: bool = False
-    held_by: str = ""  # the artifact that holds all rows, where the page cannot
-    csv: str = ""  # the same for a machine, to be copied as a whole
-    by_leg: bool = False  # its first cells name the leg; legs chosen in the view leave their rows
+    held_by: str = ""  # the artifact that holds all rows, where the page shows only some
+    csv: str = ""  # the same as CSV, to be copied as a whole
+    by_leg: bool = False  # its first cells name the leg; choosing legs in the view selects their rows
 
     @property
     def shown(self) -> tuple[tuple[str, ...], ...]:
-        """The rows that stand on the page."""
+        """Rows shown on the page."""
         return self.rows[:MOST_ROWS]
 
     @property
     def note(self) -> str:
-        """What a reader must know about rows that do not stand on the page."""
+        """Note on the rows that are not shown."""
         if len(self.rows) <= MOST_ROWS:
             return ""
         where = f"; all are in {self.held_by}" if self.held_by else ""
@@ -46,9 +46,9 @@ class Listing:
 
 @dataclass(frozen=True)
 class ReportSection:
-    """One part of the page: sentences to begin with, then figures with captions, tables, and parts of its own.
+    """A section of the page: lead sentences, figures with captions, listings, and subsections.
 
-    ``said`` are further sentences, each a mark of colour and words; ``see`` the sections where more of it stands.
+    ``statements`` are further sentences, each with a mark of colour; ``see`` lists related sections.
     """
 
     id: str
@@ -56,7 +56,7 @@ class ReportSection:
     lead: str
     figures: tuple[tuple[go.Figure, str], ...] = ()
     listings: tuple[Listing, ...] = ()
-    state: str = ""  # pass, fail, changed, or what is not evaluated
+    state: str = ""  # pass, fail, changed, or not evaluated
     statements: tuple[tuple[str, str], ...] = ()
     parts: tuple[ReportSection, ...] = ()
     see: tuple[tuple[str, str], ...] = ()  # id of a section, words
@@ -64,7 +64,7 @@ class ReportSection:
 
 @dataclass(frozen=True)
 class PageHead:
-    """The top of the page: the campaign, the sentences of the verdict, and the tiles of key figures."""
+    """Top of the page: campaign, sentences of the verdict, and tiles of key figures."""
 
     campaign: str
     verdicts: tuple[tuple[str, str], ...]  # mark (pass, warn, fail, found, none), sentence
@@ -72,7 +72,7 @@ class PageHead:
 
 
 def all_of(sections: Sequence[ReportSection]) -> Iterator[ReportSection]:
-    """Sections, each before its parts."""
+    """Yield all sections, each before its subsections."""
     for section in sections:
         yield section
         yield from all_of(section.parts)

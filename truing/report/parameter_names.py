@@ -1,4 +1,4 @@
-"""Names and units of a mechanism's parameters as they are printed."""
+"""Printed names and units of a mechanism's parameters."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ MEANING = (
 
 
 def symbols(words: str) -> str:
-    """A combination of parameters with its symbols: ``a_z1 : ρ0_1`` for ``a_z1 : rho01``."""
+    """Return a combination of parameters with its symbols: ``a_z1 : ρ0_1`` for ``a_z1 : rho01``."""
     return re.sub(r"\brho0(?=\d)", "ρ0_", re.sub(r"\brho0\b", "ρ0", re.sub(r"\bkappa(?=\d|\b)", "κ", words)))
 
 
 def kind_of(parameter: str, leg: float) -> str:
-    """What a parameter is in every leg: ``a_x``, ``κ``, ``K, ρ2`` for the second entry of K's row."""
+    """Return the kind of a parameter, equal in every leg: ``a_x``, ``κ``, ``K, ρ2`` for the second entry of K's row."""
     column = _column_of(parameter, leg)
     return f"K, ρ{column}" if column else _name_in_words(parameter)
 
 
 def _column_of(parameter: str, leg: float) -> str:
-    """The drive of an entry of K, ``2`` of ``K12`` or ``10`` of ``K1_10``; empty of other parameters."""
+    """Return the drive of an entry of K, ``2`` of ``K12`` or ``10`` of ``K1_10``; empty for other parameters."""
     own = f"K{int(leg)}" if leg == leg else "K"
     column = parameter.removeprefix(own).removeprefix("_")
     return column if parameter.startswith(own) and column.isdigit() else ""
 
 
 def _name_in_words(parameter: str) -> str:
-    """A parameter's symbol, or its words: ``axial stiffness of spring 3`` (the third element of a leg)."""
+    """Return a parameter's symbol, or its words: ``axial stiffness of spring 3`` (the third element of a leg)."""
     element = re.fullmatch(_STIFFNESS, parameter)
     if element:
         return f"{element[3]} stiffness of {element[2]} {element[1]}".replace("scale stiffness", "stiffness")
@@ -47,14 +47,14 @@ def _name_in_words(parameter: str) -> str:
 
 
 def name_of(parameter: str, leg: float) -> str:
-    """One parameter as a sentence names it: ``u_x of leg 1``, ``K12``."""
+    """Return the name of one parameter in a sentence: ``u_x of leg 1``, ``K12``."""
     if leg != leg or _column_of(parameter, leg):
         return _name_in_words(parameter)
     return f"{_name_in_words(parameter)} of leg {int(leg)}"
 
 
 def shown_in(parameter: str, unit: str) -> tuple[float, str]:
-    """Factor and unit in which a parameter is printed: directions in mrad, coefficients of deformation in um per mm."""
+    """Return factor and unit in which a parameter is printed: directions in mrad, deformation in um per mm."""
     if unit == "1" and parameter.startswith("u_"):
         return 1e3, "mrad"
     if unit == "1" and (parameter == "kappa" or parameter.startswith("K")):

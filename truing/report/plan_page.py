@@ -1,4 +1,4 @@
-"""The page of a plan of photographs: the network in space, where to stand, how well each target will be known."""
+"""Page of a photograph plan: the network in space, camera stations, and expected uncertainty of each target."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ _LIMITS = {
     "not seen twice": "fewer than two photographs",
 }
 _EYE = {"x": 0.95, "y": -1.1, "z": 0.7}
-_SYMBOL = 0.16  # a camera's pyramid, of the object's size
+_SYMBOL = 0.16  # size of a camera's pyramid, relative to the object
 
 
 def plan_head(campaign: str, text: Sequence[str], reaches: bool, frames: Mapping[str, pd.DataFrame]) -> PageHead:
-    """What a busy person takes along."""
+    """Return the head of the page with the main results."""
     targets = frames["targets"]
     tiles = [
         ("photographs", str(len(frames["stations"]))),
@@ -56,8 +56,10 @@ def plan_head(campaign: str, text: Sequence[str], reaches: bool, frames: Mapping
 def plan_sections(
     frames: Mapping[str, pd.DataFrame], R: NDArray[np.float64], half: tuple[float, float], wanted_mm: float | None
 ) -> list[ReportSection]:
-    """The network, the stations, the number of stations, the targets; R (K, 3, 3) from camera axes, half the format's
-    width and height over the principal distance."""
+    """Return the sections on network, stations, number of stations, and targets.
+
+    R (K, 3, 3) from camera axes; half: the format's half width and height over the principal distance.
+    """
     stations, targets = frames["stations"], frames["targets"]
     network = ReportSection(
         "network",
@@ -136,7 +138,7 @@ def _network(
 
 
 def _pyramids(centre: NDArray[np.float64], tips: NDArray[np.float64]) -> NDArray[np.float64]:
-    """One line (N, 3) along the edges of all pyramids, with breaks between them."""
+    """Return one line (N, 3) along the edges of all pyramids, with breaks between them."""
     gap = np.full((len(centre), 3), np.nan)
     a, b, c, d = (tips[:, i] for i in range(4))
     walk = [centre, a, b, centre, c, d, centre, gap, b, c, gap, d, a, gap]

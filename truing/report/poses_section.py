@@ -1,4 +1,4 @@
-"""The section of the poses: what was seen, what the rigid fits leave, and how well poses are known."""
+"""Section of the poses: visibility of targets, residuals of rigid fits, and uncertainty of poses."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ _METHODS = {
     "measured": "measurement of the poses themselves",
 }
 
-# With so many poses a box alone says more than its points.
+# From this number of poses on, boxes are drawn without points.
 _POINTS_SHOWN = 60
 
 
 def poses(tables: Tables) -> ReportSection | None:
-    """Poses of every body with what their fits leave and how well they are known."""
+    """Return the section of all bodies' poses with residuals of their fits and uncertainties."""
     if "poses" not in tables:
         return None
     if not len(tables["poses"]):
@@ -54,7 +54,7 @@ def poses(tables: Tables) -> ReportSection | None:
 
 
 def poses_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
-    """Whether every body has its pose wherever it was measured; None of a run without poses."""
+    """Return the verdict if every body has a pose wherever it was measured; None for a run without poses."""
     table = filled(tables, "poses")
     if table is None:
         return None
@@ -93,7 +93,7 @@ def _figures(tables: Tables, good: pd.DataFrame) -> tuple[tuple[Any, str], ...]:
 
 
 def _expected(tables: Tables, good: pd.DataFrame) -> Any:
-    """Per pose, in um, what the declared noise of points and survey leaves after six unknowns."""
+    """Return per pose, in um, the rms expected from the declared noise of points and survey after six unknowns."""
     points = filled(tables, "observations")
     if points is None:
         return np.nan
@@ -106,7 +106,7 @@ def _expected(tables: Tables, good: pd.DataFrame) -> Any:
 
 
 def _mean_variance(points: pd.DataFrame) -> pd.Series:
-    """Squared distance in mm² that noise moves a point of each body, on average."""
+    """Return the mean variance in mm² of a point of each body by noise."""
     return (points[SIGMA] ** 2).sum(axis=1).groupby(points["body"]).mean()
 
 
@@ -150,7 +150,7 @@ def _three(r: Any, names: str, first: int, factor: float) -> str:
 
 
 def visible_share(observations: pd.DataFrame, known: pd.Series) -> go.Figure:
-    """Share of each body's targets that each pose saw; ``known``: number of targets by body."""
+    """Return the share of each body's targets seen in each pose; ``known``: number of targets by body."""
     poses = observations["pose"].drop_duplicates()
     poses = poses.sort_values() if poses.dtype.kind in "iu" else poses
     seen = observations.groupby(["body", "pose"], sort=False)["target"].nunique().unstack("pose", fill_value=0)
@@ -179,7 +179,7 @@ def visible_share(observations: pd.DataFrame, known: pd.Series) -> go.Figure:
 
 
 def _pose_residuals(poses: pd.DataFrame) -> go.Figure:
-    """Root mean square of what the rigid fits leave, a panel per body; ``expected_um``: what declared noise leaves."""
+    """Return the rms residuals of the rigid fits, a panel per body; ``expected_um``: expected from declared noise."""
     places, axis = pose_axis(poses["pose"].to_numpy())
     poses = poses.assign(place=places)
     bodies = [label(body) for body in poses["body"].drop_duplicates()]
@@ -221,7 +221,9 @@ def _sizes(rows: pd.DataFrame, many: bool) -> Any:
 
 
 def _pose_uncertainty(poses: pd.DataFrame) -> go.Figure:
-    """Standard deviation of every pose along its worst axis, one box per body: position left, rotation right."""
+    """Return the standard deviation of every pose along its worst axis, one box per body: position left, rotation
+    right.
+    """
     grid = make_subplots(rows=1, cols=2, subplot_titles=["position, worst axis", "rotation, worst axis"])
     for column, first, unit in ((1, 0, "µm"), (2, 3, "µrad")):
         worst = 1e6 * _worst_sigma(poses, first)

@@ -1,4 +1,4 @@
-"""The page of what a campaign's layout would show: from which size on each effect is found, and how often."""
+"""Page of the power of a planned campaign: detectable size of each effect, and rate of detection."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NOT_DRAWN = "–"
 
 
 def power_head(campaign: str, sizes: pd.DataFrame, rates: pd.DataFrame) -> PageHead:
-    """What a busy person takes along."""
+    """Return the head of the page with the main results."""
     alarms = rates[rates["cause"] == "nothing"]
     text = [("none", text) for text in (alarm_words(rates),) if text]
     blind = list(dict.fromkeys(cause_words(c) for c in sizes[sizes["expected_80"].isna()]["cause"]))
@@ -36,7 +36,7 @@ def power_head(campaign: str, sizes: pd.DataFrame, rates: pd.DataFrame) -> PageH
 
 
 def alarm_words(rates: pd.DataFrame) -> str:
-    """How often something was found where nothing was hidden; empty where that was not tried."""
+    """Return the rate of false alarms in words; empty where it was not tested."""
     alarms = rates[rates["cause"] == "nothing"]
     if not len(alarms):
         return ""
@@ -48,7 +48,7 @@ def alarm_words(rates: pd.DataFrame) -> str:
 
 @common_look()
 def power_sections(sizes: pd.DataFrame, rates: pd.DataFrame) -> list[ReportSection]:
-    """The sizes of all causes, then a part for each with how often it was found and named."""
+    """Return the sizes of all causes, then a section for each with its rates of detection and naming."""
     lead = (
         "An effect of the size told here is found with a probability of 80 % (and of 95 %, in the column beside it) by "
         "the diagnosis of a campaign laid out like this one. Sizes are root mean squares of the parameter; in brackets "
@@ -63,13 +63,13 @@ def power_sections(sizes: pd.DataFrame, rates: pd.DataFrame) -> list[ReportSecti
 
 
 def section_of_photographs(text: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> ReportSection:
-    """What photographs show, which no campaign was drawn for."""
+    """Return the section on detectable effects in photographs, for which no campaign is simulated."""
     listing = Listing(tuple(heads), tuple(map(tuple, rows)), caption="What the run would have shown, by theory")
     return ReportSection("photographs", "What photographs show", text, listings=(listing,) if rows else ())
 
 
 def size_rows(sizes: pd.DataFrame) -> list[list[str]]:
-    """The rows of the listing, as text."""
+    """Return the rows of the listing, as text."""
     return [
         [
             cause_words(row["cause"]),
@@ -114,7 +114,7 @@ def _caption(rates: pd.DataFrame) -> str:
 
 
 def _curve(rates: pd.DataFrame, concerns: str) -> go.Figure:
-    """How often an effect was found and named against its size, and what theory expects."""
+    """Return the rates of detection and naming of an effect against its size, with the theoretical power."""
     first = rates.iloc[0]
     factor, unit = handy_unit(first["parameter"], first["unit"], float(rates["size"].median()))
     places = factor * rates["size"]

@@ -1,4 +1,4 @@
-"""The section of the quality checks, and what they come to: do the data belong together, are they good enough?"""
+"""Section of the quality checks, and the verdicts on consistency and quality of the data."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from truing.schemas.verdict import ReasonCode
 
 _ORDER = {"fail": 0, "warn": 1, "pass": 2, "not evaluated": 3}
 _HEADS = ("verdict", "check", "subject", "value", "limit", "what it says")
-# More rows that call for a look than this are folded away.
+# Longer listings of warnings are folded.
 _OPEN = 12
 
 
 def qa(tables: Tables) -> ReportSection | None:
-    """Every check with its verdict, the failed ones first; what a person accepted stands by itself."""
+    """Return the section of all checks with their verdicts, failed ones first and accepted ones apart."""
     if "qa" not in tables:
         return None
     if not len(tables["qa"]):
@@ -38,7 +38,7 @@ def qa(tables: Tables) -> ReportSection | None:
         _checks(qa[(qa["verdict"] == "warn") & ~accepted], "Warnings"),
         _checks(qa, f"All {len(qa)} checks", folded=True),
     ]
-    counts = qa[~accepted]["verdict"].value_counts()  # as the head of the page, the log and the exit code count them
+    counts = qa[~accepted]["verdict"].value_counts()  # same count as in the head of the page, the log and the exit code
     texts = [f"{counts[v]} {v}" for v in _ORDER if v in counts]
     lead = ", ".join([*texts, *([f"{int(accepted.sum())} accepted"] if accepted.any() else [])])
     shown = tuple(x for x in listings if x.rows)
@@ -46,7 +46,7 @@ def qa(tables: Tables) -> ReportSection | None:
 
 
 def belonging_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
-    """Whether the tables of the campaign belong together: which relations were tested, and which were not."""
+    """Return the verdict on the consistency of the campaign's tables: relations tested and not tested."""
     qa, relations = filled(tables, "qa"), filled(tables, "belonging")
     failed = None if qa is None else qa[qa["verdict"].eq("fail") & _withholds(qa) & ~accepted_verdicts(qa)]
     if failed is not None and len(failed):
@@ -71,7 +71,7 @@ def belonging_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sectio
 
 
 def _warning(qa: pd.DataFrame | None, check: str) -> str:
-    """What a check says that warns; empty where none of this name does."""
+    """Return the text of a check that warns; empty where no check of this name does."""
     if qa is None:
         return ""
     messages = qa.loc[qa["check"].eq(check) & qa["verdict"].eq("warn"), "message"]
@@ -83,7 +83,7 @@ def _withholds(qa: pd.DataFrame) -> pd.Series:
 
 
 def _apart(failed: pd.DataFrame) -> SectionVerdict:
-    """The failed checks by which the data do not belong together: which, what they found, what to do, what waits."""
+    """Return in words the failed checks by which the tables contradict each other, with findings and remedies."""
     sentences = []
     for name, own in failed.groupby("check", sort=False):
         check = WITHHOLDING[str(name)]
@@ -101,7 +101,7 @@ def _named(relations: pd.DataFrame) -> str:
 def _of_checks(
     section: str, state: RelationState, code: ReasonCode, text: str, checks: pd.DataFrame | None = None
 ) -> SectionVerdict:
-    """A verdict with the figures of the first of some checks."""
+    """Return a verdict with the figures of the first of some checks."""
     if checks is None or not {"value", "unit", "limit"} <= set(checks):
         return SectionVerdict(section, state, code, text)
     first = checks.iloc[0]
@@ -115,7 +115,7 @@ def _number(value: Any) -> float | None:
 
 
 def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
-    """All checks of quality in a sentence; those by which the data do not belong together are part of belonging."""
+    """Return the verdict on all checks of quality; consistency checks belong to another verdict."""
     if "qa" not in tables:
         return None
     qa = tables["qa"]
@@ -145,7 +145,7 @@ def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> Sec
 
 
 def _failed_words(failed: pd.DataFrame, qa: pd.DataFrame, also: str) -> str:
-    own = failed[~_withholds(failed)]  # the others are part of belonging
+    own = failed[~_withholds(failed)]  # the others belong to the verdict on consistency
     if not len(own):
         return f"{len(failed)} of {len(qa)} quality checks failed (see Quality).{also}"
     rest = f" {len(failed) - 1} more, see Quality." if len(failed) > 1 else ""
@@ -153,7 +153,7 @@ def _failed_words(failed: pd.DataFrame, qa: pd.DataFrame, also: str) -> str:
 
 
 def accepted_verdicts(qa: pd.DataFrame) -> pd.Series:
-    """Which rows of ``qa`` a person accepted."""
+    """Return True for rows of ``qa`` that a person accepted."""
     return qa["accepted"].notna() if "accepted" in qa else qa["verdict"].isna()
 
 

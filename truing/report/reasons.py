@@ -1,4 +1,4 @@
-"""Why a part of the page is empty, as far as the tables tell."""
+"""Reasons why a section of the page is empty, judged by the tables."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _READING = re.compile(r"_(mm|um|deg|rad|mrad|arcsec|counts)$")
 
 
 def why_no_quality(tables: Tables) -> str:
-    """Why nothing was checked."""
+    """Return the reason why nothing was checked."""
     if text := reason(tables, "qa"):
         return text
     what = "readings or signals of load steps" if is_bench(tables) else "object points"
@@ -19,7 +19,7 @@ def why_no_quality(tables: Tables) -> str:
 
 
 def why_no_diagnosis(tables: Tables) -> str:
-    """Why no cause was judged."""
+    """Return the reason why no cause was assessed."""
     if text := reason(tables, "diagnosis"):
         return text
     if is_bench(tables):
@@ -30,7 +30,7 @@ def why_no_diagnosis(tables: Tables) -> str:
 
 
 def why_no_deformation(tables: Tables) -> str:
-    """Why no deformation was modelled."""
+    """Return the reason why no deformation was modelled."""
     if text := reason(tables, "deformation"):
         return text
     if is_bench(tables):
@@ -41,7 +41,7 @@ def why_no_deformation(tables: Tables) -> str:
 
 
 def recorded_readings(tables: Tables) -> list[str]:
-    """The columns of the configurations that hold lengths or angles, as readings of drives and joints do."""
+    """Return the columns of the configurations with lengths or angles, as readings of drives and joints."""
     configurations = filled(tables, "configurations")
     return [] if configurations is None else [str(c) for c in configurations.columns if _READING.search(str(c))]
 
@@ -52,7 +52,7 @@ def _has_readings(tables: Tables) -> bool:
 
 
 def why_no_calibration(tables: Tables) -> str:
-    """Why no model was calibrated."""
+    """Return the reason why no model was calibrated."""
     if text := reason(tables, "calibration"):
         return text
     if not _has_readings(tables):
@@ -64,7 +64,7 @@ def why_no_calibration(tables: Tables) -> str:
 
 
 def why_not_known(tables: Tables) -> str:
-    """Why nothing is said of what can be known."""
+    """Return the reason why observability was not computed."""
     return (
         why_no_calibration(tables)
         if filled(tables, "calibration") is None
@@ -73,7 +73,7 @@ def why_not_known(tables: Tables) -> str:
 
 
 def why_no_requirement(tables: Tables) -> str:
-    """Why no requirement was judged."""
+    """Return the reason why no requirement was assessed."""
     if filled(tables, "calibration") is None:
         return why_no_calibration(tables)
     if filled(tables, "accuracy") is None:
@@ -93,7 +93,7 @@ _STAGES = {
 
 
 def why_absent(section: str, tables: Tables) -> str:
-    """Why there is no table that a section could be made of."""
+    """Return the reason why the table of a section is missing."""
     if section == "requirements" and (is_bench(tables) or "displacement" in tables):
         return "[requirement] applies to positioning mechanisms; for errors of a sensor, see Calibration."
     if section == "displacement":

@@ -1,4 +1,4 @@
-"""The verdict on one section of the page, and the mark of colour that stands for it."""
+"""Verdict on one section of the page, and its mark of colour."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _OF_RESULTS = {
 
 @dataclass(frozen=True)
 class SectionVerdict:
-    """State of a section, the code and the sentence of its reason, and the figure that the state rests on."""
+    """State of a section, code and sentence of its reason, and the figure behind the state."""
 
     section: str
     state: RelationState
@@ -43,7 +43,7 @@ class SectionVerdict:
 
 
 def verdict_rows(tables: Tables) -> dict[str, SectionVerdict]:
-    """The rows of verdict.parquet by section, campaign first; none where the run has no such table."""
+    """Return the rows of verdict.parquet by section, campaign first; none where the run has no such table."""
     table = filled(tables, "verdict")
     return {} if table is None else {str(row["section"]): _row(row) for row in table.to_dict("records")}
 

@@ -23,10 +23,11 @@ ENTRY_POINTS = "truing.sections"
 
 @dataclass(frozen=True)
 class PageSection:
-    """A section: its id, and the modules whose function of that name draws it; the first that returns one has it.
+    """A section: its id, and the modules whose function of that name builds it; the first result is used.
 
-    ``title``: of what says why there is none; without a title it is left out then, as where section ``instead`` is
-    there. ``bench``: whether campaigns on a bench alone have it, or all others alone. ``reads``: tables of its own.
+    ``title``: heading of the note that says why the section is missing; without a title, or if section ``instead`` is
+    present, it is left out silently. ``bench``: True only for campaigns on a bench, False only for others. ``reads``:
+    tables of its own.
     """
 
     name: str
@@ -59,7 +60,7 @@ SECTIONS = (
     PageSection("during", ("truing.report.during_section",)),
     PageSection("excluded", ("truing.report.exclusion_section",)),
 )
-# Tables that the page is made from, most by several sections, in the order in which it tells their origin.
+# Tables that the page is made from, in the order in which it lists their origin.
 _TABLES = """
 observations survey configurations readings signals displacement run_terms scans exclusions exclusion_effects
 diagnosis_left_out calibration_left_out relabelled resurveys likely_names repeats lack_of_fit pose_repeatability qa
@@ -74,20 +75,20 @@ image_orientations image_residuals scale_bar_lengths bundle_statistics
 
 
 def page_sections() -> tuple[PageSection, ...]:
-    """All sections in the order of the page: the project's own, then those of installed packages."""
+    """Return all sections in the order of the page: the project's own, then those of installed packages."""
     return tuple(with_installed(SECTIONS, ENTRY_POINTS, "section", lambda section: section.name).values())
 
 
 def tables_read() -> tuple[str, ...]:
-    """The artifacts that the page is made from, in the order in which it lists their origin."""
+    """Return the artifacts that the page is made from, in the order in which it lists their origin."""
     return tuple(dict.fromkeys([*_TABLES.split(), *(name for section in page_sections() for name in section.reads)]))
 
 
 def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) -> list[ReportSection]:
-    """Every section, in one order for every kind of campaign; a bench has displacements where others have poses.
+    """Return all sections in order; a bench has displacements instead of poses.
 
-    ``tables`` by artifact name, and ``shape`` (body, target, x_mm, y_mm, z_mm, leg): where each body's targets sit.
-    ``provenance``: the metadata of each artifact.
+    ``tables`` by artifact name, and ``shape`` (body, target, x_mm, y_mm, z_mm, leg): places of each body's targets.
+    ``provenance``: metadata of each artifact.
     """
     from truing.report.figure_style import common_look
     from truing.report.section_verdict import verdict_rows
@@ -103,12 +104,12 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
     return [*(_marked(section, rows) for section in shown if section is not None), _provenance(provenance)]
 
 
-# Sections of the page, and parts of them, that are called otherwise than their rows in the verdict.
+# Ids of sections and subsections whose rows in the verdict have another name.
 _ROWS = {"qa": ("belonging", "quality"), "gain": ("adequacy",)}
 
 
 def _marked(section: ReportSection, rows: Mapping[str, SectionVerdict]) -> ReportSection:
-    """A section and its parts with the marks that the verdict has for them; its own where the verdict has none."""
+    """Return a section and its subsections with their marks from the verdict, or its own mark where it has none."""
     own = [rows[name] for name in _ROWS.get(section.id, (section.id,)) if name in rows]
     parts = tuple(_marked(part, rows) for part in section.parts)
     if not own:
@@ -129,7 +130,7 @@ def _drawn(section: PageSection, tables: Tables) -> ReportSection | None:
 
 
 def _absent(section: PageSection, drawn: Mapping[str, ReportSection | None], tables: Tables) -> ReportSection | None:
-    """A section whose tables no stage left, saying so; None where nothing is to be said of that."""
+    """Return a note in place of a section whose tables are missing; None where there is nothing to say."""
     from truing.report.reasons import why_absent
 
     if not section.title or drawn.get(section.instead) is not None:
@@ -138,7 +139,7 @@ def _absent(section: PageSection, drawn: Mapping[str, ReportSection | None], tab
 
 
 def _provenance(provenance: Mapping[str, Mapping[str, str]]) -> ReportSection:
-    """Which artifacts the page was made from, with the digest of everything each was made of."""
+    """Return the list of artifacts that the page was made from, with the digest of their inputs."""
     rows = tuple(
         (name, facts.get("stage", ""), facts.get("software_version", ""), facts.get("digest", "")[:16])
         for name, facts in provenance.items()

@@ -1,4 +1,4 @@
-"""What the sections read: tables by artifact name, load steps of a bench, and how cells, loads and channels are put."""
+"""Access to tables by artifact name, load steps of a bench, and text of cells, loads and channels."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pandas as pd
 
 from truing.schemas.columns import COLUMNS
 
-WHY_NOT = "why_not"  # attribute of a table: why its stage evaluated nothing; empty where it did
+WHY_NOT = "why_not"  # attribute of a table: reason why its stage was not evaluated; empty where it was
 Tables = Mapping[str, pd.DataFrame]
 
 LOADS = {"fx": "fx_n", "fy": "fy_n", "fz": "fz_n", "mx": "mx_nm", "my": "my_nm", "mz": "mz_nm"}
@@ -24,34 +24,36 @@ _ARCSECOND = 4.84813681109536e-06  # rad
 
 
 def filled(tables: Tables, name: str) -> pd.DataFrame | None:
-    """The table, or None where the run has none or an empty one."""
+    """Return a table, or None where the run has none or an empty one."""
     table = tables.get(name)
     return table if table is not None and len(table) else None
 
 
 def each(tables: Tables, name: str) -> Iterator[Any]:
-    """The rows of a table as named tuples; nothing where the run has none."""
+    """Return the rows of a table as named tuples; nothing where the run has none."""
     return iter(()) if (table := filled(tables, name)) is None else table.itertuples()
 
 
 def reason(tables: Tables, name: str) -> str:
-    """Why the stage that left a table did not evaluate it, as it said itself; empty where it said no such thing."""
+    """Return the reason why the stage of a table was not evaluated; empty where it gave none."""
     why = str(tables[name].attrs.get(WHY_NOT, "")) if name in tables else ""
     return f"{why[:1].upper()}{why[1:]}{'' if why[-1] == '?' else '.'}" if why else ""
 
 
 def cell(value: object) -> str:
-    """A cell's text; nothing for what is missing."""
+    """Return a cell's text; empty for missing values."""
     return "" if value is None or value != value else str(value)
 
 
 def is_bench(tables: Tables) -> bool:
-    """Whether the campaign applied loads."""
+    """Return True if the campaign applied loads."""
     return any(name in tables for name in ("readings", "signals", "reading_errors"))
 
 
 def load_steps(tables: Tables) -> pd.DataFrame:
-    """Run, step, time_s, loads by axis (fx .. mz) and role, a row per load step of the readings and the signals."""
+    """Return run, step, time_s, loads by axis (fx .. mz) and role, a row per load step of the readings and
+    the signals.
+    """
     known = [table for name in ("readings", "signals") if (table := filled(tables, name)) is not None]
     columns = [*STEP, "time_s", *LOADS.values()]
     if not known:
@@ -65,47 +67,47 @@ def load_steps(tables: Tables) -> pd.DataFrame:
 
 
 def axes_of(steps: pd.DataFrame) -> list[str]:
-    """The axes along which anything was applied."""
+    """Return the axes along which any load was applied."""
     return [axis for axis in LOADS if steps[axis].ne(0.0).any()]
 
 
 def loaded_by_run(steps: pd.DataFrame) -> pd.Series:
-    """What each row's run loads: an axis, ``several`` or ``none``."""
+    """Return the loaded axis of each row's run, ``several`` or ``none``."""
     loaded = steps[list(LOADS)].ne(0.0).groupby(steps["run"]).transform("any")
     number = loaded.sum(axis=1)
     return loaded.idxmax(axis=1).mask(number > 1, SEVERAL).mask(number == 0, "none")
 
 
 def in_channel_order(names: Iterable[object]) -> list[str]:
-    """Displacements, rotations, then signals by number."""
+    """Return names in the order displacements, rotations, signals by number."""
     known = list(dict.fromkeys(map(str, names)))
     return [*(c for c in CHANNELS if c in known), *sorted(set(known) - set(CHANNELS), key=lambda n: (len(n), n))]
 
 
 def is_unloading(steps: pd.DataFrame, axis: str) -> pd.Series:
-    """Whether a step's load along an axis is smaller than that of the step before in its run."""
+    """Return True for steps with a smaller load along an axis than the step before in the run."""
     size = steps[axis].abs()
     return size < size.groupby(steps["run"], sort=False).shift().fillna(0.0)
 
 
 def signal_names(tables: Tables) -> list[str]:
-    """``v1``, ``v2``: the signal channels."""
+    """Return the signal channels: ``v1``, ``v2``."""
     signals = filled(tables, "signals")
     columns = [] if signals is None else [str(c) for c in signals.columns]
     return in_channel_order(c.removesuffix("_mv") for c in columns if COLUMNS["signal"].matches(c))
 
 
 def moved_unit(channel: str) -> str:
-    """The unit that a channel is read in."""
+    """Return the unit in which a channel is read."""
     return "µm" if channel.startswith("d") else "arcsec"
 
 
 def kilo(load: str) -> str:
-    """A thousand of a load's unit."""
+    """Return the name of a thousand units of a load."""
     return f"k{LOAD_UNITS[load]}"
 
 
 def per_kilo(channel: str, load: str) -> tuple[float, str]:
-    """What turns an entry of the compliance from SI into something with few digits, and its unit."""
+    """Return factor and unit that print an entry of the compliance with few digits."""
     factor = 1e9 if channel.startswith("d") else 1e3 / _ARCSECOND
     return factor, f"{moved_unit(channel)}/{kilo(load) if load.startswith('f') else '(kN·m)'}"

@@ -1,4 +1,4 @@
-"""The section of a second campaign: how far models that were fitted to this one miss it."""
+"""Section of a second campaign: its errors under models that were fitted to the first one."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _ARTIFACT = "second_campaign_errors"
 
 
 def transfer(tables: Tables) -> ReportSection | None:
-    """Errors of the second campaign by every model; None where the campaign names none."""
+    """Return the errors of the second campaign under every model; None where the campaign names none."""
     if _ARTIFACT not in tables:
         return None
     errors = filled(tables, _ARTIFACT)
@@ -23,7 +23,7 @@ def transfer(tables: Tables) -> ReportSection | None:
 
 
 def _lead(errors: pd.DataFrame) -> str:
-    """The errors of the first quantity that most models predict, against what noise leaves."""
+    """Return the errors of the first quantity that most models predict, compared with noise."""
     own = errors[errors["quantity"] == errors["quantity"].value_counts(sort=False).idxmax()]
     first = own.iloc[0]
     sizes = ", ".join(f"{r.prediction_by} {quantity(r.rms_error, r.unit)}" for r in own.itertuples())

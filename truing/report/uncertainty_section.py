@@ -1,4 +1,4 @@
-"""The section that states uncertainties in the terms of the GUM, with a budget per kind of result."""
+"""Section of uncertainties in the terms of the GUM, with a budget per kind of result."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ KINDS = {
     "accuracy": "Held-out accuracy",
     "positioning": "Positioning by ISO 230-2",
 }
-_OPEN = 12  # longer listings are folded away
+_OPEN = 12  # longer listings are folded
 _DRAWN = "For positioning, the distribution is simulated: U reaches the farther end of its 95 % interval, and k is U/u."
-_MANY = 1000.0  # degrees of freedom that make no difference any more
+_MANY = 1000.0  # degrees of freedom above which the normal distribution applies
 _WHERE = "uncertainty.parquet"
 
 _OF_LEG, _NUMBERED = re.compile(r" of leg \d+$"), re.compile(r"_\d+$|(?<=^K)\d+(_\d+)?$")
 
 _COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9", "#F0E442")
 _REST = "all others"
-_SEEN = 5e-3  # of a bar: what is narrower cannot be seen
+_SEEN = 5e-3  # least visible share of a bar
 
 
 def uncertainty(tables: Tables) -> ReportSection:
-    """Every kind of result with its expanded uncertainties and its budget; and what is no part of any."""
+    """Return the section of expanded uncertainties and budgets by kind of result, and of effects in no budget."""
     stated = filled(tables, "uncertainty")
     if stated is None:
         why = reason(tables, "uncertainty") or why_absent("uncertainty", tables)
@@ -58,7 +58,7 @@ def uncertainty(tables: Tables) -> ReportSection:
 
 
 def statement(stated: pd.DataFrame) -> str:
-    """The sentence that the GUM asks for (7.2.3), with the coverage factor where all results have the same."""
+    """Return the sentence required by the GUM (7.2.3), with the coverage factor where all results share it."""
     own = stated[stated["stated"]]
     dof = own["degrees_of_freedom"]
     factors = sorted({f"{k:.2f}" for k in own["coverage_factor"].dropna()})
@@ -156,13 +156,13 @@ def _factor(value: float) -> str:
 
 
 def freedom(dof: float) -> str:
-    """Degrees of freedom in whole numbers, as tables of Student's distribution have them."""
+    """Return degrees of freedom as an integer, as in tables of Student's distribution."""
     return "∞" if dof != dof or dof > _MANY else f"{int(dof)}"
 
 
 @dataclass(frozen=True)
 class _Grouped:
-    """Groups of results by name, sources in the order of their weight; by (group, source): rms contribution, share."""
+    """Groups of results by name, sources by weight; by (group, source): rms contribution and share."""
 
     names: tuple[str, ...]
     sources: tuple[str, ...]
@@ -183,7 +183,7 @@ def group_of(result: str, quantity: str) -> str:
 
 
 def _grouped(stated: pd.DataFrame, budget: pd.DataFrame) -> _Grouped:
-    """Budgets of one kind of result by group; a share is that of the group's summed variance."""
+    """Return the budgets of one kind of result by group; a share refers to the group's summed variance."""
     result = str(stated["result"].iloc[0])
     rows = budget.assign(
         group=[group_of(result, quantity) for quantity in budget["quantity"]], squares=budget["contribution"] ** 2
@@ -210,18 +210,18 @@ def _grouped(stated: pd.DataFrame, budget: pd.DataFrame) -> _Grouped:
 
 
 def _by_weight(rows: pd.DataFrame) -> tuple[str, ...]:
-    """Sources by their mean share, the largest first."""
+    """Return sources by their mean share, the largest first."""
     shares = rows.groupby("input_source", sort=False)["share_of_variance"].sum()
     return tuple(shares.sort_values(ascending=False, kind="stable").index)
 
 
 def _visible(groups: _Grouped) -> list[str]:
-    """The sources that can be seen in any of the bars."""
+    """Return the sources that are visible in any of the bars."""
     return [s for s in groups.sources if max(groups.share[name, s] for name in groups.names) >= _SEEN]
 
 
 def _share_bars(groups: _Grouped, title: str) -> go.Figure:
-    """A bar per group of results, divided by source; more sources than there are colours for are put together."""
+    """Return a bar per group of results, divided by source; sources without a colour of their own are combined."""
     figure = go.Figure()
     names = [label(name) for name in groups.names]
     drawn = _visible(groups)[: len(_COLOURS)]
@@ -229,7 +229,7 @@ def _share_bars(groups: _Grouped, title: str) -> go.Figure:
     for source, colour in zip(drawn, _COLOURS, strict=False):
         shares = [100.0 * groups.share[name, source] for name in groups.names]
         figure.add_trace(_bar(shares, names, f"{label(source)} ({groups.evaluation[source]})", colour))
-        if groups.evaluation[source] == "A":  # told apart without colour too
+        if groups.evaluation[source] == "A":  # distinguishable without colour too
             figure.data[-1].marker.pattern = {"shape": "/", "fgcolor": "white", "size": 6, "solidity": 0.2}
     if rest:
         shares = [100.0 * sum(groups.share[name, source] for source in rest) for name in groups.names]

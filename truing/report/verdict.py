@@ -1,6 +1,6 @@
-"""The verdict on a campaign: a row per section, and one of the whole that the worst of them leads.
+"""Verdict on a campaign: one row per section, and a row for the whole that follows from the worst of them.
 
-The page (its first line and the marks of its sections), the log, summary.json and the exit code read these rows alone.
+The page (its first line and the marks of its sections), the log, summary.json and the exit code use only these rows.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables
 from truing.schemas.verdict import CAMPAIGN, GATES, SECTIONS, ReasonCode
 
-# What assesses each section, from the run's tables and from the verdicts before it.
+# Functions that assess each section, from the run's tables and from the verdicts before it.
 _Assess = Callable[[Tables, Mapping[str, SectionVerdict]], SectionVerdict | None]
 _ASSESSED_BY = (
     "truing.report.quality_section:belonging_verdict",
@@ -34,19 +34,19 @@ _ASSESSED_BY = (
     "truing.report.deformation_section:deformation_verdict",
     "truing.report.sensor.deformation:deformation_verdict",
 )
-# What leads where nothing fails: the picture, then what was found in it.
+# Order where nothing fails: the completeness of the model, then findings.
 _LEADS = (
     *("adequacy", "diagnosis", "simulation", "positioning", "pulls", "calibration", "requirements", "changes"),
     *("belonging", "quality", "poses"),
 )
-# Sections that say how the machine is: without any of them a campaign is not tested, however good its data are.
+# Sections on the state of the machine: without any of them a campaign is not tested, however good its data are.
 _OF_MACHINE = ("diagnosis", "positioning", "calibration", "requirements", "adequacy", "pulls")
-# What a reader must act on although it was not tested: what was recorded for it lies there unused.
+# Reasons of untested sections that need action, because data recorded for them remain unused.
 _TO_ACT_ON = (ReasonCode.NO_MECHANISM, ReasonCode.MODEL_DOES_NOT_FIT)
 
 
 def section_verdicts(tables: Tables) -> dict[str, SectionVerdict]:
-    """Assess every section of which a run holds tables; in the order of ``SECTIONS``."""
+    """Return the verdicts on all sections with tables, in the order of ``SECTIONS``."""
     found: dict[str, SectionVerdict] = {}
     for place in _ASSESSED_BY:
         module, _, function = place.partition(":")
@@ -57,10 +57,10 @@ def section_verdicts(tables: Tables) -> dict[str, SectionVerdict]:
 
 
 def leading(verdicts: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
-    """Return the verdict that a reader must act on first; None without any.
+    """Return the verdict that needs action first; None where there are none.
 
-    Failures come first, those of the data before those of models; then what asks for attention; then what was not
-    tested and could be; then what is as it should be.
+    Failures come first, those of the data before those of models; then what needs attention; then what was not tested
+    but could be; then what passes.
     """
     candidates = (
         *_of(verdicts, RelationState.FAILS, SECTIONS),
@@ -80,7 +80,7 @@ def _of(verdicts: Mapping[str, SectionVerdict], state: RelationState, order: Ite
 
 
 def _attention_order(verdicts: Mapping[str, SectionVerdict]) -> tuple[str, ...]:
-    """An incomplete picture comes before what was found in it; noise that is declared wrong comes behind."""
+    """Return the order of sections that need attention; the diagnosis comes first if noise is declared wrong."""
     codes = {name: one.reason_code for name, one in verdicts.items()}
     wrong_noise = codes.get("diagnosis") == ReasonCode.NOISE
     below = codes.get("diagnosis") == ReasonCode.FOUND and codes.get("adequacy") == ReasonCode.BELOW_NOISE
@@ -100,7 +100,7 @@ def verdict_frame(tables: Tables) -> pd.DataFrame:
 
 
 def with_verdict(tables: Tables) -> Tables:
-    """Return tables with that of their verdict, made where a run has none."""
+    """Return tables with the verdict, which is computed where a run has none."""
     return tables if "verdict" in tables else {**tables, "verdict": verdict_frame(tables)}
 
 
@@ -117,7 +117,7 @@ def _cells(verdict: SectionVerdict) -> dict[str, object]:
 
 
 def gates(rows: Iterable[Mapping[str, object]]) -> list[str]:
-    """Return the sections of rows of verdict.parquet whose failure says that the data cannot be used as they are."""
+    """Return the sections of rows of verdict.parquet whose failure makes the data unusable."""
     return [
         str(row["section"]) for row in rows if row["section"] in GATES and row["state"] == RelationState.FAILS.value
     ]

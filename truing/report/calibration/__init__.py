@@ -1,1 +1,1 @@
-"""The section of the calibrations and requirements: figures, tables, words."""
+"""Sections of calibrations and requirements: figures, listings, sentences."""

@@ -1,4 +1,4 @@
-"""The calibrations of a run side by side: their figures, which of them is chosen, and how they are called."""
+"""Access to the calibrations of a run: figures by model, the chosen one, and names."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _DEFORMATION_WORDS = {"none": "the deformation ignored", "linear": "linear defor
 
 
 def figures_by_calibration(tables: Tables, estimator: str = ERRORS_IN_VARIABLES) -> pd.DataFrame | None:
-    """A row per (model, deformation), a column per figure of ``model_choice``, in the order in which they come."""
+    """Return a row per (model, deformation) and a column per figure of ``model_choice``, in the order of the table."""
     choice = filled(tables, "model_choice")
     if choice is None or not (choice["estimator"] == estimator).any():
         return None
@@ -26,7 +26,7 @@ def figures_by_calibration(tables: Tables, estimator: str = ERRORS_IN_VARIABLES)
 
 
 def chosen_calibration(tables: Tables) -> Key | None:
-    """The model and deformation that the run recommends for this campaign; None where it could not choose."""
+    """Return the recommended model and deformation; None where the run could not choose."""
     figures = figures_by_calibration(tables)
     if figures is None or "chosen" not in figures or not (figures["chosen"] == 1.0).any():
         return None
@@ -35,8 +35,9 @@ def chosen_calibration(tables: Tables) -> Key | None:
 
 
 def main_calibration(tables: Tables) -> Key | None:
-    """The calibration whose results are quoted: the extended model where campaign.toml applies findings, else the
-    chosen one."""
+    """Return the calibration whose results are quoted: the extended model if campaign.toml applies findings, else the
+    chosen one.
+    """
     extended = figures_by_calibration(tables, TO_POINTS)
     if extended is not None and "main" in extended and (extended["main"] == 1.0).any():
         model, deformation = extended.index[extended["main"] == 1.0][0]
@@ -45,24 +46,24 @@ def main_calibration(tables: Tables) -> Key | None:
 
 
 def shown_calibration(tables: Tables, table: pd.DataFrame) -> Key:
-    """The calibration that is shown in full: the chosen one where the table has it, else the table's first."""
+    """Return the calibration shown in full: the chosen one if the table has it, else the table's first."""
     keys = keys_of(table)
     chosen = chosen_calibration(tables)
     return chosen if chosen in keys else keys[0]
 
 
 def keys_of(table: pd.DataFrame) -> list[Key]:
-    """The calibrations that a table speaks of, in the order in which they come."""
+    """Return the calibrations in a table, in its order."""
     return list(dict.fromkeys(zip(table["model"].astype(str), table["deformation"].astype(str), strict=True)))
 
 
 def rows_of(table: pd.DataFrame, key: Key) -> pd.DataFrame:
-    """The rows of one calibration."""
+    """Return the rows of one calibration."""
     return table[(table["model"] == key[0]) & (table["deformation"] == key[1])]
 
 
 def called(key: Key) -> str:
-    """``the 6-pus model with matrix deformation``."""
+    """Return the name of a calibration: ``the 6-pus model with matrix deformation``."""
     if key[0] == EXTENDED:
         return "the extended model of the diagnosis"
     model = "Jacobian" if key[0] == "jacobian" else key[0]
@@ -70,11 +71,11 @@ def called(key: Key) -> str:
 
 
 def deformation_words(deformation: str) -> str:
-    """How a deformation model is called."""
+    """Return the name of a deformation model in words."""
     return _DEFORMATION_WORDS.get(deformation, deformation)
 
 
 def in_order(deformations: pd.Series) -> list[str]:
-    """Deformation models from the simplest on, then those that nobody expected."""
+    """Return deformation models from the simplest on, then unknown ones."""
     found = list(dict.fromkeys(deformations.astype(str)))
     return [*(d for d in DEFORMATIONS if d in found), *(d for d in found if d not in DEFORMATIONS)]

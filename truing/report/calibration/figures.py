@@ -1,4 +1,4 @@
-"""Figures of the calibrations: errors of all of them, correlations of one, and the geometry seen from above."""
+"""Figures of the calibrations: errors of all, correlations of one, and the geometry from above."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ _ERRORS = (
     ("orientation_error_arcsec", "orientation_noise_arcsec", "orientation error (arcsec)", "arcsec"),
 )
 _PALE = 0.4
-# Heights in pixels: of a calibration, of all that stands around and between the panels, outside and between them.
+# Heights in pixels: of a row, and of the space around and between the panels.
 _ROW, _AROUND, _OUTSIDE, _BETWEEN = 52, 240, 158, 78
-# Of errors that differ by more than this, the smaller cannot be seen beside the larger.
+# Ratio of errors above which the smaller one would be invisible on a linear axis.
 _FAR = 30.0
-# More parameters than this are not told apart in a picture of a page's width.
+# Largest number of parameters that are distinguishable in a figure of a page's width.
 _PARAMETERS_SHOWN = 130
 
 _JOINTS = {"a": ("lower joint a", "square-open"), "b": ("upper joint b", "circle-open")}
@@ -37,13 +37,15 @@ _DRAWN_AS = {
     "matrix": (GREEN, "triangle-up-open", 12),
 }
 _OTHER = (RED, "diamond-open", 12)
-# The largest deviation is drawn so long, in parts of the mechanism's width.
+# Length of the largest deviation in the figure, as a share of the mechanism's width.
 _LARGEST = 0.25
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 33)
 
 
 def errors(accuracy: pd.DataFrame, chosen: Key | None) -> go.Figure:
-    """Mean and maximum error of each calibration, position above and orientation below (report, figures 15 to 17)."""
+    """Return mean and maximum error of each calibration, position above and orientation below (report, figures 15 to
+    17).
+    """
     accuracy = accuracy.assign(role=accuracy["role"].replace("reference", "calibration"))
     sizes = _mean_and_largest(accuracy)
     height = _AROUND + _ROW * sizes.groupby(level=["model", "deformation"]).ngroups
@@ -68,7 +70,7 @@ def errors(accuracy: pd.DataFrame, chosen: Key | None) -> go.Figure:
 
 
 def _axis(sizes: pd.DataFrame) -> dict[str, Any]:
-    """An axis from zero; logarithmic where the worst calibration would leave nothing to be seen of the best."""
+    """Return an axis from zero, or logarithmic if the worst calibration would make the best invisible."""
     mean, largest = (sizes[part][sizes[part] > 0.0] for part in ("mean", "max"))
     if not len(mean) or largest.max() < _FAR * largest.min():
         return {"rangemode": "tozero"}
@@ -88,7 +90,7 @@ def _mean_and_largest(accuracy: pd.DataFrame) -> pd.DataFrame:
 
 
 def _bars(sizes: pd.DataFrame, error: str, role: str, unit: str, named: bool) -> list[go.Bar]:
-    """The maximum, pale, with the mean before it."""
+    """Return pale bars of the maximum with bars of the mean in front."""
     name, colour = _ROLES[role]
     places = [[label(d) for d, _ in sizes.index], [label(m) for _, m in sizes.index]]
     common: dict[str, Any] = {"y": places, "orientation": "h", "offsetgroup": role, "legendgroup": role}
@@ -107,7 +109,7 @@ def _bars(sizes: pd.DataFrame, error: str, role: str, unit: str, named: bool) ->
 
 
 def _floor(accuracy: pd.DataFrame, column: str, chosen: Key | None) -> float | None:
-    """Rms that noise leaves in the held-out poses of the chosen calibration, else in all poses."""
+    """Return the rms by noise alone at held-out poses of the chosen calibration, otherwise at all poses."""
     if column not in accuracy:
         return None
     own = accuracy
@@ -119,7 +121,7 @@ def _floor(accuracy: pd.DataFrame, column: str, chosen: Key | None) -> float | N
 
 
 def correlation_map(own: pd.DataFrame, key: Key) -> go.Figure:
-    """Correlations between the parameters of one calibration as a heat map, leg by leg, in per cent."""
+    """Return the correlations of one calibration's parameters as a heat map, leg by leg, in per cent."""
     names, legs, values = _symmetric(own)
     ticks = _middles(legs)
     figure = go.Figure()
@@ -144,7 +146,7 @@ def correlation_map(own: pd.DataFrame, key: Key) -> go.Figure:
 
 
 def _symmetric(own: pd.DataFrame) -> tuple[list[str], list[float], np.ndarray]:
-    """Names of the parameters leg by leg, their legs, and the correlations (N, N) in whole per cent."""
+    """Return names of the parameters leg by leg, their legs, and the correlations (N, N) in whole per cent."""
     ends = [("leg", "parameter"), ("other_leg", "other_parameter")]
     pairs = [list(zip(own[leg].astype(float).fillna(np.inf), own[name], strict=True)) for leg, name in ends]
     strength: dict[tuple[float, str], float] = {}
@@ -163,7 +165,7 @@ def _symmetric(own: pd.DataFrame) -> tuple[list[str], list[float], np.ndarray]:
 
 
 def _middles(legs: list[float]) -> dict[int, str]:
-    """Where along the axis each leg's parameters have their middle, and its name."""
+    """Return the middle of each leg's parameters along the axis, and its name."""
     return {
         int(np.median(np.flatnonzero(np.array(legs) == leg))): f"leg {int(leg)}" if np.isfinite(leg) else "shared"
         for leg in dict.fromkeys(legs)
@@ -171,14 +173,14 @@ def _middles(legs: list[float]) -> dict[int, str]:
 
 
 def has_geometry(fitted: pd.DataFrame) -> bool:
-    """Whether the places of a joint seen from above can be told from a table of parameters in mm."""
+    """Return True if a table of parameters in mm determines the places of a joint from above."""
     return any(len(_places(fitted, joint)) for joint in _JOINTS)
 
 
 def geometry_picture(fits: Mapping[str, pd.DataFrame]) -> go.Figure:
-    """Nominal joints from above, and where each deformation model puts them, of one model of the structure.
+    """Return nominal joints from above and their identified places, for all deformation models of one structure.
 
-    ``fits``: parameters by what the estimator is called, a panel each.
+    ``fits``: parameters by name of the estimator, a panel each.
     """
     panels = [{joint: found for joint in _JOINTS if len(found := _places(own, joint))} for own in fits.values()]
     every = [found for places in panels for found in places.values()]
@@ -202,7 +204,7 @@ def geometry_picture(fits: Mapping[str, pd.DataFrame]) -> go.Figure:
 
 
 def _traces(places: dict[str, pd.DataFrame], deformations: list[str], gain: float) -> list[go.Scatter]:
-    """Everything of one panel: legs, nominal joints with their tolerances, and the joints as identified."""
+    """Return all traces of one panel: legs, nominal joints with tolerances, and identified joints."""
     drawn = _legs(places)
     for joint, found in places.items():
         circles = _tolerances(found, gain)
@@ -211,7 +213,9 @@ def _traces(places: dict[str, pd.DataFrame], deformations: list[str], gain: floa
 
 
 def _places(fitted: pd.DataFrame, joint: str) -> pd.DataFrame:
-    """Per leg and deformation: nominal place x, y and deviation dx, dy in mm, tolerance; a fixed coordinate stays."""
+    """Return per leg and deformation the nominal place x, y, deviation dx, dy in mm, and tolerance; zero deviation if
+    fixed.
+    """
     own = fitted[fitted["parameter"].isin([f"{joint}_x", f"{joint}_y"]) & (fitted["unit"] == "mm")]
     own = own.assign(deviation=own["identified"] - own["nominal"], axis=own["parameter"].str[-1])
     columns = [c for c in ("nominal", "deviation", "tolerance") if c in own]
@@ -235,7 +239,7 @@ def _gain(places: list[pd.DataFrame]) -> float:
 
 
 def _legs(places: dict[str, pd.DataFrame]) -> list[go.Scatter]:
-    """A thin line from the lower to the upper joint of each leg."""
+    """Return a thin line from the lower to the upper joint of each leg."""
     if len(places) < 2:
         return []
     lower, upper = (found.drop_duplicates("leg")[["leg", "x", "y"]] for found in places.values())
@@ -263,7 +267,7 @@ def _nominal(found: pd.DataFrame, joint: str) -> go.Scatter:
 
 
 def _tolerances(found: pd.DataFrame, gain: float) -> list[go.Scatter]:
-    """One tolerance around each nominal place, amplified like the deviations."""
+    """Return a circle of one tolerance around each nominal place, amplified like the deviations."""
     own = found.drop_duplicates("leg")
     own = own[np.isfinite(own["tolerance"])]
     if not len(own):
@@ -278,7 +282,7 @@ def _tolerances(found: pd.DataFrame, gain: float) -> list[go.Scatter]:
 
 
 def _moved(places: list[pd.DataFrame], deformation: str, gain: float) -> list[go.Scatter]:
-    """Where one deformation model puts the joints, with a line from their nominal places."""
+    """Return the joints of one deformation model, with a line from their nominal places."""
     own = pd.concat([found[found["deformation"] == deformation] for found in places], ignore_index=True)
     colour, symbol, size = _DRAWN_AS.get(deformation, _OTHER)
     end_x, end_y, gap = own["x"] + gain * own["dx"], own["y"] + gain * own["dy"], np.full(len(own), np.nan)

@@ -1,4 +1,4 @@
-"""Tables of the calibrations side by side, of their parameters leg by leg, and of what cannot be told apart well."""
+"""Listings of calibrations: comparison of all, parameters leg by leg, and strong correlations."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ _MEASURED = "κ and K: as identified."
 
 
 def all_calibrations(figures: pd.DataFrame, fitted: pd.DataFrame | None, caption: str, folded: bool = False) -> Listing:
-    """A row per model and deformation: errors (mean / maximum) where it was fitted and held out, and how it fits."""
+    """Return a row per model and deformation: errors (mean / maximum) at fitted and held-out poses, and goodness of
+    fit.
+    """
     ended = _status(fitted)
     rows = tuple(_row(key, dict(row), ended.get(key, "")) for key, row in figures.iterrows())
     marks = tuple(_MARKS.get(row[0], "warn") for row in rows)
@@ -74,7 +76,7 @@ def _row(key: Any, figures: dict[str, float], status: str) -> tuple[str, ...]:
 
 
 def strong_correlations(own: pd.DataFrame) -> Listing:
-    """Pairs of parameters that move together, the strongest first."""
+    """Return pairs of correlated parameters, the strongest first."""
     strong = own[own["correlation"].abs() >= _STRONG]
     strong = strong.sort_values("correlation", key=lambda r: -r.abs(), kind="stable")
     rows = tuple(
@@ -87,7 +89,7 @@ def strong_correlations(own: pd.DataFrame) -> Listing:
 
 
 def deviations(fitted: pd.DataFrame, key: Key) -> Listing:
-    """The parameters of one calibration, rows by kind and columns by leg."""
+    """Return the parameters of one calibration, rows by kind and columns by leg."""
     own = rows_of(fitted, key)
     star = f" {_STAR}" if not _identifiable(own).all() else ""
     measured = f" {_MEASURED}" if own["parameter"].str.startswith(_BENT).any() else ""
@@ -97,7 +99,7 @@ def deviations(fitted: pd.DataFrame, key: Key) -> Listing:
 
 
 def all_deviations(fitted: pd.DataFrame, method: str, held_by: str) -> list[Listing]:
-    """A folded table per deformation model with all models of the structure below each other."""
+    """Return a folded listing per deformation model with all models of the structure."""
     return [_of_deformation(fitted, d, method, held_by) for d in in_order(fitted["deformation"])]
 
 
@@ -114,7 +116,7 @@ def _of_deformation(fitted: pd.DataFrame, deformation: str, method: str, held_by
 
 
 def _by_leg(own: pd.DataFrame, heads: tuple[str, ...] = ()) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """Heads of the columns (legs, and what belongs to none), and a row of cells per kind of parameter."""
+    """Return heads of the columns (legs, and parameters of none), and a row of cells per kind of parameter."""
     legs = sorted(own["leg"].dropna().unique())
     heads = heads or (*(f"leg {int(leg)}" for leg in legs), *(["all legs"] if own["leg"].isna().any() else []))
     cells: dict[str, dict[str, str]] = {}
@@ -126,7 +128,7 @@ def _by_leg(own: pd.DataFrame, heads: tuple[str, ...] = ()) -> tuple[tuple[str, 
 
 
 def _kind(r: Any) -> str:
-    """What a parameter is in every leg; of an effect with its name, as two of them may have parameters alike."""
+    """Return the kind of a parameter, equal in every leg; with the name of its effect, as effects may share names."""
     kind, effect = kind_of(r.parameter, r.leg), cell(getattr(r, "effect_of", None))
     return kind if not effect or r.parameter.startswith(_BENT) else f"{kind} of {effect}"
 
@@ -142,7 +144,7 @@ def _cell(r: Any) -> str:
 
 
 def _identifiable(own: pd.DataFrame) -> pd.Series:
-    """Whether the data determine each parameter; taken so where the table does not say."""
+    """Return True for parameters that the data determine, also where the table does not say."""
     if "identifiable" in own:
         return own["identifiable"].astype(bool)
     return own["parameter"].notna()

@@ -1,4 +1,4 @@
-"""The section of the requirements: whether the calibrated mechanism is as accurate as was asked for."""
+"""Section of the requirements: limits on the error of the calibrated mechanism."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _DRAWN_AS = {"meets": (GREEN, "circle"), "undecided": (ORANGE, "diamond"), "fail
 
 
 def requirements(tables: Tables) -> ReportSection | None:
-    """Each component with its limit, its error, the interval of that error, and the verdict."""
+    """Return the section of all components with limit, error, interval of the error, and verdict."""
     if "requirements" not in tables:
         return None
     assessed = filled(tables, "requirements")
@@ -57,7 +57,7 @@ def requirements(tables: Tables) -> ReportSection | None:
 
 
 def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
-    """Whether the calibrated machine is as accurate as was asked for; not tested by a model that does not fit."""
+    """Return the verdict on the accuracy of the calibrated machine; not tested if its model does not fit."""
     assessed = filled(tables, "requirements")
     own = chosen_requirements(tables)
     failed = None if own is None else own[own["verdict"] == "fails"]
@@ -85,7 +85,7 @@ def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -
 
 
 def _why_not_by(calibration: SectionVerdict | None) -> str:
-    """What to do about a calibration that does not fit; empty of one that does."""
+    """Return what to do about a calibration that does not fit; empty for one that does."""
     if calibration is None:
         return ""
     if calibration.reason_code == ReasonCode.CAUSE_LEFT_OUT:
@@ -99,14 +99,14 @@ def _lead(own: pd.DataFrame, key: Key) -> str:
 
 
 def _open_or_failed(r: Any) -> str:
-    """One requirement that is not met, or undecided, with its numbers."""
+    """Return one failed or undecided requirement in words, with its numbers."""
     what, asked, error, interval, _ = _sizes(r)
     words = "not met" if r.verdict == "fails" else "undecided"
     return f"Error of {what}: 95 % of poses stay below {error} (95 % interval: {interval}); limit {asked}: {words}."
 
 
 def tally(own: pd.DataFrame) -> str:
-    """``2 of 5 requirements met, 1 failed, 2 undecided``."""
+    """Return the count of results: ``2 of 5 requirements met, 1 failed, 2 undecided``."""
     assessed = own[own["verdict"] != "not evaluated"]
     counts = assessed["verdict"].value_counts()
     if not len(assessed):
@@ -117,7 +117,7 @@ def tally(own: pd.DataFrame) -> str:
 
 
 def chosen_requirements(tables: Tables) -> pd.DataFrame | None:
-    """The requirements as judged with the main calibration; None where none was judged."""
+    """Return the requirements as assessed with the main calibration; None where none was assessed."""
     assessed = filled(tables, "requirements")
     if assessed is None:
         return None
@@ -145,7 +145,7 @@ def _others(others: pd.DataFrame) -> Listing:
 
 
 def interval_words(r: Any) -> tuple[str, str, str]:
-    """The interval of a requirement now, that once more poses are measured, and what is asked for, in one unit."""
+    """Return the present interval of a requirement, the one after more poses, and the limit, in one unit."""
     asked, *ends = in_one_unit([r.requirement, r.lower, r.upper, r.lower_expected, r.upper_expected], cell(r.unit))
     bare = [end.partition(" ")[0] for end in ends[::2]]
     return f"{bare[0]} to {ends[1]}", f"{bare[1]} to {ends[3]}", asked
@@ -162,7 +162,7 @@ def _sizes(r: Any) -> tuple[str, ...]:
 
 
 def _requirement_bars(own: pd.DataFrame, key: Key) -> go.Figure:
-    """Each component's error in units of its limit, with its interval; right of the line is too much."""
+    """Return each component's error over its limit, with its interval."""
     shown = own[own["error"].notna() & (own["requirement"] > 0.0)]
     ratio = {c: (shown[c] / shown["requirement"]).to_numpy(dtype=float) for c in ("error", "lower", "upper")}
     figure = go.Figure()

@@ -1,4 +1,4 @@
-"""The section of the calibrations: which model is chosen and why, how far each misses, what parameters it found."""
+"""Section of the calibrations: the chosen model and the reason for it, errors of all, and identified parameters."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ _BY_DEFAULT, _AS_REPORTED = "by maximum likelihood", "by the implicit objectives
 
 _LEAST_LEGS = 6
 _HELD_OUT = "position_mean_verification"
-# Of the tests of the chosen calibration, in their order.
+# Names of the tests of the chosen calibration, in order.
 _CODES = (ReasonCode.MISFIT, ReasonCode.BEYOND_TOLERANCE, ReasonCode.HELD_OUT_MISSED)
-_UNLIKELY = 1e-3  # that a right model has a misfit, or pulls, as large
+_UNLIKELY = 1e-3  # p-value of a misfit, or of pulls, below which the model is doubted
 _DEPARTS = "reading_rms_from_rigid_legs"
 
 
 def calibration(tables: Tables) -> ReportSection | None:
-    """The choice of the model, the errors of all calibrations, and their parameters."""
+    """Return the section with the choice of the model, the errors of all calibrations, and their parameters."""
     if "calibration" not in tables:
         return None
     fitted = filled(tables, "calibration")
@@ -58,7 +58,7 @@ def calibration(tables: Tables) -> ReportSection | None:
 
 
 def calibration_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
-    """Whether the chosen calibration fits what it was fitted to, and what it was not; None of a run without any."""
+    """Return the verdict on the chosen calibration at fitted and held-out poses; None for a run without any."""
     if "calibration" not in tables:
         return None
     figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
@@ -94,7 +94,9 @@ def _of_chosen(
 
 
 def _failed(text: str, code: ReasonCode, misfit: float | None, facts: pd.Series) -> SectionVerdict:
-    """A failed test, other than a misfit: it fails the section where what was held out is missed by a factor."""
+    """Return the verdict on a failed test other than a misfit: it fails the section if held-out errors are a factor too
+    large.
+    """
     if code == ReasonCode.HELD_OUT_MISSED and _known(facts, "heldout_ratio"):
         ratio = float(facts["heldout_ratio"])
         state = RelationState.FAILS if ratio > BY_A_FACTOR else RelationState.ATTENTION
@@ -105,7 +107,7 @@ def _failed(text: str, code: ReasonCode, misfit: float | None, facts: pd.Series)
 
 
 def _misfit(chosen: Key, misfit: float, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
-    """A misfit is explained where the model that the diagnosis extended leaves nothing but noise."""
+    """Return the verdict on a misfit, which the diagnosis explains if its extended model leaves only noise."""
     text = f"The calibration does not fit: residuals of {called(chosen)} are {plain(misfit)} times the "
     codes = {name: before[name].reason_code for name in ("diagnosis", "adequacy") if name in before}
     if codes == {"diagnosis": ReasonCode.FOUND, "adequacy": ReasonCode.WITHIN_NOISE}:
@@ -116,7 +118,7 @@ def _misfit(chosen: Key, misfit: float, before: Mapping[str, SectionVerdict]) ->
 
 
 def misfit_ratio(facts: pd.Series) -> float | None:
-    """Rms misfit of a calibration over what the declared noise leaves; None where that is not known."""
+    """Return the rms misfit of a calibration over the expected one by declared noise; None where unknown."""
     if not all(_known(facts, name) for name in ("misfit_p_value", "chi_square", "freedom")):
         return None
     return float(np.sqrt(facts["chi_square"] / facts["freedom"])) if facts["freedom"] > 0.0 else None
@@ -134,7 +136,7 @@ def _errors(tables: Tables) -> Drawn:
 
 
 def _geometry(tables: Tables, fitted: pd.DataFrame) -> Drawn:
-    """The picture of the chosen model of the structure: by the implicit objectives, and by maximum likelihood."""
+    """Return the figure of the chosen structure, by the implicit objectives and by maximum likelihood."""
     model = shown_calibration(tables, fitted)[0]
     fits = {_AS_REPORTED: filled(tables, "implicit_calibration"), _BY_DEFAULT: fitted}
     own = {name: table[table["model"] == model] for name, table in fits.items() if table is not None}
@@ -191,7 +193,7 @@ def _listings(tables: Tables, fitted: pd.DataFrame) -> list[Listing]:
 
 
 def lead(tables: Tables, fitted: pd.DataFrame) -> str:
-    """Which calibration is chosen, how far it misses against noise, what it gains, and who else predicts as well."""
+    """Return the lead sentences: the chosen calibration, its error against noise, its gain, and its rivals."""
     figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
     ended = _failures(fitted)
     if figures is None or chosen is None:
@@ -228,7 +230,7 @@ def _choice(chosen: Key, facts: pd.Series, *, of_recorded: bool) -> str:
 
 
 def _doubts(facts: pd.Series) -> str:
-    """What speaks against the chosen one itself: misfit beyond the noise, and a geometry beyond its tolerances."""
+    """Return in words the doubts about the chosen calibration: a misfit beyond noise, a geometry beyond tolerances."""
     texts = []
     if _known(facts, "misfit_p_value") and facts["misfit_p_value"] < _UNLIKELY:
         times = plain(np.sqrt(facts["chi_square"] / facts["freedom"]))
@@ -243,7 +245,7 @@ def _doubts(facts: pd.Series) -> str:
 
 
 def _tests_of_chosen(tables: Tables) -> list[ModelTest]:
-    """What can speak against the chosen calibration: its misfit, its geometry, and what it was not fitted to."""
+    """Return the tests of the chosen calibration: misfit, geometry, and held-out poses."""
     figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
     facts = None if figures is None or chosen is None else figures.loc[chosen]
     none = "No calibration was chosen." if facts is None else ""
@@ -279,7 +281,7 @@ def _tests_of_chosen(tables: Tables) -> list[ModelTest]:
 
 
 def _too_small(asked: str, facts: pd.Series | None) -> ModelTest | None:
-    """A misfit so far below the declared noise that chance hardly leaves it; None where it is not."""
+    """Return a failed test if the misfit is too small for the declared noise; None where it is not."""
     if facts is None or not (_known(facts, "chi_square") and _known(facts, "freedom")):
         return None
     return below_noise(
@@ -300,7 +302,7 @@ def _known(facts: pd.Series, figure: str) -> bool:
 
 
 def _gain(tables: Tables, chosen: Key, facts: pd.Series) -> str:
-    """What calibrating brings over nominal parameters, and over a fit by the implicit objectives."""
+    """Return in words the gain by calibration over nominal parameters, and over a fit by the implicit objectives."""
     texts = []
     nominal, reported = (figures_by_calibration(tables, estimator) for estimator in (NOMINAL, IMPLICIT))
     if not _known(facts, _HELD_OUT):
@@ -316,7 +318,7 @@ def _gain(tables: Tables, chosen: Key, facts: pd.Series) -> str:
 
 
 def _rivals(figures: pd.DataFrame, chosen: Key) -> str:
-    """Which calibrations the data cannot tell from the chosen one, and how far off the others are."""
+    """Return in words the calibrations that predict as well as the chosen one, and the errors of the others."""
     others = figures.drop(index=[chosen])
     equal = others["indistinguishable"] == 1.0 if "indistinguishable" in others else others.index != others.index
     texts = []
@@ -333,7 +335,7 @@ def _rivals(figures: pd.DataFrame, chosen: Key) -> str:
 
 
 def _extended(tables: Tables) -> str:
-    """How far the model that the diagnosis extended misses at the same poses."""
+    """Return in words the errors of the extended model at the same poses."""
     figures = figures_by_calibration(tables, TO_POINTS)
     if figures is None or not _known(figures.iloc[0], _HELD_OUT):
         return ""
@@ -353,14 +355,16 @@ def _failures(fitted: pd.DataFrame) -> str:
 
 
 def _free(fitted: pd.DataFrame) -> str:
-    """Why no errors of poses are told, where there are too few legs."""
+    """Return in words why there are no errors of poses, if there are too few legs."""
     if fitted["leg"].nunique() >= _LEAST_LEGS:
         return ""
     return "Fewer than six legs do not constrain the platform: readings predict no pose, so no pose error is stated."
 
 
 def _cost_of_models(tables: Tables) -> str:
-    """How far the other models of the structure miss with the deformation of the chosen one, and depart from it."""
+    """Return the errors of the other structures with the deformation of the chosen one, and their
+    departures from it.
+    """
     figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
     if figures is None or chosen is None or _HELD_OUT not in figures:
         return "Position: distance between measured and predicted origin of the platform; orientation: angle."
@@ -374,7 +378,7 @@ def _cost_of_models(tables: Tables) -> str:
 
 
 def _departures(tables: Tables) -> str:
-    """What the other models ask of the actuators, against rigid legs at the same poses."""
+    """Return the differences of the readings required by other models from those of rigid legs at the same poses."""
     nominal = figures_by_calibration(tables, NOMINAL)
     if nominal is None or _DEPARTS not in nominal or not nominal[_DEPARTS].notna().any():
         return ""
@@ -384,7 +388,7 @@ def _departures(tables: Tables) -> str:
 
 
 def _method_words(tables: Tables) -> str:
-    """What taking poses and readings as uncertain, and tolerances as knowledge, changes in the chosen calibration."""
+    """Return in words the effect of errors in variables and of tolerances as prior on the chosen calibration."""
     ours, theirs = figures_by_calibration(tables), figures_by_calibration(tables, IMPLICIT)
     chosen = chosen_calibration(tables)
     if ours is None or theirs is None or chosen is None or chosen not in theirs.index:

@@ -1,4 +1,4 @@
-"""Calibrations of the data as recorded and with findings applied, and what campaign.toml asks of causes."""
+"""Calibrations of recorded data and of data with findings applied, and the decisions on causes in campaign.toml."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ _NO_EFFECT = "no calibration depends on it, so no result changes"
 
 
 def compared_calibrations(tables: Tables) -> list[Listing]:
-    """Both calibrations with their errors, the main one first; nothing where no finding changes what is calibrated."""
+    """Return both calibrations with their errors, the main one first; nothing if no finding changes the calibrated
+    data.
+    """
     table = filled(tables, "calibrations_compared")
     if table is None:
         return []
@@ -57,7 +59,7 @@ def _size(by: pd.DataFrame, name: str) -> str:
 
 
 def data_words(tables: Tables) -> str:
-    """What the main calibration is of, where findings make another one; empty where none does."""
+    """Return in words the data of the main calibration, if applied findings change them; empty otherwise."""
     table = filled(tables, "calibrations_compared")
     if table is None:
         return ""
@@ -69,7 +71,9 @@ def data_words(tables: Tables) -> str:
 
 
 def _doubted(tables: Tables, names: Sequence[str] | None = None) -> str:
-    """Which causes of the extended model, or of some names, are suspected and no more; empty where none is."""
+    """Return in words the causes of the extended model, or of some names, that are only suspected; empty
+    where none is.
+    """
     rows = filled(tables, "diagnosis")
     if rows is None:
         return ""
@@ -79,7 +83,7 @@ def _doubted(tables: Tables, names: Sequence[str] | None = None) -> str:
 
 
 def choice_verdicts(tables: Tables) -> list[Verdict]:
-    """What campaign.toml asks of causes, and what became of it."""
+    """Return the decisions on causes in campaign.toml, and their results."""
     table = filled(tables, "diagnosis_choices")
     if table is None:
         return []

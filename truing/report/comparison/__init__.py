@@ -1,1 +1,1 @@
-"""The page of several runs of one machine: what has changed, trends, and verdicts side by side."""
+"""Page that compares runs of one machine: changes, trends, and verdicts side by side."""

@@ -1,4 +1,4 @@
-"""What the page of a comparison is made of: runs with their tables, the numbers, and verdicts side by side."""
+"""Data of the comparison page: runs with their tables, numbers, and verdicts."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _ACCURACY = {
 
 @dataclass(frozen=True)
 class ComparedRun:
-    """A run as the page shows it: its label, folder, software version, and its tables by artifact name."""
+    """One run on the page: its label, folder, software version, and its tables by artifact name."""
 
     label: str
     folder: str
@@ -45,7 +45,9 @@ class ComparedRun:
 
 @dataclass(frozen=True)
 class RunTransition:
-    """From a run to the next: why some or all numbers were not judged, and whether too much changed to be named."""
+    """Step from one run to the next: reasons for numbers not assessed, and whether too many numbers changed to name
+    them.
+    """
 
     why: tuple[str, ...]
     rebuilt: bool
@@ -53,24 +55,24 @@ class RunTransition:
 
 @dataclass(frozen=True)
 class RunComparison:
-    """The runs in their order, compared.parquet as a frame, and what lies between each two neighbours."""
+    """Runs in order, compared.parquet as a frame, and the steps between neighbours."""
 
     runs: tuple[ComparedRun, ...]
     numbers: pd.DataFrame
     between: tuple[RunTransition, ...]
 
     def assessed(self, step: int) -> pd.DataFrame:
-        """The numbers of the run after a step (0 is from the first run to the second) that were judged."""
+        """Return the assessed numbers of the run after a step (0 is from the first run to the second)."""
         own = self.numbers[self.numbers["place"] == step + 2]
         return own[own["z"].notna() | own["changed"]]
 
     def pair(self, step: int) -> str:
-        """``first → second``."""
+        """Return the name of a step: ``first → second``."""
         return f"{self.runs[step].label} → {self.runs[step + 1].label}"
 
 
 def called(row: Any) -> str:
-    """A number as a sentence names it, with the effect or the matrix that it belongs to."""
+    """Return the name of a number in a sentence, with its effect or matrix."""
     if row.group in ("compliance", "G_B"):
         return f"{row.group} {row.parameter}"
     leg = row.leg if row.leg is not None else float("nan")
@@ -82,7 +84,7 @@ def called(row: Any) -> str:
 
 
 def unit_of(row: Any, size: float) -> tuple[float, str]:
-    """Factor and unit in which a number of about this size is shown."""
+    """Return factor and unit in which a number of about this size is shown."""
     if row.group == "compliance":
         return _COMPLIANCE.get(row.unit, (1.0, row.unit))
     if row.group == "effect":
@@ -92,13 +94,13 @@ def unit_of(row: Any, size: float) -> tuple[float, str]:
 
 
 def value_text(row: Any) -> str:
-    """A number with its sigma, in the unit that suits it."""
+    """Return a number with its sigma, in a suitable unit."""
     factor, unit = unit_of(row, max(abs(row.value), row.sigma if row.sigma == row.sigma else 0.0))
     return with_uncertainty(factor * row.value, factor * row.sigma, unit)
 
 
 def change_text(row: Any) -> str:
-    """By how much a number changed: of what changed beyond chance, were the changed ones the only ones."""
+    """Return the size of a change; for significant changes, under the assumption that no other number changed."""
     change, sigma = (
         (row.change, row.sigma_change) if row.change == row.change else (row.difference, row.sigma_difference)
     )
@@ -109,7 +111,7 @@ def change_text(row: Any) -> str:
 
 
 def quality_words(found: RunComparison) -> list[tuple[str, str]]:
-    """How the checks of quality went in each run."""
+    """Return the results of the quality checks of each run in words."""
     counts = [_counts(run.tables) for run in found.runs]
     bad = [f"{run.label} ({own['fail']})" for run, own in zip(found.runs, counts, strict=True) if own["fail"]]
     looks = [f"{run.label} ({own['warn']})" for run, own in zip(found.runs, counts, strict=True) if own["warn"]]
@@ -122,7 +124,7 @@ def quality_words(found: RunComparison) -> list[tuple[str, str]]:
 
 
 def _counts(tables: Tables) -> dict[str, int]:
-    """How many checks of each verdict that nobody has accepted."""
+    """Return the number of checks by verdict, without accepted ones."""
     qa = filled(tables, "qa")
     if qa is None:
         return dict.fromkeys(_ORDER, 0)
@@ -131,7 +133,7 @@ def _counts(tables: Tables) -> dict[str, int]:
 
 
 def quality(found: RunComparison) -> ReportSection:
-    """How many checks of each verdict, and every check that was not passed in each of the runs."""
+    """Return the number of checks by verdict, and every check that did not pass in all runs."""
     counts = [_counts(run.tables) for run in found.runs]
     totals = [(verdict, *(str(own[verdict]) for own in counts)) for verdict in _ORDER]
     checks: dict[tuple[str, str], dict[int, tuple[str, str]]] = {}
@@ -152,7 +154,7 @@ def quality(found: RunComparison) -> ReportSection:
 
 
 def _check(r: Any) -> tuple[str, str]:
-    """The verdict on a check, accepted where a person did that; and the same with its value."""
+    """Return the verdict on a check, or accepted; and the same with its value."""
     accepted = getattr(r, "accepted", None)
     verdict = "accepted" if isinstance(accepted, str) else str(r.verdict)
     value = quantity(r.value, r.unit)
@@ -160,12 +162,12 @@ def _check(r: Any) -> tuple[str, str]:
 
 
 def _mark(verdicts: set[str], *ranked: str) -> str:
-    """The first of ``ranked`` that occurs; the last where none does."""
+    """Return the first element of ``ranked`` among the verdicts; the last one where there is none."""
     return next((mark for mark in ranked if mark in verdicts), ranked[-1])
 
 
 def requirement_words(found: RunComparison) -> list[tuple[str, str]]:
-    """How many requirements each run met; nothing where none has any."""
+    """Return the number of requirements met by each run; empty where none has any."""
     own = [(run.label, chosen_requirements(run.tables)) for run in found.runs]
     known = [(label, table) for label, table in own if table is not None and len(table)]
     if not known:
@@ -177,7 +179,7 @@ def requirement_words(found: RunComparison) -> list[tuple[str, str]]:
 
 
 def accuracy(found: RunComparison) -> ReportSection | None:
-    """The calibration that each run chose, how accurate it is, and whether that is what was asked for."""
+    """Return the calibration chosen by each run, its accuracy, and its requirements."""
     keys = [main_calibration(run.tables) for run in found.runs]
     if all(key is None for key in keys):
         return None
@@ -208,7 +210,7 @@ def _figure(tables: Tables, figure: str) -> float:
 
 
 def _requirement(table: pd.DataFrame | None, component: str) -> tuple[str, str]:
-    """The verdict on a requirement, and the same with what was reached and what was asked for."""
+    """Return the verdict on a requirement, and the same with error and limit."""
     own = table[table["component"] == component] if table is not None else None
     if own is None or not len(own):
         return _MISSING
@@ -218,7 +220,7 @@ def _requirement(table: pd.DataFrame | None, component: str) -> tuple[str, str]:
 
 
 def error_classes(found: RunComparison) -> ReportSection | None:
-    """A sensor's errors as laboratories report them, per axis; crosstalk by the component that it shows most in."""
+    """Return the errors of a sensor as laboratories report them, per axis; crosstalk by the most affected component."""
     tables = [filled(run.tables, "error_classes") for run in found.runs]
     if all(table is None for table in tables):
         return None

@@ -1,4 +1,4 @@
-"""The page of a comparison: what has changed, or that nothing has, trends, verdicts, and every number."""
+"""Page that compares runs: changes, trends, verdicts, and all numbers."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _JUDGED = {
     False: "each number separately",
 }
 
-_MOST = 12  # figures of a page
+_MOST = 12  # most figures of a page
 _LOOKS = (
     (BLUE, "circle"),
     (ORANGE, "square"),
@@ -53,7 +53,7 @@ _LOOKS = (
 
 
 def comparison_head(found: RunComparison) -> PageHead:
-    """The sentences that a busy person acts on."""
+    """Return the head of the page with the main results."""
     steps = range(len(found.between))
     texts = [*_change_verdicts(found), *(effect for step in steps for effect in _effect_verdicts(found, step))]
     texts += [*requirement_words(found), *quality_words(found)]
@@ -65,7 +65,7 @@ def comparison_head(found: RunComparison) -> PageHead:
 
 
 def _change_verdicts(found: RunComparison) -> list[Verdict]:
-    """What changed, step by step; one sentence where nothing did."""
+    """Return the changes step by step; one sentence where nothing changed."""
     steps = range(len(found.between))
     loud = [("found", _step_words(found, step)) for step in steps if has_changed(found, step)]
     still = [step for step in steps if not has_changed(found, step) and len(found.assessed(step))]
@@ -83,18 +83,18 @@ def _change_verdicts(found: RunComparison) -> list[Verdict]:
 
 
 def _why_words(found: RunComparison, step: int) -> str:
-    """Why numbers of a step were not judged."""
+    """Return in words why numbers of a step were not assessed."""
     what = "some numbers were not compared" if len(found.assessed(step)) else "no number was compared"
     return f"{what}: {'; '.join(found.between[step].why)}."
 
 
 def has_changed(found: RunComparison, step: int) -> bool:
-    """Whether anything changed from a run to the next."""
+    """Return True if anything changed from one run to the next."""
     return found.between[step].rebuilt or bool(found.assessed(step)["changed"].any())
 
 
 def _step_words(found: RunComparison, step: int) -> str:
-    """Which numbers changed beyond chance, and by how much."""
+    """Return the numbers with significant changes, and the sizes of these."""
     assessed = found.assessed(step)
     changed = _largest_first(assessed[assessed["changed"]])
     if found.between[step].rebuilt:
@@ -120,7 +120,7 @@ def _instead(row: object) -> str:
 
 
 def _effect_verdicts(found: RunComparison, step: int) -> list[Verdict]:
-    """Effects that one of two runs found and the other did not."""
+    """Return the effects that only one of two runs found."""
     before, now = (_effects_found(found, place) for place in (step, step + 1))
     texts = [("new", [name for name in now if name not in before]), ("gone", [n for n in before if n not in now])]
     words = {"new": "found for the first time", "gone": "no longer found"}
@@ -128,7 +128,7 @@ def _effect_verdicts(found: RunComparison, step: int) -> list[Verdict]:
 
 
 def _effects_found(found: RunComparison, place: int) -> list[str]:
-    """The effects that the diagnosis of a run found, as the tables call them."""
+    """Return the effects that the diagnosis of a run found, by their names in the tables."""
     table = filled(found.runs[place].tables, "diagnosis")
     if table is None:
         return []
@@ -138,7 +138,7 @@ def _effects_found(found: RunComparison, place: int) -> list[str]:
 
 @common_look()
 def comparison_sections(found: RunComparison) -> list[ReportSection]:
-    """Changes, trends, verdicts side by side, every number, and what the page was made from."""
+    """Return the sections of changes, trends, verdicts, all numbers, and origin of the page."""
     parts = (
         *(_changes(found), _trends(found), _effects(found), accuracy(found), error_classes(found)),
         *(quality(found), _numbers(found), _provenance(found)),
@@ -173,7 +173,7 @@ def _is_mechanism(found: RunComparison) -> bool:
 
 
 def _pulls(found: RunComparison) -> Iterator[tuple[object, str]]:
-    """Of each step of a mechanism in which something changed: every number in standard deviations, and the changes."""
+    """Return, for each step of a mechanism with changes, all numbers in standard deviations, and the changes."""
     for step in range(len(found.between)):
         if has_changed(found, step) and _is_mechanism(found):
             assessed = found.assessed(step)
@@ -267,7 +267,9 @@ def _provenance(found: RunComparison) -> ReportSection:
 
 
 def _trend_figures(found: RunComparison) -> tuple[tuple[tuple[go.Figure, str], ...], int]:
-    """Figures with captions, kinds with a change first, then those that differ most; and how many are left out."""
+    """Return figures with captions, kinds with a change first, then the largest differences; and the
+    number left out.
+    """
     own = found.numbers[found.numbers["value"].notna()]
     own = own.assign(kind=[_kind(r) for r in own.itertuples()])
     known = own.groupby("kind", sort=False)["z"].transform(lambda z: z.notna().any())
@@ -284,7 +286,7 @@ def _trend_figures(found: RunComparison) -> tuple[tuple[tuple[go.Figure, str], .
 
 
 def _caption(changed: pd.DataFrame) -> str:
-    """What is ringed, and why that may not be seen here."""
+    """Return the meaning of the rings, and why a change may not be visible."""
     texts = []
     for r in changed.itertuples():
         together = cell(r.instead)
@@ -327,7 +329,7 @@ def _figure(found: RunComparison, own: pd.DataFrame, kind: str) -> go.Figure:
 
 
 def _mean(rows: pd.DataFrame) -> float:
-    """The mean of a number over the runs, each counted by how well it knows it."""
+    """Return the mean of a number over the runs, weighted by its uncertainty."""
     sigma = rows["sigma"].to_numpy(float)
     usable = np.isfinite(sigma) & (sigma > 0.0)
     weight = 1.0 / sigma**2 if usable.all() else np.ones(len(rows))
@@ -353,7 +355,7 @@ def _line(
 
 
 def _ring(figure: go.Figure, lines: list[Any], shifts: list[Any], factor: float, aside: np.ndarray) -> None:
-    """Rings around the numbers that changed."""
+    """Draw rings around the numbers that changed."""
     places = [
         (place + aside[k], factor * value)
         for k, ((_, rows), shift) in enumerate(zip(lines, shifts, strict=True))

@@ -1,1 +1,1 @@
-"""The section of the diagnosis, and how a finding is said."""
+"""Section of the diagnosis, and sentences on findings."""

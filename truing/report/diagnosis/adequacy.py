@@ -1,4 +1,4 @@
-"""Whether the final model holds as a whole: what it leaves, tested against plain noise."""
+"""Tests of the final model as a whole: are its residuals consistent with noise?"""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _UNITS = {
 
 
 def adequacy(tables: Tables) -> ReportSection | None:
-    """Every test of the final model; None where the run left none."""
+    """Return the section of all tests of the final model; None where the run has none."""
     table = filled(tables, "adequacy")
     if table is None:
         return None
@@ -54,7 +54,7 @@ def adequacy(tables: Tables) -> ReportSection | None:
 
 
 def _untested(rows: list[Any], why: str, words: str) -> str:
-    """The sentence on what was not tested for one reason; empty where nothing was."""
+    """Return the sentence on tests that were not possible for one reason; empty where there are none."""
     own = [
         row
         for row in rows
@@ -64,7 +64,7 @@ def _untested(rows: list[Any], why: str, words: str) -> str:
 
 
 def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
-    """Whether the last model holds as a whole, and leaves what noise leaves; None where nothing was diagnosed."""
+    """Return the verdict on the final model as a whole; None where nothing was diagnosed."""
     rows = assessed_causes(tables)
     if not rows:
         return None
@@ -91,7 +91,9 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
 
 
 def _beyond(one: Overall, none: str, short: str) -> SectionVerdict:
-    """Errors beyond noise: by a factor they fail, for no declared noise is wrong by so much unnoticed."""
+    """Return the verdict on errors beyond noise: by a factor they fail, since no declared noise is so
+    wrong unnoticed.
+    """
     ratio, unit, also = _times_noise(one), sign(one.unit), f"; {short}" if short else ""
     text = f"The model is incomplete: {none}the rms error of predictions is {rough(one.after)} {unit}, where noise "
     text += f"alone gives {rough(one.floor or 0.0)} {unit}{also}. Look at the pattern of the errors under Diagnosis."
@@ -110,7 +112,7 @@ def _below(one: Overall, none: str) -> SectionVerdict:
 
 
 def _is_beyond(one: Overall) -> bool:
-    """Whether errors are beyond noise; what was held out is also missed by what parameters are uncertain by."""
+    """Return True if errors are beyond noise; held-out errors also contain the uncertainty of parameters."""
     return one.is_beyond_noise and (not one.held_out or _times_noise(one) > BY_A_FACTOR)
 
 
@@ -119,13 +121,13 @@ def _times_noise(one: Overall) -> float:
 
 
 def _least_likely(tables: Tables) -> tuple[float, float]:
-    """The p-value of the test that speaks most against the model, and its limit."""
+    """Return the p-value of the worst test of the model, and its limit."""
     failed = tables["adequacy"][tables["adequacy"]["state"] == "fails"].sort_values("p_value")
     return float(failed["p_value"].iloc[0]), float(failed["limit"].iloc[0])
 
 
 def shortcoming(tables: Tables) -> str:
-    """By what the final model falls short most, without a full stop; empty where it holds."""
+    """Return in words the worst shortcoming of the final model, without a full stop; empty where it holds."""
     table = filled(tables, "adequacy")
     failed = None if table is None else table[table["state"] == "fails"].sort_values("p_value")
     if failed is None or not len(failed):
@@ -135,7 +137,7 @@ def shortcoming(tables: Tables) -> str:
 
 
 def shortcoming_words(worst: Any) -> str:
-    """By what the final model falls short in one test that fails, without a full stop."""
+    """Return in words the shortcoming found by one failed test, without a full stop."""
     if worst.test == CAUSES_LEFT:
         return _ended(worst)
     if worst.test == "like-neighbours":
@@ -148,7 +150,7 @@ def shortcoming_words(worst: Any) -> str:
 
 
 def _ended(row: Any) -> str:
-    """That the search was ended, after what, and what remains, without a full stop."""
+    """Return in words that the search reached a limit, and what remains, without a full stop."""
     of = f" of {subject_words(row.left_subject)}" if cell(row.left_subject) else ""
     why = " because too many effects match no catalogued cause," if row.search_end == _UNNAMED else ""
     accepted = count(round(row.value), "accepted cause")

@@ -1,4 +1,4 @@
-"""The rows of the diagnosis as the page reads them: every candidate cause, what was decided on it, its sizes."""
+"""Candidate causes as rows for the page: verdict, evidence, and sizes."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from truing.schemas.covariates import named
 
 FOUND, SUSPECTED, RIVAL = "found", "suspected", "indistinguishable"
 REJECTED, NOT_TESTABLE = "rejected", "not testable"
-# Whether a cause keeps its rank where assumed effect sizes are tripled: values of the column scale_holds.
+# Values of the column scale_holds: does a cause keep its rank if assumed effect sizes are tripled?
 HOLDS, CHANGES = "holds", "changes"
-# The reason code of inputs that predict what is missed where no model of causes holds.
+# Reason code of inputs that predict the residuals where no model of causes holds.
 REMAINDER = "remainder"
 # Odds below which two causes count as explaining the data equally well.
 EQUAL_ODDS = 20.0
@@ -27,44 +27,45 @@ EQUAL_ODDS = 20.0
 
 @dataclass(frozen=True, kw_only=True)
 class AssessedCause(Claim):
-    """One candidate cause, and what was decided on it; rms in ``unit``, None for what was not evaluated."""
+    """One candidate cause with its verdict; rms in ``unit``, None for what was not evaluated."""
 
     rank: int
     verdict: str
     reason_code: str
-    relation: str  # what its search relates; empty where the run is older than the column
+    relation: str  # quantities that its search relates; empty where the run is older than the column
     rms: tuple[float | None, float | None]
     held_out: tuple[float | None, float | None]
     floor: float | None
     explanation: str
     then: str
     in_short: str
-    next_purpose: str  # of its rows in next_poses or next_loads; empty where it has none
+    next_purpose: str  # purpose of its rows in next_poses or next_loads; empty where it has none
     advice_kind: str
     p_value: float | None
     probability: float | None
     evidence: float | None  # natural logarithm of the odds over the model without it
     signal_to_noise: float | None
     holds: str
-    left_out_by: str = ""  # what was left out block by block; empty where the run is older than the column
+    left_out_by: str = ""  # kind of the blocks left out; empty where the run is older than the column
     left_out_blocks: int = 0
     left_out_gain: float | None = None
     share_predicted: float | None = None
 
     @property
     def is_noise(self) -> bool:
-        """Whether it is no effect in the model: it says that something scatters more than declared, or what the misfit
-        follows."""
+        """Whether it has no mean effect in the model: larger scatter than declared, or inputs that
+        predict residuals.
+        """
         return self.is_remainder or self.reason_code == "noise" or any(s.name == "noise_ratio" for s in self.sizes)
 
     @property
     def is_remainder(self) -> bool:
-        """Whether it says which inputs predict what is missed where no model of causes holds."""
+        """Whether it names inputs that predict the residuals where no model of causes holds."""
         return self.reason_code == REMAINDER
 
     @property
     def name(self) -> str:
-        """The cause with its subject: ``actuator gain, leg 3``."""
+        """Cause with its subject: ``actuator gain, leg 3``."""
         kind = cause_words(self.cause)
         if self.is_noise and not self.is_remainder and self.cause == "unexplained":
             kind = "noise not as declared"
@@ -74,7 +75,7 @@ class AssessedCause(Claim):
 
 
 def assessed_causes(tables: Tables) -> list[AssessedCause]:
-    """All candidates by rank; none where the diagnosis was not evaluated."""
+    """Return all candidates by rank; none where the diagnosis was not evaluated."""
     table = filled(tables, "diagnosis")
     if table is None:
         return []
@@ -82,7 +83,7 @@ def assessed_causes(tables: Tables) -> list[AssessedCause]:
 
 
 def accepted_of(rows: list[AssessedCause]) -> list[AssessedCause]:
-    """What the extended model holds, found or suspected, in the order of acceptance."""
+    """Return the causes of the extended model, found or suspected, in the order of acceptance."""
     return [row for row in rows if row.verdict in (FOUND, SUSPECTED)]
 
 
@@ -129,13 +130,13 @@ def _sizes(parameters: str) -> tuple[ParameterSize, ...]:
 
 
 def _number(value: Any) -> float | None:
-    """A finite number, or None."""
+    """Return a finite number, or None."""
     known = isinstance(value, (int, float)) and math.isfinite(value)
     return float(value) if known else None
 
 
 def total_gain(found: list[AssessedCause], held_out: bool) -> tuple[float, float] | None:
-    """Rms before anything is accepted and after everything is; None where it was not evaluated, or in mixed units."""
+    """Return the rms before and after all accepted causes; None where it was not evaluated, or in mixed units."""
     effects = [row for row in found if not row.is_noise]
     if not effects or len({row.unit for row in effects}) > 1:
         return None
@@ -145,6 +146,8 @@ def total_gain(found: list[AssessedCause], held_out: bool) -> tuple[float, float
 
 
 def share_removed(before: float, after: float, floor: float) -> float | None:
-    """The share of what is beyond the noise that is gone, 1 - (after^2 - floor^2) / (before^2 - floor^2), at most 1."""
+    """Return the share of the variance beyond noise that is removed: 1 - (after^2 - floor^2) / (before^2 - floor^2), at
+    most 1.
+    """
     excess = before**2 - floor**2
     return min(1.0, 1.0 - (after**2 - floor**2) / excess) if excess > 0.0 else None

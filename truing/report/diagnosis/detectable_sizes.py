@@ -1,4 +1,4 @@
-"""What could have stayed hidden: the smallest size of every cause that the campaign would have shown."""
+"""Detectable sizes: the smallest size of each cause that the campaign would have shown."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _BEYOND = "only beyond plausible sizes"
 
 
 def hidden(rows: list[AssessedCause], tables: Tables) -> ReportSection:
-    """Smallest detectable sizes, cause by cause, and every subject below."""
+    """Return the smallest detectable sizes, cause by cause, with every subject below."""
     table = filled(tables, "detectable")
     if table is None:
         why = "The smallest detectable sizes were not computed in this run."
@@ -38,7 +38,7 @@ def hidden(rows: list[AssessedCause], tables: Tables) -> ReportSection:
 
 
 def size_words(table: pd.DataFrame) -> list[str]:
-    """The size of each row of detectable.parquet, in words."""
+    """Return the size of each row of detectable.parquet in words."""
     return [
         printed(plain_size(str(name), float(size), cell(unit))) if size == size else _NEVER
         for name, size, unit in zip(table["parameter"], table["size"], table["unit"], strict=True)
@@ -56,7 +56,7 @@ def _lead(table: pd.DataFrame) -> str:
 
 
 def _by_cause(table: pd.DataFrame, rows: list[AssessedCause]) -> Listing:
-    """A row per cause and kind of parameter, from its best subject to its worst."""
+    """Return a row per cause and kind of parameter, from its best subject to its worst."""
     verdicts = {row.cause: row.verdict for row in reversed(rows)}
     cells = tuple(
         (cause_words(str(cause)), str(parameter), _concerns(own), *_from_to(own), verdicts.get(str(cause), "–"))
@@ -75,7 +75,7 @@ def _kinds(table: pd.DataFrame) -> list[tuple[tuple[object, object], pd.DataFram
 
 
 def _kind(parameter: str) -> str:
-    """What a parameter is, whichever leg or axis it belongs to: ``moment`` of all components and forms of one."""
+    """Return the kind of a parameter, equal in every leg or axis: ``moment`` of all components and forms of one."""
     first = parameter.partition(" ")[0]
     component = re.fullmatch(_COMPONENT, first)
     return component[1] if component else stem(first)
@@ -110,6 +110,6 @@ def _all(table: pd.DataFrame) -> Listing:
 
 
 def _in_words(rows: list[AssessedCause]) -> Listing:
-    """What the explanations of the rejected say of it, where there is no table."""
+    """Return the sizes from the explanations of rejected causes, where there is no table."""
     reported = tuple((row.name, printed(row.explanation)) for row in rows if row.verdict in (REJECTED, NOT_TESTABLE))
     return Listing(("cause", "what the data say"), reported, (), "What was not found", True, "diagnosis.parquet")

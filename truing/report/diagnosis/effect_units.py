@@ -1,4 +1,4 @@
-"""Sizes of effects in the units that a laboratory thinks in: micrometres per millimetre, per cent, ppm per kelvin."""
+"""Sizes of effects in units that laboratories use: micrometres per millimetre, per cent, ppm per kelvin."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 
 from truing.report.numbers import rough, with_uncertainty
 
-# What a bare number is called by, where one unit of it is far from what anything does.
+# Units for dimensionless parameters.
 _PER_CENT = (100.0, "%")
 _BARE = {
     **dict.fromkeys(("kappa", "kappa_x", "kappa_y"), (1e3, "um/mm")),
@@ -17,7 +17,7 @@ _BARE = {
     "loss": (1e6, "ppm"),
     **dict.fromkeys(("asymmetry", "cubic", "width", "fraction"), _PER_CENT),
 }
-# From here on a scale is told in per cent.
+# Scales from this size on are given in per cent.
 _LARGE_SCALE = 5e-4
 _OTHERS = {
     "1/K": (1e6, "ppm/K"),
@@ -30,21 +30,21 @@ _OTHERS = {
     "1/m": (1e3, "N per kN·m"),  # a force that comes with a torque
 }
 _SPANS = ((5400.0, 1.0 / 3600.0, "h"), (120.0, 1.0 / 60.0, "min"))
-# Lengths that are read off a drawing, or with a rule, not off an instrument.
+# Lengths that come from a drawing or a ruler, not from an instrument.
 _DRAWN = r"pitch|flexure_length|dead_path|(offset|arm)_[xyz]"
 # Angles between a beam and an axis, not of an oscillation.
 _SMALL_ANGLE = r"angle|tilt_\w+"
 
 
 def stem(parameter: str) -> str:
-    """What a parameter is, whichever leg it belongs to: ``gain`` of ``gain_3``, ``K`` of ``K16``."""
+    """Return the kind of a parameter, equal in every leg: ``gain`` of ``gain_3``, ``K`` of ``K16``."""
     if re.fullmatch(r"K\d+(_\d+)?", parameter):
         return "K"
     return re.sub(r"_\d+$", "", parameter)
 
 
 def handy_unit(parameter: str, unit: str, size: float) -> tuple[float, str]:
-    """Factor and unit in which a parameter of about this size, or the first of several, is told."""
+    """Return factor and unit in which a parameter of about this size, or the first of several, is given."""
     own = stem(parameter.partition(" ")[0])
     if unit in ("", "1"):
         return _PER_CENT if own == "scale" and abs(size) >= _LARGE_SCALE else _BARE.get(own, (1.0, ""))
@@ -58,7 +58,7 @@ def handy_unit(parameter: str, unit: str, size: float) -> tuple[float, str]:
 
 
 def size_text(parameter: str, value: object, sigma: float | None, unit: str) -> str:
-    """``13.2 ± 0.4 um/mm``: a parameter in its handy unit; text and counts as they are."""
+    """Return a parameter in its handy unit, ``13.2 ± 0.4 um/mm``; text and counts as they are."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return "" if value is None else str(value)
     known = sigma is not None and math.isfinite(sigma)
@@ -67,6 +67,6 @@ def size_text(parameter: str, value: object, sigma: float | None, unit: str) -> 
 
 
 def plain_size(parameter: str, size: float, unit: str) -> str:
-    """``3.1 um/mm``: a size of a parameter without an uncertainty, to two digits."""
+    """Return a size without uncertainty, to two digits: ``3.1 um/mm``."""
     factor, handy = handy_unit(parameter, unit, size)
     return f"{rough(factor * size)} {handy}".strip()

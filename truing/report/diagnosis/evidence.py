@@ -1,4 +1,4 @@
-"""The evidence of the diagnosis: how much the data speak for each candidate cause, and against every rival."""
+"""Evidence of the diagnosis: odds of each candidate cause and of its rivals."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ _VERDICTS = {
     NOT_TESTABLE: ("not testable", _PALE),
 }
 _MARKS = {FOUND: "found", SUSPECTED: "warn", RIVAL: "warn", REJECTED: "none", NOT_TESTABLE: "none"}
-# Candidates that a figure shows; the table has them all.
+# Most candidates of a figure; the table has them all.
 _SHOWN = 16
 _RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹"
 _ROW, _AROUND = 30, 190
-# In parts of the axis: between two ticks, and beside the longest bar for its words.
+# Shares of the axis: least distance of two ticks, and space next to the longest bar for its words.
 _APART, _ROOM = 0.09, 0.32
-# Decades of odds that may get a tick, on an axis that grows with their logarithm.
+# Decades of odds that may have a tick.
 _DECADES = (1, 3, 10, 30, 100, 300, 1000, 3000, 10000, 100000)
 
 
 def evidence(rows: list[AssessedCause]) -> ReportSection:
-    """How strongly the data speak for each candidate, with rivals of what was found marked."""
+    """Return the evidence for each candidate, with rivals of findings marked."""
     causes = [row for row in rows if not row.is_noise]
     title = "Evidence against every alternative" if accepted_of(causes) else "Evidence for each cause"
     return ReportSection("evidence", title, _lead(causes), tuple(_figures(causes)), (_candidates(rows),))
@@ -59,7 +59,7 @@ def _figures(causes: list[AssessedCause]) -> list[tuple[object, str]]:
 
 
 def _lead(rows: list[AssessedCause]) -> str:
-    """Who comes next to what was found, and whether that depends on which sizes were called plausible."""
+    """Return in words the lead of the findings over the next candidates, and its robustness against plausible sizes."""
     rivals = [row for row in rows if row.verdict == RIVAL]
     found = accepted_of(rows)
     if not found:
@@ -80,7 +80,7 @@ def _lead(rows: list[AssessedCause]) -> str:
 
 
 def _next_best(rows: list[AssessedCause], found: list[AssessedCause]) -> str:
-    """How far behind the best of the rejected is, which the first round held against what was found first."""
+    """Return in words the lead over the best rejected candidate, in the first round, where both competed."""
     first = found[0].evidence
     behind = [row for row in rows if row.verdict == REJECTED and row.evidence is not None]
     if first is None or not behind:
@@ -93,7 +93,7 @@ def _next_best(rows: list[AssessedCause], found: list[AssessedCause]) -> str:
 
 
 def _times(gap: float) -> str:
-    """``350``, or ``10^75``, of a natural logarithm."""
+    """Return the factor of a natural logarithm: ``350``, or ``10^75``."""
     decades = gap / math.log(10.0)
     return rough(10.0**decades) if decades < 4.0 else f"10{''.join(_RAISED[int(d)] for d in f'{decades:.0f}')}"
 
@@ -105,19 +105,19 @@ def _shown(rows: list[AssessedCause]) -> str:
 
 
 def _position(evidence: float) -> float:
-    """Where odds stand on the axis: even odds at 0, and farther out by the logarithm of their decades."""
+    """Return the place of odds on the axis: even odds at 0, then the logarithm of their decades."""
     decades = evidence / math.log(10.0)
     return math.copysign(math.log10(1.0 + abs(decades)), decades)
 
 
 def _best(rows: list[AssessedCause]) -> list[AssessedCause]:
-    """What the figure shows, found ones whatever their evidence, by evidence."""
+    """Return the candidates of the figure by evidence; found ones in any case."""
     order = sorted(rows, key=lambda row: (row.verdict not in (FOUND, SUSPECTED), -(row.evidence or 0.0)))
     return sorted(order[:_SHOWN], key=lambda row: -(row.evidence or 0.0))
 
 
 def _odds_figure(rows: list[AssessedCause]) -> go.Figure:
-    """Odds of the model with each candidate over the model without it."""
+    """Return the odds of the model with each candidate over the model without it."""
     shown = _best(rows)
     figure = _bars(shown, [_position(row.evidence or 0.0) for row in shown], [_odds(row) for row in shown])
     positions = np.array([_position(row.evidence or 0.0) for row in shown])
@@ -129,7 +129,7 @@ def _odds_figure(rows: list[AssessedCause]) -> go.Figure:
 
 
 def _axis(positions: np.ndarray) -> dict[str, object]:
-    """Ticks at round odds that a phone has room for; room at the right end for the words of the longest bar."""
+    """Return ticks at round odds that fit on a phone, and space at the right end for the words of the longest bar."""
     low, high = min(0.0, float(positions.min())), max(0.3, float(positions.max()))
     reach = high - low
     kept: list[int] = [0]
@@ -152,7 +152,7 @@ def _power(decades: int) -> str:
 
 
 def _odds(row: AssessedCause) -> str:
-    """``10^12 to 1``, or against it."""
+    """Return odds in words: ``10^12 to 1``, or against it."""
     decades = (row.evidence or 0.0) / math.log(10.0)
     size = abs(decades)
     if size < 0.02:
@@ -165,7 +165,7 @@ def _odds(row: AssessedCause) -> str:
 
 
 def _probability_figure(rows: list[AssessedCause]) -> go.Figure:
-    """Probability of each candidate, where its evidence was not kept."""
+    """Return the probability of each candidate, where its evidence was not recorded."""
     shown = sorted(rows, key=lambda row: -(row.probability or 0.0))[:_SHOWN]
     figure = _bars(shown, [row.probability or 0.0 for row in shown], [plain(row.probability) for row in shown])
     subtitle = "Among the candidates of its step, given the data"
@@ -212,14 +212,14 @@ def _bars(rows: list[AssessedCause], values: list[float], words: list[str]) -> g
 
 
 def _place(rows: list[AssessedCause], k: int) -> str:
-    """The candidate's name on the axis; equal names are kept apart by their rank."""
+    """Return the candidate's name on the axis; equal names are separated by their rank."""
     names = [_kind(row) for row in rows]
     name = label(_short(names[k]))
     return f"{name} " if names.count(names[k]) == 1 else f"{name} (rank {rows[k].rank}) "
 
 
 def _kind(row: AssessedCause) -> str:
-    """A candidate by name; of a rejected cause the evidence is that of its best subject in the first round."""
+    """Return a candidate by name; the evidence of a rejected cause is that of its best subject in the first round."""
     return cause_words(row.cause) if row.verdict == REJECTED else row.name
 
 

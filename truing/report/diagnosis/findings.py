@@ -1,4 +1,4 @@
-"""How a finding of the diagnosis is said: one sentence of what, where, how large, how sure."""
+"""Sentences on the findings of the diagnosis: what, where, how large, how sure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from truing.report.diagnosis.effect_units import plain_size, size_text
 from truing.report.numbers import plain, two_decimals, with_uncertainty
 
 UNNAMED = ", and no cause of the catalogue explains it"
-# Why a cause is suspected and not found, by its reason code.
+# Reasons why a cause is only suspected, by reason code.
 DOUBTS = {
     "inadequate": "the model with all accepted causes leaves more than noise, so it is incomplete",
     "unnamed": "an effect that no catalogued cause explains acts as well, and this may be a part of it",
@@ -18,7 +18,7 @@ DOUBTS = {
     "elsewhere": "it predicts left-out parts of the campaign (runs, days, regions) worse than the model without it",
     "unpaid": "it does not reduce the error of the simulation",
 }
-# What a cause needs to be tested, by the reason code of a row that says it was not.
+# Data that a cause needs for its test, by the reason code of an untested row.
 NEEDS = {
     "no-temperature": "a temperature (temperature_c) that changes in the course of the campaign",
     "no-time": "the times of the measurements (time_s)",
@@ -32,11 +32,11 @@ NEEDS = {
     "no-payload": "six legs, what they carry (payload_kg), and which way is up ([measurement] up)",
     "no-tilt": "which way is up ([measurement] up), and poses that tilt the platform by 0.1 rad",
 }
-# What an empty subject stands for, beside one of this kind.
+# Meaning of an empty subject next to one of this kind.
 _ALL = {"leg": "all legs", "load": "all loads", "channel": "all linear channels"}
-# From this share on a name explains all that it competes for.
+# Share of a cause above which nonparametric effects are not mentioned.
 _ALL_OF_IT = 0.995
-# How many parameters a sentence names before it says how many more there are.
+# Number of parameters that a sentence names before it counts the others.
 _NAMED = 6
 
 
@@ -61,14 +61,14 @@ class Facts:
     floor: float
     reason_code: str
     rival: str
-    detectable: str  # size that would have been seen, in words; empty where none is known
+    detectable: str  # detectable size in words; empty where none is known
     unnamed: bool  # whether no cause of the catalogue explains it
-    remark: str  # what limits the statement; empty where nothing does
+    remark: str  # limits of the statement; empty where there are none
     subject: str = ""
-    share: float | None = None  # of a name in what it and effects without a name explain together
-    odds: float | None = None  # indistinguishable: of the other over this one
+    share: float | None = None  # share of a cause in what it and nonparametric effects explain together
+    odds: float | None = None  # indistinguishable: odds of the rival over this cause
     largest: float | None = None
-    subjects: tuple[tuple[str, float], ...] = ()  # found: others that may be the subject, with the odds against each
+    subjects: tuple[tuple[str, float], ...] = ()  # found: other possible subjects, with the odds against each
     unit: str = "um"
     fitted_words: str = "the calibration poses"
     held_out_words: str = "held-out poses"
@@ -76,7 +76,7 @@ class Facts:
 
 
 def explanation(facts: Facts) -> str:
-    """Return what the diagnosis has to say of one candidate cause."""
+    """Return the explanation of one candidate cause."""
     of_verdict = {
         "found": _found,
         "suspected": _suspected,
@@ -89,19 +89,19 @@ def explanation(facts: Facts) -> str:
 
 
 def detectable_words(parameter: str, size: float | None, unit: str) -> str:
-    """Return a size that would have been seen, in words: ``gain_3 of 0.021 %``; empty where there is none."""
+    """Return a detectable size in words: ``gain_3 of 0.021 %``; empty where there is none."""
     return "" if size is None or size != size else f"{few(parameter)} of {plain_size(parameter, size, unit)}"
 
 
 def few(parameters: str) -> str:
-    """Return a cause's parameters by name, the first of them where a body has as many as its targets coordinates."""
+    """Return a cause's parameters by name, only the first ones where there are many."""
     names = parameters.split()
     more = len(names) > 2 * _NAMED
     return f"{' '.join(names[:_NAMED])} and {len(names) - _NAMED} more" if more else parameters
 
 
 def subject_words(subject: str) -> str:
-    """Return a subject as a sentence names it: ``legs 1 and 4`` of ``leg1 leg4``, ``target P07``."""
+    """Return a subject in a sentence: ``legs 1 and 4`` of ``leg1 leg4``, ``target P07``."""
     parts = subject.split()
     legs = [part.removeprefix("leg") for part in parts]
     if parts and all(part.startswith("leg") and part[3:].isdigit() for part in parts):
@@ -116,7 +116,7 @@ def _and(names: Sequence[str]) -> str:
 
 
 def _share(facts: Facts) -> str:
-    """What a name leaves to effects without a name, where that is worth a sentence."""
+    """Return the share left to nonparametric effects, if it is worth a sentence."""
     if facts.share is None or facts.share >= _ALL_OF_IT:
         return ""
     return f" It explains {100.0 * facts.share:.0f} % of the effect; no catalogued cause explains the rest."
@@ -132,7 +132,7 @@ def _found(facts: Facts) -> str:
 
 
 def _elsewhere(facts: Facts) -> str:
-    """Return what else may be the subject, as far as the data leave it open."""
+    """Return the other possible subjects that the data leave open."""
     if not facts.subjects:
         return ""
     whole = next((words for kind, words in _ALL.items() if facts.subject.startswith(kind)), "the whole")
@@ -178,13 +178,13 @@ def _rejected(facts: Facts) -> str:
 
 
 def _hidden(facts: Facts) -> str:
-    """A candidate that could not have been seen: no word on whether it is there."""
+    """Return the explanation of a candidate that the campaign could not have shown."""
     text = f"These data cannot test whether {facts.clause}: they would not show it at any plausible size"
     return f"{text}, only from {facts.detectable} upwards." if facts.detectable else f"{text}."
 
 
 def missing_explanation(cause: str, reason_code: str) -> str:
-    """Return what is said of a cause, as a noun, that was not tested for want of something."""
+    """Return the explanation of a cause, as a noun, that was not tested for lack of data."""
     return f"Not tested: {cause}. A test needs {NEEDS[reason_code]}."
 
 
@@ -207,7 +207,7 @@ def _improvement(facts: Facts) -> str:
 
 
 def _sizes(facts: Facts) -> str:
-    """Return the parameters behind a colon, the most significant first where there are many."""
+    """Return the parameters after a colon, the most significant first where there are many."""
     ordered = list(facts.parameters.items())
     if len(ordered) > _NAMED:
         ordered.sort(key=lambda item: -_significance(item[1]))
@@ -226,7 +226,7 @@ def _size(name: str, value: Mapping[str, Any]) -> str:
 
 
 def scatter_explanation(clause: str, p_value: float, doubt: str = "") -> str:
-    """The sentences on a cause that moves nothing on average; ``doubt``: the reason code where it is only suspected."""
+    """Return the sentences on a cause without mean effect; ``doubt``: the reason code if it is only suspected."""
     text = f"It may be that {clause}" if doubt else f"The data show that {clause}"
     doubted = f" This is suspected, not confirmed: {DOUBTS[doubt]}." if doubt else ""
     return (
@@ -238,7 +238,7 @@ def scatter_explanation(clause: str, p_value: float, doubt: str = "") -> str:
 def noise_explanation(
     ratio: float, sigma: float, rms: float | None, floor: float, follows: Sequence[str] = (), unit: str = "um"
 ) -> str:
-    """Return what is to be said of noise that is larger than declared, or in places; rms and floor in a unit."""
+    """Return the explanation of noise that is larger than declared, in total or in places; rms and floor in a unit."""
     sizes = "" if rms is None else f"{two_decimals(rms)} {unit}; the declared noise gives {two_decimals(floor)} {unit}"
     missed = f" The rms error of predictions is {sizes}." if sizes else ""
     size = with_uncertainty(ratio, sigma)
