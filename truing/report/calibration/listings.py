@@ -135,7 +135,7 @@ def _kind(r: Any) -> str:
 
 def _cell(r: Any) -> str:
     factor, _ = shown_in(r.parameter, r.unit)
-    if r.parameter.startswith(_BENT) or r.nominal != r.nominal:  # an effect has no drawing that it could depart from
+    if r.parameter.startswith(_BENT) or r.nominal != r.nominal:  # an effect has no nominal value
         return with_uncertainty(factor * r.identified, factor * r.sigma).replace(" ", UNBROKEN)
     text = with_uncertainty(factor * (r.identified - r.nominal), factor * r.sigma)
     pull = getattr(r, "pull", float("nan"))

@@ -1,4 +1,4 @@
-"""What modelling the causes brings: predictions before and after, beside the noise and the plain calibrations."""
+"""Gain by modelling the causes: errors of predictions before and after, compared with noise and plain calibrations."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.tables import Tables, filled
 
 _NOT_FITTED = "not used in any fit"
-_ALL = 0.9995  # share of the variance beyond noise that rounds to all of it
+_ALL = 0.9995  # share of the variance beyond noise that is rounded to 100 %
 _ERROR = "position_error_um"
 
 _ROLES = {"calibration": (POINTS.fitted, BLUE), "verification": (POINTS.held_out, ORANGE)}
@@ -53,7 +53,9 @@ _LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}
 
 @dataclass(frozen=True)
 class _Missed:
-    """Rms of measured minus predicted over what ``words`` names; before is after where nothing was found."""
+    """Rms of measured minus predicted over the subset named by ``words``; before equals after where
+    nothing was found.
+    """
 
     words: str
     of: Overall
@@ -61,14 +63,15 @@ class _Missed:
 
     @property
     def floor(self) -> float | None:
-        """What noise alone leaves."""
+        """Rms by noise alone."""
         return self.of.floor
 
 
 def gained(rows: list[AssessedCause], tables: Tables) -> ReportSection:
-    """Measured minus predicted before and after, part by part and cause by cause, and how plain calibrations do.
+    """Return the section on measured minus predicted before and after, by subset and by cause, and on plain
+    calibrations.
 
-    ``rows``: all candidates; where none was found, how far the simulation misses as it is.
+    ``rows``: all candidates; where none was found, the errors of the plain simulation.
     """
     found = [row for row in accepted_of(rows) if not row.is_noise]
     of = compared(tables)
@@ -87,7 +90,7 @@ def _words_of(one: Overall, of: PartNames) -> str:
 
 
 def _lead(missed: list[_Missed], of: PartNames, rows: list[AssessedCause], *, whole: bool) -> str:
-    """What is left on what nothing was fitted to, against the noise, and the share of the excess removed.
+    """Return in words the remaining held-out errors against noise, and the share of the excess removed.
 
     ``whole``: whether no test of the final model fails.
     """
@@ -125,7 +128,7 @@ def _at_floor(one: Overall) -> bool:
 
 
 def _removed(missed: _Missed, whole: bool) -> str:
-    """How much of the variance beyond noise the causes explain; ``whole``: whether no test of the final model fails."""
+    """Return in words the share of the variance beyond noise that the causes explain; ``whole`` as above."""
     one = missed.of
     if not missed.modelled or one.floor is None or one.is_below_noise:
         return ""
@@ -143,14 +146,14 @@ def _cause_by_cause(found: list[AssessedCause], of: PartNames) -> Drawn:
     units = dict.fromkeys(row.unit for row in rows)
     words = of.fitted_or_not
     if of is not POINTS:
-        # Each is told over the channels that it moves: one does not go on where another ends.
+        # Each cause is assessed over the channels that it moves, so errors after one are not those before the next.
         start = "with what was found before"
         return [(misses([row], of, *([start] if k else [])), words) for k, row in enumerate(rows)]
     return [(misses([row for row in rows if row.unit == unit], of), words) for unit in units]
 
 
 def _parts(missed: list[_Missed], tables: Tables) -> Drawn:
-    """Every pose, or every reading of a bench."""
+    """Return figures of every pose, or of every reading of a bench."""
     modelled = any(one.modelled for one in missed)
     misses = reading_misses(tables)
     if misses is not None:
@@ -164,7 +167,7 @@ def _parts(missed: list[_Missed], tables: Tables) -> Drawn:
 
 
 def _by_role(tables: Tables) -> Listing:
-    """Rms and largest over the poses of each role, with intervals from resampled poses."""
+    """Return rms and largest error over the poses of each role, with intervals from resampled poses."""
     table = filled(tables, "prediction")
     heads = ("poses", "number", "rms before", "rms after", "largest before", "largest after", "unit")
     if table is None:
@@ -184,7 +187,7 @@ def _by_role(tables: Tables) -> Listing:
 
 
 def _compared(tables: Tables) -> pd.DataFrame | None:
-    """Errors of the plain calibrations of one model of the structure, and of the extended one, in their order."""
+    """Return the errors of the plain calibrations of one structure, and of the extended model, in order."""
     accuracy = filled(tables, "accuracy")
     if accuracy is None:
         return None
@@ -232,7 +235,9 @@ def _calibrations(tables: Tables) -> Listing:
 
 
 def misses(found: list[AssessedCause], of: PartNames = POINTS, start: str = "simulation without changes") -> go.Figure:
-    """Measured minus predicted, rms, before and after each accepted cause of one unit, against what noise leaves."""
+    """Return the rms of measured minus predicted before and after each accepted cause of one unit, with the noise
+    floor.
+    """
     stages = [f"{start} ", *(f"+ {label(row.name)} " for row in found)]
     figure = go.Figure()
     fitted, held_out = [row.rms for row in found], [row.held_out for row in found]
@@ -252,7 +257,7 @@ def misses(found: list[AssessedCause], of: PartNames = POINTS, start: str = "sim
 
 
 def _floor_line(figure: go.Figure, floor: float | None, unit: str, vertical: bool = False) -> str:
-    """Draw what noise leaves, and return the line that says so."""
+    """Draw the rms by noise alone, and return the words for it."""
     if floor is None:
         return "The noise floor is not known"
     draw = figure.add_vline if vertical else figure.add_hline
@@ -261,14 +266,16 @@ def _floor_line(figure: go.Figure, floor: float | None, unit: str, vertical: boo
 
 
 def _pose_by_pose(table: pd.DataFrame, floor: float | None, modelled: bool) -> go.Figure:
-    """Rms of measured minus predicted at every pose, without and, where something was found, with it."""
+    """Return the rms of measured minus predicted at every pose, without the findings and, if there are
+    any, with them.
+    """
     places, axis = pose_axis(table["pose"])
     roles = table["role"].replace("reference", "calibration").to_numpy()
     unit = sign(str(table["unit"].iloc[0]))
     figure = go.Figure()
     if modelled:
         figure.add_trace(_joins(places, table))
-    shown = roles[0]  # the other role has the same colours and symbols of its own
+    shown = roles[0]  # the legend needs one role: the other has the same colours with other symbols
     scatter = go.Scattergl if len(table) > MANY_POINTS else go.Scatter
     for when, words, colour in _SERIES if modelled else _AS_IT_IS:
         for role, (name, _) in _ROLES.items():
@@ -304,7 +311,7 @@ def _pose_by_pose(table: pd.DataFrame, floor: float | None, modelled: bool) -> g
 
 
 def _joins(places: np.ndarray, table: pd.DataFrame) -> go.Scatter:
-    """A line from before to after at every pose."""
+    """Return a line from before to after at every pose."""
     x = np.repeat(places.astype(float), 3)
     y = np.stack([table["rms_before"], table["rms_after"], np.full(len(table), np.nan)], axis=1).ravel()
     line = {"color": GREY, "width": 1}
@@ -312,7 +319,7 @@ def _joins(places: np.ndarray, table: pd.DataFrame) -> go.Scatter:
 
 
 def _errors_of_calibrations(errors: pd.DataFrame) -> go.Figure:
-    """Rms error of position of each calibration (column ``called``), fitted and held-out poses apart."""
+    """Return the rms position error of each calibration (column ``called``), at fitted and held-out poses."""
     roles = errors["role"].replace("reference", "calibration")
     squares = errors["position_error_um"].astype(float) ** 2
     sizes = np.sqrt(squares.groupby([errors["called"], roles]).mean())
@@ -343,7 +350,7 @@ def _errors_of_calibrations(errors: pd.DataFrame) -> go.Figure:
 
 
 def _noise(errors: pd.DataFrame) -> float | None:
-    """What noise leaves in the held-out poses, else in all, of the last calibration told."""
+    """Return the rms by noise at held-out poses, otherwise at all, of the last calibration in the table."""
     if "position_noise_um" not in errors:
         return None
     own = errors[errors["called"] == errors["called"].iloc[-1]]

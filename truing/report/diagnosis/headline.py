@@ -1,4 +1,4 @@
-"""What was found in one clause that a busy person reads: who, what, how large; and what modelling it brings."""
+"""Findings in one clause each (who, what, how large), and the gain by modelling them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _MORE = {"kappa": 1, "quadratic": 2, "cubic": 3}
 
 
 def clause(row: AssessedCause, tables: Tables) -> str:
-    """What was found and how large it is, without a full stop."""
+    """Return a finding with its size in a clause, without a full stop."""
     if row.is_remainder:
         return printed(remainder_clause(row.follows, row.subject, row.share_predicted or 0.0))
     if row.is_noise and row.cause == "unexplained":
@@ -37,7 +37,7 @@ def clause(row: AssessedCause, tables: Tables) -> str:
 
 
 def gain(found: list[AssessedCause], tables: Tables) -> str:
-    """What modelling all that was found brings: ``lowers the rms error on held-out poses from 34 to 8 µm ...``."""
+    """Return the gain by modelling all findings: ``lowers the rms error on held-out poses from 34 to 8 µm ...``."""
     told_of = overall(found, tables, held_out=True) or overall(found, tables, held_out=False)
     if told_of is None:
         return ""
@@ -54,7 +54,7 @@ def _change(what: str, one: Overall) -> str:
 
 
 def _against_noise(one: Overall) -> str:
-    """The rms error after all findings against the noise floor, where that is known."""
+    """Return the rms error after all findings with the noise floor, if known."""
     if one.floor is None:
         return ""
     floor = f"{rough(one.floor)} {sign(one.unit)}".rstrip()
@@ -74,7 +74,9 @@ def _noise(row: AssessedCause) -> str:
 
 
 def _reach(row: AssessedCause, tables: Tables) -> Reach | None:
-    """The largest shift of an attachment by what was found; by a full matrix, of two attachments against each other."""
+    """Return the largest shift of an attachment by a finding; for a full matrix, of two attachments relative to each
+    other.
+    """
     drives = _drives(tables)
     if drives is None:
         return None
@@ -91,7 +93,7 @@ def _reach(row: AssessedCause, tables: Tables) -> Reach | None:
 
 
 def _own_sigma(row: AssessedCause, drive: float, leg: int, legs: int) -> float | None:
-    """What the parameters of a leg leave open of its shift at a displacement of its actuator, um."""
+    """Return the uncertainty, um, of a leg's shift at a displacement of its actuator, from its parameters."""
     own = [
         (s, p) for kind, p in _MORE.items() for s in row.sizes_of(kind) if leg in _legs_of(s.name, row.subject, legs)
     ]
@@ -101,7 +103,7 @@ def _own_sigma(row: AssessedCause, drive: float, leg: int, legs: int) -> float |
 
 
 def _between(drives: NDArray, matrix: NDArray, sigma: NDArray) -> Reach | None:
-    """The largest difference of two attachments' shifts by K and its sigma (L, L), with drives (B, L) in mm."""
+    """Return the largest difference of two attachments' shifts by K and its sigma (L, L), with drives (B, L) in mm."""
     shifts = drives @ matrix.T
     if shifts.shape[1] < 2:
         return None
@@ -114,7 +116,9 @@ def _between(drives: NDArray, matrix: NDArray, sigma: NDArray) -> Reach | None:
 
 
 def _drives(tables: Tables) -> NDArray | None:
-    """Displacements of the actuators (B, L) in mm; from the middle of their range where the reference is not known."""
+    """Return displacements of the actuators (B, L) in mm; from the middle of their range where the reference is
+    unknown.
+    """
     shifts = filled(tables, "deformation")
     if shifts is not None:
         return shifts.pivot(index="pose", columns="leg", values="delta_rho_mm").dropna().to_numpy(dtype=float)
@@ -132,7 +136,7 @@ def _reading_columns(columns: list[str]) -> list[str]:
 
 
 def _matrix(row: AssessedCause, legs: int) -> tuple[NDArray, NDArray] | None:
-    """K and its sigma (L, L), row by row, where the cause has one."""
+    """Return K and its sigma (L, L), row by row, if the cause has one."""
     entries = [(size.number, np.nan if size.sigma is None else size.sigma) for size in row.sizes_of("K")]
     if len(entries) != legs**2:
         return None
@@ -141,7 +145,7 @@ def _matrix(row: AssessedCause, legs: int) -> tuple[NDArray, NDArray] | None:
 
 
 def _own(row: AssessedCause, drives: NDArray) -> NDArray | None:
-    """Shifts (B, L) in mm where each attachment follows its own actuator."""
+    """Return shifts (B, L) in mm where each attachment follows its own actuator."""
     if not row.cause.startswith("platform-deformation"):
         return None
     shifts = np.zeros_like(drives)
@@ -153,7 +157,7 @@ def _own(row: AssessedCause, drives: NDArray) -> NDArray | None:
 
 
 def _legs_of(parameter: str, subject: str, legs: int) -> list[int]:
-    """Legs (from 0) that a parameter belongs to: by its suffix, else those of the subject, else all."""
+    """Return the legs (from 0) of a parameter: by its suffix, otherwise those of the subject, otherwise all."""
     numbered = re.search(r"_(\d+)$", parameter)
     named = [int(numbered[1])] if numbered else [int(n) for n in re.findall(r"\bleg(\d+)\b", subject)]
     chosen = [leg - 1 for leg in named] or list(range(legs))

@@ -1,4 +1,4 @@
-"""Loads that acted but were not recorded, where the line of action or the unit of a recorded load is wrong."""
+"""Unrecorded loads that acted because the line of action or the unit of a recorded load is wrong."""
 
 from __future__ import annotations
 
@@ -15,12 +15,14 @@ from truing.report.wordings.claim import sure_of
 
 _TITLE = "Loads that acted but were not recorded"
 _MM = 1e-3
-# How much of a form's parameter acts at the largest load: half of what differs between its signs.
+# Share of a parameter that acts at the largest load, by form: half of a difference between the two signs.
 _SHARE = {"": 1.0, "_asymmetry": 0.5, "_growth": 1.0}
 
 
 def unwritten_loads(rows: list[AssessedCause], tables: Tables) -> ReportSection | None:
-    """How large a moment or force acted beside a load, and what a calibration makes of it; None where nothing did."""
+    """Return the section on unrecorded moments or forces and their effect on a calibration; None where
+    there are none.
+    """
     acted = _acted(rows, tables)
     if not acted or filled(tables, "sensor_matrix") is None:
         return None
@@ -32,7 +34,7 @@ def unwritten_loads(rows: list[AssessedCause], tables: Tables) -> ReportSection 
 
 
 def load_warning(rows: list[AssessedCause], tables: Tables) -> str:
-    """That unrecorded loads bias a calibration to the recorded ones; empty where none does."""
+    """Return the warning that unrecorded loads bias a calibration; empty where there are none."""
     acted = _acted(rows, tables)
     if not acted or filled(tables, "sensor_matrix") is None or _taken_in(tables):
         return ""
@@ -52,13 +54,15 @@ def _upper(sentence: str) -> str:
 
 
 def _taken_in(tables: Tables) -> bool:
-    """Whether the calibration took the loads as the diagnosis has them."""
+    """Return True if the calibration used the loads as corrected by the diagnosis."""
     choice = filled(tables, "sensor_choice")
     return choice is not None and bool((choice["figure"] == "loads_as_diagnosed").any())
 
 
 def _other_load_text(row: AssessedCause, steps: pd.DataFrame) -> list[str]:
-    """``the z load brought up to 108 N·m about y and 72 N·m about x``; nothing of other causes, or of all loads."""
+    """Return the load in words, ``the z load brought up to 108 N·m about y and 72 N·m about x``; empty for other
+    causes.
+    """
     axis = re.fullmatch(r"load ([fm][xyz])", row.subject)
     if row.cause not in ("load-eccentricity", "load-imbalance") or axis is None:
         return []

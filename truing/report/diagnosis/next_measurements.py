@@ -1,4 +1,4 @@
-"""What to measure next: configurations ready for the machine, or loads ready for the bench."""
+"""Next measurements: configurations for the machine, or loads for the bench."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _TOLD = (
     *("purpose", "need", "pose", "measurements", "duration_s", "expected"),
     *("sigma_now", "sigma_expected", "unit", "odds_expected"),
 )
-# Actuators stand on values of a tenth of a micrometre at best.
+# Actuators are set to a tenth of a micrometre at best.
 _PLACES = 4
 _CALLED = {"repeat_of": "repeats"}
 
@@ -40,7 +40,7 @@ _CAPTION = "Not testable with these data, and what to measure for it"
 
 
 def requested_measurements(rows: list[AssessedCause], tables: Tables) -> ReportSection:
-    """What is asked for, by need, and a table of configurations or runs for each purpose that was computed."""
+    """Return the section of requested measurements by need, with a table of configurations or runs for each purpose."""
     steps = next_steps(rows, tables)
     asked = tuple(
         ("next", f"{_upper(step.purpose)}: {step.short_text}") for step in steps if step.need != Need.TESTABLE
@@ -55,7 +55,7 @@ def requested_measurements(rows: list[AssessedCause], tables: Tables) -> ReportS
 
 
 def _lead(steps: list[NextStep], tables: Tables) -> str:
-    """How many things are asked for, and what they serve; why no configurations were computed where none were."""
+    """Return the number of requests and their purposes; or why no configurations were computed."""
     counts = Counter(step.need for step in steps)
     served = [f"{counts[need]} {words[counts[need] > 1]}" for need, words in _SERVED.items() if counts[need]]
     text = f"Most urgent first: {', '.join(served)}." if served else ""
@@ -69,7 +69,7 @@ def _lead(steps: list[NextStep], tables: Tables) -> str:
 
 
 def _computed(tables: Tables) -> tuple[Listing, ...]:
-    """A table per purpose."""
+    """Return a table per purpose."""
     for name, listing in (("next_loads", _listing_of_loads), ("next_poses", _listing)):
         if (table := filled(tables, name)) is not None:
             return tuple(listing(str(purpose), own) for purpose, own in table.groupby("purpose", sort=False))
@@ -90,27 +90,27 @@ def _listing(purpose: str, own: pd.DataFrame) -> Listing:
 
 
 def _in_all(own: pd.DataFrame, unit: str) -> str:
-    """``, 91 poses in all``; nothing where each is measured once, or no number is enough."""
+    """Return the total, ``, 91 poses in all``; empty where each is measured once, or no number is enough."""
     total = own["measurements"].fillna(0).iloc[0] if "measurements" in own else 0
     return f", {count(int(total), unit)} in all" if total > own[unit].nunique() else ""
 
 
 def _columns(own: pd.DataFrame) -> list[str]:
-    """Columns of settings, readings first and in the order of the legs, without those that nobody has to set."""
+    """Return columns of settings, readings first by leg, without those that need no setting."""
     names = [str(c) for c in own.columns if c not in _TOLD and own[c].notna().any()]
     readings = sorted((c for c in names if re.fullmatch(r"rho\d+_mm", c)), key=lambda c: int(c[3:-3]))
     return [*(c for c in ("times",) if c in names), *readings, *(c for c in names if c not in (*readings, "times"))]
 
 
 def _cell(value: object) -> str:
-    """A setting as the machine takes it, without an exponent."""
+    """Return a setting as the machine takes it, without an exponent."""
     if isinstance(value, float):
         return f"{value:.{_PLACES}f}" if value == value else "–"
     return cell(value)
 
 
 def _csv(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table for a spreadsheet, the machine or the bench."""
+    """Return a CSV table for a spreadsheet, the machine or the bench."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(heads)
@@ -132,7 +132,7 @@ def _row(run: pd.DataFrame) -> tuple[str, ...]:
 
 
 def _loads(run: pd.DataFrame) -> str:
-    """The loads of every axis that is loaded, in the order applied."""
+    """Return the loads of every loaded axis, in the order of application."""
     texts = [
         f"{axis} {', '.join(f'{value:g}' for value in run[column])} {LOAD_UNITS[axis]}"
         for axis, column in LOADS.items()
@@ -142,7 +142,7 @@ def _loads(run: pd.DataFrame) -> str:
 
 
 def _steps(own: pd.DataFrame) -> Iterator[list[str]]:
-    """Every step as it is applied."""
+    """Return every step in the order of application."""
     for row in own[list(_STEPS)].itertuples(index=False):
         yield [cell(value) if isinstance(value, str) else f"{value:g}" for value in row]
 

@@ -1,4 +1,4 @@
-"""What to measure next, the most urgent need first: from all tables of a run, whatever the campaign measured."""
+"""Next measurements in order of urgency, from all tables of a run."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ _FIGURES = ("measurements", "duration_s", "sigma_now", "sigma_expected", "odds_e
 
 @dataclass(frozen=True)
 class NextStep:
-    """One thing to measure next: what it serves, what it is for, and in words; its figures where they were computed.
+    """One measurement to make next: need, subject and words, with figures where they were computed.
 
     ``short``: the words without what a table on the page holds, empty where none does; ``figures`` by column of
-    next_measurements.parquet, ``unit`` that of those with one of their own.
+    next_measurements.parquet, ``unit`` that of figures with their own unit.
     """
 
     need: Need
@@ -44,12 +44,12 @@ class NextStep:
 
     @property
     def short_text(self) -> str:
-        """The shortest words."""
+        """Short words, or the full ones."""
         return self.short or self.words
 
 
 def next_steps(rows: list[AssessedCause], tables: Tables) -> list[NextStep]:
-    """Return all that could be measured next, the most urgent need first."""
+    """Return all possible next measurements, the most urgent first."""
     reported = [NextStep(Need.RIVAL, *both) for both in decisive_measurements(rows, tables)]
     steps = [*_requirements(tables), *reported, *_findings(rows, tables), *_untested(rows)]
     once = {(step.need, step.words): step for step in steps}
@@ -67,7 +67,7 @@ def next_measurements_frame(steps: list[NextStep]) -> pd.DataFrame:
 
 
 def _requirements(tables: Tables) -> Iterator[NextStep]:
-    """The poses that decide requirements whose interval holds the limit; nothing where no model fits."""
+    """Yield the poses that decide requirements whose interval contains the limit; nothing if no model fits."""
     own = chosen_requirements(tables)
     verdict = verdict_rows(with_verdict(tables)).get("requirements")
     if own is None or "measurements" not in own or verdict is None:
@@ -87,7 +87,7 @@ def _requirements(tables: Tables) -> Iterator[NextStep]:
 
 
 def _deciding(row: Any, pace_s: float | None, several: int) -> NextStep:
-    """The poses that decide one requirement; of ``several`` that are undecided they serve all."""
+    """Return the poses that decide one requirement; they also serve the others if ``several`` are undecided."""
     total = int(row.measurements)
     takes = "" if pace_s is None else f" ({about(total * pace_s)} at the pace of this campaign)"
     text = f"To decide whether {row.component} meets its requirement, measure {count(total, 'further pose')} all over "
@@ -101,7 +101,7 @@ def _deciding(row: Any, pace_s: float | None, several: int) -> NextStep:
 
 
 def _pace(tables: Tables) -> float | None:
-    """Median time from one pose to the next, s; None where nothing tells it."""
+    """Return the median time from one pose to the next, s; None where unknown."""
     table = filled(tables, "configurations")
     if table is None or "time_s" not in table:
         return None
@@ -110,7 +110,9 @@ def _pace(tables: Tables) -> float | None:
 
 
 def _findings(rows: list[AssessedCause], tables: Tables) -> Iterator[NextStep]:
-    """What each finding asks for: to tell it from its rival first, and last what no number of repeats brings."""
+    """Yield the measurements for each finding: first to separate it from rivals, last those that no repeats can
+    provide.
+    """
     found = accepted_of(rows)
     beside = [row for row in rows if row.verdict == RIVAL and not (found and row.advice_kind in _OF_ADVICE)]
     for row in sorted([*found, *beside], key=lambda row: row.advice_kind == AdviceKind.IN_VAIN):
@@ -119,7 +121,7 @@ def _findings(rows: list[AssessedCause], tables: Tables) -> Iterator[NextStep]:
 
 
 def _of_finding(row: AssessedCause, tables: Tables) -> NextStep:
-    """What a finding asks for; what has no name, or may not be there, is held against its rivals, named or not."""
+    """Return the measurement for a finding; a nonparametric or suspected one is to be separated from its rivals."""
     doubted = row.verdict in (SUSPECTED, RIVAL) or row.cause == _UNNAMED
     need = _OF_ADVICE.get(row.advice_kind, Need.RIVAL if doubted else Need.PRECISION)
     plan = _plan(row.next_purpose, tables)
@@ -130,14 +132,14 @@ def _of_finding(row: AssessedCause, tables: Tables) -> NextStep:
 
 
 def _plan(purpose: str, tables: Tables) -> pd.Series | None:
-    """The last row of a purpose's table, which holds what all of it gives; None where it has none."""
+    """Return the last row of a purpose's table, with its totals; None where it has none."""
     known = [table for name in _PLANS if (table := filled(tables, name)) is not None and "need" in table]
     own = [table[table["purpose"] == purpose] for table in known if purpose]
     return next((table.iloc[-1] for table in own if len(table)), None)
 
 
 def _untested(rows: list[AssessedCause]) -> Iterator[NextStep]:
-    """What would show causes that this campaign cannot show of any subject."""
+    """Yield the measurements that would show causes which this campaign can show for no subject."""
     shown = {row.cause for row in rows if row.verdict != NOT_TESTABLE}
     first = {row.cause: row for row in reversed(rows) if row.cause not in shown and row.then}
     for cause, row in reversed(first.items()):

@@ -1,4 +1,4 @@
-"""How far predictions miss before anything is accepted and after everything is: of points, readings or an axis."""
+"""Errors of predictions before and after all findings: of points, readings or an axis."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ from truing.report.diagnosis.assessed_causes import AssessedCause, total_gain
 from truing.report.numbers import plain
 from truing.report.tables import STEP, Tables, filled, in_channel_order, is_bench, load_steps
 
-# A normal distribution's standard deviation over the median of its absolute values.
+# Standard deviation of a normal distribution over the median of its absolute values.
 _MEDIAN_TO_SIGMA = 1.4826
 
-# Resampled campaigns behind an interval, and from how many poses or runs on there is one.
+# Number of resampled campaigns for an interval, and fewest poses or runs for one.
 _DRAWS, _FEWEST = 2000, 3
 
-_FEWEST_POSES = 8  # whose scatter tells how much a pose is worth
+_FEWEST_POSES = 8  # fewest poses for an estimate of the independent numbers per pose
 
-# Against noise: errors of at most so many times the noise floor, or of so many times less, are called at it.
+# Errors within this factor of the noise floor, in both directions, are called consistent with it.
 AT_THE_FLOOR = 1.1
-# How rarely chance leaves errors that are called smaller than noise allows.
+# p-value below which errors are called smaller than noise allows.
 _UNLIKELY = 1e-3
-# The same of errors that are called larger than noise allows.
+# The same for errors that are called larger than noise allows.
 _RARE = 1e-2
 
 
 @dataclass(frozen=True)
 class PartNames:
-    """How the parts of a campaign are named: what is held out as a whole, what of it was fitted to and what was not.
+    """Names of the parts of a campaign: held-out units, fitted and held-out data.
 
-    ``built``: what has a tolerance, with the question whether it keeps that, and the answer that it does.
+    ``built``: the part with a tolerance, with the question whether it keeps that, and the positive answer.
     """
 
     single: str
@@ -78,7 +78,7 @@ _AXIS = PartNames(
 
 
 def compared(tables: Tables) -> PartNames:
-    """The words for a campaign's kind."""
+    """Return the names for a campaign's kind."""
     if "axis_errors" in tables:
         return _AXIS
     return READINGS if is_bench(tables) else POINTS
@@ -104,12 +104,12 @@ def reading_misses(tables: Tables) -> pd.DataFrame | None:
 
 
 def channels_of(misses: pd.DataFrame) -> list[str]:
-    """The channels that were read: displacements, rotations, then signals by number."""
+    """Return the channels that were read: displacements, rotations, then signals by number."""
     return in_channel_order(misses["channel"].unique())
 
 
 def _steps(tables: Tables) -> pd.DataFrame:
-    """The load steps with the time at which their run began."""
+    """Return the load steps with the time at which their run began."""
     steps = load_steps(tables).drop(columns="role")
     return steps.assign(start=steps.groupby("run")["time_s"].transform("min"))
 
@@ -122,13 +122,13 @@ def _sigma(tables: Tables) -> pd.DataFrame:
 
 
 def root_mean_square(values: pd.Series) -> float:
-    """Of what is known; NaN of nothing."""
+    """Return the rms of known values; NaN where there are none."""
     known = values.dropna().to_numpy(dtype=float)
     return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
 
 
 def rms_with_interval(rms: ArrayLike, rng: np.random.Generator, counts: ArrayLike | None = None) -> str:
-    """``4.1 (3.2 to 5.0)``: over the rms of N poses or runs, each of so many readings (one where it is not said)."""
+    """Return ``4.1 (3.2 to 5.0)`` over the rms of N poses or runs, each of so many readings (one by default)."""
     sizes = np.asarray(rms, dtype=float)
     weights = np.ones(len(sizes)) if counts is None else np.asarray(counts, dtype=float)
     known = np.isfinite(sizes)
@@ -146,7 +146,7 @@ def rms_with_interval(rms: ArrayLike, rng: np.random.Generator, counts: ArrayLik
 
 @dataclass(frozen=True)
 class Overall:
-    """Rms of measured minus predicted before and after; ``freedom``: independent numbers in it, 0 where unknown."""
+    """Rms of measured minus predicted before and after; ``freedom``: its independent numbers, 0 where unknown."""
 
     before: float
     after: float
@@ -157,7 +157,9 @@ class Overall:
 
     @property
     def is_beyond_noise(self) -> bool:
-        """Whether more is left than declared noise may be wrong by, and than it would leave once in 100 campaigns."""
+        """Whether the error exceeds declared noise by more than its uncertainty, and than chance does once in 100
+        campaigns.
+        """
         if not self.floor or self.after <= AT_THE_FLOOR * self.floor:
             return False
         if not self.freedom > 0.0:
@@ -168,7 +170,7 @@ class Overall:
 
     @property
     def is_below_noise(self) -> bool:
-        """Whether noise as large as declared would hardly ever leave so little."""
+        """Whether noise as declared would hardly ever leave so small an error."""
         if self.floor is None or self.after * AT_THE_FLOOR >= self.floor or not self.freedom > 0.0:
             return False
         from scipy.special import chdtr
@@ -177,16 +179,16 @@ class Overall:
 
     @property
     def why_below(self) -> str:
-        """What makes errors smaller than the declared noise allows."""
+        """Possible reason of errors smaller than the declared noise allows."""
         large = "the declared noise is too large"
         return large if self.held_out else f"{large}, or the model is over-fitted"
 
 
 def overall(found: list[AssessedCause], tables: Tables, *, held_out: bool) -> Overall | None:
-    """What all findings together bring; None where it was not evaluated, or in mixed units.
+    """Return the gain by all findings together; None where it was not evaluated, or in mixed units.
 
-    A finding on a bench is told over the channels that it moves. Several are told over all channels of the unit in
-    which they bring most, beside what noise alone leaves in these.
+    One finding on a bench is assessed over the channels that it moves. Several are assessed over all channels of the
+    unit in which they gain most, with the noise floor of these.
     """
     effects = [row for row in found if not row.is_noise]
     if compared(tables) is READINGS and len(effects) > 1:
@@ -201,7 +203,7 @@ def overall(found: list[AssessedCause], tables: Tables, *, held_out: bool) -> Ov
 
 
 def as_it_is(rows: list[AssessedCause], tables: Tables, *, held_out: bool) -> list[Overall]:
-    """How far the simulation misses where nothing was found: on a bench unit by unit."""
+    """Return the errors of the plain simulation where nothing was found; on a bench by unit."""
     if compared(tables) is READINGS:
         misses = reading_misses(tables)
         units = [] if misses is None else list(dict.fromkeys(misses["unit"]))
@@ -216,7 +218,7 @@ def as_it_is(rows: list[AssessedCause], tables: Tables, *, held_out: bool) -> li
 
 
 def missed_by(rows: list[AssessedCause], found: list[AssessedCause], tables: Tables) -> list[Overall]:
-    """How far predictions miss what was held out, then the rest; ``found``: what of all candidates is modelled."""
+    """Return the errors at held-out data, then the rest; ``found``: the modelled ones of all candidates."""
     missed: list[Overall] = []
     for held in (True, False):
         whole = overall(found, tables, held_out=held) if found else None
@@ -225,9 +227,10 @@ def missed_by(rows: list[AssessedCause], found: list[AssessedCause], tables: Tab
 
 
 def _freedom(tables: Tables, unit: str, held_out: bool) -> float:
-    """Independent numbers behind an rms, at least: readings of a channel less one zero per run; of points, poses.
+    """Return the least number of independent values in an rms: readings of a channel less one zero per run; for points,
+    poses.
 
-    Numbers of one pose have errors in common. How many it is worth follows from the scatter of the poses' mean squares.
+    Values of one pose have errors in common. The number per pose follows from the scatter of the poses' mean squares.
     """
     if compared(tables) is READINGS:
         own = _own_readings(unit, tables, held_out)

@@ -1,4 +1,4 @@
-"""Shifts in standard deviations: from what a machine was built to be, and since the earlier campaign it starts from."""
+"""Shifts of parameters in standard deviations: from nominal values, and from the earlier campaign."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from truing.schemas.verdict import ReasonCode
 _BEFORE, _AFTER = "plain", "extended"
 _COLUMNS = {"pull_before": "without the causes", "pull_after": "with the causes"}
 
-# Larger ones are drawn at the edge, so that the others can be seen.
+# Larger pulls are drawn at the edge, so that the others stay visible.
 _CLIPPED = 25.0
 _BAND = 1.96
-_UNLIKELY = 1e-3  # that pulls as large fail by chance alone
+_UNLIKELY = 1e-3  # p-value below which pulls fail
 _LOOK = ((ORANGE, "circle-open", -0.16), (BLUE, "circle", 0.16))
-# A table of K has a kind per column; beyond this a kind has no room.
+# Most kinds of parameter on the axis; K has a kind per column.
 _KINDS = 40
 
 _TITLE = "What has changed since the earlier model"
@@ -37,7 +37,9 @@ _SERIES = {"z": "each by itself", "jump": "the fewest changes that explain all o
 
 
 def pulls(tables: Tables) -> ReportSection | None:
-    """Pulls of the identifiable parameters, with the band of their sum; None where the run left none at all."""
+    """Return the section of the identifiable parameters' pulls, with the band of their sum; None where
+    there are none.
+    """
     if "pulls" not in tables:
         return None
     table, of = filled(tables, "pulls"), compared(tables)
@@ -59,7 +61,7 @@ def _unknown(of: PartNames) -> str:
 
 
 def pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
-    """Whether all pulls together are as small as realistic tolerances make them; None where the run left none."""
+    """Return the verdict on all pulls together against realistic tolerances; None where there are none."""
     if "pulls" not in tables:
         return None
     table, of = filled(tables, "pulls"), compared(tables)
@@ -79,7 +81,7 @@ def pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVer
 
 
 def _sums(tables: Tables) -> dict[str, Any]:
-    """The row of each model whose pulls could be compared with their band."""
+    """Return the row of each model whose pulls could be compared with their band."""
     table = filled(tables, "pull_sums")
     rows = {str(row.model): row for row in table.itertuples()} if table is not None else {}
     return {model: row for model, row in rows.items() if _known(row)}
@@ -142,7 +144,9 @@ def _all(own: pd.DataFrame) -> Listing:
 
 
 def pull_figure(table: pd.DataFrame, columns: Mapping[str, str], title: str, axis: str) -> go.Figure:
-    """Columns of ``table`` (leg, parameter, and those of ``columns``: column to words), a mark per row and column."""
+    """Return a figure of ``table`` (leg, parameter, and ``columns``: column to words), with a mark per row
+    and column.
+    """
     kinds = [kind_of(str(name), leg) for name, leg in zip(table["parameter"], table["leg"], strict=True)]
     order = list(dict.fromkeys(kinds))[:_KINDS]
     shown = table.assign(kind=kinds)
@@ -184,7 +188,7 @@ def _marks(
 
 
 def _spread(legs: pd.Series) -> Any:
-    """Places of legs beside each other within their kind."""
+    """Return places of legs next to each other within their kind."""
     numbers = legs.to_numpy(dtype=float)
     known = numbers[np.isfinite(numbers)]
     if not len(known) or np.ptp(known) == 0.0:
@@ -193,7 +197,7 @@ def _spread(legs: pd.Series) -> Any:
 
 
 def changes(tables: Tables) -> ReportSection | None:
-    """Numbers then and now, those that changed first; None where no earlier model is named."""
+    """Return the section of numbers then and now, changed ones first; None where no earlier model is named."""
     if "changes" not in tables:
         return None
     table = filled(tables, "changes")
@@ -205,7 +209,7 @@ def changes(tables: Tables) -> ReportSection | None:
 
 
 def changes_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
-    """Whether numbers changed since the earlier model; None where there is none to compare with."""
+    """Return the verdict on changes since the earlier model; None where there is none."""
     table, text = filled(tables, "changes"), change_words(tables)
     if table is None or not text:
         return None
@@ -216,7 +220,7 @@ def changes_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionV
 
 
 def change_words(tables: Tables) -> str:
-    """Which numbers changed beyond chance, and by how much; empty where there is no earlier model to compare with."""
+    """Return the significant changes in words; empty where there is no earlier model."""
     table = filled(tables, "changes")
     if table is None or not (table["z"].notna().any() or table["changed"].any()):
         return ""
@@ -244,7 +248,7 @@ def _largest_first(changed: pd.DataFrame) -> pd.DataFrame:
 
 
 def _change(r: Any) -> str:
-    """``l of leg 5 by 150 ± 2 µm (or a_z5, which this campaign cannot distinguish)``."""
+    """Return a change in words: ``l of leg 5 by 150 ± 2 µm (or a_z5, which this campaign cannot distinguish)``."""
     factor, unit = shown_in(r.parameter, r.unit)
     if r.change != r.change:
         return _name(r)
@@ -255,7 +259,7 @@ def _change(r: Any) -> str:
 
 
 def _name(r: Any) -> str:
-    """The number, with the effect that it belongs to where it is not the machine's own."""
+    """Return the name of a number, with its effect if it belongs to one."""
     effect = cell(r.effect_of)
     return f"{name_of(r.parameter, r.leg)} of {effect}" if effect else name_of(r.parameter, r.leg)
 

@@ -1,4 +1,4 @@
-"""What modelling the causes brings on a bench: every reading before and after, channel by channel."""
+"""Gain by modelling the causes on a bench: every reading before and after, channel by channel."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ _HEADS = (
 _SERIES = (("before", "without the causes", ORANGE, "circle-open"), ("after", "with the causes", BLUE, "circle"))
 _AS_IT_IS = (("before", "simulation without changes", BLUE, "circle"),)
 _LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}
-# A panel for a channel under a load that is missed by so many times the noise; not more panels than that.
+# Least misfit over noise for a panel of a channel under a load, and most panels.
 _TELLING, _PANELS, _FEWEST_PANELS = 1.5, 6, 2
 _BAND = 1.96
 _RUNS_NAMED = 14
-_CHANNELS = 6  # of a figure that is read on a page of A4
-# White at the noise, dark at a hundred times it.
+_CHANNELS = 6  # most channels of a figure, to be readable on A4
+# Colour scale: white at the noise, dark at 100 times the noise.
 _COLOURS = ((0.0, "#FFFFFF"), (0.15, "#FFF3DC"), (0.5, "#F2B84B"), (1.0, "#B8480F"))
 _DARKEST = 100.0
 
 
 def drawn_readings(misses: pd.DataFrame, modelled: bool) -> Drawn:
-    """Where predictions miss, how that follows the load, and how it came in time."""
+    """Return figures of the misfit by channel and load, over the load, and in time."""
     unknown = channels_of(misses[misses["noise_floor"].isna()])
     left = "the residual with the causes modelled"
     words = (
@@ -54,7 +54,7 @@ def drawn_readings(misses: pd.DataFrame, modelled: bool) -> Drawn:
 
 
 def by_channel(misses: pd.DataFrame) -> Listing:
-    """Rms and largest of each channel, held-out runs apart, with intervals from resampled runs."""
+    """Return rms and largest error of each channel, held-out runs apart, with intervals from resampled runs."""
     rng = np.random.default_rng(0)
     held_out = misses["role"].eq("verification")
     rows = tuple(
@@ -77,7 +77,7 @@ def _cells(own: pd.DataFrame, rng: np.random.Generator) -> tuple[str, ...]:
 
 
 def where_missed(misses: pd.DataFrame, modelled: bool) -> go.Figure:
-    """Rms of measured minus predicted over the noise, a cell per channel and load axis, before and after."""
+    """Return the rms of measured minus predicted over noise, a cell per channel and load axis, before and after."""
     series = _series(modelled)
     figure = make_subplots(1, len(series), subplot_titles=[words for _, words, _, _ in series], shared_yaxes=True)
     loaded = loaded_by_run(misses)
@@ -113,7 +113,7 @@ def where_missed(misses: pd.DataFrame, modelled: bool) -> go.Figure:
 
 
 def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
-    """Measured minus predicted against the load, a panel for each channel and load that is missed the most."""
+    """Return measured minus predicted against the load, a panel for each channel and load with a large misfit."""
     panels = _panels(misses)
     rows = -(-len(panels) // 2)
     titles = [f"{label(c)} under {a} ({sign(_unit(misses, c))})" for c, a in panels]
@@ -148,7 +148,7 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
 
 
 def in_order(misses: pd.DataFrame, modelled: bool) -> list[go.Figure]:
-    """Measured minus predicted in the order taken: as many figures as fit a page of paper each, a panel per channel."""
+    """Return measured minus predicted in the order of measurement, a panel per channel, in figures of page size."""
     channels = channels_of(misses)
     kinds = [[c for c in channels if c.startswith("v") is signal] for signal in (False, True)]
     parts = [kind[k : k + _CHANNELS] for kind in kinds for k in range(0, len(kind), _CHANNELS)]
@@ -157,7 +157,7 @@ def in_order(misses: pd.DataFrame, modelled: bool) -> list[go.Figure]:
 
 
 def _in_order(misses: pd.DataFrame, modelled: bool, channels: list[str], which: str) -> go.Figure:
-    """A panel per channel, its runs apart."""
+    """Return a figure with a panel per channel and separate runs."""
     figure = make_subplots(len(channels), 1, vertical_spacing=0.3 / max(len(channels), 2))
     shapes: list[dict[str, Any]] = []
     scatter = go.Scattergl if len(misses) > MANY_POINTS else go.Scatter
@@ -194,7 +194,7 @@ def _series(modelled: bool) -> tuple[tuple[str, str, str, str], ...]:
 
 
 def _under(misses: pd.DataFrame, channel: str, axis: str) -> pd.DataFrame:
-    """Readings of a channel in the runs that load an axis, steps at rest included."""
+    """Return readings of a channel in the runs that load an axis, unloaded steps included."""
     own = misses[misses["channel"] == channel]
     loaded = own[axis].ne(0.0).groupby(own["run"]).transform("any")
     return own[loaded]
@@ -210,7 +210,7 @@ def _unit(misses: pd.DataFrame, channel: str) -> str:
 
 
 def _panels(misses: pd.DataFrame) -> list[tuple[str, str]]:
-    """Channel and load axis of what is missed most beside the noise."""
+    """Return channels and load axes with the largest misfit relative to noise."""
     sizes = {(c, a): _channel_misfit(_under(misses, c, a), a) for c in channels_of(misses) for a in axes_of(misses)}
     known = sorted((key for key, size in sizes.items() if np.isfinite(size)), key=lambda key: -sizes[key])
     informative = [key for key in known if sizes[key] > _TELLING]
@@ -218,7 +218,7 @@ def _panels(misses: pd.DataFrame) -> list[tuple[str, str]]:
 
 
 def _band(own: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
-    """Where 95 % of the noise lies, as a shape of a panel (from 1)."""
+    """Return the band of 95 % of the noise, as a shape of a panel (from 1)."""
     noise = _BAND * root_mean_square(own["noise"])
     if not noise > 0.0:
         return []
@@ -228,19 +228,19 @@ def _band(own: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
 
 
 def _between_runs(own: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
-    """Lines between runs, as shapes of a panel: one call for all of them, as plotly is slow for each."""
+    """Return lines between runs, as shapes of a panel, because separate calls of plotly are slow."""
     line, number = {"color": GREY, "width": 0.5, "dash": "dot"}, "" if panel == 1 else str(panel)
     place = {"type": "line", "xref": f"x{number}", "yref": f"y{number} domain", "y0": 0.0, "y1": 1.0, "line": line}
     return [{**place, "x0": x, "x1": x} for x in (_first_of_runs(own)[1:] - 0.5).tolist()]
 
 
 def _first_of_runs(own: pd.DataFrame) -> NDArray[np.int64]:
-    """Rows in which a run begins."""
+    """Return the rows in which a run begins."""
     return np.flatnonzero(own["run"].ne(own["run"].shift()).to_numpy())
 
 
 def _channel_misfit(own: pd.DataFrame, axis: str) -> float:
-    """How far a channel is missed beside the noise; of loads at once what goes with this one."""
+    """Return the misfit of a channel over noise; under several loads, of the part correlated with this one."""
     size = _over_noise(own, "before")
     if not (loaded_by_run(own) == SEVERAL).any():
         return size
@@ -261,7 +261,7 @@ def _texts(own: pd.DataFrame, unit: str, when: str) -> list[str]:
 
 
 def _run_axis(own: pd.DataFrame) -> dict[str, Any]:
-    """The names of the runs where there is room for them."""
+    """Return the names of the runs where there is space for them."""
     first = _first_of_runs(own)
     middles = 0.5 * (first + np.append(first[1:], len(own)) - 1.0)
     shown = range(0, len(first), max(1, -(-len(first) // _RUNS_NAMED)))
@@ -276,6 +276,6 @@ def _run_axis(own: pd.DataFrame) -> dict[str, Any]:
 
 
 def _run_words(run: pd.DataFrame) -> str:
-    """``3: fz``: a run, and the axis that it loads where it is one."""
+    """Return a run with its axis, if it loads a single one: ``3: fz``."""
     loaded = axes_of(run)
     return f"{label(run['run'].iloc[0])}: {loaded[0]}" if len(loaded) == 1 else label(run["run"].iloc[0])

@@ -1,4 +1,4 @@
-"""The section of the diagnosis, the heart of the page: what the simulation gets wrong, how sure, and how large."""
+"""Section of the diagnosis: errors of the simulation, their causes, certainty and size."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ from truing.report.wordings.claim import ParameterSize
 
 _TITLE = "Diagnosis"
 
-# Parameters of a kind from which on a picture says more than a table.
+# From this number of parameters of a kind on, a figure replaces the table.
 _WORTH_DRAWING = 3
 _TICKS = 24
 
 
 def diagnosis(tables: Tables) -> ReportSection | None:
-    """What was found and how sure, the evidence, the gain, the geometry, what stays hidden, and what to do next."""
+    """Return the section with findings, evidence, gain, geometry, detectable sizes, and next measurements."""
     if "diagnosis" not in tables:
         return None
     rows = assessed_causes(tables)
@@ -73,27 +73,27 @@ def _parts(rows: list[AssessedCause], found: list[AssessedCause], tables: Tables
 
 
 def _accepted(row: AssessedCause, tables: Tables) -> tuple[str, str]:
-    """A finding with its mark; of what is only suspected, that and why."""
+    """Return a finding with its mark, and the reason if it is only suspected."""
     if row.verdict == SUSPECTED:
         return "warn", f"Suspected, not confirmed: {lower(_finding(row, tables))} Reason: {DOUBTS[row.reason_code]}."
     return "warn" if row.is_noise else "found", _finding(row, tables)
 
 
 def _finding(row: AssessedCause, tables: Tables) -> str:
-    """What, where, how large; then how sure."""
+    """Return what, where and how large; then how sure."""
     sure = certainty(row)
     return f"{clause(row, tables)}. {sure}." if sure else f"{clause(row, tables)}."
 
 
 def _words(rows: list[AssessedCause]) -> Listing:
-    """The full sentences, as the tables hold them."""
+    """Return the full explanations from the tables."""
     reported = tuple((row.name, printed(row.explanation), printed(row.then)) for row in rows)
     heads = ("cause", "what the data say", "next measurement")
     return Listing(heads, reported, (), "Full sentences, as in diagnosis.parquet", True, "diagnosis.parquet")
 
 
 def _swallowed(tables: Tables) -> ReportSection | None:
-    """Where the absorption map stands, and what it says in a sentence."""
+    """Return a link to the absorption map with its main sentence."""
     fitted = filled(tables, "calibration")
     text = swallowed(absorbed_by(tables, shown_calibration(tables, fitted))) if fitted is not None else ""
     if not text:
@@ -103,7 +103,7 @@ def _swallowed(tables: Tables) -> ReportSection | None:
 
 
 def sizes(found: list[AssessedCause]) -> ReportSection:
-    """The parameters of everything that was found."""
+    """Return the parameters of all findings."""
     drawn = [picture for row in found for picture in _pictures(row)]
     listings = tuple(_parameters(row) for row in found if row.sizes)
     numbers = sum(size.number is not None for row in found for size in row.sizes)
@@ -130,7 +130,7 @@ def _pictures(row: AssessedCause) -> Drawn:
 
 
 def _matrix(row: AssessedCause) -> tuple[object, str] | None:
-    """The heat map of K; entries that chance may have made, among as many, are set in brackets."""
+    """Return the heat map of K; entries that chance may have caused among so many are in brackets."""
     entries = row.sizes_of("K")
     legs = math.isqrt(len(entries))
     if legs < 2 or legs**2 != len(entries):
@@ -151,7 +151,7 @@ def _matrix(row: AssessedCause) -> tuple[object, str] | None:
 
 
 def _parameter_bars(row: AssessedCause, kind: str, several: list[ParameterSize]) -> go.Figure:
-    """Parameters of a kind, one per leg or so, with intervals of 95 %."""
+    """Return parameters of a kind, such as one per leg, with intervals of 95 %."""
     largest = max(abs(size.number or 0.0) for size in several)
     factor, unit = handy_unit(kind, several[0].unit, largest)
     values = [factor * (size.number or 0.0) for size in several]

@@ -1,4 +1,4 @@
-"""What to measure where the final model does not hold as a whole: what tells noise, drift and form apart."""
+"""Measurements that show why the final model does not hold as a whole: noise, drift or form."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from truing.schemas.covariates import named
 from truing.schemas.verdict import ReasonCode, Relation
 
 _MOST, _NOISE = 2, "observation-noise"
-# One epoch, several, how one is measured again with nothing touched, and how with what it depends on set anew.
+# Words for one epoch, several, a repeat without any change, and a repeat with its inputs set again.
 _POSE = (
     "pose",
     "poses",
@@ -42,7 +42,7 @@ _EPOCHS = {
     Relation.COMMANDS_ENCODERS: _COMMAND,
 }
 _IF_NOISE = "If the scatter differs from [noise], correct [noise]. If it agrees, an effect is missing in the model."
-# Of a model that no test finds wrong.
+# Codes of a model that passes all tests.
 _OF_VERDICT = {
     ReasonCode.BEYOND_NOISE: ("the errors of predictions exceed the declared noise", _IF_NOISE),
     ReasonCode.BELOW_NOISE: (
@@ -56,14 +56,14 @@ _LOOKS_BACK = re.compile(
 
 
 def decisive_measurements(rows: list[AssessedCause], tables: Tables) -> Iterator[tuple[str, str]]:
-    """Yield by what the final model falls short, and what would tell why, the worst first; nothing where it holds."""
+    """Yield the shortcomings of the final model with a measurement that shows the reason, the worst first."""
     table, verdict = filled(tables, "adequacy"), verdict_rows(with_verdict(tables)).get("adequacy")
     if table is None or verdict is None or not rows:
         return
     epochs = _EPOCHS.get(Relation(rows[0].relation), _POSE) if rows[0].relation else _POSE
     reported: dict[str, str] = {}
     failed = table[table["state"] == "fails"].sort_values("p_value", kind="stable")
-    if any(row.is_noise and row.verdict in (FOUND, SUSPECTED) for row in rows):  # which asks for repeats itself
+    if any(row.is_noise and row.verdict in (FOUND, SUSPECTED) for row in rows):  # its own advice requests repeats
         failed = failed[failed["test"] != _NOISE]
     for row in failed.itertuples():
         reported.setdefault(_decisive_measurement(row, epochs), shortcoming_words(row))
@@ -75,7 +75,7 @@ def decisive_measurements(rows: list[AssessedCause], tables: Tables) -> Iterator
 
 
 def _decisive_measurement(row: Any, epochs: tuple[str, str, str, str]) -> str:
-    """What tells why one test of the final model fails."""
+    """Return the measurement that shows why one test of the final model fails."""
     _, several, again, anew = epochs
     if row.test == CAUSES_LEFT:
         return _of_cause_left(cell(row.left_cause))
@@ -83,14 +83,16 @@ def _decisive_measurement(row: Any, epochs: tuple[str, str, str, str]) -> str:
         return f"{again} {_IF_NOISE}"
     if row.test == "input-noise":
         return f"{anew} {_IF_NOISE}"
-    if row.test == "pure-error":  # what repeats have in common comes with the command, whatever the noise
+    if row.test == "pure-error":  # a mean of repeats depends on the command, whatever the noise
         return f"Measure more {several} near those that were repeated: common errors show the missing effect."
     along = cell(row.along)
     return _along((along,) if _LOOKS_BACK.fullmatch(along) else named(along), several)
 
 
 def _of_cause_left(cause: str) -> str:
-    """What shows the cause that an ended search would have accepted next, where that is the same for every subject."""
+    """Return the measurement for the cause that a limited search would have accepted next, if it is equal for all
+    subjects.
+    """
     known = WORDINGS.get(cause)
     if known is not None and isinstance(known.advice, str):
         return f"To test {cause_words(cause)}: {known.advice}"
@@ -98,7 +100,7 @@ def _of_cause_left(cause: str) -> str:
 
 
 def _along(columns: tuple[str, ...], several: str) -> str:
-    """What tells why residuals are alike where columns are alike."""
+    """Return the measurement that shows why residuals are correlated along columns."""
     what = columns_words(columns)
     if set(columns) <= OF_TIME:
         text = f"Repeat five of the first {several} at the end, and measure the others in random order."

@@ -1,4 +1,4 @@
-"""Whether findings hold elsewhere: what was left out as a whole, and what to measure where nothing could be."""
+"""Validity of findings in blocks that were left out, and measurements for a test where there were no blocks."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _PARTS = {
     "day": "days",
     "direction": "directions of approach",
 }
-# Of what regions are, by what is held out as a whole.
+# Quantity that defines a region, by the unit that is held out.
 _REGIONS = {"pose": "regions of the workspace", "run": "ranges of the loads", "row": "ranges of the command"}
-_MOST = 6.0  # decimal places of odds beyond which nobody needs more
+_MOST = 6.0  # largest power of ten of odds that is given
 
 
 def elsewhere(found: Iterable[AssessedCause], of: PartNames) -> list[str]:
-    """The sentences on what was left out block by block, and on what no block could tell of."""
+    """Return the sentences on blocks left out, and on findings without informative blocks."""
     rows = [row for row in found if row.left_out_by]
     texts = [_of_blocks(row, of) for row in rows if row.left_out_gain is not None]
     if lone := [row.name for row in rows if row.left_out_by == ONE_BLOCK]:
@@ -40,7 +40,7 @@ def elsewhere(found: Iterable[AssessedCause], of: PartNames) -> list[str]:
 
 
 def _of_blocks(row: AssessedCause, of: PartNames) -> str:
-    """What a finding does to blocks that are predicted from the others."""
+    """Return in words the effect of a finding on blocks that are predicted from the others."""
     gain = row.left_out_gain or 0.0
     parts = f"{row.left_out_blocks} {_PARTS.get(row.left_out_by, _REGIONS[of.single])}"
     says = "does not decide about" if abs(gain) < math.log(EQUAL_ODDS) else "supports" if gain > 0.0 else "contradicts"
@@ -51,7 +51,7 @@ def _of_blocks(row: AssessedCause, of: PartNames) -> str:
 
 
 def _odds(gain: float) -> str:
-    """The odds that a logarithm stands for, for or against."""
+    """Return the odds of a logarithm in words, for or against."""
     power = abs(gain) / math.log(10.0)
     size = "more than 1,000,000" if power > _MOST else f"{10.0**power:.0f}" if power > 1.0 else plain(10.0**power)
     return f"with odds of {size} to 1 {'for' if gain >= 0.0 else 'against'} it"
@@ -64,6 +64,6 @@ def _to_measure(of: PartNames) -> str:
 
 
 def not_elsewhere(found: Iterable[AssessedCause], of: PartNames) -> tuple[tuple[str, str], ...]:
-    """The section with measurements that would test whether a finding holds elsewhere, where none of blocks could."""
+    """Return the section with measurements that would test findings without informative blocks."""
     untested = of is not READINGS and any(row.left_out_by == NONE for row in found)
     return (("next", "What to measure next"),) if untested else ()

@@ -1,4 +1,4 @@
-"""What the head of the page says of the diagnosis: what is wrong, what it could be as well, what to do next."""
+"""Diagnosis at the head of the page: findings, rivals, and next step."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ from truing.report.wordings.catalogue import cause_words
 from truing.schemas.needs import Need
 from truing.schemas.verdict import ReasonCode, Relation
 
-# Findings that the first line tells, and causes whose smallest detectable size it tells.
+# Number of findings, and of causes with their detectable size, in the first line.
 _TOLD, _SIZES = 3, 3
 _COUNTED = {2: "Two", 3: "Three"}
-# What a reader asks for first, of causes that stayed hidden.
+# Causes whose detectable size is given first.
 _ASKED = (
     "platform-deformation-linear",
     "actuator-backlash",
@@ -53,7 +53,7 @@ _ASKED = (
 
 
 def diagnosis_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
-    """What the search for causes came to: found, suspected, nothing with what was tested, or not tested."""
+    """Return the verdict on the search for causes: found, suspected, nothing among the tested ones, or not tested."""
     rows = assessed_causes(tables)
     if not rows:
         apart = "belonging" in before and before["belonging"].state == RelationState.FAILS
@@ -85,7 +85,7 @@ def _diagnosed(state: RelationState, code: ReasonCode, text: str, causes: int | 
 
 
 def simulation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
-    """That no simulation was tested, where none relates what was recorded; None where one does, or is not known."""
+    """Return the verdict that no simulation was tested; None where one was, or this is unknown."""
     relations = {row.relation for row in assessed_causes(tables)} - {""}
     if not relations or any(Relation(name).is_simulated for name in relations):
         return None
@@ -105,7 +105,7 @@ def _bodies_words(rows: list[AssessedCause]) -> str:
 
 
 def diagnosis_details(tables: Tables) -> list[Verdict]:
-    """What stands behind the diagnosis at the head of the page: rivals, loads that nobody wrote down, what to do."""
+    """Return the details behind the diagnosis at the head of the page: rivals, unrecorded loads, next step."""
     rows = assessed_causes(tables)
     found = accepted_of(rows)
     if not rows:
@@ -115,7 +115,7 @@ def diagnosis_details(tables: Tables) -> list[Verdict]:
 
 
 def _found_words(found: list[AssessedCause], tables: Tables) -> str:
-    """What was found, and what modelling it brings."""
+    """Return the findings, and the gain by modelling them."""
     effects, noise = [row for row in found if not row.is_noise], [row for row in found if row.is_noise]
     brings = gain(found, tables)
     sure = [row for row in [*effects, *noise] if row.verdict != SUSPECTED]
@@ -134,12 +134,12 @@ def _more_findings(rows: list[AssessedCause]) -> str:
 
 
 def _testable(rows: list[AssessedCause]) -> list[AssessedCause]:
-    """The candidates that this campaign could have shown."""
+    """Return the candidates that this campaign could have shown."""
     return [row for row in rows if row.verdict != NOT_TESTABLE and not row.is_noise]
 
 
 def _none(rows: list[AssessedCause]) -> str:
-    """``none of 9 candidates was found; not testable with these data: measurement scale, sag under gravity``."""
+    """Return ``none of 9 candidates was found; not testable with these data: measurement scale, sag under gravity``."""
     tested, idle = len(_testable(rows)), [row for row in rows if row.verdict == NOT_TESTABLE]
     if not tested:
         return f"none of {count(len(idle), 'candidate')} is testable with these data"
@@ -148,7 +148,7 @@ def _none(rows: list[AssessedCause]) -> str:
     return f"none of {count(tested, 'candidate')} was found{more}"
 
 
-# What a search relates, as the subject of a sentence.
+# Relations of a search, as the subject of a sentence.
 _RELATED = {
     Relation.READINGS_POSES: "actuator readings and measured poses (through the mechanism)",
     Relation.LOADS_READINGS: "loads and readings (through the simulated compliance)",
@@ -160,7 +160,7 @@ _RELATED = {
 
 
 def tested_words(rows: list[AssessedCause]) -> str:
-    """The relations that were tested, named by what stands on either side; empty where the rows do not say."""
+    """Return the tested relations by their two sides; empty where the rows do not name any."""
     return "; ".join(_RELATED[Relation(name)] for name in dict.fromkeys(row.relation for row in rows) if name)
 
 
@@ -169,7 +169,7 @@ def _upper(sentence: str) -> str:
 
 
 def _listed(clauses: list[str], several: int) -> str:
-    """One clause as it is; several numbered."""
+    """Return one clause as it is, several numbered."""
     if len(clauses) == 1:
         return clauses[0]
     numbered = "; ".join(f"({k}) {lower(text)}" for k, text in enumerate(clauses, 1))
@@ -187,9 +187,9 @@ def _agreement(rows: list[AssessedCause], tables: Tables) -> str:
 
 
 def _hidden_sizes(table: pd.DataFrame | None) -> list[str]:
-    """The smallest detectable size of the causes that are asked for first: ``actuator gain 0.021 %``.
+    """Return the detectable sizes of the most important causes: ``actuator gain 0.021 %``.
 
-    Where it differs from subject to subject, the largest, so that the sentence holds for each.
+    Where sizes differ between subjects, the largest one, so that the sentence holds for each.
     """
     if table is None or not table["size"].notna().any():
         return []
@@ -199,14 +199,14 @@ def _hidden_sizes(table: pd.DataFrame | None) -> list[str]:
 
 
 def _worst(own: pd.DataFrame) -> str:
-    """The largest size of a cause's parameters, unit by unit: ``0.8 um/h or 0.3 arcsec/h``."""
+    """Return the largest size of a cause's parameters, unit by unit: ``0.8 um/h or 0.3 arcsec/h``."""
     largest = own.loc[own.groupby("unit", sort=False, dropna=False)["size"].idxmax()]
     reported = (plain_size(str(r.parameter), float(r.size), cell(r.unit)) for r in largest.itertuples())
     return " or ".join(dict.fromkeys(reported))
 
 
 def _rivals(found: list[AssessedCause], rows: list[AssessedCause], tables: Tables) -> list[Verdict]:
-    """What the data cannot tell from what was found."""
+    """Return in words the causes that the data cannot distinguish from the findings."""
     rivals = [row for row in rows if row.verdict == RIVAL]
     if not rivals or not found:
         return []
@@ -218,12 +218,12 @@ def _rivals(found: list[AssessedCause], rows: list[AssessedCause], tables: Table
 
 
 def lower(sentence: str) -> str:
-    """A sentence as it goes on behind a colon."""
+    """Return a sentence with a lower-case start, to follow a colon."""
     return sentence[:1].lower() + sentence[1:]
 
 
 def _next(rows: list[AssessedCause], tables: Tables) -> list[Verdict]:
-    """What to do next: what serves the most urgent need, for a table on the page in short."""
+    """Return the most urgent next step, in short if a table on the page holds the rest."""
     steps = [step for step in next_steps(rows, tables) if step.need != Need.TESTABLE]
     if not steps:
         return []
@@ -231,7 +231,7 @@ def _next(rows: list[AssessedCause], tables: Tables) -> list[Verdict]:
 
 
 def certainty(row: AssessedCause) -> str:
-    """How sure a finding is: chance, signal over noise, probability among the candidates, and what it predicts."""
+    """Return the certainty of a finding: p-value, signal-to-noise, probability among the candidates, prediction."""
     reported = []
     if row.p_value is not None:
         reported.append(f"chance alone gives so clear an effect in {_share(row.p_value)} campaigns")
@@ -259,7 +259,7 @@ def _probability(p: float) -> str:
 
 
 def counted(rows: list[AssessedCause], tables: Tables) -> str:
-    """How many candidates were judged, and what became of them; bodies without legs leave no model."""
+    """Return the number of assessed candidates and their results; bodies without legs have no model."""
     rivals, out = (sum(row.verdict == verdict for row in rows) for verdict in (RIVAL, REJECTED))
     idle, of = sum(row.verdict == NOT_TESTABLE for row in rows), tested_words(rows) or "what was measured"
     accepted = [row for row in accepted_of(rows) if not row.is_noise]

@@ -1,1 +1,1 @@
-"""The section of photographs: network, residuals, cameras, rejected rays."""
+"""Section of photographs: network, residuals, cameras, rejected rays."""

@@ -1,4 +1,4 @@
-"""The network of cameras and object points in 3-D, and what the adjustment leaves of each ray."""
+"""Figures of photographs: network of cameras and object points in 3-D, and residuals of the adjustment."""
 
 from __future__ import annotations
 
@@ -19,20 +19,21 @@ Array = NDArray[np.float64]
 
 _MOST_POSES = 6
 _COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9")
-_FRUSTUM = 0.07  # of the scene's extent, along the axis
-_ELLIPSOID = 0.025  # of that extent, the largest semi-axis of the point in the middle
+_FRUSTUM = 0.07  # length along the axis, as a share of the scene's extent
+_ELLIPSOID = 0.025  # largest semi-axis of a median point, as a share of that extent
 _TURN = np.linspace(0.0, 2.0 * np.pi, 17)
 _SIDES = ((0, 1), (0, 2), (1, 2))
 
 _MOST_IMAGES = 40
-_CELLS = 12  # of the longer side of the format, whose mean residuals are drawn
-_FEWEST = 3  # rays that make a mean
-_LENGTH = 0.03  # of the format's width, of the residual in the middle
+_CELLS = 12  # cells for mean residuals along the longer side of the format
+_FEWEST = 3  # fewest rays for a mean
+_LENGTH = 0.03  # length of a median residual, as a share of the format's width
 
 
 def network_picture(points: pd.DataFrame, images: pd.DataFrame, cameras: pd.DataFrame) -> go.Figure:
-    """The network of one pose, or of several that a reader chooses from; tables object_points, image_orientations and
-    cameras."""
+    """Return the network of one pose, or of several to choose from; tables object_points, image_orientations and
+    cameras.
+    """
     poses = _shown_poses(points, images)
     gain = _gain(points, images)
     bodies = {body: _COLOURS[k % len(_COLOURS)] for k, body in enumerate(points["body"].unique())}
@@ -67,7 +68,7 @@ def network_picture(points: pd.DataFrame, images: pd.DataFrame, cameras: pd.Data
 
 
 def _shown_poses(points: pd.DataFrame, images: pd.DataFrame) -> list[Any]:
-    """The poses to choose from: all, or the first and those whose points are known least."""
+    """Return the poses to choose from: all, or the first and those with the largest uncertainty of points."""
     poses = [pose for pose in points["pose"].unique() if (images["pose"] == pose).any()]
     if len(poses) <= _MOST_POSES:
         return poses
@@ -77,7 +78,7 @@ def _shown_poses(points: pd.DataFrame, images: pd.DataFrame) -> list[Any]:
 
 
 def _gain(points: pd.DataFrame, images: pd.DataFrame) -> float:
-    """The amplification that lets uncertainties be seen, beside the cameras' distance."""
+    """Return the amplification that makes uncertainties visible at the scale of the cameras' distance."""
     pose = points["pose"].iloc[0]
     place = points.loc[points["pose"] == pose, ["x_mm", "y_mm", "z_mm"]].to_numpy()
     centre = images.loc[images["pose"] == pose, ["px_mm", "py_mm", "pz_mm"]].to_numpy()
@@ -116,7 +117,7 @@ def _traces(
 
 
 def _view(place: Array, centre: Array) -> Array:
-    """Axes (3, 3) of the picture: the cameras are above the object."""
+    """Return axes (3, 3) of the picture, with the cameras above the object."""
     up = (centre - place.mean(axis=0)).mean(axis=0)
     up = up / max(float(np.linalg.norm(up)), 1e-12)
     aside = np.cross(np.eye(3)[int(np.argmin(np.abs(up)))], up)
@@ -125,7 +126,7 @@ def _view(place: Array, centre: Array) -> Array:
 
 
 def _frusta(R: Array, centre: Array, images: pd.DataFrame, cameras: pd.DataFrame, size: float) -> Array:
-    """Edges of each camera's field of view (M, 3), separated by NaN."""
+    """Return edges of each camera's field of view (M, 3), separated by NaN."""
     about = cameras.pivot(index="camera", columns="parameter", values="value")
     form = cameras.groupby("camera")[["width_px", "height_px"]].first()
     out = []
@@ -139,7 +140,7 @@ def _frusta(R: Array, centre: Array, images: pd.DataFrame, cameras: pd.DataFrame
 
 
 def _ellipsoids(points: pd.DataFrame, gain: float) -> Array:
-    """Outlines (N, M, 3) in mm about each point: the three ellipses through its principal axes, amplified."""
+    """Return outlines (N, M, 3) in mm about each point: three ellipses through its principal axes, amplified."""
     sigma = points[SIGMA].to_numpy()
     correlation = np.broadcast_to(np.eye(3), (len(points), 3, 3)).copy()
     for name, i, j in (("corr_xy", 0, 1), ("corr_xz", 0, 2), ("corr_yz", 1, 2)):
@@ -192,9 +193,9 @@ def _lines(place: Array, name: str, colour: str, width: float, *, legend: bool =
 
 
 def residual_picture(residuals: pd.DataFrame, cameras: pd.DataFrame) -> go.Figure:
-    """Residual vectors: first of each camera's format what its images have in common, then image by image.
+    """Return residual vectors: first the means over each camera's images, then image by image.
 
-    ``residuals``: the table image_residuals; ``cameras``: of the formats.
+    ``residuals``: the table image_residuals; ``cameras``: the formats.
     """
     formats = cameras.groupby("camera", sort=False)[["width_px", "height_px"]].first()
     reported = residuals[residuals["vx_px"].notna()]
@@ -238,7 +239,7 @@ def residual_picture(residuals: pd.DataFrame, cameras: pd.DataFrame) -> go.Figur
 
 
 def _shown_images(residuals: pd.DataFrame) -> list[tuple[Any, Any]]:
-    """The images to choose from, in their order: all, or those with the largest residuals."""
+    """Return the images to choose from, in order: all, or those with the largest residuals."""
     size = np.hypot(residuals["vx_px"], residuals["vy_px"]).where(~residuals["rejected"])
     rms = (size**2).groupby([residuals["pose"], residuals["image"]], sort=False).mean()
     chosen = set(rms.sort_values(ascending=False).index[:_MOST_IMAGES])
@@ -246,7 +247,7 @@ def _shown_images(residuals: pd.DataFrame) -> list[tuple[Any, Any]]:
 
 
 def _means(own: pd.DataFrame, formats: pd.DataFrame, gain: float) -> list[Any]:
-    """Mean residuals of the cells of one camera's format, of all its images together."""
+    """Return mean residuals in the cells of one camera's format, over all its images."""
     cell = float(formats.loc[own["camera"].iloc[0]].max()) / _CELLS
     column, row = (np.floor(own[f"{a}_px"] / cell).astype(int) for a in "xy")
     means = own.groupby([row, column])[["x_px", "y_px", "vx_px", "vy_px"]].mean()
@@ -299,7 +300,7 @@ def _ends(rays: pd.DataFrame, words: list[str], colour: str, name: str) -> Any:
 
 
 def _slider(what: str, names: list[Any], owner: list[int]) -> dict[str, Any]:
-    """A slider by whose steps the traces of one ``what`` are shown; ``owner``: of each trace, the place of its name."""
+    """Return a slider that shows the traces of one ``what``; ``owner``: index of the name of each trace."""
     steps = [
         {"label": label(name), "method": "restyle", "args": [{"visible": [number == k for number in owner]}]}
         for k, name in enumerate(names)

@@ -1,4 +1,4 @@
-"""The section of the photographs: what their rays say of points, cameras, scale bars, and of themselves."""
+"""Section of the photographs: results of the adjustment for points, cameras, scale bars, and rays."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LENGTHS = "scale_bar_lengths.parquet"
 
 
 def photographs(tables: Tables) -> ReportSection | None:
-    """The network of rays; None where a campaign's points do not come out of photographs."""
+    """Return the section of the network of rays; None where points do not come from photographs."""
     points, residuals = filled(tables, "object_points"), filled(tables, "image_residuals")
     cameras, images = filled(tables, "cameras"), filled(tables, "image_orientations")
     if points is None or residuals is None or cameras is None or images is None:
@@ -50,7 +50,7 @@ def photographs(tables: Tables) -> ReportSection | None:
 
 
 def _with_bodies(points: pd.DataFrame, tables: Tables) -> pd.DataFrame:
-    """The object points with the bodies that the survey gave those without a code."""
+    """Return the object points with the bodies that the survey assigned to points without a code."""
     seen = filled(tables, "observations")
     if seen is None or "point" not in seen:
         return points
@@ -104,7 +104,7 @@ def _cameras(cameras: pd.DataFrame, tables: Tables) -> Listing:
 
 
 def _strongest(tables: Tables) -> dict[str, str]:
-    """Per parameter, the other one that it is correlated with most."""
+    """Return for each parameter the one with the strongest correlation."""
     table = filled(tables, "camera_correlations")
     if table is None:
         return {}
@@ -117,8 +117,9 @@ def _strongest(tables: Tables) -> dict[str, str]:
 
 
 def _bars(tables: Tables) -> Iterator[Listing]:
-    """Scale bars in every pose; of distances of the survey and diagonals of markers the pose in which each is furthest
-    off."""
+    """Return scale bars in every pose; for survey distances and marker diagonals, the pose with the largest error of
+    each.
+    """
     table = filled(tables, "scale_bar_lengths")
     if table is None:
         return
@@ -139,8 +140,8 @@ def _bars(tables: Tables) -> Iterator[Listing]:
 
 
 def _length(r: Any) -> tuple[str, str, str]:
-    """A length as calibrated and as adjusted, and how far they differ."""
-    # A bar that gives the scale alone differs by what numbers are rounded to.
+    """Return a calibrated and an adjusted length, and their difference."""
+    # A bar that alone defines the scale differs only by rounding.
     reported = r.deviation_sigma_mm > 1e-9 * r.length_mm
     return (
         with_uncertainty(r.length_mm, r.sigma_mm, "mm"),
@@ -166,7 +167,7 @@ def _noise(tables: Tables) -> Iterator[Listing]:
 
 
 def _rejected(residuals: pd.DataFrame) -> Iterator[Listing]:
-    """The rays that were left out, a table for each reason: beside every ray it would be wider than a page."""
+    """Return the rejected rays, one table per reason, to fit the page."""
     left = residuals[residuals["rejected"]]
     left = left.assign(size=np.hypot(left["vx_px"], left["vy_px"]), reason=left["reason"].map(cell))
     left = left.sort_values("size", ascending=False, kind="stable")
