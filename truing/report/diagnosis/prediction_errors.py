@@ -157,7 +157,7 @@ class Overall:
 
     @property
     def is_beyond_noise(self) -> bool:
-        """Whether the error exceeds declared noise by more than its uncertainty, and than chance does once in 100
+        """Whether the error exceeds the noise floor by a clear factor, and by more than chance does once in 100
         campaigns.
         """
         if not self.floor or self.after <= AT_THE_FLOOR * self.floor:

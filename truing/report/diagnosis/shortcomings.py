@@ -42,7 +42,7 @@ _EPOCHS = {
     Relation.COMMANDS_ENCODERS: _COMMAND,
 }
 _IF_NOISE = "If the scatter differs from [noise], correct [noise]. If it agrees, an effect is missing in the model."
-# Codes of a model that passes all tests.
+# Shortcoming and remedy by reason code, where no test of the model fails.
 _OF_VERDICT = {
     ReasonCode.BEYOND_NOISE: ("the errors of predictions exceed the declared noise", _IF_NOISE),
     ReasonCode.BELOW_NOISE: (

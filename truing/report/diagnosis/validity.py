@@ -16,7 +16,7 @@ _PARTS = {
     "day": "days",
     "direction": "directions of approach",
 }
-# Quantity that defines a region, by the unit that is held out.
+# Words for regions, by the unit that is held out.
 _REGIONS = {"pose": "regions of the workspace", "run": "ranges of the loads", "row": "ranges of the command"}
 _MOST = 6.0  # largest power of ten of odds that is given
 

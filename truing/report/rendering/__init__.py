@@ -1,1 +1,1 @@
-"""How the page becomes a file: its template, and what fills it; apart, so that no sentence depends on a style."""
+"""Template of the page and its content; separate, so that no sentence depends on a style."""

@@ -1,4 +1,4 @@
-"""The page put into one self-contained HTML file, the same bytes for the same tables."""
+"""The page as one self-contained HTML file, with the same bytes for the same tables."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     import jinja2
 
 
-# Room that a title inside of a figure takes, px; the page writes titles itself, where they wrap.
+# Height of a title inside a figure, px; the page writes titles itself, so that they wrap.
 _TITLE_PX = 44
-# Of a name that is to become the name of a file.
+# Characters that are replaced in the name of a file.
 _LONGEST = 80
 _ESCAPED = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 
@@ -38,20 +38,20 @@ class _Figure:
     caption: str
     title: str
     subtitle: str
-    description: str  # what it shows, for those who do not see it
+    description: str  # alternative text for readers who cannot see it
     height_px: int
     data: str  # JSON, safe in a script element
-    step_of: str  # what is chosen by its slider: "pose"
+    step_of: str  # quantity chosen by its slider: "pose"
     steps: tuple[str, ...]
     gains: tuple[str, ...]  # amplifications of a 3-D view to choose from
-    gain: int  # place of the one that it begins with
+    gain: int  # index of the initial one
     legs: tuple[int, ...]
     file: str
 
 
 @dataclass(frozen=True)
 class _ListingTable:
-    """A listing, what it is called, and what is handed out as CSV where that is not what its cells show."""
+    """A listing with its name, and its CSV if that differs from the cells."""
 
     listing: Listing
     called: str
@@ -61,7 +61,7 @@ class _ListingTable:
 
 @dataclass(frozen=True)
 class _Drawn:
-    """A section with its figures and listings as the page holds them, and its parts likewise."""
+    """A section with its figures and listings in the form of the page, and its subsections."""
 
     section: ReportSection
     figures: tuple[_Figure, ...]
@@ -70,7 +70,7 @@ class _Drawn:
 
 
 def render_page(head: PageHead, sections: Sequence[ReportSection]) -> str:
-    """The whole page as text; plotly's library stands in it once, so that it opens without a network."""
+    """Return the whole page as text; it contains plotly's library once, so that it opens without a network."""
     any_figure = any(section.figures for section in all_of(sections))
     plotly = _plotly_script() if any_figure else ""
     scripts = [_package_text(f"{name}.js") for name in ("scene", "narrow", "figures", "csv")]
@@ -120,7 +120,7 @@ def _tables(section: ReportSection, campaign: str) -> Iterator[_ListingTable]:
 
 @cache
 def _figure_template() -> dict[str, Any]:
-    """The look that all figures share, as plotly has it."""
+    """Return the style of all figures in plotly's form."""
     template: dict[str, Any] = go.Figure(layout={"template": "plotly_white"}).to_plotly_json()["layout"]["template"]
     return template
 
@@ -133,7 +133,7 @@ def _plotly_script() -> str:
 
 @cache
 def _package_text(name: str) -> str:
-    """A file of this package, as text."""
+    """Return a file of this package as text."""
     return files("truing.report.rendering").joinpath(name).read_text(encoding="utf-8")
 
 
@@ -148,12 +148,14 @@ def _template() -> jinja2.Template:
 
 
 def _unbroken(sentence: str) -> str:
-    """A sentence whose numbers stay in one line with their units."""
+    """Return a sentence with non-breaking spaces between numbers and units."""
     return re.sub(r"(?<=\d) (?=%|[µm]m\b|µrad|mrad|arcsec|ppm|± )|(?<=±) (?=\d)", "\u00a0", sentence)
 
 
 def embedded(value: object) -> str:
-    """A value as JSON for a script element: the characters that end an element or begin a comment are escaped."""
+    """Return a value as JSON for a script element, with the characters escaped that end an element or
+    begin a comment.
+    """
     from plotly.io.json import to_json_plotly
 
     return to_json_plotly(value, engine="json").translate(_ESCAPED)
@@ -187,12 +189,12 @@ def _without_points(traces: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def text_of(marked: str | None) -> str:
-    """The words of a text that plotly reads as markup."""
+    """Return the text of plotly markup."""
     return html.unescape(re.sub(r"<[^<>]*>", " ", marked or "")).strip()
 
 
 def file_name(campaign: str, part: str) -> str:
-    """The name under which a part of the page is saved, without what file systems or shells mind."""
+    """Return the file name of a part of the page, without characters that file systems or shells reject."""
     name = re.sub(r"[^\w.-]+", "-", unicodedata.normalize("NFC", campaign)).strip("-.")[:_LONGEST]
     return f"{name or 'campaign'}-{part}.csv"
 

@@ -1,1 +1,1 @@
-"""The 3-D view: places, amplified displacements and legs, step by step."""
+"""3-D view: places, amplified displacements and legs, step by step."""

@@ -1,4 +1,4 @@
-"""Leg by leg what was measured of it and what its numbers are, beside the 3-D view."""
+"""Listing of measurements and parameters leg by leg, next to the 3-D view."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _BENT = ("K", "kappa")
 
 
 def by_leg(tables: Tables) -> Listing:
-    """Per leg the shift of its attachment over all poses, and its numbers by the calibration that is shown."""
+    """Return for each leg the shift of its attachment over all poses, and its parameters by the calibration shown."""
     shifts, fitted = filled(tables, "deformation"), filled(tables, "calibration")
     rows = [] if shifts is None or "leg" not in shifts else _shifts(shifts)
     caption = "Leg by leg: shifts of the attachment"
@@ -34,7 +34,7 @@ def _shifts(shifts: pd.DataFrame) -> list[tuple]:
     for leg, own in kept.groupby("leg"):
         shift, sigma = own["delta_bz_um"].to_numpy(dtype=float), own["sigma_um"].to_numpy(dtype=float)
         rms = float(np.sqrt(np.mean(shift**2)))
-        # What the noise of the points does to the root mean square of these shifts, to first order.
+        # Contribution of the points' noise to the rms of these shifts, to first order.
         noise = float(np.sqrt(np.sum((shift * sigma) ** 2))) / (len(shift) * rms) if rms > 0.0 else float(sigma.max())
         most = int(np.argmax(np.abs(shift)))
         where = f"largest shift of the attachment along z, pose {own['pose'].iloc[most]}"
@@ -58,7 +58,7 @@ def _numbers(own: pd.DataFrame) -> list[tuple]:
 
 
 def by_leg_of_sensor(tables: Tables) -> Listing:
-    """Per leg of a sensor the column of G_B of its signal, and how far its parts are from the drawing."""
+    """Return for each leg of a sensor the column of G_B of its signal, and the deviations of its parts from nominal."""
     matrices, pulls = filled(tables, "sensor_matrix"), filled(tables, "pulls")
     rows: list[tuple] = []
     if matrices is not None:

@@ -1,4 +1,4 @@
-"""What the 3-D view shows: targets of a body pose by pose, or a platform load by load, and the legs that carry it."""
+"""Scenes of the 3-D view: targets of a body pose by pose, or a platform load by load, with its legs."""
 
 from __future__ import annotations
 
@@ -21,13 +21,14 @@ _LEG = r"leg(\d+)"
 
 _MOVED = ["dx_mm", "dy_mm", "dz_mm"]
 _TURNED = ["rx_rad", "ry_rad", "rz_rad"]
-_ARROW = 0.45  # of the view's size, for the largest load of its kind
+_ARROW = 0.45  # length for the largest load of its kind, as a share of the view's size
 
 
 def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> DrawnScene:
-    """The scene of a body whose ``residuals`` (kept ones, with dx_mm, dy_mm, dz_mm) are given; of a platform with legs.
+    """Return the scene of a body from its ``residuals`` (accepted ones, with dx_mm, dy_mm, dz_mm), with legs if it has
+    any.
 
-    ``tables`` with ``shape``: where targets sit (body, target, x_mm, y_mm, z_mm, leg); ``motions``: where bodies stand.
+    ``tables`` with ``shape``: places of targets (body, target, x_mm, y_mm, z_mm, leg); ``motions``: poses of bodies.
     """
     shape = tables["shape"]
     own = _targets(shape, residuals, body)
@@ -59,14 +60,14 @@ def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> DrawnScene
 
 
 def _targets(shape: pd.DataFrame, residuals: pd.DataFrame, body: str) -> pd.DataFrame:
-    """Targets of the body that any pose shows, with the leg at whose attachment they sit."""
+    """Return targets of the body that were seen in any pose, with the leg of their attachment."""
     seen = set(residuals["target"])
     own = shape[(shape["body"] == body) & shape["target"].isin(seen)].reset_index(drop=True)
     return own.assign(at=own["leg"])
 
 
 def _of_legs(shape: pd.DataFrame, residuals: pd.DataFrame) -> pd.DataFrame:
-    """Targets of the bodies ``leg1``, ``leg2``, which belong to their leg."""
+    """Return targets of the bodies ``leg1``, ``leg2``, which belong to their leg."""
     number = shape["body"].map(_leg_of)
     seen = set(zip(residuals["body"], residuals["target"], strict=True))
     known = [key in seen for key in zip(shape["body"], shape["target"], strict=True)]
@@ -84,7 +85,7 @@ def _both(own: pd.DataFrame, legs: pd.DataFrame) -> pd.DataFrame:
 
 
 def _shown(residuals: pd.DataFrame, points: int) -> list[Any]:
-    """The poses of the slider: those that deform most first, as many as a page holds."""
+    """Return the poses of the slider: those with the largest deformation first, as many as a page holds."""
     size = (residuals[SHIFT] ** 2).sum(axis=1).groupby(residuals["pose"], sort=False).mean()
     order = size.sort_values(ascending=False, kind="stable").index
     return list(order[: max(1, MOST_POINTS // max(points, 1))])
@@ -93,7 +94,7 @@ def _shown(residuals: pd.DataFrame, points: int) -> list[Any]:
 def _points(
     targets: pd.DataFrame, residuals: pd.DataFrame, poses: list[Any]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places and displacements (S, N, 3) in the targets' own bodies, NaN where a pose has none."""
+    """Return places and displacements (S, N, 3) in the targets' own bodies, NaN where a pose has none."""
     places = np.broadcast_to(targets[XYZ].to_numpy(dtype=float), (len(poses), len(targets), 3)).copy()
     kept = residuals[~residuals["rejected"]].set_index(["pose", "body", "target"])[SHIFT]
     keys = [(pose, b, t) for pose in poses for b, t in zip(targets["body"], targets["target"], strict=True)]
@@ -105,7 +106,7 @@ _Motions = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 
 def _motions(tables: Tables, bodies: list[str], poses: list[Any]) -> _Motions:
-    """Per body its place (S, 3) and rotation (S, 3, 3) seen from the base, NaN where a pose has none."""
+    """Return for each body its place (S, 3) and rotation (S, 3, 3) relative to the base, NaN where a pose has none."""
     known = filled(tables, "motions")
     if known is None:
         return {}
@@ -119,7 +120,7 @@ def _motions(tables: Tables, bodies: list[str], poses: list[Any]) -> _Motions:
 def _in_frame_of(
     places: NDArray[np.float64], shifts: NDArray[np.float64], targets: pd.DataFrame, body: str, motion: _Motions
 ) -> None:
-    """Put places and shifts (S, N, 3) of other bodies' targets into the frame of this one."""
+    """Return places and shifts (S, N, 3) of other bodies' targets in the frame of this body."""
     for name in targets["body"].unique():
         own = (targets["body"] == name).to_numpy()
         if body not in motion or name not in motion:
@@ -134,7 +135,7 @@ def _in_frame_of(
 def _joints(
     tables: Tables, body: str, motion: _Motions, steps: int
 ) -> tuple[tuple[int, ...], NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Legs, and their joints (S, L, 3) in the platform's frame by the calibration that is shown."""
+    """Return legs and their joints (S, L, 3) in the platform's frame by the calibration shown."""
     fitted = filled(tables, "calibration")
     if fitted is None or body != _PLATFORM or body not in motion:
         return _attachments(tables, body), None, None
@@ -150,7 +151,7 @@ def _joints(
 
 
 def _attachments(tables: Tables, body: str) -> tuple[int, ...]:
-    """The legs at whose attachments the body has targets."""
+    """Return the legs at whose attachments the body has targets."""
     shape = tables["shape"]
     legs = shape.loc[(shape["body"] == body), "leg"].dropna().unique()
     return tuple(sorted(int(leg) for leg in legs))
@@ -159,7 +160,7 @@ def _attachments(tables: Tables, body: str) -> tuple[int, ...]:
 def _words(
     tables: Tables, targets: pd.DataFrame, shifts: NDArray[np.float64], poses: list[Any]
 ) -> tuple[tuple[str, ...], ...]:
-    """Per pose and target how far it stands from its place, with the noise of point and survey along that way."""
+    """Return per pose and target its displacement in words, with the noise of point and survey in that direction."""
     sigma = _noise(tables, targets, poses)
     size = np.linalg.norm(shifts, axis=-1)
     along = np.sqrt(np.sum((shifts * sigma) ** 2, axis=-1)) / np.where(size > 0.0, size, np.nan)
@@ -174,7 +175,7 @@ def _words(
 
 
 def _noise(tables: Tables, targets: pd.DataFrame, poses: list[Any]) -> NDArray[np.float64]:
-    """Standard deviations (S, N, 3) in mm of measured points and survey together, NaN where nothing tells them."""
+    """Return standard deviations (S, N, 3) in mm of measured points and survey together, NaN where unknown."""
     keys = list(zip(targets["body"], targets["target"], strict=True))
     points, survey = filled(tables, "observations"), filled(tables, "survey")
     if points is None:
@@ -189,7 +190,7 @@ def _noise(tables: Tables, targets: pd.DataFrame, poses: list[Any]) -> NDArray[n
 
 
 def _pose_captions(tables: Tables, poses: list[Any], legs: tuple[int, ...]) -> tuple[tuple[str, ...], ...]:
-    """Per pose and leg: how far its attachment shifts and its actuator moves."""
+    """Return per pose and leg the shift of its attachment and the displacement of its actuator."""
     shifts = filled(tables, "deformation")
     if shifts is None or not legs:
         return ()
@@ -209,9 +210,9 @@ def _of_leg(shifts: pd.DataFrame, pose: Any, leg: int) -> str:
 
 
 def load_scene(tables: Tables) -> DrawnScene | None:
-    """The scene of every load case of which all six components are known; None without one, or without joints.
+    """Return the scene of all load cases with six known components; None without any, or without joints.
 
-    ``tables`` with ``legs`` (leg, ax_mm .. az_mm, bx_mm .. bz_mm): the joints in the unloaded platform's frame.
+    ``tables`` with ``legs`` (leg, ax_mm .. az_mm, bx_mm .. bz_mm): joints in the unloaded platform's frame.
     """
     cases, joints = filled(tables, "displacement"), filled(tables, "legs")
     if cases is None or joints is None:
@@ -249,21 +250,21 @@ def load_scene(tables: Tables) -> DrawnScene | None:
 
 
 def _largest_first(cases: pd.DataFrame) -> pd.DataFrame:
-    """Cases from the largest share of each axis' largest load on, so that the slider begins with what is seen best."""
+    """Return cases by their share of each axis' largest load, so that the slider begins with the clearest."""
     loads = cases[list(LOADS.values())].abs()
     share = (loads / loads.max().replace(0.0, 1.0)).max(axis=1)
     return cases.assign(share=share).sort_values("share", ascending=False, kind="stable")
 
 
 def _called(row: dict) -> str:
-    """``fz −9000 N, loading``."""
+    """Return the name of a load case: ``fz −9000 N, loading``."""
     loads = [f"{axis} {row[column]:+,.6g} {LOAD_UNITS[axis]}" for axis, column in LOADS.items() if row[column]]
     branch = row.get("branch")
     return ", ".join([*loads, *([str(branch)] if isinstance(branch, str) else [])])
 
 
 def _covariance(cases: pd.DataFrame) -> NDArray[np.float64]:
-    """Covariance (S, 6, 6) of the displacement, m and rad."""
+    """Return the covariance (S, 6, 6) of the displacement, m and rad."""
     found = np.zeros((len(cases), 6, 6))
     for i in range(6):
         for j in range(i, 6):
@@ -274,7 +275,7 @@ def _covariance(cases: pd.DataFrame) -> NDArray[np.float64]:
 def _sigma_along(
     place: NDArray[np.float64], way: NDArray[np.float64], covariance: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Standard uncertainty (S, N) in um of how far points move along unit vectors ``way`` (S, N, 3)."""
+    """Return the standard uncertainty (S, N) in um of the motion of points along unit vectors ``way`` (S, N, 3)."""
     pull = np.concatenate([way, np.cross(1e-3 * place, way)], axis=-1)
     return 1e6 * np.sqrt(np.maximum(np.einsum("sni,sij,snj->sn", pull, covariance, pull), 0.0))
 
@@ -282,7 +283,7 @@ def _sigma_along(
 def _words_of_loads(
     place: NDArray[np.float64], shift: NDArray[np.float64], covariance: NDArray[np.float64], legs: tuple[int, ...]
 ) -> tuple[tuple[str, ...], ...]:
-    """How far each attachment moves, with the uncertainty of the platform's displacement."""
+    """Return the motion of each attachment in words, with the uncertainty from the platform's displacement."""
     size = np.linalg.norm(shift, axis=-1)
     noise = _sigma_along(place, shift / np.where(size > 0.0, size, 1.0)[..., None], covariance)
     return tuple(
@@ -300,7 +301,7 @@ def _load_captions(
     covariance: NDArray[np.float64],
     legs: tuple[int, ...],
 ) -> tuple[tuple[str, ...], ...]:
-    """How far each leg's joints move apart under each load."""
+    """Return the change in distance of each leg's joints under each load."""
     longer = 1e3 * np.sum(shift * along, axis=-1)
     noise = _sigma_along(place, along, covariance)
     return tuple(
@@ -313,7 +314,9 @@ def _load_captions(
 
 
 def _arrows(cases: pd.DataFrame, size: float) -> NDArray[np.float64]:
-    """The load (S, 2, 3) from the platform's origin: a force along its axis, a torque along the one it turns about."""
+    """Return the load (S, 2, 3) as arrows from the platform's origin: force along its axis, torque along its rotation
+    axis.
+    """
     loads = cases[list(LOADS.values())].to_numpy(dtype=float)
     largest = np.abs(loads).max(axis=0)
     share = loads / np.where(largest > 0.0, largest, 1.0)

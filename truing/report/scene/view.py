@@ -1,4 +1,4 @@
-"""The 3-D view of one body: places, amplified displacements, and the legs that a reader chooses."""
+"""3-D view of one body: places, amplified displacements, and the legs chosen by the reader."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
 
-# Points times steps that a page holds; of more steps those that are farthest from nothing are kept.
+# Most points times steps on a page; of more steps, those with the largest displacements are kept.
 MOST_POINTS = 6000
-# Gains that a reader chooses from go so many decades beyond the one that suits the view.
+# Decades of selectable gains above and below the suitable one.
 _BEYOND = 10.0
-_TALLEST = 0.95  # of a scene beside the view's height, that its top is not cut
+_TALLEST = 0.95  # largest height of a scene relative to the view, so that its top is not cut
 
 
 @dataclass(frozen=True)
@@ -43,28 +43,28 @@ class DrawnScene:
     arrow: NDArray[np.float64] | None = None
     captions: tuple[tuple[str, ...], ...] = ()
     all_legs: bool = False  # legs are drawn also where none is chosen
-    ringed: str = "target at an attachment"  # what the points in the ring are
+    ringed: str = "target at an attachment"  # words for the points in the ring
 
     @property
     def gain(self) -> float:
-        """The amplification that suits the view: the largest displacement of the first step covers a sixth of it."""
+        """Suitable amplification: the largest displacement of the first step covers a sixth of the view."""
         size = np.linalg.norm(self.shift[0, ~self.own], axis=-1)
         large = float(np.nanmax(size, initial=0.0))
         return round_gain(0.16 * self.extent / max(large, 1e-9))
 
     @property
     def extent(self) -> float:
-        """The largest side of the body, mm."""
+        """Largest side of the body, mm."""
         return float(np.nanmax(np.nanmax(self.place[:, ~self.own], axis=(0, 1)) - self.low))
 
     @property
     def low(self) -> NDArray[np.float64]:
-        """The corner (3,) of the body nearest to minus infinity, mm."""
+        """Corner (3,) of the body with the smallest coordinates, mm."""
         return np.asarray(np.nanmin(self.place[:, ~self.own], axis=(0, 1)))
 
     @property
     def ring(self) -> NDArray[np.intp]:
-        """The points at attachments in the order in which they lie round their middle, closed: the buckled wheel."""
+        """Points at attachments in their order round the centre, closed: their ring shows a buckled platform."""
         attached = np.flatnonzero(self.attached)
         if not len(attached):
             return attached
@@ -75,20 +75,20 @@ class DrawnScene:
 
 
 def round_gain(gain: float) -> float:
-    """The largest of 1, 2, 5, 10, 20... that is not above ``gain``."""
+    """Return the largest of 1, 2, 5, 10, 20... that is not above ``gain``."""
     power = 10.0 ** np.floor(np.log10(max(gain, 1.0)))
     return float(power * max(d for d in (1, 2, 5) if d * power <= max(gain, 1.0)))
 
 
 def gains(chosen: float) -> list[float]:
-    """The amplifications that a reader chooses from: 1, 2, 5, 10, ... beyond the one chosen for them."""
+    """Return the selectable amplifications around the suitable one: 1, 2, 5, 10, ..."""
     steps = np.arange(np.floor(np.log10(_BEYOND * chosen)) + 1.0)
     every = np.multiply.outer(10.0**steps, (1.0, 2.0, 5.0)).ravel()
     return [float(gain) for gain in every if gain <= _BEYOND * chosen]
 
 
 def picture(scene: DrawnScene, title: str, subtitle: str) -> go.Figure:
-    """The scene as a figure whose slider chooses the step; the page adds amplification and legs."""
+    """Return the scene as a figure with a slider for the step; the page adds controls for amplification and legs."""
     figure = go.Figure(_traces(scene))
     for trace, own in zip(figure.data, drawn(scene, 0, scene.gain), strict=True):
         trace.update(own)
@@ -105,7 +105,7 @@ def picture(scene: DrawnScene, title: str, subtitle: str) -> go.Figure:
 
 
 def drawn(scene: DrawnScene, step: int, gain: float, chosen: tuple[int, ...] = ()) -> list[dict[str, Any]]:
-    """Coordinates and texts of every trace with these legs chosen, as the script of the page computes them too."""
+    """Return coordinates and texts of all traces with the chosen legs, as the script of the page computes them too."""
     start, end = scene.place[step], scene.place[step] + gain * scene.shift[step]
     there = np.isfinite(start).all(-1) & np.isfinite(end).all(-1)
     there &= ~scene.own | np.isin(scene.leg, chosen)
@@ -137,14 +137,14 @@ def drawn(scene: DrawnScene, step: int, gain: float, chosen: tuple[int, ...] = (
 
 
 def _joints(scene: DrawnScene, step: int) -> NDArray[np.float64]:
-    """Lower and upper joints (L, 2, 3) of a step."""
+    """Return lower and upper joints (L, 2, 3) of a step."""
     if scene.lower is None or scene.upper is None:
         return np.zeros((0, 2, 3))
     return np.stack([scene.lower[step], scene.upper[step]], axis=1)
 
 
 def scene_data(scene: DrawnScene) -> dict[str, Any]:
-    """The scene as the page's script reads it: numbers in mm, points by step."""
+    """Return the scene for the page's script: numbers in mm, points by step."""
     return {
         "gain": scene.gain,
         "gains": gains(scene.gain),
@@ -167,13 +167,13 @@ def scene_data(scene: DrawnScene) -> dict[str, Any]:
 
 
 def _listed(values: NDArray[np.float64], places: int = 4) -> Any:
-    """Nested lists with null for what is not known."""
+    """Return nested lists with null for unknown values."""
     rounded = np.round(values, places)
     return np.where(np.isfinite(rounded), rounded.astype(object), np.array(None)).tolist()
 
 
 def _traces(scene: DrawnScene) -> list[go.Scatter3d]:
-    """The traces without coordinates, in the order of ``drawn``."""
+    """Return the traces without coordinates, in the order of ``drawn``."""
 
     def dots(name: str, colour: str, size: float = 4.0, **more: Any) -> go.Scatter3d:
         marker = {"size": size, "color": colour}
@@ -207,7 +207,7 @@ def _slider(scene: DrawnScene) -> dict[str, Any]:
 
 
 def _box(scene: DrawnScene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Corners (3,) of what is shown over all steps where no leg is chosen."""
+    """Return the corners (3,) of everything shown over all steps without a chosen leg."""
     place = scene.place[:, ~scene.own].reshape(-1, 3)
     parts = [place, (scene.place + scene.gain * scene.shift)[:, ~scene.own].reshape(-1, 3)]
     if scene.all_legs and scene.lower is not None and scene.upper is not None:
@@ -219,7 +219,9 @@ def _box(scene: DrawnScene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def _axes(low: NDArray[np.float64], high: NDArray[np.float64]) -> dict[str, Any]:
-    """Axes that hold body and amplified displacement; a flat body gets a third of its width as height, to be seen."""
+    """Return axes that hold body and amplified displacement; a flat body gets a visible height of a third
+    of its width.
+    """
     margin = 0.02 * float((high - low).max()) + 1e-6
     low, high = low - margin, high + margin
     ratio = np.maximum((high - low) / (high - low).max(), 0.35)

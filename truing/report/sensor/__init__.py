@@ -1,1 +1,1 @@
-"""The sections of a loaded sensor: its displacements, its compliance, its calibration."""
+"""Sections of a loaded sensor: displacements, compliance, calibration."""

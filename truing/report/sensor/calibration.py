@@ -1,4 +1,4 @@
-"""The section of a sensor's calibration: which one is chosen, G_B, its errors by class, and theory beside it."""
+"""Section of a sensor's calibration: choice of the model, G_B, errors by class, and comparison with theory."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from truing.schemas.verdict import BY_A_FACTOR, ReasonCode
 _TITLE = "Calibration of the sensor"
 _TYPES = {"type_1_error": "Type 1, with the synthetic error", "type_2_error": "Type 2, without"}
 _ANGLES = {"type_1_angle": "angle, with the synthetic error (deg)", "type_2_angle": "angle, without (deg)"}
-_AT_NOISE = 1.1  # times the noise that an error may be and count as noise
+_AT_NOISE = 1.1  # largest error over noise that counts as noise
 _AS_PRINTED = "least squares, direct, zero none, linear"
 
 _COLOURS = dict(zip(LOADS, (BLUE, ORANGE, GREEN, RED, "#CC79A7", "#56B4E9"), strict=True))
 _WIDE = 30.0
-# By matrix and model: how it is named, and drawn.
+# Name and style by matrix and model.
 _SHOWN = {
     ("G", ""): ("G", GREY, "line-ew-open"),
     ("G", "elastic joints"): ("G, elastic joints", GREEN, "square-open"),
@@ -36,7 +36,7 @@ _SHOWN = {
 
 
 def calibration(tables: Tables) -> ReportSection | None:
-    """The choice among calibrations, the matrix, the errors by class, and the figures of merit."""
+    """Return the section of the choice among calibrations, the matrix, errors by class, and figures of merit."""
     if "sensor_matrix" not in tables:
         return None
     matrices = filled(tables, "sensor_matrix")
@@ -65,7 +65,7 @@ def calibration(tables: Tables) -> ReportSection | None:
 
 
 def calibration_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
-    """Whether the chosen calibration of a sensor misses what it has not seen by no more than noise."""
+    """Return the verdict on the held-out errors of the chosen calibration against noise."""
     if "sensor_matrix" not in tables:
         return None
     choice = filled(tables, "sensor_choice")
@@ -88,7 +88,7 @@ def calibration_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
 
 
 def _tests(choice: pd.DataFrame | None) -> list[ModelTest]:
-    """Whether the chosen calibration misses what it was not fitted to by no more than noise."""
+    """Return the test of the chosen calibration: are its held-out errors within noise?"""
     held = "errors of held-out loads agree with the noise"
     verified = "errors in the verification runs agree with the noise"
     if choice is None:
@@ -112,7 +112,7 @@ def _missed(asked: str, facts: pd.Series, what: str, why_not: str) -> ModelTest:
 
 
 def _ratio(facts: pd.Series, what: str) -> float | None:
-    """Rms of what is missed over noise; None where that is not known."""
+    """Return the rms error over noise; None where unknown."""
     chi_square, freedom = facts.get(f"{what}_chi_square"), facts.get(f"{what}_freedom")
     if chi_square is None or freedom is None or not freedom > 0.0:
         return None
@@ -124,7 +124,7 @@ def _why(tables: Tables) -> str:
 
 
 def _largest(tables: Tables) -> dict[str, float]:
-    """The largest load of every axis that was loaded."""
+    """Return the largest load of every loaded axis."""
     steps = filled(tables, "signals")
     if steps is None:
         return {}
@@ -175,7 +175,7 @@ def _chosen(choice: pd.DataFrame) -> str:
 
 
 def _matrix(matrices: pd.DataFrame) -> Listing:
-    """G_B of the chosen calibration, each entry with the larger of its two sigmas."""
+    """Return G_B of the chosen calibration, each entry with the larger of its two sigmas."""
     own = matrices[(matrices["matrix"] == "G_B") & matrices["chosen"]]
     columns = list(dict.fromkeys(own["column_name"]))
     table = {(r.row, r.column_name): r for r in own.itertuples()}
@@ -304,7 +304,7 @@ def _without_types(merit: pd.DataFrame) -> list[Listing]:
 
 
 def held_out_errors(choice: pd.DataFrame, largest: dict[str, float]) -> go.Figure:
-    """Rms error of every component in loads that a model has not seen, by model, in per cent of the largest load."""
+    """Return the rms error of every component under held-out loads, by model, in per cent of the largest load."""
     held = choice[choice["figure"] == "heldout_rms"]
     chosen = set(choice.loc[(choice["figure"] == "chosen") & (choice["value"] == 1.0), "model"])
     models = list(dict.fromkeys(held["model"]))
@@ -339,7 +339,7 @@ def _name(model: str) -> str:
 
 
 def error_classes(classes: pd.DataFrame) -> go.Figure:
-    """The largest error of every class and axis, with what noise alone would exceed once in twenty times."""
+    """Return the largest error of every class and axis, with the size that noise alone exceeds once in twenty times."""
     reported = classes.dropna(subset=["value"])
     worst = reported.assign(size=reported["value"].abs()).sort_values("size").groupby(["error_class", "load"]).tail(1)
     order = list(dict.fromkeys(classes["error_class"]))
@@ -369,13 +369,13 @@ def error_classes(classes: pd.DataFrame) -> go.Figure:
 
 
 def _above_zero(size: pd.Series, reach: pd.Series) -> dict[str, object]:
-    """Bars that end at zero, below which no size is."""
+    """Return error bars that end at zero at the lowest."""
     down = np.minimum(reach, size)
     return {"type": "data", "array": reach, "arrayminus": down, "symmetric": False, "thickness": 1, "width": 2}
 
 
 def _limits(figure: go.Figure, worst: pd.DataFrame, names: list[str], loads: list[str]) -> None:
-    """A line across every bar at its limit."""
+    """Return a line across every bar at its limit."""
     table = worst.set_index(["error_class", "load"])["limit"]
     width = 0.75 / len(loads)
     for i, name in enumerate(names):
@@ -394,7 +394,7 @@ def _limits(figure: go.Figure, worst: pd.DataFrame, names: list[str], loads: lis
 
 
 def _merit_figure(merit: pd.DataFrame, length_m: float) -> go.Figure:
-    """Sensitivities and condition of G, G' and, where leg forces are known, G_B', moments over a length."""
+    """Return sensitivities and condition of G, G' and, where leg forces are known, G_B', with moments over a length."""
     at = merit[np.isclose(merit["length_m"].to_numpy(dtype=float), length_m)]
     figure = go.Figure()
     for (matrix, model), own in at[at["matrix"] != "G_B"].groupby(["matrix", "model"], sort=False):

@@ -1,4 +1,4 @@
-"""The section of a loaded platform's deformation: curves of load and displacement, compliance, beside the simulated."""
+"""Section of a loaded platform's deformation: curves of load and displacement, measured and simulated compliance."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ _CLIPPED = 6.0
 
 _BRANCHES = {"loading": ("triangle-up", BLUE), "unloading": ("triangle-down-open", RED), "unloaded": ("circle", GREY)}
 _BAND = "rgba(230,159,0,0.25)"
-_MANY = 400  # so many cases of a panel need no bars of their own
+_MANY = 400  # from this number of cases on, a panel has no error bars
 
 
 def deformation(tables: Tables) -> ReportSection | None:
-    """Curves of load and displacement, the compliance entry by entry, and the models' errors."""
+    """Return the section with curves of load and displacement, compliance by entry, and the models' errors."""
     if "compliance" not in tables:
         return None
     compliance = filled(tables, "compliance")
@@ -49,7 +49,7 @@ def deformation(tables: Tables) -> ReportSection | None:
 
 
 def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
-    """Whether the measured compliance is the simulated one, and an elastic one: a result either way."""
+    """Return the verdict on the measured compliance: is it as simulated, and elastic? A result either way."""
     compliance = filled(tables, "compliance")
     if compliance is None or "deformation_errors" not in tables:
         return None
@@ -66,7 +66,7 @@ def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
 
 
 def _tests(tables: Tables) -> list[ModelTest]:
-    """Whether the measured compliance is the simulated one, and that of something elastic."""
+    """Return the tests of the measured compliance against the simulated one, and against elasticity."""
     facts = _facts(tables["deformation_errors"])
     agrees = by_p(
         "the measured compliance agrees with the simulated one",
@@ -144,7 +144,7 @@ def _lead(tables: Tables, compliance: pd.DataFrame) -> str:
 
 
 def _against(measured: pd.DataFrame) -> list[str]:
-    """Which entries the simulation gets wrong, the worst first."""
+    """Return the entries that the simulation gets wrong, the worst first."""
     if "pull" not in measured or not measured["pull"].notna().any():
         return ["There is no simulation to compare with."]
     apart = measured[measured["verdict"] == "differs"]
@@ -172,7 +172,7 @@ def _facts(errors: pd.DataFrame) -> dict[tuple[str, str], float]:
 
 
 def _entries(compliance: pd.DataFrame) -> Listing:
-    """Every entry of the matrix: measured and simulated, and those that were never measured."""
+    """Return every entry of the matrix: measured and simulated, and those never measured."""
     table = {(r.response, r.load): r for r in compliance[compliance["model"] == "matrix"].itertuples()}
     drawing = {(r.response, r.load): r for r in compliance[compliance["model"] == "simulated"].itertuples()}
     rows, marks = [], []
@@ -211,7 +211,7 @@ def _errors(errors: pd.DataFrame) -> Listing:
 
 
 def _comparison_map(compliance: pd.DataFrame) -> go.Figure:
-    """Measured over simulated in every cell; colour says by how many sigmas they differ."""
+    """Return a map of measured over simulated; the colour is their difference in sigmas."""
     measured = {(r.response, r.load): r for r in compliance[compliance["model"] == "matrix"].itertuples()}
     drawing = {(r.response, r.load): r for r in compliance[compliance["model"] == "simulated"].itertuples()}
     pull, text, sentence = np.full((6, 6), np.nan), np.full((6, 6), "", object), np.full((6, 6), "", object)
@@ -257,12 +257,12 @@ def _comparison_map(compliance: pd.DataFrame) -> go.Figure:
 
 
 def _short(value: float) -> str:
-    """Three digits, and nothing for what is nothing beside the rest."""
+    """Return three digits, or zero for what is negligible."""
     return "0" if abs(value) < 5e-4 else plain(value)
 
 
 def _own_axes(curves: pd.DataFrame) -> go.Figure:
-    """Each load against the displacement along or about its own axis (force-sensor paper, figures 12-17)."""
+    """Return each load against the displacement along or about its own axis (force-sensor paper, figures 12-17)."""
     pairs = [(load, channel) for load, channel in zip(LOADS, CHANNELS, strict=True) if len(_of(curves, load, channel))]
     titles = [f"{channel} under {load}" for load, channel in pairs]
     grid, places, rows = panel_grid(titles, 3, (0.09, lambda rows: min(0.2, 0.9 / rows)))
@@ -284,7 +284,7 @@ def _own_axes(curves: pd.DataFrame) -> go.Figure:
 
 
 def differences(curves: pd.DataFrame) -> go.Figure:
-    """Measured minus simulated, all components under all loads, a panel each."""
+    """Return measured minus simulated, all components under all loads, a panel each."""
     loads = [load for load in LOADS if (curves["load"] == load).any()]
     channels = [channel for channel in CHANNELS if (curves["channel"] == channel).any()]
     grid = make_subplots(
@@ -328,7 +328,7 @@ def _simulated(part: pd.DataFrame) -> bool:
 
 
 def _measurement(part: pd.DataFrame, values: pd.Series, shown: set[str], size: int = 6) -> list[go.Scatter]:
-    """The points of each branch, told apart."""
+    """Return the points of each branch, in separate styles."""
     traces = []
     for branch, (symbol, colour) in _BRANCHES.items():
         own = (part["branch"] == branch).to_numpy()
@@ -354,7 +354,7 @@ def _measurement(part: pd.DataFrame, values: pd.Series, shown: set[str], size: i
 
 
 def _simulation(part: pd.DataFrame, values: pd.Series, shown: set[str]) -> list[go.Scatter]:
-    """The simulated line and the band of its tolerances."""
+    """Return the simulated line and the band of its tolerances."""
     x, reach = 1e-3 * part["applied"].to_numpy(), BAR * part["simulated_sigma"].to_numpy()
     y = values.to_numpy()
     around = go.Scatter(

@@ -1,4 +1,4 @@
-"""The section of the platform's displacement: what was measured of it, and what readings leave beside it."""
+"""Section of the platform's displacement: measured components, and residuals of readings."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from truing.report.tables import CHANNELS, LOADS, Tables, filled, moved_unit, re
 _COMPONENTS = dict(zip(CHANNELS, ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad"), strict=True))
 _UNLIKELY = 1e-3
 
-_REACH = 6.0  # sigmas beyond which a residual stands at the edge
+_REACH = 6.0  # sigmas beyond which a residual is drawn at the edge
 
 
 def displacement(tables: Tables) -> ReportSection | None:
-    """Load cases, which components are known of them, and what is left of the readings."""
+    """Return the section of load cases, their known components, and the residuals of readings."""
     if "displacement" not in tables:
         return None
     cases = filled(tables, "displacement")
@@ -49,7 +49,7 @@ def _lead(cases: pd.DataFrame, residuals: pd.DataFrame) -> str:
 
 
 def _known(cases: pd.DataFrame) -> Listing | None:
-    """How many load cases of every axis know every component."""
+    """Return the number of load cases of every axis with all components known."""
     loads = cases[list(LOADS.values())].to_numpy()
     rows, marks = [], []
     for a, load in enumerate(LOADS):
@@ -70,7 +70,7 @@ def _known(cases: pd.DataFrame) -> Listing | None:
 
 
 def _drifts(terms: pd.DataFrame) -> Listing | None:
-    """Runs that drift beyond chance."""
+    """Return runs with significant drift."""
     drifts = terms[terms["term"] == "drift"]
     real = drifts[drifts["p_value"] < _UNLIKELY / max(len(drifts), 1)]
     if not len(real):
@@ -84,7 +84,7 @@ def _drifts(terms: pd.DataFrame) -> Listing | None:
 
 
 def reading_residuals(residuals: pd.DataFrame) -> go.Figure:
-    """Residuals of every channel in the order of the readings, with the band of the noise."""
+    """Return residuals of every channel in the order of the readings, with the band of the noise."""
     channels = [channel for channel in CHANNELS if (residuals["channel"] == channel).any()]
     titles = [f"{channel} ({moved_unit(channel)})" for channel in channels]
     grid, places, rows = panel_grid(titles, 3, (0.05, lambda rows: 0.16 if rows > 1 else 0.0))

@@ -1,4 +1,4 @@
-"""The section of an axis' positioning by ISO 230-2."""
+"""Section of an axis' positioning by ISO 230-2."""
 
 from __future__ import annotations
 
@@ -26,12 +26,14 @@ _MEANING = {
 }
 _WAYS = (("forward", BLUE, "triangle-right"), ("backward", ORANGE, "triangle-left"))
 _TOLD = {"A": "accuracy A", "R": "repeatability R", "B": "reversal B"}
-_DRAWN = 6  # runs
+_DRAWN = 6  # most runs in figures
 _CAPTION = "A gap between the two lines is reversal: the position depends on the direction of approach."
 
 
 def positioning(tables: Tables) -> ReportSection | None:
-    """What ISO 230-2 says of every run, the axis first, then target by target; and why of others nothing is said."""
+    """Return the results of ISO 230-2 for every run, the axis first, then by target; and reasons where
+    there are none.
+    """
     rows, withheld = filled(tables, "positioning"), not_stated(tables)
     if rows is None:
         return (
@@ -47,7 +49,7 @@ def positioning(tables: Tables) -> ReportSection | None:
 
 
 def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
-    """What a campaign of positioning alone is measured for: accuracy, repeatability and reversal of its worst axis."""
+    """Return the verdict of a campaign of positioning alone: accuracy, repeatability and reversal of its worst axis."""
     rows = filled(tables, "positioning")
     if rows is None or len(load_steps(tables)) or filled(tables, "observations") is not None:
         return None
@@ -72,7 +74,7 @@ def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
 
 
 def not_stated(tables: Tables) -> list[str]:
-    """A sentence for every run that was measured and of which nothing is stated: the check that it failed."""
+    """Return a sentence for every measured run without results: the check that it failed."""
     measured, rows, qa = (filled(tables, name) for name in ("positions", "positioning", "qa"))
     if measured is None or "positioning" not in tables:
         return []
@@ -92,7 +94,7 @@ def _few_runs(rows: pd.DataFrame) -> list[pd.DataFrame]:
 
 
 def deviations(rows: pd.DataFrame) -> go.Figure:
-    """Mean deviation at each target of one run, from either side, with twice its scatter, um over mm."""
+    """Return the mean deviation at each target of one run, from either side, with twice its scatter, um over mm."""
     wide = rows.pivot(index="subject", columns="figure", values="value")
     wide = wide.set_index(wide.index.str.removesuffix(" mm").astype(float)).sort_index()
     figure = go.Figure()

@@ -1,1 +1,1 @@
-"""How causes are spoken of: one wording per cause, from which every page, table and command takes its words."""
+"""Wordings of causes: every page, table and command takes its words from here."""

@@ -1,4 +1,4 @@
-"""What loads, sensor, beams, counters and signals do on a bench."""
+"""Wordings of causes on a bench: loads, sensor, beams, counters and signals."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _OF_COLUMN = {
 
 
 def _axis(claim: Claim) -> str:
-    """``fz`` of ``load fz``; empty for all axes."""
+    """Return the axis of a claim: ``fz`` of ``load fz``; empty for all axes."""
     found = re.search(r"\bload (\w+)", claim.subject)
     return found[1] if found else ""
 
 
 def load_words(axis: str, article: str = "the ", plural: bool = False) -> str:
-    """``the z load``, ``torques about x``; a word of the lab's own as it is; ``loads`` of all axes."""
+    """Return ``the z load``, ``torques about x``; a word of the lab's own as it is; ``loads`` for all axes."""
     ending = "s" if plural else ""
     if axis not in _ALONG:
         return f"{article}load{ending} {axis}".rstrip()
@@ -42,7 +42,7 @@ def load_words(axis: str, article: str = "the ", plural: bool = False) -> str:
 
 
 def _loads(claim: Claim) -> str:
-    """``z loads``; ``load`` of all axes."""
+    """Return ``z loads``; ``load`` for all axes."""
     return load_words(_axis(claim), "", plural=True) if _axis(claim) else "load"
 
 
@@ -52,7 +52,7 @@ def _under_loads(claim: Claim) -> str:
 
 
 def _parts(claim: Claim) -> dict[str, str]:
-    """The run, channel and signal of a subject."""
+    """Return run, channel and signal of a subject."""
     return dict(re.findall(r"\b(run|channel|signal) (\S+)", claim.subject))
 
 
@@ -62,7 +62,7 @@ def _channel(claim: Claim, otherwise: str = _ALL_CHANNELS) -> str:
 
 
 def _where(claim: Claim, otherwise: str) -> str:
-    """The channel, signal or run that a cause concerns: ``channel dz``, ``channel dz in run 4``."""
+    """Return the channel, signal or run of a cause: ``channel dz``, ``channel dz in run 4``."""
     parts, name = _parts(claim), _channel(claim, "")
     if "run" not in parts:
         return name or otherwise
@@ -70,7 +70,7 @@ def _where(claim: Claim, otherwise: str) -> str:
 
 
 def _towards(size: ParameterSize) -> str:
-    """``12.0 ± 0.1 mm towards +x``."""
+    """Return a shift with its direction: ``12.0 ± 0.1 mm towards +x``."""
     return f"{size_in_words(positive(size))} towards {_direction(size)}"
 
 
@@ -233,7 +233,7 @@ def _tilted(claim: Claim) -> str:
 
 
 def _way(tilt: ParameterSize) -> str:
-    """``+dy`` of a tilt towards the axis of channel dy."""
+    """Return ``+dy`` for a tilt towards the axis of channel dy."""
     return f"{'−' if (tilt.number or 0.0) < 0.0 else '+'}{tilt.name.removeprefix('tilt_')}"
 
 
@@ -314,7 +314,7 @@ def _disconnect(claim: Claim) -> str:
 
 
 def _curved(claim: Claim) -> str:
-    """``signal v1 is not linear, with a quadratic part of ...``; of several terms the surest is told."""
+    """Return ``signal v1 is not linear, with a quadratic part of ...``, for the most significant term."""
     who = _where(claim, "")
     text = f"{who} is not linear" if who else "the signals are not linear"
     size = max(claim.sizes, key=lambda one: abs(one.number or 0.0) / (one.sigma or 1.0), default=None)
@@ -335,7 +335,7 @@ def _straighten(claim: Claim) -> str:
 
 
 def _rows(claim: Claim) -> str:
-    """``steps 12 and 17 of run 2``; of two runs ``step 3 of run 1 and step 4 of run 2``."""
+    """Return ``steps 12 and 17 of run 2``; of two runs ``step 3 of run 1 and step 4 of run 2``."""
     rows = claim.fact("rows") or ()
     pairs = [row.split("/") for row in rows.split()] if isinstance(rows, str) else rows
     runs = {run for run, _ in pairs}

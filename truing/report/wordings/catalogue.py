@@ -1,4 +1,4 @@
-"""The wordings of all causes by their ids, and what is said of a claim by them."""
+"""Wordings of all causes by id, and clauses of claims."""
 
 from __future__ import annotations
 
@@ -117,23 +117,25 @@ WORDINGS: dict[str, Wording] = {**MECHANISM, **BODIES, **BENCH, **_AXIS, **RAYS,
 
 
 def cause_words(cause: str) -> str:
-    """A cause as a noun: ``actuator gain``; one of a lab's own by its id."""
+    """Return a cause as a noun, ``actuator gain``; a cause from a package by its id."""
     return WORDINGS[cause].noun if cause in WORDINGS else cause.replace("-", " ")
 
 
 def clause(claim: Claim) -> str:
-    """What nature does, to complete "The data show that ..."; a cause of a lab's own brings its words."""
+    """Return the clause on a claim that completes "The data show that ..."; causes from packages bring
+    their own words.
+    """
     if claim.cause in WORDINGS:
         return WORDINGS[claim.cause].clause(claim)
     return with_sizes(claim.words or cause_words(claim.cause), claim)
 
 
 def own_clause(says: str, subject: str) -> str:
-    """The clause that a cause of a lab's own brings, with its subject."""
+    """Return the clause that a cause from a package brings, with its subject."""
     return f"{says} ({subject_words(subject)})" if subject else says
 
 
 def confirming(claim: Claim, otherwise: str = "") -> Advice:
-    """What to measure to confirm a cause; ``otherwise``: what one that is not the project's own says of it."""
+    """Return the measurement that confirms a cause; ``otherwise``: that of a cause from a package."""
     text = WORDINGS[claim.cause].advice if claim.cause in WORDINGS else otherwise
     return Advice(AdviceKind.CONFIRM, text if isinstance(text, str) else text(claim))

@@ -1,4 +1,4 @@
-"""What a wording speaks of, a cause with its settings and sizes; and what clauses on it are put together from."""
+"""Claim on a cause with its settings and sizes, and building blocks of clauses."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from truing.report.diagnosis.effect_units import size_text, stem
 from truing.report.diagnosis.findings import subject_words
 from truing.report.numbers import rough
 
-# A component that is smaller than this many of its standard deviations is not told.
+# Components smaller than this many standard deviations are left out.
 _SURE = 2.0
-# How many sizes a clause tells one by one.
+# Number of sizes that a clause gives one by one.
 _TOLD = 3
 
 
 @dataclass(frozen=True)
 class ParameterSize:
-    """A parameter of a cause: value, one sigma (None for text and counts) and unit, as the table tells them."""
+    """Parameter of a cause: value, one sigma (None for text and counts) and unit, as in the table."""
 
     name: str
     value: Any
@@ -30,16 +30,16 @@ class ParameterSize:
 
     @property
     def number(self) -> float | None:
-        """The value where it is a number."""
+        """Value, if it is a number."""
         plain = isinstance(self.value, (int, float)) and not isinstance(self.value, bool)
         return float(self.value) if plain and math.isfinite(self.value) else None
 
 
 @dataclass(frozen=True)
 class Reach:
-    """The largest shift in um, and the legs (from 1) that it concerns: one, or two that it moves against each other.
+    """Largest shift in um, and the legs (from 1) that it concerns: one, or two relative to each other.
 
-    ``sigma`` in um, of parameters taken as uncorrelated, as the table of the diagnosis tells no more of them.
+    ``sigma`` in um, for uncorrelated parameters, as the table of the diagnosis holds no correlations.
     """
 
     largest: float
@@ -49,11 +49,11 @@ class Reach:
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """One candidate cause as the tables tell it.
+    """One candidate cause from the tables.
 
-    ``settings``: the fields of the cause, and the ``step`` of the chain at which it acts. ``words``: the clause of a
-    cause that is not the project's own. ``largest_motion``, in ``unit``: how far it moves anything that was measured;
-    ``reach``: how far it moves the attachments.
+    ``settings``: fields of the cause, and the ``step`` of the chain at which it acts. ``words``: clause of a cause from
+    a package. ``largest_motion``, in ``unit``: largest change of any measured quantity; ``reach``: largest shift of the
+    attachments.
     """
 
     cause: str
@@ -67,21 +67,23 @@ class Claim:
     reach: Reach | None = None
 
     def size(self, name: str) -> ParameterSize | None:
-        """The parameter of that name."""
+        """Return the parameter of that name."""
         return next((size for size in self.sizes if size.name == name), None)
 
     def sizes_of(self, kind: str) -> tuple[ParameterSize, ...]:
-        """The parameters of a kind, one per leg where each leg has its own."""
+        """Return the parameters of a kind, one per leg where each leg has its own."""
         return tuple(size for size in self.sizes if stem(size.name) == kind and size.number is not None)
 
     def fact(self, name: str) -> Any:
-        """A setting, or the parameter of that name where the table holds no settings; None where neither is there."""
+        """Return a setting, or the parameter of that name where the table holds no settings; None where there is
+        neither.
+        """
         size = self.size(name)
         return self.settings.get(name, None if size is None else size.value)
 
 
 class AdviceKind(StrEnum):
-    """What the next measurement is for."""
+    """Purpose of the next measurement."""
 
     SEPARATE = "separate"  # tell it from its rival
     CONFIRM = "confirm"
@@ -92,8 +94,9 @@ class AdviceKind(StrEnum):
 
 @dataclass(frozen=True)
 class Advice:
-    """What to measure next; ``short``: without the settings that a table holds, empty where none does; ``purpose``:
-    that of its rows there."""
+    """Next measurement; ``short``: without settings that a table holds, empty where none does; ``purpose``: of its rows
+    there.
+    """
 
     kind: AdviceKind
     words: str
@@ -103,8 +106,11 @@ class Advice:
 
 @dataclass(frozen=True)
 class Wording:
-    """How a cause is spoken of: its noun; the clause on what nature does, with sizes where the claim has some, to
-    complete "The data show that ..."; and the advice what to measure to confirm it."""
+    """Words for a cause: its noun; the clause that completes "The data show that ...", with sizes if known; and the
+    advice.
+
+    The advice is the measurement that confirms the cause.
+    """
 
     noun: str
     clause: Callable[[Claim], str]
@@ -112,28 +118,30 @@ class Wording:
 
 
 def size_in_words(size: ParameterSize) -> str:
-    """``0.210 ± 0.010 %``."""
+    """Return ``0.210 ± 0.010 %``."""
     return size_text(size.name, size.value, size.sigma, size.unit)
 
 
 def positive(size: ParameterSize) -> ParameterSize:
-    """The size without its sign, where words tell that."""
+    """Return the size without its sign, where words give that."""
     return ParameterSize(size.name, abs(size.number or 0.0), size.sigma, size.unit)
 
 
 def largest(sizes: tuple[ParameterSize, ...]) -> ParameterSize | None:
-    """The size that is farthest from nothing."""
+    """Return the size with the largest absolute value."""
     return max(sizes, key=lambda size: abs(size.number or 0.0), default=None)
 
 
 def only(claim: Claim, kind: str) -> tuple[str, bool]:
-    """The largest size of a kind without its sign, empty where there is none, and whether it is positive."""
+    """Return the absolute value of the largest size of a kind, empty where there is none, and True if it
+    is positive.
+    """
     size = largest(claim.sizes_of(kind))
     return ("", True) if size is None else (size_in_words(positive(size)), (size.number or 0.0) > 0.0)
 
 
 def sure_of(sizes: tuple[ParameterSize, ...]) -> list[ParameterSize]:
-    """Sizes that are beyond two of their sigmas, the largest first; where none is, the largest alone."""
+    """Return sizes beyond two of their sigmas, the largest first; where there are none, the largest alone."""
     known = [size for size in sizes if size.number is not None]
     sure = [size for size in known if size.sigma is None or abs(size.number or 0.0) > _SURE * size.sigma]
     alone = largest(tuple(known))
@@ -141,13 +149,13 @@ def sure_of(sizes: tuple[ParameterSize, ...]) -> list[ParameterSize]:
 
 
 def _leg_of(size: ParameterSize, subject: str) -> str:
-    """``leg 3``: whose parameter it is, by its suffix or by the subject."""
+    """Return the leg of a parameter, ``leg 3``, by its suffix or by the subject."""
     numbered = re.search(r"_(\d+)$", size.name)
     return f"leg {numbered[1]}" if numbered else subject_words(subject)
 
 
 def by_most(claim: Claim, kind: str) -> str:
-    """``, by 0.21 ± 0.01 %``, or of several legs ``, most leg 3 (0.21 ± 0.01 %)``; nothing without a size."""
+    """Return ``, by 0.21 ± 0.01 %``, or for several legs ``, most leg 3 (0.21 ± 0.01 %)``; empty without a size."""
     sizes = claim.sizes_of(kind)
     size = largest(sizes)
     if size is None:
@@ -160,17 +168,17 @@ def by_most(claim: Claim, kind: str) -> str:
 
 
 def by(words: str) -> str:
-    """``, by 0.21 ± 0.01 %``; nothing of nothing."""
+    """Return ``, by 0.21 ± 0.01 %``; empty without words."""
     return f", by {words}" if words else ""
 
 
 def moves(claim: Claim) -> str:
-    """``, by up to 12 um``: how far the effect moves what was measured."""
+    """Return the largest change of measured quantities by an effect: ``, by up to 12 um``."""
     return "" if claim.largest_motion is None else f", by up to {rough(claim.largest_motion)} {claim.unit}"
 
 
 def with_sizes(text: str, claim: Claim) -> str:
-    """A clause, and how large it is: its parameters, or where these are many, how far it moves what was measured."""
+    """Return a clause with sizes: parameters or, where these are many, the largest change of measured quantities."""
     if len(claim.sizes) > _TOLD and claim.largest_motion is not None:
         return text + moves(claim)
     sizes = ", ".join(f"{size.name} {size_in_words(size)}" for size in claim.sizes[:_TOLD])
@@ -178,6 +186,6 @@ def with_sizes(text: str, claim: Claim) -> str:
 
 
 def listed(names: Iterable[object]) -> str:
-    """``1``, ``1 and 4``, ``1, 4 and 10``."""
+    """Return ``1``, ``1 and 4``, ``1, 4 and 10``."""
     *first, last = map(str, names)
     return f"{', '.join(first)} and {last}" if first else last

@@ -1,4 +1,4 @@
-"""What legs, actuators, platform and base do, and other bodies and their targets."""
+"""Wordings of causes in mechanisms: legs, actuators, platform, base, other bodies and their targets."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from truing.report.wordings.claim import Claim, Wording, by, by_most, largest, l
 from truing.report.wordings.nonparametric_wordings import columns_words, product_words
 from truing.schemas.covariates import own_name
 
-# A shift is told with the sigma of parameters taken one by one where it is so many times that.
+# Least shift, over the sigma from uncorrelated parameters, for which that sigma is given.
 _TELLING = 2.0
 _ATTACHMENTS = "Move one actuator at a time through its range and measure the targets at all attachments."
 _TWO_TEMPERATURES = "at two temperatures, as far apart as the room allows."
@@ -21,7 +21,7 @@ _CAME_FROM, _TIMES, _TEMPERATURE = "approach ", "*", "temperature_c"
 
 
 def _actuators(claim: Claim) -> str:
-    """``actuator 3`` or ``actuators 1 and 4`` or ``the actuators``."""
+    """Return ``actuator 3`` or ``actuators 1 and 4`` or ``the actuators``."""
     return subject_words(claim.subject).replace("leg", "actuator", 1) or "the actuators"
 
 
@@ -37,14 +37,14 @@ def _up_to(claim: Claim) -> str:
     found = claim.reach
     if found is None:
         return ""
-    # Numbers that are known together alone would, taken one by one, leave a shift open that was measured.
+    # Strongly correlated parameters, treated as uncorrelated, would give far too large a sigma of the shift.
     known = found.sigma is not None and 0.0 < found.sigma < found.largest / _TELLING
     far = with_uncertainty(found.largest, found.sigma, "um") if known else f"{rough(found.largest)} um"
     return f", by up to {far}"
 
 
 def _deforms(claim: Claim) -> str:
-    """The platform follows each leg's own actuator."""
+    """Return the clause that the platform follows each leg's own actuator."""
     where = subject_words(claim.subject)
     out = " nonlinearly with" if claim.cause == "platform-deformation-nonlinear" else " with"
     along = "" if claim.sizes else " along its z"
@@ -65,7 +65,7 @@ def _deforms_with_all(claim: Claim) -> str:
 
 
 def _in_plane(claim: Claim) -> str:
-    """Attachments shift across the platform's z with their own actuators."""
+    """Return the clause that attachments shift across the platform's z with their own actuators."""
     where, own = subject_words(claim.subject), _verb(claim, "its own actuator", "their own actuators")
     text = f"the platform deforms in its plane at {where or 'each leg'} with {own if where else 'its own actuator'}"
     size = largest((*claim.sizes_of("kappa_x"), *claim.sizes_of("kappa_y")))
@@ -160,7 +160,7 @@ def _heat(claim: Claim) -> str:
 
 
 def _lands(claim: Claim) -> str:
-    """Whose position scatters at each approach, when, and by how much."""
+    """Return the clause on actuators whose position scatters at each approach: which, when, and by how much."""
     who = f"body {claim.fact('body')}" if claim.fact("body") else _actuators(claim)
     way = {1: " when approached from below", -1: " when approached from above"}.get(claim.fact("direction") or 0, "")
     poses = [claim.fact(name) for name in ("from_pose", "to_pose")]
@@ -281,7 +281,7 @@ def _body_deforms(claim: Claim) -> str:
 
 
 def _terms(claim: Claim) -> str:
-    """What a body deforms with: columns, their squares and products, where another body is."""
+    """Return the terms of a body's deformation: columns, their squares and products, place of another body."""
     terms = claim.fact("terms")
     columns = list(dict.fromkeys(column for term in terms for column in term.split(_TIMES)))
     placed = columns[0].removesuffix(" x")
@@ -325,7 +325,7 @@ def _wait(claim: Claim) -> str:
 
 
 def _sags(claim: Claim) -> str:
-    """What shifts with the direction of gravity, and by how much."""
+    """Return the clause on shifts with the direction of gravity, with their size."""
     one, body = claim.fact("one"), claim.fact("body") or claim.subject or "a body"
     if one:
         size = claim.size(f"{one}_sag")
@@ -343,7 +343,7 @@ def _turn_over(claim: Claim) -> str:
 
 
 def _bursts(claim: Claim) -> str:
-    """When all points scattered more, and how much."""
+    """Return the clause on a time in which all points scattered more, with its size."""
     size = claim.size("noise_ratio")
     more, like = (f"{size_in_words(size)} times as much", "as") if size is not None else ("more", "than")
     if claim.fact("run") not in (None, ""):

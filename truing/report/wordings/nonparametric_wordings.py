@@ -1,4 +1,4 @@
-"""Columns as a sentence names them, and the wording of a nonparametric effect of some of them."""
+"""Wordings of nonparametric effects, and names of columns in sentences."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ PARTS_OF_AXES = {
     "encoder motor": "the encoder at the motor",
     "instrument": "the outside instrument",
 }
-# What is made of a load, by what stands before its name.
+# Functions of a load, by the prefix of its name.
 _OF_LOAD = {
     "unloading ": "whether {} falls",
     "direction of ": "the direction in which {} changes",
@@ -49,7 +49,7 @@ _WHOSE = {
 
 
 def columns_words(columns: tuple[str, ...]) -> str:
-    """Columns that something follows, as a sentence names them: ``actuator 2 and the temperature``, ``load fz``."""
+    """Return columns in words: ``actuator 2 and the temperature``, ``load fz``."""
     drives = [found[1] for c in columns if (found := re.fullmatch(_DRIVE, c))]
     loads = [f"load {found[1]}" if (found := re.fullmatch(_LOAD, c)) else c for c in columns]
     others = [_COLUMNS.get(c, c) for c in loads if not re.fullmatch(_DRIVE, c)]
@@ -60,14 +60,16 @@ def columns_words(columns: tuple[str, ...]) -> str:
 
 
 def remainder_clause(columns: tuple[str, ...], subject: str, share: float) -> str:
-    """What the model without causes misses and what predicts it, without a full stop."""
+    """Return the clause on residuals of the model without causes and the inputs that predict them, without
+    a full stop.
+    """
     whose = f" of {subject_words(subject)}" if subject else ""
     text = f"The residuals of the model without causes{whose} depend on {columns_words(columns)}"
     return f"{text}, which explains {'' if subject else 'up to '}{100.0 * share:.0f} % of their variance"
 
 
 def remainder_advice(columns: tuple[str, ...]) -> str:
-    """What to measure where the misfit follows columns: the same with these changed."""
+    """Return the advice where residuals depend on columns: measure the same with these changed."""
     others = tuple(column for column in columns if column not in OF_TIME)
     if not others:
         return "Repeat a part of the campaign in another order, to see whether the error depends on time."
@@ -75,7 +77,7 @@ def remainder_advice(columns: tuple[str, ...]) -> str:
 
 
 def remainder_explanation(columns: tuple[str, ...], subject: str, share: float, p_value: float) -> str:
-    """What is to be said of inputs that predict what the simulation misses, where no model of causes holds."""
+    """Return the explanation of inputs that predict the residuals where no model of causes holds."""
     where = "" if subject else " (for the actuator or body with the largest share)"
     return (
         f"{remainder_clause(columns, subject, share)}{where}, by smooth functions of this input or its history. "
@@ -85,7 +87,7 @@ def remainder_explanation(columns: tuple[str, ...], subject: str, share: float, 
 
 
 def _column_words(column: str) -> str:
-    """One column: ``the displacement of actuator 3``, ``the load fz``, ``the temperature``."""
+    """Return one column in words: ``the displacement of actuator 3``, ``the load fz``, ``the temperature``."""
     for start, words in _OF_LOAD.items():
         if column.startswith(start):
             return words.format(_column_words(column.removeprefix(start)))
@@ -97,7 +99,7 @@ def _column_words(column: str) -> str:
 
 
 def product_words(names: Iterable[str]) -> str:
-    """``time``, ``the square of time``, ``the product of time and the temperature``."""
+    """Return ``time``, ``the square of time``, ``the product of time and the temperature``."""
     first, *more = names
     if not more:
         return first
@@ -105,7 +107,7 @@ def product_words(names: Iterable[str]) -> str:
 
 
 def _inputs_in_words(claim: Claim) -> str:
-    """What it follows, in which form; by the table's columns alone where that has no settings."""
+    """Return the inputs and the form of a dependence; only the table's columns where that has no settings."""
     columns = claim.fact("columns")
     if not columns:
         return columns_words(claim.follows) or "none of the recorded columns"
@@ -141,7 +143,7 @@ def _is_one(claim: Claim) -> bool:
 
 
 def _whose(claim: Claim) -> str:
-    """What follows: a quantity of legs, targets of a body, a channel, a number of a camera, a part of an axis."""
+    """Return the dependent quantity: of legs, targets of a body, a channel, a camera, a part of an axis."""
     if claim.fact("element"):
         return PARTS_OF_AXES.get(claim.subject, claim.subject)
     quantity, targets = claim.fact("quantity"), list(claim.fact("targets") or ())
