@@ -1,4 +1,4 @@
-"""Runs, parts of runs and columns that hold the very numbers of others, which noise makes no two of them do."""
+"""Detection of copied runs, parts of runs and columns: equal numbers that noise would make different."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from truing.belonging.chance_equality import ChanceEquality
 from truing.belonging.plausible_slips import RecordedColumn
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
 
-FEWEST, SHARE = 8, 0.2  # rows, and part of the shorter run, from which a copy is told
-_CHANCE = 1e-9  # of so many equal rows
-_VALUES = 4  # that are compared at once: rows with fewer are taken with those that follow
+FEWEST, SHARE = 8, 0.2  # fewest rows of a copy, and its least share of the shorter run
+_CHANCE = 1e-9  # probability below which equal rows are a copy
+_VALUES = 4  # fewest values compared at once: rows with fewer are combined with the following ones
 RELATION = "copied-runs"
-_FEWEST = 5  # values that have to be equal
+_FEWEST = 5  # fewest equal values
 _EQUAL = 0.95  # share of two runs' values
-_TELLING = 0.3  # probability of one equal value below which equal values tell anything
-_DIGITS = 11  # of the largest value: more are rounding
-_DIFFERENT = 5  # different values
+_TELLING = 0.3  # largest probability of one equal value at which equal values are evidence
+_DIGITS = 11  # digits of the largest value that are compared; more are rounding
+_DIFFERENT = 5  # fewest different values
 
 
 @dataclass(frozen=True)
 class CopiedPart:
-    """Two runs (from 0), the rows of the first that stand in the second (from 0 within the run), and their share of the
-    shorter run."""
+    """Two runs (from 0), the rows of the first that the second holds too (from 0 in the run), and their share of the
+    shorter.
+    """
 
     first: int
     second: int
@@ -39,9 +40,10 @@ class CopiedPart:
 def copied_parts(
     value: Array, rows: Sequence[Index], load: Array, chance: ChanceEquality
 ) -> tuple[list[CopiedPart], bool]:
-    """Return the copied parts of all pairs of runs, and whether any could be told from chance.
+    """Return the copied parts of all pairs of runs, and True if copies would be distinguishable from chance.
 
-    value (N, K) in every digit, rows: those of each run, load (N, 6); chance: that two of their readings are equal.
+    value (N, K) in every digit, rows: those of each run, load (N, 6); chance: probability that two of their readings
+    are equal.
     """
     length = _together(value)
     number = _numbered(np.nan_to_num(value))
@@ -72,26 +74,26 @@ def copied_parts(
 
 
 def _together(value: Array) -> int:
-    """How many rows that follow each other are compared at once."""
+    """Return the number of successive rows that are compared at once."""
     seen = np.isfinite(value).sum(axis=1)
     typical = float(np.median(seen[seen > 0])) if seen.any() else 1.0
     return max(int(np.ceil(_VALUES / typical)), 1)
 
 
 def _numbered(rows: NDArray) -> Index:
-    """The same number (N,) for equal rows (N, K)."""
+    """Return a number (N,) for each row, the same for equal rows (N, K)."""
     return np.asarray(np.unique(rows + 0, axis=0, return_inverse=True)[1].ravel(), np.int64)
 
 
 def _windows(ids: Index, length: int) -> Index:
-    """Each row with those that follow it (M, length)."""
+    """Return each row with those that follow it, (M, length)."""
     if len(ids) < length:
         return np.zeros((0, length), np.int64)
     return np.asarray(np.lib.stride_tricks.sliding_window_view(ids, length))
 
 
 def _sharing(windows: Sequence[Index]) -> Iterator[tuple[int, int]]:
-    """Pairs of runs that share enough different windows."""
+    """Yield pairs of runs that share enough different windows."""
     from scipy.sparse import csr_array
 
     own = [np.unique(one) for one in windows]
@@ -108,7 +110,9 @@ def _sharing(windows: Sequence[Index]) -> Iterator[tuple[int, int]]:
 
 
 def _chance(value: Array, likely: Array, count: int, length: int, tries: int) -> float:
-    """Logarithm of the probability that so many windows of a pair of runs are equal, of all that could be."""
+    """Return the log probability that ``count`` windows of a pair of runs are equal by chance, among all
+    possible ones.
+    """
     from scipy.special import gammaln
 
     moving = np.array([bool(np.isfinite(own).all()) and len(np.unique(own)) > 2 for own in value.T])
@@ -120,7 +124,7 @@ def _chance(value: Array, likely: Array, count: int, length: int, tries: int) ->
 
 @dataclass(frozen=True)
 class Values:
-    """A table of values (N, K) whose runs are compared, and how they scatter (K,), NaN where nobody says."""
+    """A table of values (N, K) whose runs are compared, and their noise (K,), NaN where not declared."""
 
     name: str
     value: Array
@@ -128,9 +132,9 @@ class Values:
 
 
 def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[Values]) -> tuple[RelationTest, ...]:
-    """Return the test of all pairs of runs, load (N, 6) too.
+    """Return the test of all pairs of runs under load (N, 6).
 
-    Whole runs are compared row by row from the first of both, parts of them wherever they stand.
+    Whole runs are compared row by row from their first rows, parts of them at any place.
     """
     found, pairs, informative, parts_tell = dict[tuple[str, str], list[_Copy]](), 0, False, True
     rows = [np.flatnonzero(run == one) for one in range(len(runs))]
@@ -160,14 +164,16 @@ def copied_runs(run: Index, runs: Sequence[str], load: Array, tables: Sequence[V
 
 
 def _rounded(table: Values) -> Values:
-    """A table without what turning units back and forth leaves in its last digits."""
+    """Return a table without the rounding errors of unit conversions."""
     most = np.nanmax(np.abs(table.value), axis=0, initial=1e-300)
     return replace(table, value=np.round(table.value / most, _DIGITS) * most)
 
 
 @dataclass(frozen=True)
 class _Copy:
-    """A quantity of two runs, the share of it that is the same, and which rows of the first (from 1): none for all."""
+    """A quantity of two runs, the share of equal values, and the equal rows of the first run (from 1),
+    empty for all.
+    """
 
     quantity: str
     share: float
@@ -185,7 +191,7 @@ def _relation_tests(found: dict[tuple[str, str], list[_Copy]], pairs: int) -> It
 
 
 def _similar_runs(value: Array, rows: Sequence[Index]) -> Iterator[tuple[int, int]]:
-    """Pairs of runs that share their values at one of a few steps at least."""
+    """Yield pairs of runs with at least one equal value in the same row."""
     for first in range(len(rows)):
         for second in range(first + 1, len(rows)):
             count = min(len(rows[first]), len(rows[second]))
@@ -194,7 +200,7 @@ def _similar_runs(value: Array, rows: Sequence[Index]) -> Iterator[tuple[int, in
 
 
 def _equal(first: Array, second: Array, chance: Array) -> tuple[float, float]:
-    """Share of equal values of two runs, and how likely so many are where each is equal by chance (K,)."""
+    """Return the share of equal values of two runs, and the probability of so many if each is equal by chance (K,)."""
     count = min(len(first), len(second))
     both = np.isfinite(first[:count]) & np.isfinite(second[:count])
     equal = (first[:count] == second[:count]) & both

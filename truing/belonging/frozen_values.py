@@ -13,10 +13,10 @@ from truing.belonging.chance_equality import chance_of_equality, noise_of_neighb
 _CHANCE = 1e-6  # probability below which noise does not explain equal values in a whole run
 _FEWEST = 4  # fewest successive equal values
 _OVER_NOISE, _OVER_STEP = 20.0, 5.0
-_OF_RANGE = 0.1  # of what the column answers at most
-_AT_END = 0.01  # of a column's range
-_CORRECTION = 2e-5  # of a reading, from one step to the next
-_BEYOND = 0.9  # share of rows beyond the value on one side, as where a signal is cut
+_OF_RANGE = 0.1  # share of the column's largest response
+_AT_END = 0.01  # share of a column's range
+_CORRECTION = 2e-5  # largest relative correction of a reading from one step to the next
+_BEYOND = 0.9  # share of rows on one side of the value, as for a clipped signal
 
 
 @dataclass(frozen=True)

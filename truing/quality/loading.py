@@ -15,8 +15,8 @@ from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI
 
 TEMPERATURES = ("air_temperature_c", "material_temperature_c")
 UNITS = ("um",) * 3 + ("arcsec",) * 3
-_MAIN = 0.3  # of a channel's largest expected answer: where its sign is beyond doubt
-_CLEAR = 10.0  # sigmas that an expected answer spans where its size can be told
+_MAIN = 0.3  # share of a channel's largest expected answer above which its sign is certain
+_CLEAR = 10.0  # least range of an expected answer, in sigmas, for a test of its size
 _FEWEST = 6  # fewest readings of a channel that is assessed
 _FEWEST_STEPS, _LEAST_FREEDOM = 8, 4  # fewest steps and degrees of freedom for the scatter of a signal
 _FEW = 0.1  # share of a run's steps: where more have no value, the value was not meant to be recorded

@@ -85,7 +85,7 @@ def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -
 
 
 def _why_not_by(calibration: SectionVerdict | None) -> str:
-    """Return what to do about a calibration that does not fit; empty for one that does."""
+    """Return the remedy for a calibration that does not fit, in words; empty for one that does."""
     if calibration is None:
         return ""
     if calibration.reason_code == ReasonCode.CAUSE_LEFT_OUT:

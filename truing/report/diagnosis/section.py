@@ -80,7 +80,7 @@ def _accepted(row: AssessedCause, tables: Tables) -> tuple[str, str]:
 
 
 def _finding(row: AssessedCause, tables: Tables) -> str:
-    """Return what, where and how large; then how sure."""
+    """Return a finding in words: cause, subject and size, then its certainty."""
     sure = certainty(row)
     return f"{clause(row, tables)}. {sure}." if sure else f"{clause(row, tables)}."
 

@@ -85,11 +85,11 @@ class Claim:
 class AdviceKind(StrEnum):
     """Purpose of the next measurement."""
 
-    SEPARATE = "separate"  # tell it from its rival
+    SEPARATE = "separate"  # separate it from its rival
     CONFIRM = "confirm"
-    SHARPEN = "sharpen"  # know its size better
-    ANOTHER = "another kind"  # tell it from its rival, which nothing within reach does
-    IN_VAIN = "in vain"  # know its size better, which no number of repeats brings
+    SHARPEN = "sharpen"  # reduce the uncertainty of its size
+    ANOTHER = "another kind"  # separate it from its rival by another kind of measurement; this kind cannot
+    IN_VAIN = "in vain"  # reduce the uncertainty of its size, which no number of repeats can
 
 
 @dataclass(frozen=True)
