@@ -77,8 +77,7 @@ class BodyPoints:
 @dataclass(frozen=True)
 class _Trial:
     """A slip that may explain poses (B,): kind, quantity, factor; misfit (B,), m, after it is undone, infinite where
-    undefined.
-    """
+    undefined."""
 
     kind: SlipKind
     quantity: str
@@ -202,9 +201,7 @@ _CHANGES = tuple(_changes())
 
 def _changed_axes(body: BodyPoints, rows: Mask, right: Mask) -> Index:
     """Return the change (B,) that brings mirrored poses to the place of the right ones; -1 where none clearly does.
-
-    None does where the instrument was moved.
-    """
+    None does where the instrument was moved."""
     found = np.full(len(rows), -1)
     points = np.where(body.seen[:, :, None], body.points, np.nan)
     known = np.isfinite(points[right]).any(axis=(0, 2))
@@ -285,8 +282,7 @@ def together(tested: tuple[RelationTest, ...]) -> Iterator[RelationTest]:
 
 def _unit(scale: Array) -> float | None:
     """Return the factor between units that gives points of scales (B,) the size of their survey; None
-    where none does.
-    """
+    where none does."""
     if not np.isfinite(scale).any():
         return None
     factor, known = 1.0 / float(np.nanmedian(scale)), np.array(both_ways(LENGTH_FACTORS))

@@ -1,6 +1,5 @@
 """Probability that readings of two runs are equal by chance, from resolution, noise and range of each
-run's channels.
-"""
+run's channels."""
 
 from __future__ import annotations
 
@@ -41,8 +40,7 @@ class ChanceEquality:
     @classmethod
     def of_runs(cls, value: Array, rows: Sequence[Index], load: Array, declared: Array) -> Self:
         """Return the statistics of columns (N, K), for the rows of each run, under loads (N, 6); declared
-        noise (K,).
-        """
+        noise (K,)."""
         shape = len(rows), value.shape[1]
         seen = np.array([noise_of_neighbours(load[own], value[own]) for own in rows]).reshape(shape)
         return cls(
@@ -107,8 +105,7 @@ def resolution(value: Array) -> float:
 
 def chance_of_equality(step: Array, first: Array, second: Array) -> Array:
     """Return the probability that readings in steps are equal if they differ by noise alone; 1 where steps
-    are coarser.
-    """
+    are coarser."""
     is_coarse = (np.fmin(first, second) < _RESOLVED * step) | (step <= 0.0)
     return np.where(is_coarse, 1.0, _share(step, np.sqrt(2.0 * np.pi) * np.hypot(first, second)))
 

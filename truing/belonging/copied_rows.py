@@ -28,8 +28,7 @@ _DIFFERENT = 5  # fewest different values
 @dataclass(frozen=True)
 class CopiedPart:
     """Two runs (from 0), the rows of the first that the second holds too (from 0 in the run), and their share of the
-    shorter.
-    """
+    shorter."""
 
     first: int
     second: int
@@ -111,8 +110,7 @@ def _sharing(windows: Sequence[Index]) -> Iterator[tuple[int, int]]:
 
 def _chance(value: Array, likely: Array, count: int, length: int, tries: int) -> float:
     """Return the log probability that ``count`` windows of a pair of runs are equal by chance, among all
-    possible ones.
-    """
+    possible ones."""
     from scipy.special import gammaln
 
     moving = np.array([bool(np.isfinite(own).all()) and len(np.unique(own)) > 2 for own in value.T])
@@ -172,8 +170,7 @@ def _rounded(table: Values) -> Values:
 @dataclass(frozen=True)
 class _Copy:
     """A quantity of two runs, the share of equal values, and the equal rows of the first run (from 1),
-    empty for all.
-    """
+    empty for all."""
 
     quantity: str
     share: float

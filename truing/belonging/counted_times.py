@@ -40,8 +40,7 @@ def times_from_order(run: Index, step: Array, known: Array) -> Array:
 
 def _between_known(step: Array, time: Array, seen: Mask) -> Array:
     """Return times interpolated by step between known ones, extrapolated at the mean pace (1 s if only
-    one is known).
-    """
+    one is known)."""
     first, last = np.flatnonzero(seen)[[0, -1]]
     pace = (time[last] - time[first]) / (step[last] - step[first]) if last > first else 1.0
     filled = np.interp(step, step[seen], time[seen])

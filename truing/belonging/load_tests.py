@@ -58,8 +58,7 @@ def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], se
 
 def by_compliance(seen: Array) -> ExpectedResponse:
     """Return the expected response of columns, from rows (K, 6) of a compliance (6, 6) whose diagonal
-    bounds the rest.
-    """
+    bounds the rest."""
     gives = np.sqrt(np.maximum(np.abs(np.diag(seen)), 1e-300))
     return ExpectedResponse(seen, np.maximum(gives, np.abs(seen / gives).max(axis=1)), gives)
 
@@ -83,8 +82,7 @@ def against_range(load: Array, largest: Array) -> RelationTest | None:
 
 def untested(reason: str) -> RelationTest:
     """Return the untested relation where nothing predicts the readings: a common unit or sign of all loads
-    cannot show.
-    """
+    cannot show."""
     unseen = (RecordSlip(SlipKind.UNIT, "load"), RecordSlip(SlipKind.SIGN, "load"))
     return RelationTest(READINGS, RelationState.NOT_TESTED, reason, hidden=unseen)
 
@@ -105,8 +103,7 @@ def _main(found: Responses, expected: ExpectedResponse) -> tuple[Mask, Array, Ar
 
 def _departure(found: Responses, expected: ExpectedResponse) -> tuple[RelationState, str]:
     """Return state and reason where no slip explains the data, from the deviation of main responses from
-    expected ones.
-    """
+    expected ones."""
     main, share, wanted = _main(found, expected)
     if not main.any():
         return RelationState.NOT_TESTED, "no-main-response"
@@ -160,8 +157,7 @@ class _ValueTable:
         self, response: RelationTest, used: _Used, answers: Array, steps: RecordedSteps, wrong: Sequence[RunPart]
     ) -> list[RelationTest]:
         """Return the tests of responses, parts, columns and rows; responses without a slip are left out if the others
-        find any.
-        """
+        find any."""
         response = _also_reversed(response, used.steps, self.name)
         found = [
             *of_parts(wrong, steps.step, used.steps.runs, self.columns, self.first, self.relation),
@@ -286,10 +282,8 @@ def _parts(steps: RecordedSteps, columns: Sequence[RecordedColumn], seen: Array 
 
 
 def _also_reversed(tested: RelationTest, steps: SignalSteps, table: str) -> RelationTest:
-    """Return a test with rows that may be reversed as well, in runs of opposite sign with antisymmetric loads.
-
-    Loads that are the same backwards never show a reversal.
-    """
+    """Return a test with rows that may be reversed as well, in runs of opposite sign with antisymmetric loads. Loads
+    that are the same backwards never show a reversal."""
     turned = [slip for slip in tested.slips if slip.kind == SlipKind.SIGN]
     number = {name: run for run, name in enumerate(steps.runs)}
     rivals = list(tested.rivals)
@@ -323,8 +317,7 @@ def _of_signals(recorded: SignalSteps, columns: Sequence[RecordedColumn], known:
 
 def _either(predicted: RelationTest, alike: RelationTest, runs: Sequence[str]) -> RelationTest:
     """Return the test against a prediction, or between runs where the prediction finds no slip or only one of single
-    runs.
-    """
+    runs."""
     of_runs = all(set(slip.subjects).intersection(runs) for slip in predicted.slips)
     if alike.slips and of_runs:
         return replace(alike, tried=predicted.tried + alike.tried)

@@ -28,8 +28,7 @@ _FORCES, _TORQUES = np.arange(6) < 3, np.arange(6) >= 3
 @dataclass(frozen=True)
 class RecordedColumn:
     """A recorded column: name, quantity, factors to other units, and the size of a fringe in its unit if it may be
-    counted.
-    """
+    counted."""
 
     name: str
     quantity: str
@@ -145,8 +144,7 @@ def slips_of_columns(
     of_all: bool,
 ) -> Iterator[SlipCandidate]:
     """Yield slips of recorded columns: of a quantity or a column, in all runs (of_all) or in single runs, and
-    exchanges.
-    """
+    exchanges."""
     many = np.log(max(len(np.unique(found.run)), 1))
     if of_all:
         for quantity in dict.fromkeys(column.quantity for column in columns):

@@ -181,10 +181,8 @@ def _there(slip: RecordSlip, where: tuple[str, ...]) -> RecordSlip:
 
 
 def _likely(search: _Found) -> list[Written]:
-    """Return possible intended readings in some rows, the most likely first.
-
-    The rest of the table decides between them, because it determines the geometry far better than tolerances do.
-    """
+    """Return possible intended readings in some rows, the most likely first. The rest of the table decides between
+    them, because it determines the geometry far better than tolerances do."""
     least = search.plain.evidence + _AS_LIKELY
     found = [one for one in (search.meant, *search.rivals) if one.evidence > least and not one.description.slips]
     return sorted(found, key=lambda one: -one.evidence)
@@ -280,8 +278,7 @@ def _rms(values: Array) -> float:
 @dataclass(frozen=True)
 class _Found:
     """Readings as recorded, as most likely intended (in all poses), the order of rows, and the number of hypotheses
-    tried.
-    """
+    tried."""
 
     plain: Written
     meant: Written
@@ -377,11 +374,9 @@ def _row_slips(order: RowOrder, names: ReadingNames) -> tuple[RecordSlip, ...]:
 
 
 def _other_zero(motion: MeasuredMotion, asked: Array) -> RecordSlip | None:
-    """Return the slip of readings relative to the reference configuration, or given as whole lengths.
-
-    The offset must have this size in all legs, within tolerances. Calibration explains other offsets, which errors of
-    the geometry can also cause.
-    """
+    """Return the slip of readings relative to the reference configuration, or given as whole lengths. The offset must
+    have this size in all legs, within tolerances. Calibration explains other offsets, which errors of the geometry can
+    also cause."""
     legs = motion.legs
     left = asked - motion.readings
     offset = np.median(left, axis=0)

@@ -1,6 +1,5 @@
 """Result of one consistency test between two parts of a campaign, and the slips (recording mistakes) that
-explain it.
-"""
+explain it."""
 
 from __future__ import annotations
 

@@ -28,8 +28,7 @@ _CLEAR = 0.2  # least range of a column in a run for a test, as a share of its l
 @dataclass(frozen=True)
 class RowSlip:
     """Rows recorded in another order: the slip, and the rms residual before and after, in per cent of the columns'
-    range.
-    """
+    range."""
 
     slip: RecordSlip
     before: float
@@ -133,8 +132,7 @@ def _range(value: Array) -> Array:
 
 def _of_run(number: int, load: Array, time_s: Array, value: Array, ranges: Array) -> Iterator[_Tried]:
     """Return the tested orders of one run, by the columns that respond; ranges (K,): the largest of a run in the
-    campaign.
-    """
+    campaign."""
     columns = (ranges > 0.0) & (_range(value) > _CLEAR * ranges)
     way = directions(load)[1]
     if not columns.any() or not way.shape[1] or len(load) < max(_FEWEST, 3 * way.shape[1] + 4):

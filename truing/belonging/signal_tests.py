@@ -129,8 +129,7 @@ def _named(tested: RelationTest) -> int:
 
 def _reverses_most(tested: RelationTest, steps: SignalSteps) -> bool:
     """Return True if most runs would have the opposite sign; then the others are wrong, and signals count the other
-    way.
-    """
+    way."""
     most = 0.5 * len(np.unique(steps.run))
     return any(slip.kind == SlipKind.SIGN and len(set(slip.subjects) & set(steps.runs)) > most for slip in tested.slips)
 
@@ -202,10 +201,8 @@ def _tested(explained: Explained, relation: str, unseen: Sequence[RecordSlip]) -
 
 
 def _by_legs(found: Responses, legs: Array, gain: Array | None) -> Iterator[ExpectedResponse]:
-    """Yield the expected response of signals with the declared gain, or with one gain common to all of them.
-
-    The sign is positive for tension, negative, or separate for each signal.
-    """
+    """Yield the expected response of signals with the declared gain, or with one gain common to all of them. The sign
+    is positive for tension, negative, or separate for each signal."""
     of_load = np.sqrt(np.mean(legs**2, axis=0))
     if gain is not None:
         yield ExpectedResponse(legs * gain[:, None], _ABOVE_TYPICAL * np.abs(gain), of_load, _DECLARED)
@@ -230,8 +227,7 @@ def _off(missed: Array, found: Responses, expected: ExpectedResponse) -> float:
 
 def _is_of_all(candidate: SlipCandidate, columns: Sequence[RecordedColumn]) -> bool:
     """Return True if a slip changes the gain of all signals or of one; without a declared gain this
-    cannot be tested.
-    """
+    cannot be tested."""
     slip, names = candidate.slip, {column.name for column in columns}
     if slip.kind == SlipKind.COLUMNS or slip.quantity not in ("load", "signal"):
         return False

@@ -202,8 +202,7 @@ def _best_of_two(
     found: Responses, expected: ExpectedResponse, broad: Sequence[SlipCandidate]
 ) -> tuple[list[SlipCandidate], float, ColumnReading] | None:
     """Return the pair of slips with the smallest deviation and its log evidence; None if no pair explains
-    everything.
-    """
+    everything."""
     read = as_recorded(found)
     first = _compare(found, expected, read)
     best: tuple[float, list[SlipCandidate], ColumnReading] | None = None
@@ -297,10 +296,8 @@ def _halving(
     here: _ScaledResponses,
     candidates: Sequence[SlipCandidate],
 ) -> Iterator[tuple[float, SlipCandidate, ColumnReading]]:
-    """Yield candidates that at least halve the misfit of what they concern, down to the size of physical effects.
-
-    Each with the deviation of all responses and the interpretation with it.
-    """
+    """Yield candidates that at least halve the misfit of what they concern, down to the size of physical effects. Each
+    with the deviation of all responses and the interpretation with it."""
     before = np.abs(here.misses)
     for candidate in candidates:
         if np.max(before[candidate.concerns], initial=0.0) < CLEARLY:
@@ -329,8 +326,7 @@ def _gain(
     found: Responses, expected: ExpectedResponse, one: tuple[ColumnReading, _ScaledResponses], other: ColumnReading
 ) -> float:
     """Return the gain in log evidence by another interpretation, from responses that are informative under
-    either one.
-    """
+    either one."""
     here, there = one[1], _compare(found, expected, other)
     informative = here.is_large | there.is_large
     if not informative.any():

@@ -115,8 +115,7 @@ def _errors(
     with_common: NDArray,
 ) -> PoseErrors:
     """Return the errors, with parameter covariance (B, P, P) and its covariance (B, P, K) with errors common to all
-    poses.
-    """
+    poses."""
     found = reached_poses(structure, machine, measured.rho, change)
     turned = log_so3(measured.platform.R @ np.swapaxes(found.R, -1, -2))
     error = np.concatenate([measured.platform.p - found.p, turned], -1)
@@ -168,8 +167,7 @@ class Extended:
 
 def errors_at(found: ExtendedModel, conditions: Conditions, measured: MeasuredPlatform, fitted: NDArray) -> PoseErrors:
     """Return measured minus predicted poses, with the instrument's effects in the prediction; NaN where an input is
-    unknown.
-    """
+    unknown."""
     error, noise = np.full((len(fitted), 6), np.nan), np.zeros((len(fitted), 6, 6))
     rows = np.flatnonzero(_has_all_inputs(found, conditions))
     if len(rows):
@@ -200,8 +198,7 @@ def identifiable(geometry: IdentifiedGeometry) -> NDArray:
 @dataclass(frozen=True)
 class AssessedCalibration:
     """A calibration with its errors at all poses and the chi-square (B,) of held-out poses, each with expectation
-    ``equations``.
-    """
+    ``equations``."""
 
     calibration: MachineCalibration
     errors: PoseErrors | None
@@ -226,10 +223,8 @@ def choice(assessed: Sequence[AssessedCalibration]) -> ContenderChoice:
 
 
 def _pull_p_value(calibration: MachineCalibration, own: NDArray) -> float:
-    """Return the p-value of the shifts of selected parameters (P,), if the tolerances are right.
-
-    The shift from nominal has the covariance of the tolerances minus that of the parameters, so shifts are correlated.
-    """
+    """Return the p-value of the shifts of selected parameters (P,), if the tolerances are right. The shift from nominal
+    has the covariance of the tolerances minus that of the parameters, so shifts are correlated."""
     from scipy.special import chdtrc
 
     spread = np.diag(calibration.tolerance[own] ** 2) - calibration.declared[np.ix_(own, own)]
@@ -239,8 +234,7 @@ def _pull_p_value(calibration: MachineCalibration, own: NDArray) -> float:
 
 def shortcoming(one: AssessedCalibration) -> str:
     """Return in words what is wrong with a calibration and what to do; empty where it fits and predicts
-    held-out poses.
-    """
+    held-out poses."""
     figures = {name: value for name, value, _ in fit_figures(one)}
     missed = ""
     if "misfit_p_value" in figures:
@@ -265,8 +259,7 @@ def doubts(one: AssessedCalibration) -> str:
 
 def _interval_of_mean(mean: float, noise: float, count: int) -> Interval:
     """Return the 95 % bound of an error with its interval, from the mean square of normal errors minus
-    that of noise.
-    """
+    that of noise."""
     from scipy.special import chdtri
 
     scales = (1.0, chdtri(count, 0.025) / count, chdtri(count, 0.975) / count)

@@ -31,8 +31,7 @@ _FREE_DEFORMATION = 0.1
 
 def with_bodies(problem: CalibrationProblem, measured: MeasuredPlatform) -> CalibrationProblem:
     """Return the problem with the legs whose own targets determine their poses, if there are any and the structure
-    allows.
-    """
+    allows."""
     carrying = [leg for leg, found in measured.legs.items() if found.found.any()]
     if not carrying:
         return problem
@@ -61,9 +60,7 @@ def with_common(problem: CalibrationProblem, measured: MeasuredPlatform) -> Cali
 
 def _in_common(problem: CalibrationProblem, measured: MeasuredPlatform) -> tuple[NDArray, NDArray]:
     """Return the covariance (B, N, N) of the deviations by a network of rays, and effects (B, N, K) of common errors.
-
-    The covariance is NaN where the network does not determine it.
-    """
+    The covariance is NaN where the network does not determine it."""
     legs, poses = measured.rho.shape[1], len(measured.rho)
     names, is_measured = [*pose_numbers("platform"), *[""] * legs], [np.ones((poses, 6 + legs), bool)]
     if problem.leg_bodies is not None:
@@ -97,8 +94,7 @@ def noise_of_all(problem: CalibrationProblem, measured: MeasuredPlatform, noise:
 
 def _fill_legs(whole: NDArray, bodies: LegBodies, measured: MeasuredPlatform, first: int) -> None:
     """Add the legs to a covariance: platform and legs are relative to the base, whose error moves all of
-    them together.
-    """
+    them together."""
     places = np.concatenate([np.arange(6), first + np.arange(bodies.deviations)])
     common = _of_base(measured, np.concatenate([measured.platform.p[:, None], bodies.t], 1))
     platform = whole[:, :6, :6].copy()
@@ -113,8 +109,7 @@ def _fill_shifts(
     whole: NDArray, problem: CalibrationProblem, shifts: AttachmentShifts, measured: MeasuredPlatform
 ) -> None:
     """Add the shifts to a covariance: they are relative to the measured platform, so its error enters with opposite
-    sign.
-    """
+    sign."""
     found = measured.shifts.sigma[:, shifts.leg] if measured.shifts is not None else np.zeros((0, 0))
     seen = np.isfinite(found)
     rows = _heights_per_twist(problem, shifts) * seen[..., None]

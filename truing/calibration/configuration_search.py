@@ -133,8 +133,7 @@ def identifiable_parameters(problem: DesignProblem) -> list[int]:
 @dataclass(frozen=True)
 class AssessedConfigurations:
     """Information of a calibration from configurations: their number, information (L, q, q), number outside
-    the limits.
-    """
+    the limits."""
 
     count: int
     information: NDArray
@@ -203,8 +202,7 @@ class Bounded:
 
 def bounded(problem: DesignProblem, poses: int, given: NDArray | None, rng: np.random.Generator) -> Bounded:
     """Return candidates with an upper bound for any choice of poses; raises ValueError if forbidden regions leave no
-    room.
-    """
+    room."""
     corners, between = problem.region.corners(), problem.region.draw(_DENSE, rng)
     kept = problem.reached(corners), problem.reached(between)
     x = np.concatenate([corners[kept[0]], between[kept[1]]])
@@ -257,8 +255,7 @@ def _by_exchange(
     problem: DesignProblem, candidates: Bounded, poses: int, given: NDArray | None, rng: np.random.Generator
 ) -> NDArray:
     """Return the best exchange from the rounded optimum and from random starts, improved to points between
-    candidates.
-    """
+    candidates."""
     sensitivity = candidates.bound.sensitivity
     pool = np.flatnonzero(sensitivity >= _NEAR * sensitivity.max())
     rows, place = problem.rows_at(candidates.x[pool]), np.full(len(sensitivity), -1)

@@ -1,6 +1,5 @@
 """Calibrations of a case: by errors in variables, and by least squares on the closures alone as in the telescope
-report.
-"""
+report."""
 
 from __future__ import annotations
 
@@ -133,10 +132,8 @@ def maximum_likelihood(
 
 
 def _enlarged(data: CalibrationData, fit: ErrorsInVariablesFit, calibration_question: CalibrationQuestion) -> NDArray:
-    """Return the covariance (P, P) of the machine's parameters, enlarged where more noise was found than declared.
-
-    The survey of the attachments is part of the prior, but was taken by the same instrument, so it is enlarged as well.
-    """
+    """Return the covariance (P, P) of the machine's parameters, enlarged where more noise was found than declared. The
+    survey of the attachments is part of the prior, but was taken by the same instrument, so it is enlarged as well."""
     excess = max(fit.noise_ratio, 1.0)
     if data.surveyed is None or not np.isfinite(excess):
         return fit.covariance_at(excess if np.isfinite(excess) else 1.0)[
@@ -155,8 +152,7 @@ def answer(
     calibration_question: CalibrationQuestion, start: NDArray | None = None, *, robust: bool
 ) -> ErrorsInVariablesFit:
     """Return the fit of a question, started from the machine's parameters (P,) in ``start`` or from the
-    nominal ones.
-    """
+    nominal ones."""
     values = calibration_question.problem.start
     if start is not None:
         values = np.concatenate([start, values[len(start) :]])
@@ -223,8 +219,7 @@ def implicit(data: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: 
 
 def _propagated(inverse: NDArray, at: PoseEquations, noise: NDArray) -> NDArray:
     """Return the covariance (P, P) of an unweighted fit by noise (B, N, N); ``inverse`` is that of its
-    normal matrix.
-    """
+    normal matrix."""
     spread = at.by_deviation @ noise @ np.swapaxes(at.by_deviation, -1, -2)
     reported = np.einsum("bmp,bmn,bnq->pq", at.by_values, spread, at.by_values, optimize=True)
     return inverse @ reported @ inverse
@@ -232,19 +227,15 @@ def _propagated(inverse: NDArray, at: PoseEquations, noise: NDArray) -> NDArray:
 
 def _moved(inverse: NDArray, at: PoseEquations, effects: NDArray) -> NDArray:
     """Return the derivatives (P, K) of an unweighted fit by common errors, whose effects on the platform
-    are (B, 6, K).
-    """
+    are (B, 6, K)."""
     spread = at.by_deviation[..., :6] @ effects
     return np.asarray(inverse @ np.einsum("bmp,bmk->pk", at.by_values, spread))
 
 
 def _implicit_set(data: CalibrationData, fitted: MeasuredPlatform, case: Case) -> ParameterSet:
     """Return the parameters of the implicit fit: those of the report for legs like its own, otherwise identifiable
-    ones.
-
-    The latter are a largest set of joints, lengths and kappa that the data determine better than tolerances do, the
-    same for every leg.
-    """
+    ones. The latter are a largest set of joints, lengths and kappa that the data determine better than tolerances do,
+    the same for every leg."""
     if "u" in case.nominal.legs.closure.geometry:
         return report_set(case.nominal, case.deformation)
     deformation = "none" if case.deformation == "none" else "linear"

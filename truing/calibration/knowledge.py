@@ -84,8 +84,7 @@ def linear(
 
 def observe_model(dataset: CalibrationData, fitted: MeasuredPlatform, chosen: MachineCalibration) -> Observability:
     """Return the observability of the chosen model's parameters by all measurements, targets on legs and attachments
-    included.
-    """
+    included."""
     calibration_question = _full_question(dataset, fitted, chosen.case)
     values = np.concatenate([chosen.values, calibration_question.problem.start[calibration_question.count :]])
     seen = linear(dataset, calibration_question, values, fitted).jacobian
@@ -137,8 +136,7 @@ def observe_legs(dataset: CalibrationData, fitted: MeasuredPlatform) -> list[Obs
 
 def _scales(tolerance: Mapping[str, float], parameters: ParameterSet) -> NDArray:
     """Return plausible errors (P,) of the parameters: their tolerances; for the reference reading that of
-    the joints.
-    """
+    the joints."""
     heads = [entry.name.partition("_")[0] for entry in parameters.entries]
     known = {"rho0": tolerance.get("a", 0.0), "kappa": _PLAUSIBLE_KAPPA, **tolerance}
     given = np.array([known.get(head, 0.0) for head in heads])
@@ -146,11 +144,9 @@ def _scales(tolerance: Mapping[str, float], parameters: ParameterSet) -> NDArray
 
 
 def _absorption(dataset: CalibrationData, fitted: MeasuredPlatform, calibration: MachineCalibration) -> Absorption:
-    """Return the absorption of each entry of K by the calibration's parameters, predicted before any fit.
-
-    The maximum-likelihood fit weights measurements by their noise and has tolerances as prior; the implicit one does
-    neither.
-    """
+    """Return the absorption of each entry of K by the calibration's parameters, predicted before any fit. The
+    maximum-likelihood fit weights measurements by their noise and has tolerances as prior; the implicit one does
+    neither."""
     if calibration.estimator != MAXIMUM_LIKELIHOOD:
         problem = problem_of(calibration.case, calibration.parameters, fitted)
         bent = replace(problem, parameters=deformation_set(problem.nominal, "matrix"))
@@ -170,8 +166,7 @@ def _absorption(dataset: CalibrationData, fitted: MeasuredPlatform, calibration:
 
 def _knowledge_difference(calibration: MachineCalibration, whole: MachineCalibration) -> NDArray:
     """Return the variance (P,) of the difference between two fits of the parameters that is due to their different
-    data.
-    """
+    data."""
     place = dict(zip(whole.parameters.labels, np.diag(whole.declared), strict=True))
     own = np.diag(calibration.declared)
     more = [place.get(label, variance) for label, variance in zip(calibration.parameters.labels, own, strict=True)]
@@ -179,10 +174,8 @@ def _knowledge_difference(calibration: MachineCalibration, whole: MachineCalibra
 
 
 def _counterparts(calibration: MachineCalibration, whole: MachineCalibration) -> NDArray:
-    """Return the values (P,) of the calibration's parameters in the one with the whole deformation.
-
-    kappa has its nominal value, relative to which the omitted effect is given too.
-    """
+    """Return the values (P,) of the calibration's parameters in the one with the whole deformation. kappa has its
+    nominal value, relative to which the omitted effect is given too."""
     own, nominal = calibration.parameters, calibration.nominal
     place = dict(zip(whole.parameters.labels, whole.values, strict=True))
     return np.array(

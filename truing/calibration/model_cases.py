@@ -82,8 +82,7 @@ def _without_bad_legs(
 
 def _away(found: PosesWithCovariance, lower: NDArray, upper: NDArray) -> NDArray:
     """Return the deviation (B,) of the joints (B, 3) from their usual places on the leg, in robust standard
-    deviations.
-    """
+    deviations."""
     places = [np.einsum("bji,bj->bi", found.R, joint - found.p) for joint in (lower, upper)]
     own = np.where(found.found[:, None], np.concatenate(places, -1), np.nan)
     if found.found.sum() < 3:
@@ -96,8 +95,7 @@ def _away(found: PosesWithCovariance, lower: NDArray, upper: NDArray) -> NDArray
 @dataclass(frozen=True)
 class Failure:
     """A case that could not be calibrated; by: the estimator with singular equations, empty if all parameters are
-    exact.
-    """
+    exact."""
 
     case: Case
     by: str = ""
@@ -152,8 +150,7 @@ def assessed_calibration(
     data: CalibrationData, calibration: MachineCalibration, fitted: NDArray
 ) -> AssessedCalibration:
     """Return a calibration with its errors at all poses, where readings determine them, and its misfit at held-out
-    poses.
-    """
+    poses."""
     measured, legs = data.measured, data.machine.legs.count
     held = measured.chosen(~fitted)
     squares = misfit(calibration, held, data.reading_sigma) if len(held.poses) else np.zeros(0)

@@ -205,8 +205,7 @@ def like_neighbours(
 
 def _products(rows: Array) -> Array:
     """Return the mean products (B, B) of two epochs' residuals (B, C), scaled to unit variance, over channels seen in
-    both.
-    """
+    both."""
     seen = np.isfinite(rows)
     count = np.maximum(seen.sum(0), 1)
     centred = np.where(seen, rows - np.where(seen, rows, 0.0).sum(0) / count, 0.0)
@@ -230,8 +229,7 @@ def _neighbour_correlation(
     products: Array, pairs: tuple[Integers, Integers], orders: list[Integers]
 ) -> tuple[float, float]:
     """Return the mean product of neighbours and its p-value: a share of the permutations, or the normal tail beyond
-    them.
-    """
+    them."""
     from scipy.special import ndtr
 
     found = float(np.mean(products[pairs]))

@@ -60,8 +60,7 @@ class Attributed:
 @dataclass(frozen=True)
 class _Residuals:
     """Residuals (n, q) of unit noise at selected epochs (B,), of some channels, or of all where
-    ``channels`` is empty.
-    """
+    ``channels`` is empty."""
 
     channels: tuple[int, ...]
     epochs: Mask
@@ -130,11 +129,8 @@ def _same(first: Array, second: Array, groups: Integers | None) -> bool:
 
 
 def _residuals(fitted: FittedModel[CauseT]) -> Iterator[_Residuals]:
-    """Yield the residuals to be explained.
-
-    Where observations are numbers: one set per channel. In space: each input, all inputs together, and for each group
-    the projection on smooth fields over its places, along its own axes.
-    """
+    """Yield the residuals to be explained. Where observations are numbers: one set per channel. In space: each input,
+    all inputs together, and for each group the projection on smooth fields over its places, along its own axes."""
     measured, whitened = fitted.measured, fitted.fit.whitened
     epochs, channels, size = measured.values.shape
     if size == 1:
@@ -187,10 +183,7 @@ class _InTime:
 
     def history(self, values: Array) -> Array | None:
         """Return the history of an input (n,): its lead over play operators of several widths, and its previous value
-        (n, 4).
-
-        None where no order is known.
-        """
+        (n, 4). None where no order is known."""
         if self.order is None:
             return None
         x, (in_time, groups) = _standard(values[:, None])[:, 0], self._sorted
@@ -297,10 +290,8 @@ def _drifts(values: Array, of_time: Array) -> bool:
 
 
 def _tested(block: _FunctionBlock, rest: Array, held: Array, whitener: _Filter) -> tuple[float, float] | None:
-    """Return the p-value of a block on residuals (n, q) and the squares it predicts beyond chance.
-
-    ``held`` (n, h) are functions held fixed. None where the block adds no new function, or too few epochs are left.
-    """
+    """Return the p-value of a block on residuals (n, q) and the squares it predicts beyond chance. ``held`` (n, h) are
+    functions held fixed. None where the block adds no new function, or too few epochs are left."""
     beside = _orthonormal(np.column_stack([held, block.beside]), _SAME) if block.beside.shape[1] else held
     functions = _beyond(block.functions, beside)
     if beside.shape[1] > _MOST_HELD * len(rest) or np.sum(functions**2) < _NEW * len(rest):
@@ -360,10 +351,8 @@ def _of_largest_root(basis: Array, rows: Array, along: Array, left: Array, free:
 
 
 def _tail(drawn: Array, found: float) -> float:
-    """Return the share of draws (D,) at least as large as the value found; far out, by a gamma distribution.
-
-    The gamma distribution has the draws' mean, variance and skewness.
-    """
+    """Return the share of draws (D,) at least as large as the value found; far out, by a gamma distribution. The gamma
+    distribution has the draws' mean, variance and skewness."""
     from scipy.special import gammaincc
 
     if (larger := int(np.sum(drawn >= found))) > _RESOLVED:
@@ -376,11 +365,9 @@ def _tail(drawn: Array, found: float) -> float:
 
 
 def _smooth(columns: Array, most: int, scale: float) -> Array:
-    """Return at most ``most`` functions (n, m) of inputs (n, D) that approximate a Gaussian process.
-
-    The products of the functions are the covariance of the process, exact at its landmarks. ``scale`` is the length
-    scale in standard deviations of the inputs.
-    """
+    """Return at most ``most`` functions (n, m) of inputs (n, D) that approximate a Gaussian process. The products of
+    the functions are the covariance of the process, exact at its landmarks. ``scale`` is the length scale in standard
+    deviations of the inputs."""
     x = _standard(columns)
     marks = _landmarks(x, most)
     values, vectors = np.linalg.eigh(_gaussian_kernel(marks, marks, scale))

@@ -27,8 +27,7 @@ _LEAST_EFFECT, FEWEST_TELLING = 4.0, 2
 @dataclass(frozen=True)
 class BlockGain:
     """Log ratio of the densities of blocks with a cause and without it, predicted from the others, over informative
-    blocks.
-    """
+    blocks."""
 
     kind: BlockKind
     blocks: int
@@ -76,11 +75,8 @@ def block_gain(whitened: Whitened, own: slice, value: Array, possible: Sequence[
 def _gain_of(
     rows: Array, gram: Array, rest: tuple[Array, Array], effect: Array, kept: Mask, block: Integers
 ) -> float | None:
-    """Return the gain in one block, rows (n,) of all; None where the block is not informative.
-
-    ``rest``: residuals (N,) of fits to everything, with the cause and without; ``kept`` (G,): unknowns except the
-    cause's.
-    """
+    """Return the gain in one block, rows (n,) of all; None where the block is not informative. ``rest``: residuals (N,)
+    of fits to everything, with the cause and without; ``kept`` (G,): unknowns except the cause's."""
     own = rows[block]
     others = gram - own.T @ own
     size = float(np.sum(effect[block] ** 2))
@@ -95,11 +91,9 @@ def _gain_of(
 
 
 def _log_density(rows: Array, gram: Array, others: Array, rest: Array) -> float:
-    """Return the log density of a block predicted from all other rows, up to a constant.
-
-    ``rows`` (n, G) of the block; ``gram`` and ``others`` (G, G): normal matrices with it and without; ``rest`` (n,):
-    residuals of the fit to everything.
-    """
+    """Return the log density of a block predicted from all other rows, up to a constant. ``rows`` (n, G) of the block;
+    ``gram`` and ``others`` (G, G): normal matrices with it and without; ``rest`` (n,): residuals of the fit to
+    everything."""
     along = rows.T @ rest
     squares = float(rest @ rest + along @ np.linalg.solve(others, along))
     return 0.5 * float(np.linalg.slogdet(others)[1] - np.linalg.slogdet(gram)[1] - squares)

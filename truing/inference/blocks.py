@@ -52,8 +52,7 @@ def possible_blocks(groupings: Mapping[BlockKind, Integers], epochs: int) -> lis
 
 def _large_enough(groups: Integers, epochs: int) -> Integers | None:
     """Return the groups (B,) that are large enough, renumbered, -1 for none; None where they do not qualify
-    as blocks.
-    """
+    as blocks."""
     kept, counts = np.unique(groups[groups >= 0], return_counts=True)
     kept, counts = kept[counts >= _FEWEST_IN_BLOCK], counts[counts >= _FEWEST_IN_BLOCK]
     if len(kept) < FEWEST_BLOCKS or counts.max() > _MOST_OF_ALL * epochs or counts.sum() < _LEAST_TOGETHER * epochs:

@@ -89,9 +89,7 @@ class NumberComparison:
 
     def _scores(self, free: list[int]) -> tuple[Array, float]:
         """Return the score (n,) of each number's change on what changes of others leave, and the sum of squares left.
-
-        Scores are in standard deviations, zero where the data do not determine the change.
-        """
+        Scores are in standard deviations, zero where the data do not determine the change."""
         away, answers = self._whitened
         basis = np.linalg.qr(answers[:, free])[0]
         rest, columns = (part - basis @ (basis.T @ part) for part in (away, answers))
@@ -136,11 +134,9 @@ def compare(
 
 
 def _within(covariance: Array, root: Array) -> Array:
-    """Return a covariance (n, n) limited to be smaller than the prior's, whose information is root root'.
-
-    A covariance that was scaled up for the noise can exceed the prior where the data hold almost no information; the
-    difference would then have a negative variance.
-    """
+    """Return a covariance (n, n) limited to be smaller than the prior's, whose information is root root'. A covariance
+    that was scaled up for the noise can exceed the prior where the data hold almost no information; the difference
+    would then have a negative variance."""
     left, directions = np.linalg.eigh(root.T @ covariance @ root)
     back = np.linalg.solve(root.T, directions)
     return np.asarray((back * np.minimum(left, 1.0 - _LEAST_GAIN)) @ back.T)

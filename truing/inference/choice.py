@@ -128,8 +128,7 @@ def _holds_up(current: Round[CauseT], candidate: CauseCandidate[CauseT], level: 
 
 def _leads(current: Round[CauseT], first: CauseCandidate[CauseT], level: float) -> bool:
     """Return True if the first of a pair may be accepted; if the model holds nonparametric effects, as if it came
-    alone.
-    """
+    alone."""
     if any(is_nonparametric_of_subject(cause) for cause in current.fitted.causes):
         return _holds_up(current, first, level)
     return is_real(current, first, level)

@@ -52,8 +52,7 @@ class AcceptanceRule:
 
     def power(self, signal_to_noise: Array) -> Array:
         """Return the probability (...) of acceptance at signal-to-noise ratios (...), the roots of the
-        non-centrality.
-        """
+        non-centrality."""
         return np.interp(signal_to_noise, _ROOTS, self._table, right=1.0)
 
 
@@ -98,8 +97,7 @@ class EffectSensitivity(Generic[CauseT]):
 
 def per_scale(strengths: Array, loadings: Array) -> Array:
     """Return the signal-to-noise ratios (D,) of random patterns, from the strengths (r,) and loadings (P, r) of a
-    signature.
-    """
+    signature."""
     return np.asarray(np.linalg.norm(_patterns(len(loadings)) @ loadings * strengths, axis=1))
 
 
@@ -131,8 +129,7 @@ def sensitivity_to(search: Search[CauseT], cause: CauseT, level: float) -> Effec
 
 def assessed(verdicts: Iterable[Verdict[CauseT]], search: Search[CauseT], level: float) -> tuple[Verdict[CauseT], ...]:
     """Return the verdicts sorted; a rejected kind is not testable if no sort of it would be found at a
-    plausible size.
-    """
+    plausible size."""
     plausible: dict[str, bool] = {}
     for own in effect_sensitivities(search, level):
         plausible[own.kind] = plausible.get(own.kind, False) or own.is_plausible

@@ -77,10 +77,8 @@ class _Past:
     explained: list[float] = field(default_factory=list)
 
     def steps(self, whitened: Whitened, shared: Array) -> Iterator[tuple[Array, Array]]:
-        """Yield steps of shared (G,) and local (B, H) unknowns to be tried in turn.
-
-        The accelerated step comes first where convergence is slow, then the least-squares step, then its halves.
-        """
+        """Yield steps of shared (G,) and local (B, H) unknowns to be tried in turn. The accelerated step comes first
+        where convergence is slow, then the least-squares step, then its halves."""
         step, of_local = whitened.step()
         self.places.append(shared)
         self.taken.append(step)
@@ -140,8 +138,7 @@ def linearise(
 
 def _kept(slopes: Array, columns: Integers) -> Array:
     """Return derivatives (B, K, d, C) of the columns (B, C) of each epoch, from those of all, (B, K, d, G); zero for
-    column G.
-    """
+    column G."""
     own = np.take_along_axis(slopes, np.minimum(columns, slopes.shape[-1] - 1)[:, None, None], 3)
     return np.asarray(own * (columns < slopes.shape[-1])[:, None, None])
 

@@ -1,6 +1,5 @@
 """A model with some causes, fitted to the calibration epochs; and the fitter, which keeps noise levels and gross
-errors.
-"""
+errors."""
 
 from __future__ import annotations
 
@@ -67,8 +66,7 @@ _BLOCKS, _FEWEST_IN_BLOCK, _MOST_VALUES = 5, 4, 20_000
 @dataclass(frozen=True)
 class FittedModel(Generic[CauseT]):
     """A model fitted to the calibration epochs, with its residuals there and its prediction errors on
-    held-out epochs.
-    """
+    held-out epochs."""
 
     causes: tuple[CauseT, ...]
     model: Model[CauseT]
@@ -124,8 +122,7 @@ class FittedModel(Generic[CauseT]):
     @property
     def input_noise(self) -> tuple[float, float]:
         """Noise of the inputs over the declared one, and its degrees of freedom; (1, 0) where the fit
-        determines none.
-        """
+        determines none."""
         squares, freedom = input_squares(self.fit.whitened, _height(self.measured), self.input_rows)
         return (self.learned[0] * float(np.sqrt(squares / freedom)), freedom) if freedom > 0.0 else (1.0, 0.0)
 
@@ -145,8 +142,7 @@ class FittedModel(Generic[CauseT]):
 
     def contributions(self, cause: CauseT) -> tuple[Contribution, ...]:
         """Return the contribution of each source to the covariance of an accepted cause's parameters, SI; they sum to
-        the whole.
-        """
+        the whole."""
         whitened, place = self.fit.whitened, self.model.layout[cause.key]
         rows = rows_by_source(whitened, self.model.layout, {own.key for own in self.causes}, self.input_rows)
         sigma = self.noise_ratio * self.model.effect_sigma(cause)
@@ -243,10 +239,7 @@ class Fitter(Generic[CauseT]):
 
     def _left_out_in_turn(self, fitted: FittedModel[CauseT]) -> PredictionError[CauseT] | None:
         """Return the prediction error of blocks of epochs, each left out of a fit in turn; for campaigns without
-        held-out epochs.
-
-        None where blocks would have too few epochs, or fits take too long.
-        """
+        held-out epochs. None where blocks would have too few epochs, or fits take too long."""
         measured, numbers = fitted.measured, fitted.model.blocks
         if numbers is None or len(numbers) < _BLOCKS * _FEWEST_IN_BLOCK or measured.seen.size > _MOST_VALUES:
             return None
@@ -369,8 +362,7 @@ class Fitter(Generic[CauseT]):
 
     def _take_back(self) -> None:
         """Restore all screened observations: they may have looked wrong only because inputs or noise were trusted too
-        much.
-        """
+        much."""
         seen, unseen = self._recorded
         self.screened = []
         self.calibration = replace(self.calibration, measured=replace(self.calibration.measured, seen=seen))
@@ -399,8 +391,7 @@ class Fitter(Generic[CauseT]):
         self, fitted: FittedModel[CauseT], candidate: ScatterCandidate[CauseT], p_value: float
     ) -> FoundScatter[CauseT]:
         """Return the scatter of a candidate's inputs beyond their declared sigmas, in a fit whose priors are already
-        widened.
-        """
+        widened."""
         more, share = residuals_of_inputs(fitted).factor(candidate.own)
         wide = more**2 * self._mean_square(self._input_factor, candidate.own)
         size = max(wide - self._mean_square(np.ones((1, 1)), candidate.own), 0.0) ** 0.5

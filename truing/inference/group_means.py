@@ -66,8 +66,7 @@ def epoch_residuals(whitened: Whitened, measured: Observations, frames: Frames, 
 
 def _rotations(matrices: Array) -> Array:
     """Return the rotations (B, K, d, d) from whitened rows to the model's axes: the transposed polar factors of
-    matrices.
-    """
+    matrices."""
     left, _, right = np.linalg.svd(matrices)
     return np.asarray(np.swapaxes(left @ right, -1, -2))
 

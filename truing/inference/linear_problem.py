@@ -64,8 +64,7 @@ class LinearisedModel:
 @dataclass(frozen=True)
 class Whitened:
     """The problem after elimination of its local unknowns; rows: epochs with local priors, extra rows,
-    shared priors.
-    """
+    shared priors."""
 
     problem: LinearisedModel
     local_basis: Array  # (B, M + H, H) orthonormal
@@ -91,11 +90,8 @@ class Whitened:
 
     @cached_property
     def _factor(self) -> Array:
-        """Upper triangular factor (G, G) of the rows, from the Cholesky factor of their products.
-
-        The priors among the rows keep the products regular. Their condition is the square of that of the rows; nine
-        digits remain.
-        """
+        """Upper triangular factor (G, G) of the rows, from the Cholesky factor of their products. The priors among the
+        rows keep the products regular. Their condition is the square of that of the rows; nine digits remain."""
         return np.linalg.cholesky(self._gram).T
 
     @cached_property
@@ -258,10 +254,8 @@ def whiten(problem: LinearisedModel) -> Whitened:
 
 
 def _shared_rows(problem: LinearisedModel, basis: Array) -> Array:
-    """Return the derivatives (N, G) by the shared unknowns without their projection on the local ones.
-
-    This is the largest array of all, so each part is written directly into its place.
-    """
+    """Return the derivatives (N, G) by the shared unknowns without their projection on the local ones. This is the
+    largest array of all, so each part is written directly into its place."""
     rows = _stacked(problem, None)
     (epochs, height, size), tall = problem.by_shared.shape, basis.shape[1]
     own = rows[: epochs * tall].reshape(epochs, tall, size)

@@ -25,8 +25,7 @@ class ParameterLike(Protocol):
 
 class CauseLike(Protocol):
     """What inference needs of a cause. Causes of one sort belong to one sort of model; `SceneLike` proposes
-    candidates.
-    """
+    candidates."""
 
     @property
     def id(self) -> str:
@@ -117,8 +116,7 @@ class ChannelCandidates(Generic[CauseT]):
 @dataclass(frozen=True)
 class ScatterCandidate(Generic[CauseT]):
     """A cause with zero mean effect that makes the inputs or observations marked by ``own`` (B, C) scatter more than
-    others.
-    """
+    others."""
 
     cause: CauseT
     own: Mask
@@ -161,8 +159,7 @@ class SceneLike(Protocol[CauseT]):
 
 class PredictionLike(Protocol):
     """Prediction of a model, with derivatives per prior sigma, and whitened rows of prior knowledge that concern no
-    epoch.
-    """
+    epoch."""
 
     @property
     def values(self) -> Array:
@@ -198,8 +195,7 @@ class Predict(Protocol):
 
     def __call__(self, shared: Array, local: Array, by_shared: bool = True) -> PredictionLike:
         """Return observations and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones only if
-        requested.
-        """
+        requested."""
 
 
 @dataclass(frozen=True)

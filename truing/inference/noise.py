@@ -56,8 +56,7 @@ class NoiseComponents:
 
     def freedom(self, input_share: float) -> float:
         """Return the degrees of freedom of a noise estimate of which the share ``input_share`` rests on inputs
-        (Satterthwaite).
-        """
+        (Satterthwaite)."""
         return 1.0 / (input_share**2 / self.inputs + (1.0 - input_share) ** 2 / self.observed)
 
     def without(self, squares: float, rank: int, input_share: float) -> float:
@@ -111,8 +110,7 @@ def survey_ratio(whitened: Whitened, places: Integers, used: float) -> float:
 
 def _ratio(squares: float, freedom: float, used: float) -> float:
     """Return a noise ratio with the declared noise as prior, limited to `_MOST_OFF`: residuals of an effect are not
-    noise.
-    """
+    noise."""
     variance = (NOISE_PRIOR_FREEDOM + squares * used**2) / (NOISE_PRIOR_FREEDOM + freedom)
     return float(np.clip(np.sqrt(variance), 1.0 / _MOST_OFF, _MOST_OFF))
 
@@ -151,11 +149,9 @@ def informative_residuals(whitened: Whitened, shape: tuple[int, int, int]) -> tu
 
 
 def _scatter(rest: Array, redundancy: Array, prior: Array) -> Array:
-    """Return the robust scatter matrix of the noise behind residuals (n, d) with ``redundancy`` (n, d, d).
-
-    The prior counts as `NOISE_PRIOR_FREEDOM` values. In directions without redundancy (as across a group of three
-    channels), the noise is the average one.
-    """
+    """Return the robust scatter matrix of the noise behind residuals (n, d) with ``redundancy`` (n, d, d). The prior
+    counts as `NOISE_PRIOR_FREEDOM` values. In directions without redundancy (as across a group of three channels), the
+    noise is the average one."""
     size = rest.shape[1]
     amount, axes = np.linalg.eigh(np.sum(redundancy, 0))
     share = np.maximum(np.trace(redundancy, axis1=1, axis2=2) / size, 0.05)
@@ -175,8 +171,7 @@ def _scatter(rest: Array, redundancy: Array, prior: Array) -> Array:
 @lru_cache(maxsize=8)
 def _consistent(size: int) -> float:
     """Return the expected weighted scatter of unit normals along an axis: E[(5 + d) q / (5 + q)] / d, q chi-square of
-    d.
-    """
+    d."""
     from scipy.integrate import quad
     from scipy.special import gammaln
 
@@ -190,8 +185,7 @@ def _consistent(size: int) -> float:
 @dataclass(frozen=True)
 class NoiseLevel:
     """Noise found over the declared one, its standard deviation, and its p-value if the declared noise is right to 10
-    %.
-    """
+    %."""
 
     ratio: float
     sigma: float
@@ -330,10 +324,7 @@ def noise_dependence(rest: Array, candidates: Sequence[Driver], level: float) ->
 @lru_cache(maxsize=8)
 def _log_moments(size: int) -> tuple[float, float]:
     """Return the slope of E[log(q + added)] by the log of the noise variance, and the variance of the log over that
-    slope squared.
-
-    q is chi-square of ``size`` degrees of freedom.
-    """
+    slope squared. q is chi-square of ``size`` degrees of freedom."""
     from scipy.integrate import quad
     from scipy.special import gammaincinv, polygamma
 
@@ -350,10 +341,8 @@ def _log_moments(size: int) -> tuple[float, float]:
 
 
 def _slope(logs: Array, known: Mask, driver: Driver, spread: float) -> tuple[float, float]:
-    """Return the slope of the logarithms (B, K) along a driver, and its standard deviation.
-
-    The variance of the logarithms is taken to be at least ``spread``.
-    """
+    """Return the slope of the logarithms (B, K) along a driver, and its standard deviation. The variance of the
+    logarithms is taken to be at least ``spread``."""
     y, x = _within(logs, known, driver.within), _within(driver.values, known, driver.within)
     size = float(np.sum(x**2))
     if size <= 1e-12 * max(float(np.sum(driver.values[known] ** 2)), 1e-300):
@@ -394,8 +383,7 @@ def _within(values: Array, known: Mask, groups: Integers) -> Array:
 
 def larger_where(driver: Driver, rest: Array, p_value: float) -> NoiseDependence:
     """Return the ratio of standardised residuals (B, K, d) where a driver is 1 to those elsewhere of the same
-    ``within``.
-    """
+    ``within``."""
     own, known = driver.values > 0.5, np.isfinite(rest).all(-1)
     beside = ~own & np.isin(driver.within, driver.within[own.any(0)])
     inside, outside = rest[own & known], rest[beside & known]

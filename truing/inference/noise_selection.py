@@ -1,6 +1,5 @@
 """Decisions of the search on noise: which observations or inputs scatter more than declared, and on what
-this depends.
-"""
+this depends."""
 
 from __future__ import annotations
 
@@ -54,8 +53,7 @@ class NoiseSelection(Generic[CauseT]):
         self, first: Round[CauseT], kinds: Sequence[CauseT]
     ) -> tuple[ScatterCandidate[CauseT], float] | None:
         """Return the cause that makes inputs scatter, and its p-value, if it is far more probable than a cause with a
-        mean effect.
-        """
+        mean effect."""
         found, rest = self.scatter(first.fitted, kinds), residuals_of_inputs(first.fitted).standardised
         return found if found is not None and self._outdoes_causes(rest, found[0].own, first) else None
 
@@ -87,11 +85,8 @@ class NoiseSelection(Generic[CauseT]):
 
     def _outdoes_causes(self, rest: Array, own: Mask, first: Round[CauseT]) -> bool:
         """Return True if extra scatter of residuals (B, K, d) in places ``own`` (B, K) is far more probable than the
-        best cause.
-
-        The residuals there must also be uncorrelated. Causes that were accepted first would each absorb some of the
-        scatter, and the data would seem to hold several of them.
-        """
+        best cause. The residuals there must also be uncorrelated. Causes that were accepted first would each absorb
+        some of the scatter, and the data would seem to hold several of them."""
         gain = rest.shape[-1] * variance_gain(np.mean(rest**2, -1), own)
         real = (c for c in first.best.values() if is_real(first, c, self.level))
         if gain <= max((first.posterior(c) for c in real), default=0.0) + _UNSTRUCTURED:

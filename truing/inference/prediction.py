@@ -195,8 +195,7 @@ def _unwhitened(measured: Observations, rows: Array) -> Array:
 @dataclass(frozen=True)
 class NoiseFloor:
     """Mean square (K,) per coordinate of each channel that noise alone causes in a prediction error, SI; counts
-    ``seen`` (K,).
-    """
+    ``seen`` (K,)."""
 
     square: Array
     seen: Integers
@@ -229,8 +228,7 @@ def noise_floor(model: Model[CauseT], fit: Fit, measured: Observations, rng: np.
 
 def _freed(rows: Array, columns: Array, measured: Observations, zero_groups: Integers | None) -> Array:
     """Return whitened rows (B, M, D) without the projection on each epoch's columns (B, M, h), or on the
-    zeros of runs.
-    """
+    zeros of runs."""
     if zero_groups is None:
         return np.asarray(rows - columns @ _fit(columns, rows))
     weight = np.where(measured.seen & (zero_groups >= 0), measured.whitener[..., 0, 0], 0.0).ravel()
@@ -255,8 +253,7 @@ def _shared_error(whitened: Whitened, noise: Array, prior: Array, rng: np.random
 
 def _fit(columns: Array, rows: Array) -> Array:
     """Return the coefficients (B, h, D) of rows (B, M, D) on columns (B, M, h), regularised where an epoch lacks
-    channels.
-    """
+    channels."""
     size = columns.shape[-1]
     if not size:
         return np.zeros((len(columns), 0, rows.shape[-1]))

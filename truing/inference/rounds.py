@@ -158,11 +158,9 @@ class Round(Generic[CauseT]):
         return CandidatePair(tried[first], tried[second], tuple(rivals))
 
     def _least_of_pair(self, pair: Sequence[CauseCandidate[CauseT]]) -> float:
-        """Return the least log odds of a pair of a catalogued cause and a nonparametric effect.
-
-        A nonparametric effect is rough. The pair must clearly beat the effect with its own higher-order terms, or with
-        another form of the same subject.
-        """
+        """Return the least log odds of a pair of a catalogued cause and a nonparametric effect. A nonparametric effect
+        is rough. The pair must clearly beat the effect with its own higher-order terms, or with another form of the
+        same subject."""
         unnamed = [candidate for candidate in pair if not candidate.cause.catalogued]
         if len(unnamed) != 1 or not is_nonparametric_of_subject(unnamed[0].cause):
             return -np.inf
@@ -170,8 +168,7 @@ class Round(Generic[CauseT]):
 
     def _with_rest(self, form: CauseCandidate[CauseT]) -> float:
         """Return the log odds of a nonparametric effect with the best addition among nonparametric effects of its
-        subject.
-        """
+        subject."""
         if form.key not in self._rests:
             assert self.search is not None
             pathways = self.search.pathways
@@ -182,8 +179,7 @@ class Round(Generic[CauseT]):
 
     def is_remainder(self, candidate: CauseCandidate[CauseT]) -> bool:
         """Return True if a candidate is small compared with a nonparametric effect of the model that acts
-        on the same.
-        """
+        on the same."""
         if self.search is None:
             return False
         pathways, squares = self.search.pathways, self.scores[candidate.key].squares
@@ -251,8 +247,7 @@ class Round(Generic[CauseT]):
 
     def _signs(self, pair: Sequence[CauseCandidate[CauseT]], values: Array, covariance: Array) -> float:
         """Return the log evidence of candidates together that is due to impossible signs, from all their parameters
-        (P,).
-        """
+        (P,)."""
         parts, first, found = self.fitted.model.part_count, 0, 0.0
         for candidate in pair:
             own = np.s_[first : first + candidate.signature.parameters]
@@ -340,8 +335,7 @@ def log_evidence_of(
     candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], parts: Array, stretch: float = 1.0
 ) -> float:
     """Return a candidate's log evidence, averaged over parameters of like size, where it has such, and independent
-    ones.
-    """
+    ones."""
     own, (total, freedom) = candidate.signature, total_of(fitted)
     independent = float(log_evidence(parts, own.strengths, total, freedom, stretch))
     members = candidate.cause.alike(fitted.model.part_count)

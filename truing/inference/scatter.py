@@ -126,8 +126,7 @@ def likeliest(
     residuals: InputResiduals, candidates: Sequence[ScatterCandidate[CauseT]], factor: Array | float = 1.0
 ) -> ScatterCandidate[CauseT]:
     """Return the candidate with the largest likelihood of a separate variance; the fit widened prior sigmas by factors
-    (B, H).
-    """
+    (B, H)."""
     square = (residuals.standardised[..., 0] * factor) ** 2
     return candidates[int(np.argmax([variance_gain(square, candidate.own) for candidate in candidates]))]
 

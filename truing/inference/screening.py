@@ -47,8 +47,7 @@ def gross_errors(
 
 def least_gross(size: int) -> float:
     """Return the length of a whitened residual (d coordinates) above which an observation of ordinary spread is a gross
-    error.
-    """
+    error."""
     from scipy.special import chdtri
 
     return float(np.sqrt(chdtri(size, _BY_CHANCE)))

@@ -110,10 +110,7 @@ class Search(Generic[CauseT]):
     @cached_property
     def _banks(self) -> list[tuple[Integers | slice, list[tuple[Array, list[int]]]]]:
         """Candidates by pathways and rank r: their place, their stacked unit designs (r * n, B * C), and their numbers
-        (n,).
-
-        Designs are sorted by direction first.
-        """
+        (n,). Designs are sorted by direction first."""
         by_index: dict[bytes, dict[int, list[int]]] = {}
         for number, candidate in enumerate(self._seen):
             own = candidate.signature
@@ -147,8 +144,7 @@ class Search(Generic[CauseT]):
 
     def _of_families(self, parts: Array) -> list[Array]:
         """Return the largest reduction (D,) in every family of channels, from parts (D, B, C) along the
-        observations.
-        """
+        observations."""
         found: list[Array] = []
         last, along = None, parts
         for own in (families.signatures for families in self.families):
@@ -166,8 +162,7 @@ class Search(Generic[CauseT]):
 
     def by_kind(self, maxima: Array, noise: tuple[Array, Array]) -> Array:
         """Return the smallest uncorrected p of every kind, (D, kinds), at noise levels (D,) of observations
-        and inputs.
-        """
+        and inputs."""
         kinds = kinds_of(self.groups)
         found = np.ones((len(maxima), len(kinds)))
         for number, group in enumerate(self.groups):
@@ -205,8 +200,7 @@ class Search(Generic[CauseT]):
     @cached_property
     def _standard(self) -> Array:
         """Standardised residuals without what the best candidate explains, so that an effect does not widen the null
-        distribution.
-        """
+        distribution."""
         whitened, rows = self.pathways.whitened, self._best_rows
         rest = whitened.rest - rows @ (rows.T @ whitened.rest)
         leverage = whitened.leverage + np.sum(rows**2, 1)
@@ -278,8 +272,7 @@ class NullDistribution:
     @cached_property
     def cost(self) -> Array:
         """Factor (kinds,) on the p of each kind: the cost of the choice among its candidates over its share of the
-        budget.
-        """
+        budget."""
         quantile = (
             np.quantile(self.drawn, _QUANTILE, axis=0) if len(self.drawn) else np.full(len(self.kinds), _QUANTILE)
         )
@@ -292,8 +285,7 @@ class NullDistribution:
 
     def corrected(self, squares: float, group: CandidateGroup) -> float:
         """Return the corrected p-value of a candidate's squares: the share of null searches that find at
-        least as much.
-        """
+        least as much."""
         noise = self.noise.without(squares, group.rank, group.input_share)
         statistic = float(self.raw(squares, group, noise) * self.cost[self.kinds.index(group.kind)])
         return min(1.0, max(_share(minima, statistic) for minima in self._minima))
@@ -323,10 +315,8 @@ def f_test(squares: Array | float, group: CandidateGroup, noise: Array | float, 
 
 def _share(minima: Array, statistic: float) -> float:
     """Return the share of null searches with at least this statistic; below the smallest shares, in proportion to it.
-
     The statistic is itself a p-value except for correlations between candidates and tails of the noise; the lowest
-    drawn quantile corrects for these.
-    """
+    drawn quantile corrects for these."""
     drawn = float((1 + np.sum(minima <= statistic)) / (1 + len(minima)))
     if drawn > _TAIL:
         return drawn

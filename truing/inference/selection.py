@@ -86,8 +86,7 @@ class Settings:
 @dataclass(frozen=True)
 class CauseDiagnosis(Generic[CauseT]):
     """Result of a search: all verdicts, found ones first; the plain and the final model; all rounds; excluded
-    observations.
-    """
+    observations."""
 
     verdicts: tuple[Verdict[CauseT], ...]
     plain: FittedModel[CauseT]
@@ -226,8 +225,7 @@ class CauseSelection(Generic[CauseT]):
 
     def _attributed(self, plain: FittedModel[CauseT]) -> tuple[Attributed, ...]:
         """Return the inputs that predict residuals of the plain model; a model with wrong causes may have absorbed
-        them.
-        """
+        them."""
         self._progress("what the misfit follows")
         return attributed(plain, self._settings.dependence_level)
 
@@ -265,10 +263,8 @@ class CauseSelection(Generic[CauseT]):
         first: Round[CauseT],
         outright: tuple[ScatterCandidate[CauseT], float] | None = None,
     ) -> tuple[_Searched[CauseT], list[FoundScatter[CauseT]]]:
-        """Return the search with a wider prior for inputs that scatter, and the scatters found.
-
-        ``first`` is the first round; ``outright`` is a scatter that is accounted for before any cause is searched.
-        """
+        """Return the search with a wider prior for inputs that scatter, and the scatters found. ``first`` is the first
+        round; ``outright`` is a scatter that is accounted for before any cause is searched."""
         scatters: list[FoundScatter[CauseT]] = []
         if outright is not None:
             searched, scatter = self._with_input_scatter(*outright, first.fitted, kinds)
@@ -285,11 +281,9 @@ class CauseSelection(Generic[CauseT]):
     def _with_input_scatter(
         self, candidate: ScatterCandidate[CauseT], p_value: float, plain: FittedModel[CauseT], kinds: Sequence[CauseT]
     ) -> tuple[_Searched[CauseT], FoundScatter[CauseT]]:
-        """Return a new search with a wider prior for a candidate's inputs, and their scatter.
-
-        All residuals of these inputs in the plain model count as scatter, because causes found before may have absorbed
-        some of it; a real cause is found again.
-        """
+        """Return a new search with a wider prior for a candidate's inputs, and their scatter. All residuals of these
+        inputs in the plain model count as scatter, because causes found before may have absorbed some of it; a real
+        cause is found again."""
         candidate = self._fitter.widen(plain, candidate, kinds)
         searched = self._searched(kinds)
         return searched, self._fitter.input_scatter(searched.final, candidate, p_value)
@@ -329,8 +323,7 @@ class CauseSelection(Generic[CauseT]):
         self, rounds: list[Round[CauseT]], kinds: Sequence[CauseT]
     ) -> tuple[list[_Accepted[CauseT]], list[Verdict[CauseT]], EndOfSearch[CauseT]]:
         """Return the causes accepted in turn, those refused because they predict worse, and the end of the search; adds
-        rounds.
-        """
+        rounds."""
         found: list[_Accepted[CauseT]] = []
         worse: list[Verdict[CauseT]] = []
         pairs = True
@@ -358,8 +351,7 @@ class CauseSelection(Generic[CauseT]):
         self, chosen: CandidateChoice[CauseT], current: Round[CauseT]
     ) -> tuple[CandidateChoice[CauseT], CauseT, FittedModel[CauseT]]:
         """Return the choice, its cause in the form that is fitted, and the model with it, without parts that have no
-        effect.
-        """
+        effect."""
         while True:
             own = chosen.candidate.cause
             cause, size = own.refined(), chosen.candidate.signature.parameters
@@ -392,11 +384,9 @@ class CauseSelection(Generic[CauseT]):
         return kept, dropped, final
 
     def _is_needed(self, step: _Accepted[CauseT], final: FittedModel[CauseT], others: Sequence[CauseT]) -> bool:
-        """Return True if an accepted cause is still significant in the final model, at the search's threshold.
-
-        By Wald's test or, if the cause has shape parameters, by a fit without it: a poorly determined shape widens the
-        uncertainty of amplitudes.
-        """
+        """Return True if an accepted cause is still significant in the final model, at the search's threshold. By
+        Wald's test or, if the cause has shape parameters, by a fit without it: a poorly determined shape widens the
+        uncertainty of amplitudes."""
         values, covariance = final.values(step.cause)
         size = step.candidate.signature.parameters
         null = step.round.null
@@ -413,8 +403,7 @@ class CauseSelection(Generic[CauseT]):
 
     def _rivals(self, kept: Sequence[_Accepted[CauseT]]) -> list[Verdict[CauseT]]:
         """Return verdicts on other kinds that explain a finding as well, so that the campaign cannot
-        distinguish them.
-        """
+        distinguish them."""
         found, held_out = [], self._fitter.held_out
         for step in kept:
             for rival, lead in step.chosen.rivals:
@@ -426,10 +415,8 @@ class CauseSelection(Generic[CauseT]):
         return found
 
     def _rejected(self, rounds: Sequence[Round[CauseT]], end: EndOfSearch[CauseT]) -> list[Verdict[CauseT]]:
-        """Return the verdicts on the best candidate of every kind that the final model does not hold.
-
-        Their log odds are those of the first round, where they competed with the causes found.
-        """
+        """Return the verdicts on the best candidate of every kind that the final model does not hold. Their log odds
+        are those of the first round, where they competed with the causes found."""
         closing, first, found = rounds[-1], rounds[0], []
         for kind, candidate in closing.best.items():
             before = first.best.get(kind)

@@ -1,6 +1,5 @@
 """Uncertainty of a cause's nonlinear shape parameters, from the rise of the sum of squares on both sides of the
-optimum.
-"""
+optimum."""
 
 from __future__ import annotations
 

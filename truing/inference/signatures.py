@@ -61,8 +61,7 @@ class Pathways:
 
     def _of_precision(self, kind: np.dtype[np.generic]) -> tuple[Array, Array, Array]:
         """Return columns, shared parts and basis in double or single precision; single is enough for draws, in half the
-        time.
-        """
+        time."""
         exact = self.columns, self._shared_wide, self.whitened.basis
         return exact if kind == np.float64 else self._rough
 
@@ -140,11 +139,8 @@ def pathways_of(
 
 def _products(whitened: Whitened, moved: Array, each: Array) -> tuple[Array, Array]:
     """Return the products (B, G, C) of the shared basis with pathways, and those (B, C, C) of the pathways with each
-    other.
-
-    The basis is free of local unknowns, the pathways are not. They are motions ``moved`` (B, d K, m), then single
-    observations ``each`` (B, K, d, d).
-    """
+    other. The basis is free of local unknowns, the pathways are not. They are motions ``moved`` (B, d K, m), then
+    single observations ``each`` (B, K, d, d)."""
     epochs, height, count = moved.shape
     tall = whitened.local_basis.shape[1]
     basis = whitened.basis[: epochs * tall].reshape(epochs, tall, -1)[:, :height]
@@ -280,8 +276,7 @@ def _acting(pathways: Pathways, designs: Mapping[str, Array]) -> _Acting | None:
 
 def _explained(pathways: Pathways, alike: Sequence[_Acting]) -> list[Array]:
     """Return the part (G, P) of each candidate on the same pathways that the shared unknowns explain, by one product
-    for all.
-    """
+    for all."""
     first = min((own.during.start for own in alike if own.during.stop), default=0)
     during = slice(first, max(own.during.stop for own in alike))
     shared = pathways.part(alike[0].index).shared[during]

@@ -112,8 +112,7 @@ def _held_out(
     held_out: Epochs[ConditionsLike] | None,
 ) -> tuple[PredictionError[CauseT] | None, PredictionError[CauseT] | None]:
     """Return the prediction errors of held-out epochs without and with a candidate; (None, None) where none are held
-    out.
-    """
+    out."""
     after = held_out_after_first_step(fitted, candidate.cause, candidate.signature, values, held_out)
     return (None if after is None else fitted.held_out), after
 
@@ -174,8 +173,7 @@ def after_first_step(
     fitted: FittedModel[CauseT], cause: CauseT, own: Signature, values: Array
 ) -> PredictionError[CauseT]:
     """Return the error on calibration epochs after a first-order step to a candidate's parameters (P,), in plausible
-    scales.
-    """
+    scales."""
     step = _shared_step(fitted, own, values)
     return _moved(fitted.error, fitted.measured, cause, values, step)
 

@@ -104,8 +104,7 @@ def first_shape(points: PosePoints) -> SurveyPoints:
 
 def _gross_attachments(residuals: Array, sigma: Array, seen: Mask, covariates: Array) -> Mask:
     """Return gross errors of attachments, which may follow the actuators: points far from their own regression on
-    these.
-    """
+    these."""
     gross = np.zeros(seen.shape, bool)
     for target in np.nonzero(seen.any(axis=0))[0]:
         rows = seen[:, target]
@@ -177,8 +176,7 @@ def _reflectors(reference: BodyView | None, body: BodyView) -> Iterator[Repeated
 
 def _measured_cov(body: BodyView) -> Array:
     """Return the covariances (B, 6, 6) of a body's poses by the measurement alone: errors of the survey do
-    not change.
-    """
+    not change."""
     used = body.good & body.frame
     measured, both = (
         np.where(used[..., None], sigma**2, 0.0).sum(axis=(1, 2)) for sigma in (body.measured_sigma, body.sigma)
@@ -189,8 +187,7 @@ def _measured_cov(body: BodyView) -> Array:
 
 def _in_frame(reference: BodyView, points: Array, cov: Array) -> tuple[Array, Array]:
     """Return points (B, 3) with covariances (B, 3, 3) in the frame of a body, with its own covariance to
-    first order.
-    """
+    first order."""
     turn = np.swapaxes(np.nan_to_num(reference.fit.R), 1, 2)
     offset = np.nan_to_num(points - reference.fit.t)
     arm = np.cross(np.eye(3)[None], offset[:, None])

@@ -151,10 +151,8 @@ def read_as(view: LoadingView, expected: ExpectedReadings) -> tuple[list[tuple[i
 def _nearness(
     view: LoadingView, channel: ChannelView, expected: ExpectedReadings, rows: Index, other: int
 ) -> tuple[float, bool] | None:
-    """Return the distance of a channel's readings to another's answer, over the distance of the two answers.
-
-    The second value is True if the other's answer is larger. None where the two answers are too similar or too small.
-    """
+    """Return the distance of a channel's readings to another's answer, over the distance of the two answers. The second
+    value is True if the other's answer is larger. None where the two answers are too similar or too small."""
     if len(rows) < FEWEST:
         return None
     answer = expected.value[rows][:, [channel.place, other]]

@@ -72,8 +72,7 @@ class ChannelView:
 @dataclass(frozen=True)
 class ExpectedReadings:
     """Expected readings (B, 6), SI, NaN where unknown; ``at_most``: the largest response that such loads
-    could cause.
-    """
+    could cause."""
 
     value: Array
     at_most: Array | None = None

@@ -47,8 +47,7 @@ def absorbed_by(tables: Tables, key: Key) -> pd.DataFrame | None:
 
 def _group_words(group: _Group) -> str:
     """Return the omitted effect and the fit in words: ``ignoring the deformation of the platform (implicit
-    objectives)``.
-    """
+    objectives)``."""
     return f"{_effect_words(*group[:2])} ({_ESTIMATORS.get(group[2], group[2])})"
 
 

@@ -22,8 +22,7 @@ _CAPTION = (
 
 def axis(tables: Tables) -> ReportSection | None:
     """Return the section of an axis with errors by the command alone and by the extended model; None
-    without an axis.
-    """
+    without an axis."""
     errors = filled(tables, "axis_errors")
     if errors is None:
         return None

@@ -217,8 +217,7 @@ def _errors(tables: Tables) -> Listing:
 
 def shift_against_drive(deformation: pd.DataFrame, models: pd.DataFrame) -> go.Figure:
     """Return the shift of each attachment along z against its own actuator, with the linear model (telescope report,
-    figure 7).
-    """
+    figure 7)."""
     legs = sorted(deformation["leg"].unique())
     grid, places, rows_of_panels = _grid([f"leg {leg}" for leg in legs])
     linear = models[models["model"] == "linear"].set_index("leg")
@@ -382,8 +381,7 @@ def compliance_map(compliance: pd.DataFrame) -> go.Figure:
 
 def target_against_drive(shifts: pd.DataFrame, drive: pd.Series, slopes: pd.Series) -> go.Figure:
     """Return the shift of single coordinates against a drive, a panel each; ``slopes`` in um per unit by body, target,
-    axis.
-    """
+    axis."""
     parts = list(shifts.groupby(["body", "target", "axis"], sort=False))
     grid, places, rows_of_panels = _grid([label(" ".join(name)) for name, _ in parts])
     for (name, rows), place in zip(parts, places, strict=True):

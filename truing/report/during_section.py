@@ -180,8 +180,7 @@ def _repeats(table: pd.DataFrame) -> list[Listing]:
 
 def _fits(table: pd.DataFrame) -> list[Listing]:
     """Return a row per model, for the subject with the largest lack of fit against pure error, counted among all
-    subjects.
-    """
+    subjects."""
     rows, marks = [], []
     for (kind, model), own in table.groupby(["repeated", "contender"], sort=False):
         worst = own.loc[own["p_value"].idxmin()]

@@ -105,8 +105,7 @@ def _bench_tiles(tables: Tables) -> list[tuple[str, str]]:
 
 def _model_tiles(tables: Tables) -> list[tuple[str, str]]:
     """Return tiles of the movements and the residuals of each model; for a bench, before any model and
-    after the best.
-    """
+    after the best."""
     errors = filled(tables, "deformation_errors")
     if errors is None:
         return []

@@ -68,8 +68,7 @@ def _facts(own: pd.DataFrame) -> dict[str, float]:
 
 def _rank(observed: pd.DataFrame, key: Key) -> str:
     """Return in words the rank of each leg from poses and readings alone, and of the chosen model from all
-    measurements.
-    """
+    measurements."""
     legs, whole, texts = _by_leg(observed), _of_whole_machine(observed, key), []
     if len(legs):
         asked, rank = (int(legs.loc[legs["figure"] == name, "value"].max()) for name in ("parameters", "rank"))

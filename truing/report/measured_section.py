@@ -1,6 +1,5 @@
 """Section of the measured data: bodies, targets, poses, time and temperature; or runs, loads, channels,
-surroundings.
-"""
+surroundings."""
 
 from __future__ import annotations
 

@@ -16,8 +16,7 @@ _MARKS = {_PASS: "pass", _FAIL: "fail", FOUND: "found", _IDLE: "none"}
 @dataclass(frozen=True)
 class ModelTest:
     """One test: question, result (None: not evaluated), its meaning, and p-value; ``otherwise``: state if it does not
-    hold.
-    """
+    hold."""
 
     question: str
     holds: bool | None

@@ -19,8 +19,7 @@ _LEAST_P = 1e-6
 
 def with_uncertainty(value: float, sigma: float | None, unit: str = "") -> str:
     """Return ``13.24 ± 0.41 um``: two significant digits of the uncertainty, the value to the same place
-    (GUM 7.2.6).
-    """
+    (GUM 7.2.6)."""
     if not math.isfinite(value):
         return plain(value)
     if sigma is None or not math.isfinite(sigma) or sigma <= 0.0:
@@ -40,8 +39,7 @@ def _rounded(value: float, sigma: float) -> str:
 
 def _last_place(sigma: float) -> int:
     """Return the decimal place to which a number with this uncertainty is rounded (at most 12); negative left of the
-    point.
-    """
+    point."""
     exponent = int(f"{sigma:.1e}".partition("e")[2])  # of the rounded number: 0.996 is 1.0
     return min(12, 1 - exponent)
 

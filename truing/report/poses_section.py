@@ -222,8 +222,7 @@ def _sizes(rows: pd.DataFrame, many: bool) -> Any:
 
 def _pose_uncertainty(poses: pd.DataFrame) -> go.Figure:
     """Return the standard deviation of every pose along its worst axis, one box per body: position left, rotation
-    right.
-    """
+    right."""
     grid = make_subplots(rows=1, cols=2, subplot_titles=["position, worst axis", "rotation, worst axis"])
     for column, first, unit in ((1, 0, "µm"), (2, 3, "µrad")):
         worst = 1e6 * _worst_sigma(poses, first)

@@ -52,8 +52,7 @@ def is_bench(tables: Tables) -> bool:
 
 def load_steps(tables: Tables) -> pd.DataFrame:
     """Return run, step, time_s, loads by axis (fx .. mz) and role, a row per load step of the readings and
-    the signals.
-    """
+    the signals."""
     known = [table for name in ("readings", "signals") if (table := filled(tables, name)) is not None]
     columns = [*STEP, "time_s", *LOADS.values()]
     if not known:

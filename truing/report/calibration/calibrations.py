@@ -36,8 +36,7 @@ def chosen_calibration(tables: Tables) -> Key | None:
 
 def main_calibration(tables: Tables) -> Key | None:
     """Return the calibration whose results are quoted: the extended model if campaign.toml applies findings, else the
-    chosen one.
-    """
+    chosen one."""
     extended = figures_by_calibration(tables, TO_POINTS)
     if extended is not None and "main" in extended and (extended["main"] == 1.0).any():
         model, deformation = extended.index[extended["main"] == 1.0][0]

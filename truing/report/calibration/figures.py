@@ -44,8 +44,7 @@ _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 33)
 
 def errors(accuracy: pd.DataFrame, chosen: Key | None) -> go.Figure:
     """Return mean and maximum error of each calibration, position above and orientation below (report, figures 15 to
-    17).
-    """
+    17)."""
     accuracy = accuracy.assign(role=accuracy["role"].replace("reference", "calibration"))
     sizes = _mean_and_largest(accuracy)
     height = _AROUND + _ROW * sizes.groupby(level=["model", "deformation"]).ngroups
@@ -214,8 +213,7 @@ def _traces(places: dict[str, pd.DataFrame], deformations: list[str], gain: floa
 
 def _places(fitted: pd.DataFrame, joint: str) -> pd.DataFrame:
     """Return per leg and deformation the nominal place x, y, deviation dx, dy in mm, and tolerance; zero deviation if
-    fixed.
-    """
+    fixed."""
     own = fitted[fitted["parameter"].isin([f"{joint}_x", f"{joint}_y"]) & (fitted["unit"] == "mm")]
     own = own.assign(deviation=own["identified"] - own["nominal"], axis=own["parameter"].str[-1])
     columns = [c for c in ("nominal", "deviation", "tolerance") if c in own]

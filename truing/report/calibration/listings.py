@@ -40,8 +40,7 @@ _MEASURED = "κ and K: as identified."
 
 def all_calibrations(figures: pd.DataFrame, fitted: pd.DataFrame | None, caption: str, folded: bool = False) -> Listing:
     """Return a row per model and deformation: errors (mean / maximum) at fitted and held-out poses, and goodness of
-    fit.
-    """
+    fit."""
     ended = _status(fitted)
     rows = tuple(_row(key, dict(row), ended.get(key, "")) for key, row in figures.iterrows())
     marks = tuple(_MARKS.get(row[0], "warn") for row in rows)

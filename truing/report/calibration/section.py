@@ -95,8 +95,7 @@ def _of_chosen(
 
 def _failed(text: str, code: ReasonCode, misfit: float | None, facts: pd.Series) -> SectionVerdict:
     """Return the verdict on a failed test other than a misfit: it fails the section if held-out errors are a factor too
-    large.
-    """
+    large."""
     if code == ReasonCode.HELD_OUT_MISSED and _known(facts, "heldout_ratio"):
         ratio = float(facts["heldout_ratio"])
         state = RelationState.FAILS if ratio > BY_A_FACTOR else RelationState.ATTENTION
@@ -363,8 +362,7 @@ def _free(fitted: pd.DataFrame) -> str:
 
 def _cost_of_models(tables: Tables) -> str:
     """Return the errors of the other structures with the deformation of the chosen one, and their
-    departures from it.
-    """
+    departures from it."""
     figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
     if figures is None or chosen is None or _HELD_OUT not in figures:
         return "Position: distance between measured and predicted origin of the platform; orientation: angle."

@@ -18,8 +18,7 @@ _NO_EFFECT = "no calibration depends on it, so no result changes"
 
 def compared_calibrations(tables: Tables) -> list[Listing]:
     """Return both calibrations with their errors, the main one first; nothing if no finding changes the calibrated
-    data.
-    """
+    data."""
     table = filled(tables, "calibrations_compared")
     if table is None:
         return []
@@ -72,8 +71,7 @@ def data_words(tables: Tables) -> str:
 
 def _doubted(tables: Tables, names: Sequence[str] | None = None) -> str:
     """Return in words the causes of the extended model, or of some names, that are only suspected; empty
-    where none is.
-    """
+    where none is."""
     rows = filled(tables, "diagnosis")
     if rows is None:
         return ""

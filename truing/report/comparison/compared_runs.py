@@ -46,8 +46,7 @@ class ComparedRun:
 @dataclass(frozen=True)
 class RunTransition:
     """Step from one run to the next: reasons for numbers not assessed, and whether too many numbers changed to name
-    them.
-    """
+    them."""
 
     why: tuple[str, ...]
     rebuilt: bool

@@ -268,8 +268,7 @@ def _provenance(found: RunComparison) -> ReportSection:
 
 def _trend_figures(found: RunComparison) -> tuple[tuple[tuple[go.Figure, str], ...], int]:
     """Return figures with captions, kinds with a change first, then the largest differences; and the
-    number left out.
-    """
+    number left out."""
     own = found.numbers[found.numbers["value"].notna()]
     own = own.assign(kind=[_kind(r) for r in own.itertuples()])
     known = own.groupby("kind", sort=False)["z"].transform(lambda z: z.notna().any())

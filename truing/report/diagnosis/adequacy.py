@@ -92,8 +92,7 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
 
 def _beyond(one: Overall, none: str, short: str) -> SectionVerdict:
     """Return the verdict on errors beyond noise: by a factor they fail, since no declared noise is so
-    wrong unnoticed.
-    """
+    wrong unnoticed."""
     ratio, unit, also = _times_noise(one), sign(one.unit), f"; {short}" if short else ""
     text = f"The model is incomplete: {none}the rms error of predictions is {rough(one.after)} {unit}, where noise "
     text += f"alone gives {rough(one.floor or 0.0)} {unit}{also}. Look at the pattern of the errors under Diagnosis."

@@ -54,8 +54,7 @@ class AssessedCause(Claim):
     @property
     def is_noise(self) -> bool:
         """Whether it has no mean effect in the model: larger scatter than declared, or inputs that
-        predict residuals.
-        """
+        predict residuals."""
         return self.is_remainder or self.reason_code == "noise" or any(s.name == "noise_ratio" for s in self.sizes)
 
     @property
@@ -147,7 +146,6 @@ def total_gain(found: list[AssessedCause], held_out: bool) -> tuple[float, float
 
 def share_removed(before: float, after: float, floor: float) -> float | None:
     """Return the share of the variance beyond noise that is removed: 1 - (after^2 - floor^2) / (before^2 - floor^2), at
-    most 1.
-    """
+    most 1."""
     excess = before**2 - floor**2
     return min(1.0, 1.0 - (after**2 - floor**2) / excess) if excess > 0.0 else None

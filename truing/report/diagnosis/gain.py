@@ -54,8 +54,7 @@ _LEGEND = {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}
 @dataclass(frozen=True)
 class _Missed:
     """Rms of measured minus predicted over the subset named by ``words``; before equals after where
-    nothing was found.
-    """
+    nothing was found."""
 
     words: str
     of: Overall
@@ -90,10 +89,8 @@ def _words_of(one: Overall, of: PartNames) -> str:
 
 
 def _lead(missed: list[_Missed], of: PartNames, rows: list[AssessedCause], *, whole: bool) -> str:
-    """Return in words the remaining held-out errors against noise, and the share of the excess removed.
-
-    ``whole``: whether no test of the final model fails.
-    """
+    """Return in words the remaining held-out errors against noise, and the share of the excess removed. ``whole``:
+    whether no test of the final model fails."""
     if not missed:
         return "This run holds no errors of predictions."
     texts, removed = [_of_role(one) for one in missed], [_removed(one, whole) for one in missed]
@@ -236,8 +233,7 @@ def _calibrations(tables: Tables) -> Listing:
 
 def misses(found: list[AssessedCause], of: PartNames = POINTS, start: str = "simulation without changes") -> go.Figure:
     """Return the rms of measured minus predicted before and after each accepted cause of one unit, with the noise
-    floor.
-    """
+    floor."""
     stages = [f"{start} ", *(f"+ {label(row.name)} " for row in found)]
     figure = go.Figure()
     fitted, held_out = [row.rms for row in found], [row.held_out for row in found]
@@ -267,8 +263,7 @@ def _floor_line(figure: go.Figure, floor: float | None, unit: str, vertical: boo
 
 def _pose_by_pose(table: pd.DataFrame, floor: float | None, modelled: bool) -> go.Figure:
     """Return the rms of measured minus predicted at every pose, without the findings and, if there are
-    any, with them.
-    """
+    any, with them."""
     places, axis = pose_axis(table["pose"])
     roles = table["role"].replace("reference", "calibration").to_numpy()
     unit = sign(str(table["unit"].iloc[0]))

@@ -75,8 +75,7 @@ def _noise(row: AssessedCause) -> str:
 
 def _reach(row: AssessedCause, tables: Tables) -> Reach | None:
     """Return the largest shift of an attachment by a finding; for a full matrix, of two attachments relative to each
-    other.
-    """
+    other."""
     drives = _drives(tables)
     if drives is None:
         return None
@@ -117,8 +116,7 @@ def _between(drives: NDArray, matrix: NDArray, sigma: NDArray) -> Reach | None:
 
 def _drives(tables: Tables) -> NDArray | None:
     """Return displacements of the actuators (B, L) in mm; from the middle of their range where the reference is
-    unknown.
-    """
+    unknown."""
     shifts = filled(tables, "deformation")
     if shifts is not None:
         return shifts.pivot(index="pose", columns="leg", values="delta_rho_mm").dropna().to_numpy(dtype=float)

@@ -21,8 +21,7 @@ _SHARE = {"": 1.0, "_asymmetry": 0.5, "_growth": 1.0}
 
 def unwritten_loads(rows: list[AssessedCause], tables: Tables) -> ReportSection | None:
     """Return the section on unrecorded moments or forces and their effect on a calibration; None where
-    there are none.
-    """
+    there are none."""
     acted = _acted(rows, tables)
     if not acted or filled(tables, "sensor_matrix") is None:
         return None
@@ -61,8 +60,7 @@ def _taken_in(tables: Tables) -> bool:
 
 def _other_load_text(row: AssessedCause, steps: pd.DataFrame) -> list[str]:
     """Return the load in words, ``the z load brought up to 108 N·m about y and 72 N·m about x``; empty for other
-    causes.
-    """
+    causes."""
     axis = re.fullmatch(r"load ([fm][xyz])", row.subject)
     if row.cause not in ("load-eccentricity", "load-imbalance") or axis is None:
         return []

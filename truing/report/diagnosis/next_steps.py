@@ -111,8 +111,7 @@ def _pace(tables: Tables) -> float | None:
 
 def _findings(rows: list[AssessedCause], tables: Tables) -> Iterator[NextStep]:
     """Yield the measurements for each finding: first to separate it from rivals, last those that no repeats can
-    provide.
-    """
+    provide."""
     found = accepted_of(rows)
     beside = [row for row in rows if row.verdict == RIVAL and not (found and row.advice_kind in _OF_ADVICE)]
     for row in sorted([*found, *beside], key=lambda row: row.advice_kind == AdviceKind.IN_VAIN):

@@ -158,8 +158,7 @@ class Overall:
     @property
     def is_beyond_noise(self) -> bool:
         """Whether the error exceeds the noise floor by a clear factor, and by more than chance does once in 100
-        campaigns.
-        """
+        campaigns."""
         if not self.floor or self.after <= AT_THE_FLOOR * self.floor:
             return False
         if not self.freedom > 0.0:
@@ -228,10 +227,8 @@ def missed_by(rows: list[AssessedCause], found: list[AssessedCause], tables: Tab
 
 def _freedom(tables: Tables, unit: str, held_out: bool) -> float:
     """Return the least number of independent values in an rms: readings of a channel less one zero per run; for points,
-    poses.
-
-    Values of one pose have errors in common. The number per pose follows from the scatter of the poses' mean squares.
-    """
+    poses. Values of one pose have errors in common. The number per pose follows from the scatter of the poses' mean
+    squares."""
     if compared(tables) is READINGS:
         own = _own_readings(unit, tables, held_out)
         if own is None:

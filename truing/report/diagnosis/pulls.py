@@ -38,8 +38,7 @@ _SERIES = {"z": "each by itself", "jump": "the fewest changes that explain all o
 
 def pulls(tables: Tables) -> ReportSection | None:
     """Return the section of the identifiable parameters' pulls, with the band of their sum; None where
-    there are none.
-    """
+    there are none."""
     if "pulls" not in tables:
         return None
     table, of = filled(tables, "pulls"), compared(tables)
@@ -145,8 +144,7 @@ def _all(own: pd.DataFrame) -> Listing:
 
 def pull_figure(table: pd.DataFrame, columns: Mapping[str, str], title: str, axis: str) -> go.Figure:
     """Return a figure of ``table`` (leg, parameter, and ``columns``: column to words), with a mark per row
-    and column.
-    """
+    and column."""
     kinds = [kind_of(str(name), leg) for name, leg in zip(table["parameter"], table["leg"], strict=True)]
     order = list(dict.fromkeys(kinds))[:_KINDS]
     shown = table.assign(kind=kinds)

@@ -91,8 +91,7 @@ def _decisive_measurement(row: Any, epochs: tuple[str, str, str, str]) -> str:
 
 def _of_cause_left(cause: str) -> str:
     """Return the measurement for the cause that a limited search would have accepted next, if it is equal for all
-    subjects.
-    """
+    subjects."""
     known = WORDINGS.get(cause)
     if known is not None and isinstance(known.advice, str):
         return f"To test {cause_words(cause)}: {known.advice}"

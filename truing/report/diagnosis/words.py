@@ -187,10 +187,8 @@ def _agreement(rows: list[AssessedCause], tables: Tables) -> str:
 
 
 def _hidden_sizes(table: pd.DataFrame | None) -> list[str]:
-    """Return the detectable sizes of the most important causes: ``actuator gain 0.021 %``.
-
-    Where sizes differ between subjects, the largest one, so that the sentence holds for each.
-    """
+    """Return the detectable sizes of the most important causes: ``actuator gain 0.021 %``. Where sizes differ between
+    subjects, the largest one, so that the sentence holds for each."""
     if table is None or not table["size"].notna().any():
         return []
     known = table.dropna(subset="size")

@@ -32,8 +32,7 @@ _LENGTH = 0.03  # length of a median residual, as a share of the format's width
 
 def network_picture(points: pd.DataFrame, images: pd.DataFrame, cameras: pd.DataFrame) -> go.Figure:
     """Return the network of one pose, or of several to choose from; tables object_points, image_orientations and
-    cameras.
-    """
+    cameras."""
     poses = _shown_poses(points, images)
     gain = _gain(points, images)
     bodies = {body: _COLOURS[k % len(_COLOURS)] for k, body in enumerate(points["body"].unique())}

@@ -118,8 +118,7 @@ def _strongest(tables: Tables) -> dict[str, str]:
 
 def _bars(tables: Tables) -> Iterator[Listing]:
     """Return scale bars in every pose; for survey distances and marker diagonals, the pose with the largest error of
-    each.
-    """
+    each."""
     table = filled(tables, "scale_bar_lengths")
     if table is None:
         return

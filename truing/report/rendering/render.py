@@ -154,8 +154,7 @@ def _unbroken(sentence: str) -> str:
 
 def embedded(value: object) -> str:
     """Return a value as JSON for a script element, with the characters escaped that end an element or
-    begin a comment.
-    """
+    begin a comment."""
     from plotly.io.json import to_json_plotly
 
     return to_json_plotly(value, engine="json").translate(_ESCAPED)
@@ -200,10 +199,8 @@ def file_name(campaign: str, part: str) -> str:
 
 
 def _policy(scripts: Iterable[str]) -> str:
-    """The page's content security policy: these scripts and no others run, and nothing is loaded or sent.
-
-    What plotly draws by WebGL it compiles itself, which is an ``eval`` to a browser.
-    """
+    """The page's content security policy: these scripts and no others run, and nothing is loaded or sent. What plotly
+    draws by WebGL it compiles itself, which is an ``eval`` to a browser."""
     hashes = (f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'" for script in scripts)
     return (
         f"default-src 'none'; script-src {' '.join(hashes)} 'unsafe-eval'; style-src 'unsafe-inline'; "

@@ -315,8 +315,7 @@ def _load_captions(
 
 def _arrows(cases: pd.DataFrame, size: float) -> NDArray[np.float64]:
     """Return the load (S, 2, 3) as arrows from the platform's origin: force along its axis, torque along its rotation
-    axis.
-    """
+    axis."""
     loads = cases[list(LOADS.values())].to_numpy(dtype=float)
     largest = np.abs(loads).max(axis=0)
     share = loads / np.where(largest > 0.0, largest, 1.0)

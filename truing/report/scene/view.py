@@ -220,8 +220,7 @@ def _box(scene: DrawnScene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 def _axes(low: NDArray[np.float64], high: NDArray[np.float64]) -> dict[str, Any]:
     """Return axes that hold body and amplified displacement; a flat body gets a visible height of a third
-    of its width.
-    """
+    of its width."""
     margin = 0.02 * float((high - low).max()) + 1e-6
     low, high = low - margin, high + margin
     ratio = np.maximum((high - low) / (high - low).max(), 0.35)

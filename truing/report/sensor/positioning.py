@@ -32,8 +32,7 @@ _CAPTION = "A gap between the two lines is reversal: the position depends on the
 
 def positioning(tables: Tables) -> ReportSection | None:
     """Return the results of ISO 230-2 for every run, the axis first, then by target; and reasons where
-    there are none.
-    """
+    there are none."""
     rows, withheld = filled(tables, "positioning"), not_stated(tables)
     if rows is None:
         return (

@@ -123,8 +123,7 @@ def cause_words(cause: str) -> str:
 
 def clause(claim: Claim) -> str:
     """Return the clause on a claim that completes "The data show that ..."; causes from packages bring
-    their own words.
-    """
+    their own words."""
     if claim.cause in WORDINGS:
         return WORDINGS[claim.cause].clause(claim)
     return with_sizes(claim.words or cause_words(claim.cause), claim)

@@ -76,8 +76,7 @@ class Claim:
 
     def fact(self, name: str) -> Any:
         """Return a setting, or the parameter of that name where the table holds no settings; None where there is
-        neither.
-        """
+        neither."""
         size = self.size(name)
         return self.settings.get(name, None if size is None else size.value)
 
@@ -95,8 +94,7 @@ class AdviceKind(StrEnum):
 @dataclass(frozen=True)
 class Advice:
     """Next measurement; ``short``: without settings that a table holds, empty where none does; ``purpose``: of its rows
-    there.
-    """
+    there."""
 
     kind: AdviceKind
     words: str
@@ -134,8 +132,7 @@ def largest(sizes: tuple[ParameterSize, ...]) -> ParameterSize | None:
 
 def only(claim: Claim, kind: str) -> tuple[str, bool]:
     """Return the absolute value of the largest size of a kind, empty where there is none, and True if it
-    is positive.
-    """
+    is positive."""
     size = largest(claim.sizes_of(kind))
     return ("", True) if size is None else (size_in_words(positive(size)), (size.number or 0.0) > 0.0)
 

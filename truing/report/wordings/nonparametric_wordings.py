@@ -61,8 +61,7 @@ def columns_words(columns: tuple[str, ...]) -> str:
 
 def remainder_clause(columns: tuple[str, ...], subject: str, share: float) -> str:
     """Return the clause on residuals of the model without causes and the inputs that predict them, without
-    a full stop.
-    """
+    a full stop."""
     whose = f" of {subject_words(subject)}" if subject else ""
     text = f"The residuals of the model without causes{whose} depend on {columns_words(columns)}"
     return f"{text}, which explains {'' if subject else 'up to '}{100.0 * share:.0f} % of their variance"

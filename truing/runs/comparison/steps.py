@@ -222,10 +222,8 @@ def matrix_step(before: pd.DataFrame, now: pd.DataFrame) -> RunStep:
 
 
 def _each(names: Sequence[Sequence[object]], difference: NDArray, spread: NDArray, known: NDArray) -> RunStep:
-    """Return the significant changes of the known numbers (n,), each tested by itself.
-
-    The level is familywise, valid for any correlations.
-    """
+    """Return the significant changes of the known numbers (n,), each tested by itself. The level is familywise, valid
+    for any correlations."""
     known = known & (spread > 0.0)
     z = np.where(known, difference / np.where(known, spread, 1.0), np.nan)
     changed = beyond_chance(z)

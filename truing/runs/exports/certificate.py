@@ -133,8 +133,7 @@ def si_unit(unit: str) -> tuple[float, str] | None:
 @dataclass(frozen=True)
 class _Qualified:
     """Results to be certified, as rows of ``uncertainty``; sentences on results left out and on effects
-    in no budget.
-    """
+    in no budget."""
 
     results: pd.DataFrame
     left_out: tuple[str, ...]
@@ -170,8 +169,7 @@ def _size(row: Any) -> str:
 
 def _rest_on_model(run: Run) -> list[str]:
     """Return the kinds of result that follow from a model; poses too, if a searched relation has no
-    simulated machine.
-    """
+    simulated machine."""
     relations = run["diagnosis"]["relation"].dropna().unique() if "diagnosis" in run else ()
     measured = _MEASURED if all(Relation(name).is_simulated for name in relations) else _MEASURED[1:]
     return [kind for kind in KINDS if kind not in measured]
@@ -179,8 +177,7 @@ def _rest_on_model(run: Run) -> list[str]:
 
 def qualified(run: Run) -> _Qualified:
     """Return the results with a valid uncertainty: not those of a model that fails, or that omits a cause that was
-    found.
-    """
+    found."""
     stated, parts = run["uncertainty"], run["uncertainty_budget"]
     good = stated[stated["stated"] & stated["estimate"].notna() & (stated["expanded_uncertainty"] > 0.0)]
     good = good[good["coverage_factor"] >= 1.0]  # D-SI allows no others
