@@ -344,7 +344,7 @@ class Fitter(Generic[CauseT]):
         instead.
         """
         start = self._input_factor
-        self._take_back()
+        self._restore_screened()
         wide = self._with_widened_inputs(fitted, candidate.own, start * self._ratios[0])
         near = nearby([one for one in _scatters(fitted, kinds) if one.of_inputs], candidate)
         best = likeliest(residuals_of_inputs(wide), near, self._input_factor)
@@ -360,7 +360,7 @@ class Fitter(Generic[CauseT]):
         self._declared = self._declared.with_input_factor(self._input_factor)
         self.model = self._declared.rescaled(*self._ratios)
 
-    def _take_back(self) -> None:
+    def _restore_screened(self) -> None:
         """Restore all screened observations: they may have looked wrong only because inputs or noise were trusted too
         much."""
         seen, unseen = self._recorded
@@ -410,7 +410,7 @@ class Fitter(Generic[CauseT]):
         self.reweight(found.factor)
         if found.driver.cause is None:
             return found
-        self._take_back()
+        self._restore_screened()
         for _ in range(_MOST_SCALINGS):
             fitted = self.converged(fitted.causes, fitted)
             more = larger_where(found.driver, self.known_residuals(fitted), found.p_value)
