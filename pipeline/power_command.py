@@ -39,7 +39,7 @@ from truing.report.tables import cell
 from truing.report.wordings.catalogue import cause_words
 from truing.schemas.campaign import Campaign
 from truing.schemas.faults import CampaignFaults, Fault
-from truing.simulation.catalogue import catalogue_of_rays, of_photographed_points
+from truing.simulation.catalogue import catalogue_of_photographed_points, catalogue_of_rays
 from truing.simulation.cause import Cause, Effect
 from truing.simulation.detection_trials import (
     Answer,
@@ -298,7 +298,7 @@ def of_photographs(campaign: CampaignFolder, run: Path) -> PhotographNote | None
     """What the run in a folder tells of causes that are not drawn; None where no point comes from photographs."""
     if not campaign.has_photographs:
         return None
-    catalogues: tuple[Mapping[str, Cause], ...] = (catalogue_of_rays(), of_photographed_points())
+    catalogues: tuple[Mapping[str, Cause], ...] = (catalogue_of_rays(), catalogue_of_photographed_points())
     names = list(dict.fromkeys(name for own in catalogues for name, kind in own.items() if kind.catalogued))
     listed = f"{', '.join(map(cause_words, names[:-1]))} and {cause_words(names[-1])}"
     table = table_of(run, "detectable")

@@ -12,7 +12,7 @@ from truing.arrays import Array
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.estimation.interferometry.run_curves import run_curves
 from truing.estimation.sensor.load_table import RecordedLoads, zeros_of_runs
-from truing.simulation.bench.causes.rows_exchanged import RowsExchanged, put_right
+from truing.simulation.bench.causes.rows_exchanged import RowsExchanged, with_corrected_loads
 from truing.stages.common.applied_findings import applied_findings
 from truing.stages.common.overruled import decided, without_excluded
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
@@ -68,7 +68,7 @@ def _recorded(
     if not len(steps.run):
         raise ValueError("no load step has a reading of every signal channel")
     exchanged = () if elsewhere else _exchanged(model, steps)
-    plain, steps = steps.load, put_right(steps, exchanged)
+    plain, steps = steps.load, with_corrected_loads(steps, exchanged)
     signal = steps.signal / MV
     declared = settings.noise.signal_mv
     given = np.full(signal.shape, np.nan if declared is None else declared)

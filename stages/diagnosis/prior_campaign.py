@@ -46,7 +46,7 @@ def started(data: DiagnosisData[Any], text: str, seed: int) -> DiagnosisData[Any
         campaign, causes, prior = _known(text, data.model)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise CampaignFaults([Fault("start.toml", f"a model.toml that a run has written ({error})")]) from None
-    alone = with_prior_campaign(data.model, prior.nothing)
+    alone = with_prior_campaign(data.model, prior.without_information)
     try:
         fitted = Fitter(alone, data.calibration, data.held_out, seed).prepared(data.given)
         assert isinstance(fitted.model, MechanismModel | BenchModel)
@@ -54,7 +54,7 @@ def started(data: DiagnosisData[Any], text: str, seed: int) -> DiagnosisData[Any
     except np.linalg.LinAlgError:
         raise ValueError("with the effects of the earlier model the fit left what the legs can reach") from None
     changed = compared.changed()
-    kept = prior.nothing
+    kept = prior.without_information
     if changed is not None:
         kept = prior.without(sorted({*changed, *chain.from_iterable(compared.instead(changed))}))
     sentence = _words(campaign, prior, fitted.model, compared)
@@ -112,7 +112,7 @@ def changes_table(final: FittedModel) -> pa.Table | None:
     prior = final.model.prior_campaign
     if prior is None:
         return None
-    model = with_prior_campaign(final.model, prior.nothing).with_causes(final.causes)
+    model = with_prior_campaign(final.model, prior.without_information).with_causes(final.causes)
     fit = fit_model(model.predict, final.measured, final.fit.frames, final.fit.shared, final.fit.local)
     covariance = fit.whitened.covariance() * final.noise_ratio**2
     found = _compared(prior, model, fit.shared, covariance)

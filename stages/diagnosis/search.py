@@ -15,9 +15,9 @@ from truing.simulation.catalogue import (
     OF_TYPES,
     catalogue,
     catalogue_of_bodies,
+    catalogue_of_photographed_points,
     catalogue_of_rays,
     catalogue_of_readings,
-    of_photographed_points,
 )
 from truing.simulation.cause import Cause, CauseT
 from truing.simulation.mechanisms.recording import RecordedModel
@@ -78,7 +78,7 @@ def kinds_of(settings: Campaign, *, photographed: bool = False) -> Mapping[str, 
     if settings.campaign.kind == "interferometer":
         return catalogue_of_readings()
     own = catalogue() if settings.mechanism.is_legged else catalogue_of_bodies()
-    return own | of_photographed_points() if photographed else own
+    return own | catalogue_of_photographed_points() if photographed else own
 
 
 def searched_for(settings: Campaign, causes: Iterable[CauseT]) -> list[CauseT]:

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.estimation.uncertainty_budget import Budget, Source
-from truing.simulation.catalogue import catalogue, catalogue_of_rays, of_photographed_points
+from truing.simulation.catalogue import catalogue, catalogue_of_photographed_points, catalogue_of_rays
 from truing.simulation.cause import Step
 from truing.stages.uncertainty_statement.statement import Statement
 
@@ -86,5 +86,5 @@ def found_causes(tables: Mapping[str, pa.Table]) -> dict[str, str]:
 
 def of_instrument(cause: str) -> bool:
     """Whether a cause, by its id, changes what is recorded of points, and so every pose of them."""
-    known = (catalogue() | of_photographed_points() | catalogue_of_rays()).get(cause)
+    known = (catalogue() | catalogue_of_photographed_points() | catalogue_of_rays()).get(cause)
     return known is not None and known.step is Step.INSTRUMENT

@@ -164,7 +164,7 @@ def catalogue_of_rays() -> dict[str, RayCause]:
     return _with_installed(OWN_CAUSES_OF_RAYS, RayCause)
 
 
-def of_photographed_points() -> dict[str, PointCause]:
+def catalogue_of_photographed_points() -> dict[str, PointCause]:
     """Return the additional causes, by id, of points that were computed from photographs."""
     return {cause.id: cause for cause in OWN_CAUSES_OF_PHOTOGRAPHED_POINTS}
 

@@ -24,7 +24,7 @@ _NAMED = ("target", "load", "channel", "signal", "run", "camera", "bar", "window
 # Number of random directions over which a reported size is averaged.
 _PATTERNS = 32
 # Least growth of a parameter, at twice the size, that counts as growth.
-_GROWN = 1.2
+_LEAST_GROWTH = 1.2
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def reported_size(cause: Cause, size: float, legs: int) -> EffectSize:
     """
     once, twice = (_root_mean_squares(cause, factor * size, legs) for factor in (1.0, 2.0))
     growing = [key for key in once if np.isclose(twice[key], 2.0 * once[key], rtol=0.05)]
-    growing = growing or [key for key in once if twice[key] > _GROWN * once[key]]
+    growing = growing or [key for key in once if twice[key] > _LEAST_GROWTH * once[key]]
     if not growing:  # a count is reported as a whole number
         first = cause.parameters(legs)[0]
         return EffectSize(first.name, size * first.scale / first.si, first.unit)

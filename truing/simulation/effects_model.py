@@ -73,7 +73,9 @@ class EffectsModel(ABC, Generic[CauseT]):
     @cached_property
     def layout(self) -> dict[str, slice]:
         """Slice of each kind of shared unknown in their vector; effects by their key."""
-        return laid_out({**self._sizes, **{cause.key: len(cause.parameters(self.part_count)) for cause in self.causes}})
+        return consecutive_slices(
+            {**self._sizes, **{cause.key: len(cause.parameters(self.part_count)) for cause in self.causes}}
+        )
 
     @property
     def part_count(self) -> int:
@@ -178,7 +180,7 @@ class EffectsModel(ABC, Generic[CauseT]):
         return cause.reach * self.effect_scale(cause)
 
 
-def laid_out(sizes: Mapping[str, int]) -> dict[str, slice]:
+def consecutive_slices(sizes: Mapping[str, int]) -> dict[str, slice]:
     """Return consecutive slices of the given sizes."""
     ends = np.cumsum(list(sizes.values())).tolist()
     return {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from truing.schemas.settings_text import parsed_toml
 from truing.simulation.cause import CauseT, Effect
-from truing.simulation.effects_model import laid_out
+from truing.simulation.effects_model import consecutive_slices
 
 FORMAT = 2
 Read = TypeVar("Read")
@@ -63,7 +63,7 @@ class IdentifiedInSI(Generic[CauseT]):
     def layout(self) -> dict[str, slice]:
         """Slices of the covariance: ``own`` for the identified numbers, then one per effect by its key."""
         sizes = {effect.cause.key: len(effect.values) for effect in self.effects}
-        return laid_out({"own": len(self.covariance) - sum(sizes.values()), **sizes})
+        return consecutive_slices({"own": len(self.covariance) - sum(sizes.values()), **sizes})
 
     def places(self, causes: Sequence[CauseT]) -> NDArray:
         """Return the indices of the identified numbers and of the parameters of some effects in the covariance."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from truing.simulation.cause import CauseT
 
-_TOLD = 1e-9  # information below this share of the largest, or of the prior's (1), counts as zero
+_NEGLIGIBLE = 1e-9  # information below this share of the largest, or of the prior's (1), counts as zero
 
 
 class PartitionedModel(Protocol):
@@ -115,7 +115,7 @@ class CampaignPrior(Generic[CauseT]):
         return replace(self, information=marginal(self.information, np.asarray(free, int)))
 
     @property
-    def nothing(self) -> Self:
+    def without_information(self) -> Self:
         """The prior with its effects, but without its information."""
         return replace(self, information=np.zeros_like(self.information))
 
@@ -146,7 +146,7 @@ def block_diagonal(*blocks: NDArray) -> NDArray:
 def centred(information: NDArray, pull: NDArray) -> NDArray:
     """Return the centre (n,) of information (n, n) from their product; zero in directions without information."""
     variances, directions = np.linalg.eigh(information)
-    reported = variances > _TOLD * max(1.0, variances.max(initial=0.0))
+    reported = variances > _NEGLIGIBLE * max(1.0, variances.max(initial=0.0))
     return np.asarray(directions[:, reported] @ ((directions[:, reported].T @ pull) / variances[reported]))
 
 

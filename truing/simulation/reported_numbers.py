@@ -16,7 +16,7 @@ from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.prior_campaign import CampaignPrior, SharedUnknowns
 
 # Least reduction of the prior variance by the data for a number to count as measured.
-TOLD = 0.05
+LEAST_REDUCTION = 0.05
 _OF_SENSOR = ("geometry", "stiffness")
 _AXES = {"a": "xyz", "b": "xyz", "u": "12", "l": ("",)}
 
@@ -117,7 +117,7 @@ def figures(
     by = reported.by_numbers
     spread = np.sqrt(np.maximum(np.diag(by @ found.covariance @ by.T), 0.0))
     beforehand = np.diag(by @ np.linalg.inv(prior.shared) @ by.T)
-    measured = np.diag(by @ covariance @ by.T) < (1.0 - TOLD) * beforehand
+    measured = np.diag(by @ covariance @ by.T) < (1.0 - LEAST_REDUCTION) * beforehand
     return {
         "before": reported.nominal + by @ prior.mean,
         "sigma_before": np.sqrt(np.diag(by @ (prior.covariance + prior.frames) @ by.T)),

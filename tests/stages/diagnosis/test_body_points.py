@@ -13,7 +13,7 @@ from tests.stages.line import run_line
 from tests.tolerance import assert_between
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.schemas.campaign import read_campaign
-from truing.simulation.bodies.measured_bodies import moved_for_certain
+from truing.simulation.bodies.measured_bodies import evident_displacements
 from truing.stages.diagnosis.body_points import assemble_bodies
 from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 
@@ -95,7 +95,7 @@ def test_a_marker_that_was_moved_far_is_one_thing_and_a_corner_alone_is_a_target
     points = PosePoints((11, 12, 13), names, np.zeros((3, 5, 3)), np.zeros((3, 5, 3, 3)), np.ones((3, 5), bool))
     shape, order = np.arange(15.0).reshape(5, 3), np.array([2.0, 0.0, 1.0])
     both = [(1, k) for k in range(4)] + [(2, 3), (2, 4)]
-    marker, corner, target = moved_for_certain("plate", points, shape, order, both)
+    marker, corner, target = evident_displacements("plate", points, shape, order, both)
     assert (marker.subject, marker.from_pose, marker.from_order) == ("marker M", 12, 0.0)
     assert marker.corners == names[:4]
     assert marker.places == tuple(range(12))

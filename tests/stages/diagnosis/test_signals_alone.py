@@ -12,7 +12,7 @@ import pytest
 from tests.sensor_campaign import GAIN, HEIGHT_MM, LARGEST, LOWER_MM, SIGNAL_MV, UPPER_MM, campaign_toml
 from tests.tolerance import assert_between, assert_close
 from truing.schemas.campaign import read_campaign
-from truing.simulation.bench.causes.rows_exchanged import exchanged_rows, put_right
+from truing.simulation.bench.causes.rows_exchanged import exchanged_rows, with_corrected_loads
 from truing.simulation.bench.six_upur.geometry import joint_centres
 from truing.simulation.bench.six_upur.influence import influence_matrix
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, load_steps
@@ -79,7 +79,7 @@ def test_loads_are_put_back_in_their_row(rng):
     tables[1] = exchange(tables[0].copy(), (3, 1), (5, 3), ["fz_n", "my_nm"])
     right, wrong = (load_steps({"signals": pa.Table.from_pandas(table)}) for table in tables)
     found = exchanged_rows(wrong, np.ones(len(wrong.run), bool))
-    assert_close(put_right(wrong, found).load, right.load, atol=0.0)
+    assert_close(with_corrected_loads(wrong, found).load, right.load, atol=0.0)
     assert np.abs(wrong.load - right.load).max() > 0.0
 
 

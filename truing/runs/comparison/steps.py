@@ -18,7 +18,7 @@ from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.extended_model import ExtendedModel, identified_geometry, name_and_leg
 from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.mechanisms.prior import mechanism_prior
-from truing.simulation.reported_numbers import TOLD, ReportedNumbers, figures, reported_numbers
+from truing.simulation.reported_numbers import LEAST_REDUCTION, ReportedNumbers, figures, reported_numbers
 from truing.simulation.targets import shape_unknowns
 
 # Rate of comparisons that report a change although nothing changed.
@@ -146,7 +146,7 @@ def _step(columns: dict[str, Any], known: NDArray) -> RunStep:
 def _known(reported: ReportedNumbers, covariance: NDArray, prior: NDArray) -> NDArray:
     """Return True for rows (R,) on which an estimate holds more information than the prior."""
     by = reported.by_numbers
-    return np.diag(by @ covariance @ by.T) < (1.0 - TOLD) * np.diag(by @ prior @ by.T)
+    return np.diag(by @ covariance @ by.T) < (1.0 - LEAST_REDUCTION) * np.diag(by @ prior @ by.T)
 
 
 def _of_others(model: MechanismModel, common: tuple[Cause, ...]) -> list[NDArray]:
@@ -207,7 +207,7 @@ def sensor_step(before: ExtendedSensor, now: ExtendedSensor, simulated: NDArray)
     keys = {c.key for c in before.causes if c.is_persistent} & {c.key for c in now.causes if c.is_persistent}
     (old, sigma_old), (new, sigma_new) = (_common(one, keys) for one in (before, now))
     limit = np.full(len(old), np.inf)
-    limit[:_ENTRIES] = np.sqrt(1.0 - TOLD) * simulated
+    limit[:_ENTRIES] = np.sqrt(1.0 - LEAST_REDUCTION) * simulated
     known = (sigma_old < limit) & (sigma_new < limit)
     scale = _scales(before, keys)
     return _each(_named(before, keys), (new - old) / scale, np.hypot(sigma_old, sigma_new) / scale, known)

@@ -76,7 +76,7 @@ class BenchForwardPass(Trace[ReadingCause, ReadingState]):
         return self.from_readings(slopes, cause)
 
 
-def passed(
+def pass_through(
     steps: LoadSteps,
     wrench: NDArray,
     compliance: NDArray,
@@ -302,7 +302,7 @@ class BenchModel(ChannelModel[ReadingCause]):
         wrench = self.conditions.load + np.einsum("bkh,bh->bk", self._load_errors, local)
         unknowns, optics = shared[self.layout["optics"]], self.known.optics
         seen = optics.rows_at(unknowns), optics.grown(self.steps, unknowns)
-        return passed(self.steps, wrench, response.compliance, rows, seen, self.effects(shared))
+        return pass_through(self.steps, wrench, response.compliance, rows, seen, self.effects(shared))
 
     def _by_shared(self, shared: NDArray, forward_pass: BenchForwardPass) -> NDArray:
         """Return the readings' derivatives (B, K, G) by the shared unknowns."""

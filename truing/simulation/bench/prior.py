@@ -77,7 +77,7 @@ def sensor_prior(found: ExtendedSensor, model: BenchModel) -> SensorPrior:
     """
     causes = persistent_causes(found.causes, model.part_count, model.steps.covariates, model.known.channels)
     sensor = replace(model.known.sensor, share=found.share)
-    start, rows = _behind(sensor, found.compliance)
+    start, rows = _smallest_unknowns(sensor, found.compliance)
     left, size, right = np.linalg.svd(rows, full_matrices=False)
     seen = size > _LEAST * size.max(initial=0.0)
     along = right[seen]  # (r, n): combinations of the unknowns, each known to one sigma beforehand
@@ -109,7 +109,7 @@ def _scale(compliance: NDArray) -> NDArray:
     return np.outer(size, size).ravel()
 
 
-def _behind(sensor: UncertainSensor, compliance: NDArray) -> tuple[NDArray, NDArray]:
+def _smallest_unknowns(sensor: UncertainSensor, compliance: NDArray) -> tuple[NDArray, NDArray]:
     """Return the smallest unknowns (n,) that give a compliance, and the derivatives of its scaled entries by them."""
     scale, unknowns = _scale(compliance), np.zeros(sensor.geometry_size + sensor.stiffness_size)
     rows = np.zeros((_ENTRIES, len(unknowns)))

@@ -91,7 +91,7 @@ def measured_body(
     coordinate, m, if points have none.
     """
     assessed = select_points(residuals, points, shape, order)
-    right, trusted = _put_right(points, residuals, assessed)
+    right, trusted = _relabelled(points, residuals, assessed)
     fit = umeyama(shape, right, trusted.astype(float))
     if fit.ok.sum() < _FEWEST_POSES:
         return None
@@ -107,11 +107,11 @@ def measured_body(
     known = points.seen & fit.ok[:, None]
     places = np.where(known[..., None], np.einsum("bji,bkj->bki", R, right - t[:, None]), 0.0)
     sigma = float(np.sqrt(np.median(np.trace(cov[known], axis1=-2, axis2=-1)) / 3))
-    loose = _loose_corners(name, points.targets, shape, trusted)
+    loose = _position_looseness(name, points.targets, shape, trusted)
     seen = assessed.kept & known & (trusted | ~lonely_places(places, known, order, sigma, loose))
     changes = changes_of_place(places, seen, order, sigma, loose)
     seen &= ~stray_places(places, seen, order, sigma, changes, loose)
-    moved = moved_for_certain(name, points, shape, order, changes)
+    moved = evident_displacements(name, points, shape, order, changes)
     ok = fit.ok & (seen.sum(1) >= FEWEST_TARGETS)
     swapped = tuple(swapped_targets(name, points.targets, points.poses, order, assessed.exchanges))
     certain: tuple[TargetsSwapped | TargetMoved, ...] = (*swapped, *moved)
@@ -119,7 +119,7 @@ def measured_body(
     return BodyTargets(name, points.targets, shape, sits, is_surveyed, points.points, cov, seen, R, t, ok, certain)
 
 
-def _loose_corners(body: str, targets: Sequence[str], shape: Array, trusted: Mask) -> Array:
+def _position_looseness(body: str, targets: Sequence[str], shape: Array, trusted: Mask) -> Array:
     """Return the factor (B, k) of the uncertainty of each target's position relative to the rest of the body.
 
     It is one except for corners of markers, which move together: only the rest of the body determines their position.
@@ -130,7 +130,7 @@ def _loose_corners(body: str, targets: Sequence[str], shape: Array, trusted: Mas
     return loose
 
 
-def moved_for_certain(
+def evident_displacements(
     body: str, points: PosePoints, shape: Array, order: Array, changes: list[tuple[int, int]]
 ) -> tuple[TargetMoved, ...]:
     """Return the evident displacements from a pose on: of a marker if all its corners moved, otherwise of single
@@ -150,7 +150,7 @@ def moved_for_certain(
     return (*found, *single)
 
 
-def _put_right(points: PosePoints, residuals: PointResiduals, assessed: PointSelection) -> tuple[Array, Mask]:
+def _relabelled(points: PosePoints, residuals: PointResiduals, assessed: PointSelection) -> tuple[Array, Mask]:
     """Return points (B, k, 3) under their true labels, and the mask (B, k) of those that determine the pose."""
     right = points.points.copy()
     trusted = points.seen & residuals.fitted

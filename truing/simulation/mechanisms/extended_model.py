@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import rigid_motions, skew
-from truing.simulation.catalogue import catalogue, of_photographed_points
+from truing.simulation.catalogue import catalogue, catalogue_of_photographed_points
 from truing.simulation.cause import Effect, Step
 from truing.simulation.mechanisms.legs.closures import Legs, mechanism
 from truing.simulation.mechanisms.model import MechanismModel, PriorKnowledge
@@ -305,7 +305,7 @@ def _from_document(document: dict[str, Any]) -> ExtendedModel:
         _legs(document["model"]["mechanism"], [leg[kind] for leg in document["legs"]])
         for kind in ("nominal", "identified")
     )
-    effects = effects_of(document, catalogue() | of_photographed_points())
+    effects = effects_of(document, catalogue() | catalogue_of_photographed_points())
     model = _model(document, nominal, tuple(effect.cause for effect in effects))
     shared = model.unknowns(identified, {effect.cause.key: effect.values for effect in effects})
     sigma = np.array([target["sigma_mm"] for target in document["survey"]["targets"]], float) * 1e-3

@@ -42,7 +42,7 @@ class ForwardPass(Trace[PointCause, State]):
         return self.subsequent_effects(cause, Step.DRIVE, Step.STRUCTURE)
 
     @cached_property
-    def answer(self) -> Change:
+    def pose_response(self) -> Change:
         """Response of the structure's effects to a twist of the platform, per component (m and rad)."""
         structure = self.subsequent_effects(None, Step.STRUCTURE)
         if not any(POSE in effect.cause.reads for effect, _ in structure):
@@ -50,7 +50,7 @@ class ForwardPass(Trace[PointCause, State]):
         shifted = np.broadcast_to(np.eye(3, 6), (1, 3, 6))
         turned = np.zeros((*self.state.R.shape, 6))
         turned[..., 3:] = np.einsum("aij,bjk->bika", skew(np.eye(3)), self.state.R)
-        answer = carried(Change({"p": shifted, "R": turned}, 6), structure)
+        answer = propagated(Change({"p": shifted, "R": turned}, 6), structure)
         return Change({name: slope for name, slope in answer.fields.items() if name not in ("p", "R")}, 6)
 
 
@@ -72,10 +72,10 @@ def simulate(
         reference_direction=pose.z[0],
         reference_rotation=pose.R[0],
     )
-    return passed(start, effects).state
+    return pass_through(start, effects).state
 
 
-def passed(start: State, effects: Sequence[Effect[PointCause]]) -> ForwardPass:
+def pass_through(start: State, effects: Sequence[Effect[PointCause]]) -> ForwardPass:
     """Pass a state through drive and structure.
 
     Effects that depend on the pose are found by iteration: each round uses the pose of the round before.
@@ -96,11 +96,11 @@ def _posed(state: State, target: State) -> State:
     return replace(target, p=reached.p, R=reached.R, converged=reached.converged)
 
 
-def carried(change: Change, met: Sequence[Met]) -> Change:
+def propagated(change: Change, met: Sequence[Met]) -> Change:
     """Add the responses of subsequent effects, in their order, to a change."""
     fields = dict(change.fields)
     for effect, state in met:
-        for name, slope in _answer(effect, state, fields, change.size).items():
+        for name, slope in _effect_response(effect, state, fields, change.size).items():
             fields[name] = fields.get(name, 0.0) + slope
     return Change(fields, change.size)
 
@@ -109,9 +109,9 @@ def structure_response(forward_pass: ForwardPass, change: Change) -> tuple[Chang
     """Return a change at the end of the structure, with the response to the pose's motion, and the exact twist (B,
     6, P)."""
     twist = _twist(forward_pass.state, change)
-    if not forward_pass.answer.fields:
+    if not forward_pass.pose_response.fields:
         return change, twist
-    answer = forward_pass.answer
+    answer = forward_pass.pose_response
     twist = np.linalg.solve(np.eye(6) - _twist(forward_pass.state, answer), twist)
     fields = dict(change.fields)
     for name, slope in answer.fields.items():
@@ -134,7 +134,9 @@ def moved_by_shape(met: Sequence[Met], shape: tuple[int, ...]) -> NDArray:
     return total
 
 
-def _answer(effect: Effect[PointCause], state: State, fields: Mapping[str, NDArray], size: int) -> dict[str, NDArray]:
+def _effect_response(
+    effect: Effect[PointCause], state: State, fields: Mapping[str, NDArray], size: int
+) -> dict[str, NDArray]:
     """Return the derivatives (B, ..., P) of an effect's shift when the fields that it reads change; by complex step."""
     reads = effect.cause.reads | ({"p", "R"} if POSE in effect.cause.reads else set())
     driven = {name: slope for name, slope in fields.items() if name in reads}

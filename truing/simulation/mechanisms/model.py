@@ -18,9 +18,9 @@ from truing.simulation.inputs import gravity_column, ranks
 from truing.simulation.mechanisms.forward_pass import (
     REFERENCE,
     ForwardPass,
-    carried,
     moved_by_shape,
-    passed,
+    pass_through,
+    propagated,
     simulate,
     structure_response,
 )
@@ -359,10 +359,10 @@ class MechanismModel(RecordedModel):
         by_local = np.zeros((len(forward_pass.state.rho), 6, self.local_size))
         for part, change, cause in self._changes(shared, recording):
             met = forward_pass.before_recording(cause)
-            by_shared[..., part] = structure_response(forward_pass, carried(change, met))[1]
+            by_shared[..., part] = structure_response(forward_pass, propagated(change, met))[1]
         if (reading := self._reading_change) is not None:
             by_local[..., : reading.size] = structure_response(
-                forward_pass, carried(reading, forward_pass.before_recording())
+                forward_pass, propagated(reading, forward_pass.before_recording())
             )[1]
         return by_shared, by_local
 
@@ -385,7 +385,7 @@ class MechanismModel(RecordedModel):
             reference_direction=reference.z[0],
             reference_rotation=reference.R[0],
         )
-        return passed(start, self.effects(shared))
+        return pass_through(start, self.effects(shared))
 
     def _recording(self, shared: NDArray, local: NDArray) -> Recording:
         forward_pass = self._forward_pass(shared, local)
@@ -436,7 +436,7 @@ class MechanismModel(RecordedModel):
         pulls = self._part(shared, "seat").reshape(-1, 6)
         jacobian = left_jacobian_so3(pulls[:, 3:] * FREE_ANGLE_RAD) * FREE_ANGLE_RAD
         for place, leg in enumerate(self.known.ridden):
-            own, seat = self._riding(leg), seat_rotation[leg]
+            own, seat = self._targets_of_leg(leg), seat_rotation[leg]
             first = self.layout["seat"].start + 6 * place
             seated = turn[:, own] @ seat.T
             pushed = follows[:, own] @ seat.T
@@ -449,11 +449,11 @@ class MechanismModel(RecordedModel):
         first = self._rolls.start
         frames, state = recording.frames, recording.state
         for place, leg in enumerate(self.known.ridden):
-            own = self._riding(leg)
+            own = self._targets_of_leg(leg)
             arms = np.einsum("bij,bkj->bki", frames.rotation[:, leg], self._arms(state, own))
             by_local[..., first + place][:, own] = np.cross(frames.z[:, leg, None], arms) * FREE_ANGLE_RAD
 
-    def _riding(self, leg: int) -> NDArray:
+    def _targets_of_leg(self, leg: int) -> NDArray:
         return np.flatnonzero((self.targets.body == LEG) & (self.targets.leg == leg))
 
     def _arms(self, state: State, own: NDArray) -> NDArray:

@@ -20,7 +20,7 @@ from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_s
 from truing.simulation.cause import OBSERVED, Effect, Step
 from truing.simulation.change import Change
 from truing.simulation.effects_model import EffectsModel
-from truing.simulation.mechanisms.forward_pass import ForwardPass, Met, carried, structure_response
+from truing.simulation.mechanisms.forward_pass import ForwardPass, Met, propagated, structure_response
 from truing.simulation.mechanisms.legs.kinematics import (
     attachment_change,
     attachments,
@@ -122,11 +122,11 @@ class MotionDerivatives:
     moved: NDArray | None  # (B, K, 3, P)
 
 
-def motion(passed: ForwardPass, nominal: NDArray, change: Change) -> MotionDerivatives:
+def motion(forward_pass: ForwardPass, nominal: NDArray, change: Change) -> MotionDerivatives:
     """Return the exact motion of all bodies due to a change at the end of the structure."""
-    state = passed.state
+    state = forward_pass.state
     legs, R = state.legs, state.R
-    change, twist = structure_response(passed, change)
+    change, twist = structure_response(forward_pass, change)
     arms = attachments(legs, state.delta_bz) @ np.swapaxes(R, -1, -2)
     attachment = attachment_change(legs, R, change) + point_motion(twist, arms)
     lower = np.broadcast_to(legs.closure.lower_change(legs, state.rho, change), attachment.shape)
@@ -185,7 +185,7 @@ class Recording:
     def motion(self, change: Change, met: Sequence[Met]) -> NDArray:
         """Return the motion (B, K, 3, P) of the targets, m, base frame, due to a change and the effects ``met``
         after it."""
-        bodies = motion(self.forward_pass, self.state.nominal_direction, carried(change, met))
+        bodies = motion(self.forward_pass, self.state.nominal_direction, propagated(change, met))
         return target_motion(self.state, self.targets, self.frames, bodies)
 
     def recorded(self, motions: NDArray, cause: PointCause | None = None) -> NDArray:
@@ -202,7 +202,7 @@ class Recording:
 
 
 def record(
-    passed: ForwardPass,
+    forward_pass: ForwardPass,
     targets: Targets,
     frames: LegFrames,
     effects: Sequence[Effect[PointCause]],
@@ -210,7 +210,7 @@ def record(
     turn: NDArray,
 ) -> Recording:
     """Record points (B, K, 3), m, and the rotations (B, K, 3, 3) of their axes, with the effects of the instrument."""
-    seen = passed.entering(replace(passed.state, points=points, turn=turn))
+    seen = forward_pass.entering(replace(forward_pass.state, points=points, turn=turn))
     return Recording(seen.through(Step.INSTRUMENT, effects, applied), targets, frames)
 
 

@@ -24,7 +24,7 @@ _XYZ = "xyz"
 # Least effect of a plausible tilt on all readings, in sigmas, for the tilt to be observable.
 _SHOWS = 1.0
 _LARGEST = 3.0  # scale of the loss, relative to the loss by a plausible tilt
-_STILL = 1e-30
+_TINY = 1e-30
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class CosineError(ChannelCause):
         if seen.sum() < FEWEST:
             return False, False
         along, across = steps.motion[seen, own], steps.motion[seen][:, _others(own)]
-        beside = across - np.outer(along, along @ across) / max(float(along @ along), _STILL)
+        beside = across - np.outer(along, along @ across) / max(float(along @ along), _TINY)
         least = _SHOWS * (steps.sigma[own] / _PLAUSIBLE_RAD) ** 2
         return bool(np.sum(across**2) > least), bool(np.sum(beside**2) > least)
 

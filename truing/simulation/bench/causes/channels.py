@@ -16,11 +16,11 @@ from truing.simulation.bench.causes.reading_causes import (
     BenchScene,
     ReadingCause,
     at_channels,
+    channel_subject,
     is_linear,
     is_signal,
     read_channels,
     unit_of,
-    whose,
 )
 from truing.simulation.bench.load_steps import AIR, MATERIAL, PRESSURE, LoadSteps, ReadingState
 from truing.simulation.cause import Parameter, Step
@@ -46,7 +46,7 @@ class ChannelCause(ReadingCause):
     @property
     def subject(self) -> str:
         """Channel; empty for all linear ones."""
-        return whose(self.channel)
+        return channel_subject(self.channel)
 
     @property
     def family(self) -> str:
@@ -79,7 +79,7 @@ class RunChannelCause(ChannelCause):
     @property
     def in_run(self) -> str:
         """Run, with its channel if there are several."""
-        return f"run {self.run}" if self.lone else f"run {self.run} {whose(self.channel)}"
+        return f"run {self.run}" if self.lone else f"run {self.run} {channel_subject(self.channel)}"
 
     @property
     def family(self) -> str:
@@ -112,7 +112,7 @@ class ZeroDrift(RunChannelCause):
     @property
     def subject(self) -> str:
         """Channel, or run, with its channel if there are several."""
-        return self.in_run if self.of_run else whose(self.channel)
+        return self.in_run if self.of_run else channel_subject(self.channel)
 
     @property
     def key(self) -> str:

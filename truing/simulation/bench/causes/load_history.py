@@ -22,7 +22,7 @@ _SHORTEST_S = 10.0
 _RATIO, _PLAUSIBLE_LOG = 2.0, 0.5
 _MOST_CONSTANTS = 10
 # Shortest time constant over the usual time between readings: faster creep looks like a softer sensor.
-_HELD = 0.5
+_LEAST_TAU = 0.5
 _ALL_SHARE = 0.5
 _TINY = 1e-30
 _WITHIN_95 = 1.959964
@@ -49,7 +49,7 @@ class Creep(LoadCause):
         if not np.isfinite(steps.time_s).all():
             return ()
         held, longest = steps.held_s[steps.held_s > 0.0], steps.longest_s
-        shortest = max(_SHORTEST_S, _HELD * float(np.median(held))) if len(held) else longest
+        shortest = max(_SHORTEST_S, _LEAST_TAU * float(np.median(held))) if len(held) else longest
         if not shortest < longest:
             return ()
         count = min(_MOST_CONSTANTS, 1 + int(np.ceil(np.log(longest / shortest) / np.log(_RATIO))))

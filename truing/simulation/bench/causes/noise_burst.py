@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.inference.model import ScatterCandidate
-from truing.simulation.bench.causes.reading_causes import FEWEST, BenchScene, ReadingCause, is_signal, whose
+from truing.simulation.bench.causes.reading_causes import FEWEST, BenchScene, ReadingCause, channel_subject, is_signal
 from truing.simulation.bench.causes.zero_step import DISPLACEMENTS, SIGNALS
 from truing.simulation.bench.load_steps import ReadingState
 from truing.simulation.cause import Parameter, Step
@@ -29,7 +29,8 @@ class NoisyRun(ReadingCause):
     @property
     def subject(self) -> str:
         """Run, with the channels concerned."""
-        return f"run {self.run} {self.channel if self.channel in (DISPLACEMENTS, SIGNALS) else whose(self.channel)}"
+        several = self.channel in (DISPLACEMENTS, SIGNALS)
+        return f"run {self.run} {self.channel if several else channel_subject(self.channel)}"
 
     def candidates(self, scene: BenchScene) -> Sequence[NoisyRun]:
         """Return none: noise has no mean effect."""

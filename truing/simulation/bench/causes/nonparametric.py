@@ -21,10 +21,10 @@ from truing.simulation.bench.causes.reading_causes import (
     FEWEST,
     BenchScene,
     ReadingCause,
+    channel_subject,
     is_signal,
     read_channels,
     unit_of,
-    whose,
 )
 from truing.simulation.bench.load_steps import (
     AIR,
@@ -43,7 +43,7 @@ from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, Non
 UNLOADING, SO_FAR, WAY = "unloading ", "largest so far ", "direction of "
 # Forms: a load one and two steps before; sine and cosine of a period.
 MEMORY, PERIOD = "memory", "period"
-_REMEMBERED = 2
+_PREVIOUS_STEPS, _SINE_AND_COSINE = 2, 2
 # Form: a jump beyond a size of the load, with an amount for each sign; largest number of sizes.
 BEYOND, _SIDES = "beyond", 2
 _MOST_SIZES = 5
@@ -97,7 +97,7 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
     @property
     def subject(self) -> str:
         """Channel concerned."""
-        return whose(self.channel)
+        return channel_subject(self.channel)
 
     def inputs(self, legs: int) -> tuple[str, ...]:
         """Return the columns of the tables that it depends on."""
@@ -114,7 +114,7 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
             for columns, form, degree in _dependences(steps, own, channel):
                 if own.sum() >= PER_FUNCTION * degree:
                     found.append(replace(bare, **dependence(columns, partial(_range_of, steps), form, degree)))
-            found += _jumping(bare, steps, own)
+            found += _jump_candidates(bare, steps, own)
             fades = fading_times(steps, own)
             rest = replace(bare, form=REST, weight=1.0 / max(len(fades), 1))
             found += [replace(rest, half_ranges=(float(tau),)) for tau in fades]
@@ -124,7 +124,7 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
         """Return periodic dependences of each channel on time and on loads, for all periods that the campaign can
         distinguish."""
         steps, seen = scene.steps, scene.recorded
-        return [own for column in (TIME, *_applied(steps)) for own in _to_and_fro(steps, seen, column)]
+        return [own for column in (TIME, *_applied(steps)) for own in _periodic_candidates(steps, seen, column)]
 
     def prior(self, scene: BenchScene) -> float:
         """Return the relative prior weight: proportionality to one input is more probable than the other forms."""
@@ -170,15 +170,15 @@ def _applied(steps: LoadSteps) -> list[str]:
     return [name for name, loaded in zip(LOADS, steps.loaded, strict=True) if loaded]
 
 
-def _to_and_fro(steps: LoadSteps, seen: NDArray, column: str) -> list[ChannelCandidates]:
+def _periodic_candidates(steps: LoadSteps, seen: NDArray, column: str) -> list[ChannelCandidates]:
     """Return periodic dependences of channels, seen (B, K), on a column, grouped by noise."""
     periods = _periods_of(steps, column)
     start = float(steps.time_s[0]) if column == TIME else 0.0
     moved = seen & (_values_of(steps, column) != start)[:, None]
-    read = np.flatnonzero(moved.sum(0) >= PER_FUNCTION * _REMEMBERED)
+    read = np.flatnonzero(moved.sum(0) >= PER_FUNCTION * _SINE_AND_COSINE)
     if not len(periods) or not len(read):
         return []
-    inputs = {"columns": (column,), "centres": (start,), "form": PERIOD, "degree": _REMEMBERED}
+    inputs = {"columns": (column,), "centres": (start,), "form": PERIOD, "degree": _SINE_AND_COSINE}
     forms = [NonparametricReadingEffect(half_ranges=(float(period),), **inputs) for period in periods]  # type: ignore[arg-type]
     shapes = np.stack([form.functions(steps) for form in forms])
 
@@ -193,7 +193,9 @@ def _to_and_fro(steps: LoadSteps, seen: NDArray, column: str) -> list[ChannelCan
     return [alike(read[steps.sigma[read] == sigma]) for sigma in np.unique(steps.sigma[read])]
 
 
-def _jumping(bare: NonparametricReadingEffect, steps: LoadSteps, seen: NDArray) -> list[NonparametricReadingEffect]:
+def _jump_candidates(
+    bare: NonparametricReadingEffect, steps: LoadSteps, seen: NDArray
+) -> list[NonparametricReadingEffect]:
     """Return jumps of a channel, seen at steps (B,), beyond several sizes of each load, if there are enough
     readings."""
     found: list[NonparametricReadingEffect] = []
@@ -227,7 +229,7 @@ def _dependences(steps: LoadSteps, seen: NDArray, channel: str) -> Iterator[tupl
             yield (UNLOADING + load, load), POLYNOMIAL, 1
         if levels(UNLOADING + load) > 1:
             yield (UNLOADING + load,), POLYNOMIAL, 1
-            yield (load,), MEMORY, _REMEMBERED
+            yield (load,), MEMORY, _PREVIOUS_STEPS
         for text in (SO_FAR, WAY):
             if levels(text + load) > 1:
                 yield (text + load,), POLYNOMIAL, 1
@@ -302,7 +304,7 @@ def _previous_loads(steps: LoadSteps, load: str) -> NDArray:
     """Return a load (B, 2) over its largest, one and two steps before in the run; zero before the run's start."""
     share = steps.share[:, LOADS.index(load)]
     once = np.where(steps.rank >= 1, share[steps.before], 0.0)
-    return np.stack([once, np.where(steps.rank >= _REMEMBERED, share[steps.before[steps.before]], 0.0)], -1)
+    return np.stack([once, np.where(steps.rank >= _PREVIOUS_STEPS, share[steps.before[steps.before]], 0.0)], -1)
 
 
 def _periods_of(steps: LoadSteps, column: str) -> NDArray:

@@ -78,7 +78,7 @@ def is_signal(channel: str) -> bool:
     return channel not in CHANNELS
 
 
-def whose(channel: str) -> str:
+def channel_subject(channel: str) -> str:
     """Return the subject of a channel as in the tables; empty for all channels."""
     if not channel:
         return ""

@@ -123,7 +123,7 @@ def exchanged_rows(steps: RecordedSteps, rows: NDArray[np.bool_]) -> tuple[RowsE
     )
 
 
-def put_right(steps: RecordedSteps, exchanges: Sequence[RowsExchanged]) -> RecordedSteps:
+def with_corrected_loads(steps: RecordedSteps, exchanges: Sequence[RowsExchanged]) -> RecordedSteps:
     """Return the steps with the loads of exchanged rows restored."""
     load = steps.load.copy()
     for one in exchanges:
@@ -143,15 +143,16 @@ def confirmed_by_readings(
     plain = np.zeros(sensor.geometry_size), np.zeros(sensor.stiffness_size)
     compliance = sensor.at(*plain).compliance
     return tuple(
-        one if _moved_so(one, steps, compliance) else SignalsExchanged(one.rows, one.components) for one in exchanged
+        one if _agrees_with_exchange(one, steps, compliance) else SignalsExchanged(one.rows, one.components)
+        for one in exchanged
     )
 
 
-def _moved_so(one: RowsExchanged, steps: RecordedSteps, compliance: NDArray) -> bool:
+def _agrees_with_exchange(one: RowsExchanged, steps: RecordedSteps, compliance: NDArray) -> bool:
     """Whether readings agree better with the exchanged loads; also if there are no readings."""
     names: list[Row] = [(steps.runs[run], int(step)) for run, step in zip(steps.run, steps.step, strict=True)]
     rows = [names.index(row) for row in one.rows]
-    motion, other = (loads[rows] @ compliance.T for loads in (steps.load, put_right(steps, (one,)).load))
+    motion, other = (loads[rows] @ compliance.T for loads in (steps.load, with_corrected_loads(steps, (one,)).load))
     size = np.maximum(np.abs(motion), np.abs(other)).max(0)
     misses = [(steps.reading[rows] - expected) / np.where(size > 0.0, size, 1.0) for expected in (motion, other)]
     return bool(np.nansum(misses[1] ** 2) <= np.nansum(misses[0] ** 2))

@@ -9,7 +9,14 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bench.causes.reading_causes import MV, BenchScene, ReadingCause, is_signal, read_channels, whose
+from truing.simulation.bench.causes.reading_causes import (
+    MV,
+    BenchScene,
+    ReadingCause,
+    channel_subject,
+    is_signal,
+    read_channels,
+)
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.loading import AXES
 from truing.simulation.cause import Parameter, Step
@@ -45,7 +52,7 @@ class SignalNonlinear(ReadingCause):
     @property
     def subject(self) -> str:
         """Signal, or ``signals`` for all."""
-        return whose(self.signal) or "signals"
+        return channel_subject(self.signal) or "signals"
 
     @property
     def key(self) -> str:

@@ -14,10 +14,10 @@ from truing.simulation.bench.causes.reading_causes import (
     FEWEST,
     BenchScene,
     ReadingCause,
+    channel_subject,
     is_linear,
     is_signal,
     unit_of,
-    whose,
 )
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.cause import Parameter, ReportedParameter, Step
@@ -51,7 +51,7 @@ class ZeroStep(ReadingCause):
     def subject(self) -> str:
         """Run with its channel, or with all displacements or signals."""
         several = SIGNALS if is_signal(self.channels[0]) else DISPLACEMENTS
-        return f"run {self.run} {whose(self.channels[0]) if len(self.channels) == 1 else several}"
+        return f"run {self.run} {channel_subject(self.channels[0]) if len(self.channels) == 1 else several}"
 
     @property
     def family(self) -> str:

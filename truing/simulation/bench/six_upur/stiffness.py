@@ -59,7 +59,7 @@ def elastic_sensor(joints: JointCentres, elements: Sequence[LegElement]) -> Elas
     """
     parts = leg_parts(elements, joints.length)
     J_F = end_transport(joints.arm, leg_axes(joints.direction))
-    leg_stiffness = J_F @ np.linalg.inv(_giving(parts, joints)) @ np.swapaxes(J_F, -1, -2)
+    leg_stiffness = J_F @ np.linalg.inv(_leg_compliance(parts, joints)) @ np.swapaxes(J_F, -1, -2)
     return ElasticSensor(joints, parts, J_F, leg_stiffness, np.linalg.inv(leg_stiffness.sum(-3)))
 
 
@@ -73,7 +73,7 @@ def end_transport(arm: NDArray, axes: NDArray) -> NDArray:
     return np.concatenate([upper, np.concatenate([skew(arm) @ axes, axes], -1)], -2)
 
 
-def _giving(parts: LegParts, joints: JointCentres) -> NDArray:
+def _leg_compliance(parts: LegParts, joints: JointCentres) -> NDArray:
     """Return the legs' compliance (..., 6, 6, 6), which must be positive definite for its inverse to exist."""
     found = parts.compliance.sum(-3)
     lever = np.ones((*joints.length.shape, 6))

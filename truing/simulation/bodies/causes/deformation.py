@@ -17,7 +17,7 @@ from truing.estimation.rotation import rigid_motions
 from truing.simulation.bodies.causes.terms import (
     CAME_FROM,
     TIMES,
-    counted,
+    column_scaling,
     named_term,
     place_columns,
     proposed_terms,
@@ -147,9 +147,9 @@ class BodyDeformation(BodyCause):
             return ()
         proposed = list(proposed_terms(scene))
         return [
-            BodyDeformation(*own, whole, terms, *counted(scene, terms), runs_with_time(scene, terms))
+            BodyDeformation(*own, whole, terms, *column_scaling(scene, terms), runs_with_time(scene, terms))
             for own in bodies_of(scene)
-            for whole in wholes(scene, own[0])
+            for whole in whole_options(scene, own[0])
             for terms in proposed
             if terms != place_columns(own[0])
             if whole or not is_large(own[1]) or (len(terms) == 1 and TIMES not in terms[0])
@@ -196,6 +196,6 @@ def is_large(targets: tuple[str, ...]) -> bool:
     return len(targets) > _MANY_TARGETS
 
 
-def wholes(scene: PointScene, body: str) -> tuple[bool, ...]:
+def whole_options(scene: PointScene, body: str) -> tuple[bool, ...]:
     """Return the options for a body: shift by a pattern, and also as a whole if it should stand still."""
     return (False, True) if body in scene.still else (False,)

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bodies.causes.deformation import BodyCause, bodies_of, is_large, wholes
+from truing.simulation.bodies.causes.deformation import BodyCause, bodies_of, is_large, whole_options
 from truing.simulation.bodies.causes.terms import runs_with_time
 from truing.simulation.cause import Parameter, ReportedParameter
 from truing.simulation.change import Change
@@ -83,7 +83,7 @@ class BodyDrift(BodyCause):
         return [
             form
             for own in bodies_of(scene)
-            for whole in wholes(scene, own[0])
+            for whole in whole_options(scene, own[0])
             for form in _forms(BodyDrift(*own, whole, column), scene)
         ]
 

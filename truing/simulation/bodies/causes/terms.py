@@ -44,7 +44,9 @@ def _known(scene: PointScene, column: str) -> bool:
     return scene.varies(column) and bool(np.isfinite(scene.covariates[column]).all())
 
 
-def counted(scene: PointScene, terms: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[float, ...], tuple[float, ...]]:
+def column_scaling(
+    scene: PointScene, terms: tuple[str, ...]
+) -> tuple[tuple[str, ...], tuple[float, ...], tuple[float, ...]]:
     """Return the columns of terms, their zeros (the reference, otherwise the value nearest to zero) and their
     ranges."""
     columns = tuple(dict.fromkeys(column for term in terms for column in term.split(TIMES)))

@@ -23,7 +23,7 @@ _PLAUSIBLE = 0.01
 _PLAUSIBLE_TERM = {2: 4.0, 3: 3000.0}
 _TERMS = {2: ("quadratic", "1/mm", 1e3), 3: ("cubic", "1/mm^2", 1e6)}
 # Least share of a power that a fit of lower powers must leave for the power to be resolved.
-_TOLD = 0.05
+_RESOLVED = 0.05
 _FORMS: dict[tuple[int, ...], float] = {(2,): 0.5, (3,): 0.5}
 
 
@@ -147,7 +147,7 @@ def _resolves_power(column: NDArray, power: int) -> bool:
     x = column / np.max(np.abs(column))
     lower = np.linalg.qr(x[:, None] ** np.arange(power))[0]
     rest = x**power - lower @ (lower.T @ x**power)
-    return bool(rest @ rest > _TOLD**2 * np.sum(x ** (2 * power)))
+    return bool(rest @ rest > _RESOLVED**2 * np.sum(x ** (2 * power)))
 
 
 TEMPERATURE = "temperature"

@@ -25,9 +25,9 @@ _MM = 1e-3
 # Search for the pitch: (largest number of pitches, largest number of legs tried together).
 _MOST_LEGS = ((60, 2), (200, 1))
 # The pitch is ambiguous if readings distinguish less than this share of the pitches of the grid.
-_TOLD_APART = 0.6
+_UNAMBIGUOUS = 0.6
 # Plausible distance of a pitch from the grid, in steps of the frequency.
-_AWAY = 0.75
+_GRID_DISTANCE = 0.75
 
 
 @dataclass(frozen=True)
@@ -103,9 +103,9 @@ class PeriodicError(PerLeg):
         moved = scene.readings - scene.rho0
         if scene.pitch_m is not None:
             return [PeriodicError(chosen, scene.pitch_m / _MM) for chosen in choices(scene.legs)]
-        sigma, pitches = _AWAY * pitch_spacing(moved), distinct_pitches(moved)
+        sigma, pitches = _GRID_DISTANCE * pitch_spacing(moved), distinct_pitches(moved)
         most = next((legs for count, legs in _MOST_LEGS if len(pitches) <= count), 0)
-        aliased = len(pitches) < _TOLD_APART * min(grid_size(moved), MOST_PITCHES)
+        aliased = len(pitches) < _UNAMBIGUOUS * min(grid_size(moved), MOST_PITCHES)
         return [
             PeriodicError(chosen, pitch / _MM, sigma, aliased=aliased)
             for pitch in pitches

@@ -301,8 +301,8 @@ class _Inputs:
         yield from self.columns(_SMOOTH)
         yield from self.waves()
         yield from (self._on(OWN_DRIVE, degree=2), self._on(OWN_DRIVE, degree=_SMOOTH))
-        yield from self._own_with_columns()
-        yield from self._look_back()
+        yield from self._gain_by_columns()
+        yield from self._previous_movements()
         yield from self.drives(1, apart_from=others)
         yield from self.drives(2, apart_from=others)
         yield from self._products()
@@ -323,7 +323,7 @@ class _Inputs:
         yield from self.columns(1)
         yield from self.columns(_SMOOTH)
         yield from self.waves()
-        yield from self._own_with_columns()
+        yield from self._gain_by_columns()
         yield from self._squares(self._drives)
         yield from self._products()
         if not legs:
@@ -366,11 +366,11 @@ class _Inputs:
         """Yield polynomials of a degree in every single drive."""
         yield from (self._on(drive, degree=degree) for drive in self._drives if drive not in apart_from)
 
-    def _own_with_columns(self) -> Iterator[Dependence]:
+    def _gain_by_columns(self) -> Iterator[Dependence]:
         """Yield the product of each leg's own drive with a column: a gain that depends on it."""
         yield from (self._on(OWN_DRIVE, name) for name in self._columns)
 
-    def _look_back(self) -> Iterator[Dependence]:
+    def _previous_movements(self) -> Iterator[Dependence]:
         """Yield the last step and the memory of each actuator; its direction alone is backlash."""
         for name in (LAST_STEP, MEMORY):
             steps = self._scene.covariates.get(name)

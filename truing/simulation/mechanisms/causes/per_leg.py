@@ -72,7 +72,7 @@ class PerLeg(PointCause):
                 out = ~np.isin(leg_of, kept)
                 shares = choice_share(len(kept), legs), choice_share(len(self.legs), legs)
                 size = max(float(np.sqrt(np.mean(values[~out] ** 2))), 1e-300)
-                odds[kept] = _log_odds_of_none(values[out], covariance[np.ix_(out, out)], size) + np.log(
+                odds[kept] = _log_odds_of_zero(values[out], covariance[np.ix_(out, out)], size) + np.log(
                     shares[0] / shares[1]
                 )
         best = max(odds, key=lambda kept: odds[kept], default=())
@@ -130,7 +130,7 @@ class SharedOrPerLeg(PerLeg):
         return choices(scene.legs, len(_SHARE_OF_LEGS) - 1)
 
 
-def _log_odds_of_none(values: NDArray, covariance: NDArray, size: float) -> float:
+def _log_odds_of_zero(values: NDArray, covariance: NDArray, size: float) -> float:
     """Return the log odds that values (n,) with covariance (n, n) are all zero rather than drawn from N(0, size^2).
 
     This is the ratio of the densities at zero with and without the data (Savage and Dickey).

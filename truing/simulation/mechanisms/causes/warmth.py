@@ -113,11 +113,11 @@ class LegThermal(SharedOrPerLeg):
         fields = grown(state, ("legs",))
         if self.legs:
             own = np.array(self.legs) - 1
-            fields = {"l": self.of_legs(fields["l"][..., 0]), **_carried_by(state, fields, own)}
+            fields = {"l": self.of_legs(fields["l"][..., 0]), **_targets_on_legs(state, fields, own)}
         return Change(fields, len(values))
 
 
-def _carried_by(state: State, fields: dict[str, NDArray], own: NDArray) -> dict[str, NDArray]:
+def _targets_on_legs(state: State, fields: dict[str, NDArray], own: NDArray) -> dict[str, NDArray]:
     """Return the displacement (B, K, 3, P) of the targets on each of the legs ``own`` (P,), from 0, by its
     expansion."""
     if state.targets is None or "moved" not in fields:

@@ -97,7 +97,7 @@ class LegBodies:
         ends = np.stack([-joints.lower_slope, along[..., None] * length_slope[..., None, :] - joints.upper_slope], -3)
         by_pose = [concatenated(arm.shape, np.eye(3), -skew(arm) @ turn) for arm in (near, far)]
         by_seat = [concatenated(far.shape, R, size[..., None, None] * (R @ slope)) for size in (0.0 * length, length)]
-        return _in_place(self.leg, closing, value, ends, np.stack(by_pose, -3), np.stack(by_seat, -3))
+        return _with_end_rows(self.leg, closing, value, ends, np.stack(by_pose, -3), np.stack(by_seat, -3))
 
     def _free(self) -> NDArray:
         """Return the axes (K, 2) of the two smallest components of the expected directions."""
@@ -115,7 +115,7 @@ class LegBodies:
         return parts[..., :3], across + rest[..., None] * largest, np.swapaxes(free, -1, -2) - follows
 
 
-def _in_place(
+def _with_end_rows(
     leg: NDArray, closing: Closing, value: NDArray, ends: NDArray, by_pose: NDArray, by_seat: NDArray
 ) -> LegEndClosing:
     """Append six rows per leg (..., K, 2, 3, own) to the equations of the other legs."""
@@ -125,13 +125,13 @@ def _in_place(
     values = np.concatenate([closing.value[..., others], value.reshape(*value.shape[:-3], -1)], -1)
     parts = np.split(slopes, [6, 6 + closing.by_rho.shape[-1]], -1)
     own = (
-        _each_its_own(array.reshape(*array.shape[:-4], -1, array.shape[-1]), len(others))
+        _columns_per_leg(array.reshape(*array.shape[:-4], -1, array.shape[-1]), len(others))
         for array in (by_pose, by_seat)
     )
     return LegEndClosing(Closing(values, *parts), *own)
 
 
-def _each_its_own(rows: NDArray, others: int) -> NDArray:
+def _columns_per_leg(rows: NDArray, others: int) -> NDArray:
     """Return rows (..., 6 K, own) with separate columns for each leg, (..., M, K own); zero for the other legs."""
     legs = rows.shape[-2] // 6
     wide = np.zeros((*rows.shape[:-2], others + rows.shape[-2], legs * rows.shape[-1]), rows.dtype)

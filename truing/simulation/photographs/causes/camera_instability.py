@@ -140,7 +140,7 @@ class CameraInstability(RayCause):
         """Return the derivatives of the camera parameters: the course, or one per pose."""
         places = rays.places(CAMERA, self.camera, self.what)
         if self.form == SCATTER:
-            return self._apart(rays, places)
+            return self._independent_changes(rays, places)
         course, by_log = self._course(rays, values)
         found = at_numbers(rays, places, course)
         if self.free:
@@ -165,7 +165,7 @@ class CameraInstability(RayCause):
         rate = self.duration_s / self.tau_s * np.exp(-values[-1] if self.free else 0.0)
         return settling(passed, rate)
 
-    def _apart(self, rays: RayPoses, places: list[int]) -> NDArray:
+    def _independent_changes(self, rays: RayPoses, places: list[int]) -> NDArray:
         """Return the slopes of independent changes in each pose; zero in other poses."""
         at = {pose: n for n, pose in enumerate(self.poses)}
         own = np.array([at.get(pose, -1) for pose in rays.poses])

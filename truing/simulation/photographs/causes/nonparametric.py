@@ -54,7 +54,7 @@ class NonparametricRayEffect(NonparametricEffect[RayScene], RayCause):
             found += [
                 NonparametricRayEffect(**(dependence(inputs, ranges.__getitem__, form, degree) | owner))
                 for inputs, form, degree in _dependences(list(columns))
-                if count >= PER_FUNCTION * degree and not _has_a_name(number.kind, inputs, degree)
+                if count >= PER_FUNCTION * degree and not _is_catalogued(number.kind, inputs, degree)
             ]
         return found
 
@@ -82,7 +82,7 @@ def _dependences(columns: list[str]) -> list[tuple[tuple[str, ...], str, int]]:
     return found + [(pair, POLYNOMIAL, 1) for pair in pairs]
 
 
-def _has_a_name(kind: str, columns: tuple[str, ...], degree: int) -> bool:
+def _is_catalogued(kind: str, columns: tuple[str, ...], degree: int) -> bool:
     """Whether a linear course is that of a catalogued cause: of cameras in time and temperature, of bars in
     temperature."""
     named = {TIME, TEMPERATURE} if kind == CAMERA else {TEMPERATURE}
