@@ -320,7 +320,7 @@ class Curve:
     found: tuple[Rate, ...]
     named: tuple[Rate, ...]
     subject_right: tuple[Rate, ...]
-    others_found: tuple[tuple[str, int], ...]  # what was found instead, and how often
+    others_found: tuple[tuple[str, int], ...]  # other findings, with their counts
 
     def size(self, power: float) -> Interval | None:
         """Return the size, in plausible scales, that is found with this power; None if nothing was drawn."""

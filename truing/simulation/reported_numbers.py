@@ -42,9 +42,9 @@ def numbers_of(prior: CampaignPrior, model: Any) -> list[Number]:
     causes, found = {cause.key: cause for cause in prior.causes}, []
     for part in prior.parts:
         if part.name in _AXES:
-            found += _of_geometry(part, model.part_count)
+            found += _geometry_numbers(part, model.part_count)
         elif part.name in _OF_SENSOR:
-            found += _of_sensor(part, model.known.sensor)
+            found += _sensor_numbers(part, model.known.sensor)
         else:
             cause = causes[part.name]
             for p, scale in zip(cause.parameters(model.part_count), part.scale, strict=True):
@@ -53,13 +53,13 @@ def numbers_of(prior: CampaignPrior, model: Any) -> list[Number]:
     return found
 
 
-def _of_geometry(part: SharedUnknowns, legs: int) -> list[Number]:
+def _geometry_numbers(part: SharedUnknowns, legs: int) -> list[Number]:
     unit, si = ("1", 1.0) if part.name == "u" else ("mm", 1e-3)
     names = [(f"{part.name}_{axis}".removesuffix("_"), leg + 1) for leg in range(legs) for axis in _AXES[part.name]]
     return [Number(*named, unit, float(scale) / si) for named, scale in zip(names, part.scale, strict=True)]
 
 
-def _of_sensor(part: SharedUnknowns, sensor: UncertainSensor) -> list[Number]:
+def _sensor_numbers(part: SharedUnknowns, sensor: UncertainSensor) -> list[Number]:
     lengths = part.name == "geometry"
     named = sensor.unknowns[: sensor.geometry_size] if lengths else sensor.unknowns[sensor.geometry_size :]
     unit, si = ("mm", 1e-3) if lengths else ("1", 1.0)

@@ -165,7 +165,7 @@ class ZeroShift(AxisCause):
             late: Mask = np.greater_equal(scene.rows.time_s, start)
             first = int(np.argmin(np.where(late, scene.rows.time_s, np.inf)))
             if late.any() and _both_sides(scene, late[None])[0].any():
-                found += [self._of(scene, name, first, start, event) for name in shown_elements(scene.axis)]
+                found += [self._shift_of(scene, name, first, start, event) for name in shown_elements(scene.axis)]
         return found
 
     def channel_candidates(self, scene: AxisScene) -> Sequence[ChannelCandidates[ZeroShift]]:
@@ -180,12 +180,12 @@ class ZeroShift(AxisCause):
 
         def member(element: int, onset: int) -> ZeroShift:
             row = int(onsets[onset])
-            return self._of(scene, elements[element], row, float(scene.rows.time_s[row]), "")
+            return self._shift_of(scene, elements[element], row, float(scene.rows.time_s[row]), "")
 
         scale = max(_PLAUSIBLE[scene.axis.kind], scene.axis.spread)
         return [ChannelCandidates(late[..., None].astype(float), each, usable, scale, member, patterns)]
 
-    def _of(self, scene: AxisScene, element: str, row: int, start: float, event: str) -> ZeroShift:
+    def _shift_of(self, scene: AxisScene, element: str, row: int, start: float, event: str) -> ZeroShift:
         pose = scene.rows.poses[row]
         own = replace(self, kind_of_axis=scene.axis.kind, plausible=scene.axis.spread)
         return replace(own, element=element, from_pose=pose, from_s=start, event=event)

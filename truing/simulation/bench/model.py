@@ -210,9 +210,9 @@ class BenchModel(ChannelModel[ReadingCause]):
 
     def with_causes(self, causes: Sequence[ReadingCause]) -> Self:
         """Return the model with the effects of these causes, and those of the prior campaign, among its unknowns."""
-        return self._of_same_steps(super().with_causes(causes))
+        return self._with_cached_steps(super().with_causes(causes))
 
-    def _of_same_steps(self, model: Self) -> Self:
+    def _with_cached_steps(self, model: Self) -> Self:
         """Return another model of the same load steps, with their cached results."""
         model.__dict__["steps"] = self.steps
         return model
@@ -224,7 +224,7 @@ class BenchModel(ChannelModel[ReadingCause]):
     def rescaled(self, readings: float, survey: float) -> Self:
         """Return the model with the noise of loads multiplied by a factor; there is no survey."""
         rescaled = replace(self, known=replace(self.known, load_sigma=self.known.load_sigma * readings))
-        return self._of_same_steps(rescaled)
+        return self._with_cached_steps(rescaled)
 
     def points(self, shared: NDArray, local: NDArray) -> NDArray:
         """Return the predicted readings (B, K, 1), SI, at shared (G,) and local (B, H) unknowns."""

@@ -80,7 +80,7 @@ def sensor_prior(found: ExtendedSensor, model: BenchModel) -> SensorPrior:
     start, rows = _smallest_unknowns(sensor, found.compliance)
     left, size, right = np.linalg.svd(rows, full_matrices=False)
     seen = size > _LEAST * size.max(initial=0.0)
-    along = right[seen]  # (r, n): combinations of the unknowns, each known to one sigma beforehand
+    along = right[seen]  # (r, n): combinations of the unknowns, each with a prior sigma of one
     back = (left[:, seen] / size[seen]).T / _scale(found.compliance)
     sigmas = [model.effect_sigma(cause) for cause in causes]
     places = found.places(causes)

@@ -330,7 +330,7 @@ def _jitter(body: BodyTargets, level: Index, order: Array) -> Array:
     own = np.corrcoef(clipped, rowvar=False) * np.outer(scale, scale)
     alike = np.diag(np.repeat([np.mean(scale[:3] ** 2), np.mean(scale[3:] ** 2)], 3))
     share = len(steps) / (len(steps) + _ALIKE)
-    return _root(share * own + (1.0 - share) * alike - _of_noise(body), body)
+    return _root(share * own + (1.0 - share) * alike - _noise_covariance(body), body)
 
 
 def _steps(body: BodyTargets, level: Index, order: Array) -> Array:
@@ -344,7 +344,7 @@ def _steps(body: BodyTargets, level: Index, order: Array) -> Array:
     return np.concatenate(found) / np.sqrt(2.0)
 
 
-def _of_noise(body: BodyTargets) -> Array:
+def _noise_covariance(body: BodyTargets) -> Array:
     """Return the covariance (6, 6) of a pose due to the points' noise."""
     arms = (body.shape - body.shape.mean(0)) @ body.R[np.flatnonzero(body.ok)[0]].T
     design = rigid_motions(arms).reshape(-1, 6)

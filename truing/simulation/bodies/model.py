@@ -305,7 +305,6 @@ class BodyModel(RecordedModel):
             yield body, own, slope
 
     def _fill_structure(self, by_shared: NDArray, shared: NDArray, recording: Recording) -> None:
-        """Fill the derivatives by the parameters of effects on the bodies."""
         for effect in self.effects(shared):
             cause = effect.cause
             if cause.step is Step.STRUCTURE and len(effect.values):

@@ -59,7 +59,6 @@ class ParameterSet:
     entries: tuple[LegParameter, ...]
 
     def __len__(self) -> int:
-        """Return the number of parameters P."""
         return len(self.entries)
 
     @property
@@ -103,7 +102,7 @@ class ParameterSet:
             array = np.broadcast_to(start, (*values.shape[:-1], *start.shape[-_RANK[field] :]))
             array = array.astype(np.result_type(start, values))
             array[..., *place] = values[..., chosen]
-            arrays[field] = self._of_unit_length(array, start) if field == "u" else array
+            arrays[field] = self._normalised(array, start) if field == "u" else array
         return _with_arrays(nominal, arrays)
 
     def change(self, machine: Machine) -> Change:
@@ -117,7 +116,7 @@ class ParameterSet:
             fields[field] = _along_the_sphere(array, slope) if field == "u" else slope
         return Change(fields, len(self))
 
-    def _of_unit_length(self, u: NDArray, nominal: NDArray) -> NDArray:
+    def _normalised(self, u: NDArray, nominal: NDArray) -> NDArray:
         """Return directions of unit length by adjusting the component that is largest in the nominal ones."""
         largest = np.argmax(np.abs(nominal), -1)[..., None]
         leg, axis = self._slots["u"][1]

@@ -54,7 +54,7 @@ class RayPoses:
     covariates: Mapping[str, NDArray]
     span_s: tuple[float, float] | None = None
     reference_temperature_c: float = 20.0
-    up: NDArray | None = None  # (B, 3) the vertical in the axes of each pose's measurement, where it is known
+    up: NDArray | None = None  # (B, 3) the vertical in the axes of each pose's measurement, if known
 
     @property
     def readings(self) -> NDArray:

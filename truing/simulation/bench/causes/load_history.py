@@ -84,20 +84,20 @@ class Creep(LoadCause):
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return d deflection / d fraction, and by the logarithm of the time constant."""
-        followed = self._with_creep(state.deflection, state.steps, values)
+        followed = self._lagged(state.deflection, state.steps, values)
         if not self.free:
             return followed[..., None]
         nudged = np.array([0.0, 1j * _TINY]) + values
-        by_tau = values[0] * self._with_creep(state.deflection, state.steps, nudged).imag / _TINY
+        by_tau = values[0] * self._lagged(state.deflection, state.steps, nudged).imag / _TINY
         return np.stack([followed, by_tau], -1)
 
     def moved(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return the creep of the deflection."""
-        return np.asarray(values[0] * self._with_creep(state.deflection, state.steps, values))
+        return np.asarray(values[0] * self._lagged(state.deflection, state.steps, values))
 
     def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
         """Return changes of the deflection, plus their creep."""
-        return np.asarray(slopes + values[0] * self._with_creep(slopes, state.steps, values))
+        return np.asarray(slopes + values[0] * self._lagged(slopes, state.steps, values))
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the fraction, and the time constant in s."""
@@ -109,7 +109,7 @@ class Creep(LoadCause):
         wider = np.expm1(_WITHIN_95 * float(np.sqrt(covariance[1, 1]))) / _WITHIN_95
         return (fraction, ReportedParameter("tau", tau, tau * float(wider), "s"))
 
-    def _with_creep(self, deflection: NDArray, steps: LoadSteps, values: NDArray) -> NDArray:
+    def _lagged(self, deflection: NDArray, steps: LoadSteps, values: NDArray) -> NDArray:
         """Return lagged deflections (B, 6, 6, ...), zero under loads that are not concerned."""
         tau: Any = self.tau_s * np.exp(values[1] if self.free else 0.0)
         kept = np.exp(-steps.held_s / tau)

@@ -166,7 +166,6 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
 
 
 def _applied(steps: LoadSteps) -> list[str]:
-    """Return the names of the loads that were applied."""
     return [name for name, loaded in zip(LOADS, steps.loaded, strict=True) if loaded]
 
 

@@ -135,7 +135,6 @@ def _at_largest(steps: LoadSteps, deflection: NDArray) -> NDArray:
 
 
 def _reversals(steps: LoadSteps, axis: int) -> int:
-    """Return the number of reversals of a load within runs."""
     way = steps.direction[:, axis]
     return int(np.sum(way * way[steps.before] < 0.0))
 

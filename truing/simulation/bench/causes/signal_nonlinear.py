@@ -115,7 +115,6 @@ class SignalNonlinear(ReadingCause):
 
     @property
     def _units(self) -> list[tuple[str, str]]:
-        """Powers with their units."""
         return [(power, "1/mV" if power == QUADRATIC else "1/mV^2") for power in self.powers]
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
@@ -149,7 +148,6 @@ class SignalNonlinear(ReadingCause):
 
 
 def _reading_count(scene: BenchScene, cause: SignalNonlinear) -> int:
-    """Return the number of readings of a cause's signals."""
     return int(scene.recorded[:, [name in cause.signals for name in scene.steps.channels]].sum())
 
 

@@ -89,7 +89,7 @@ class ZeroStep(ReadingCause):
         early = np.stack([(steps.code == steps.code[row]) & (steps.rank < steps.rank[row]) for row in onsets])
         seen = scene.recorded.astype(int)
         usable = np.minimum(late.astype(int) @ seen, early.astype(int) @ seen) >= FEWEST
-        return [_of_channels(steps, onsets, late, usable, places) for places in _groups(steps)]
+        return [_channel_steps(steps, onsets, late, usable, places) for places in _groups(steps)]
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the amounts."""
@@ -123,7 +123,7 @@ def _groups(steps: LoadSteps) -> Iterator[NDArray]:
             yield np.array(together)[None]
 
 
-def _of_channels(
+def _channel_steps(
     steps: LoadSteps, onsets: Sequence[int], late: NDArray, usable: NDArray, places: NDArray
 ) -> ChannelCandidates[ZeroStep]:
     """Return the candidates for channels (T, n) at onsets (S,), with masks late (S, B) and usable (S, K)."""

@@ -56,7 +56,7 @@ class DhLinks:
     normal: NDArray  # (..., 7, 3) a_(j-1)j, about which link j twists
     shift: NDArray  # (..., 7, 3) unit direction of the length a_(j-1)j: the normal, but for imaginary joints
     axis: NDArray  # (..., 7, 3) S_j
-    corner: NDArray  # (..., 7, 3) m, O'_j, where the shift along the normal ends
+    corner: NDArray  # (..., 7, 3) m, O'_j, end of the shift along the normal
     P: NDArray  # (..., 3) m, the platform's origin
     T: NDArray  # (..., 3, 3) axes of the last link
 

@@ -149,7 +149,7 @@ def _breaks(width: float, web: float, radius: float) -> list[float]:
     """Return the limits of the integrals: the ends, and the points where the torsion formula exchanges its sides."""
     end = 2.0 * np.arctan(np.sqrt(1.0 + 4.0 * radius / web))
     full, lean = web + 2.0 * radius, 2.0 * radius
-    cosine = ((full**2 - lean**2) / width - full) / lean  # of psi where the thickness is the width
+    cosine = ((full**2 - lean**2) / width - full) / lean  # cosine of psi at which the thickness equals the width
     inner = [np.arccos(cosine)] if web < width < full else []
     return [-end, *(-np.array(inner)), *inner, end]
 

@@ -64,7 +64,7 @@ class Merit:
     condition: NDArray  # (...) of the 2-norm
     isotropy: NDArray  # (...) 1 / condition: 1 if all wrenches are measured equally well
     force_isotropy: NDArray  # (...) smallest over largest singular value of the force rows
-    torque_isotropy: NDArray  # (...) and of the moment rows, whatever the length
+    torque_isotropy: NDArray  # (...) the same of the moment rows; independent of the length
     sensitivity: NDArray  # (..., 6)
 
 

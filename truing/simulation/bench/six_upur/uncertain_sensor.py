@@ -136,7 +136,7 @@ class UncertainSensor:
 
     def at(self, geometry: NDArray, stiffness: NDArray) -> Response:
         """Return the response at unknowns (geometry_size,) and (..., stiffness_size), in standard deviations."""
-        slopes, plain = self.by_geometry, self._elastically(stiffness)
+        slopes, plain = self.by_geometry, self._elastic_response(stiffness)
         return Response(
             plain.compliance + np.tensordot(geometry, slopes.compliance, 1),
             plain.forces + np.tensordot(geometry, slopes.forces, 1),
@@ -145,7 +145,7 @@ class UncertainSensor:
     def by_stiffness(self, stiffness: NDArray) -> Response:
         """Return the response's derivatives by the elastic unknowns, with one more leading axis."""
         nudged = stiffness + 1j * _TINY * np.eye(self.stiffness_size)
-        return _imaginary(self._elastically(nudged))
+        return _imaginary(self._elastic_response(nudged))
 
     @cached_property
     def by_geometry(self) -> Response:
@@ -169,7 +169,7 @@ class UncertainSensor:
             found.forces[self.sources] * sigma[:, None, None, None],
         )
 
-    def _elastically(self, stiffness: NDArray) -> Response:
+    def _elastic_response(self, stiffness: NDArray) -> Response:
         """Return the response of the nominal geometry with other elastic parameters."""
         lead = stiffness.shape[:-1]
         if self.elastic is None or not self._is_elastic:

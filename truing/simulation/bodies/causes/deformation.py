@@ -103,7 +103,7 @@ class BodyCause(PointCause):
                 moved[:, known.index((self.body, target))] = functions[:, None, :, None] * own[:, None, :]
         return moved.reshape(poses, len(known), 3, -1)
 
-    def _of_pattern(self, suffix: str = "") -> tuple[Parameter, ...]:
+    def _pattern_parameters(self, suffix: str = "") -> tuple[Parameter, ...]:
         """Return the parameters of the pattern: each target's shift, or shift and rotation of the whole body."""
         scale, whose = _PLAUSIBLE * self._radius, ("shift",) if self.whole else self.targets
         shifts = tuple(Parameter(f"{name}_{axis}{suffix}", "mm", scale, _MM) for name in whose for axis in "xyz")
@@ -163,8 +163,8 @@ class BodyDeformation(BodyCause):
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return each target's shift x, y, z over the range of each term, mm."""
         if len(self.terms) == 1:
-            return self._of_pattern()
-        return tuple(parameter for n in range(len(self.terms)) for parameter in self._of_pattern(f"_{n + 1}"))
+            return self._pattern_parameters()
+        return tuple(parameter for n in range(len(self.terms)) for parameter in self._pattern_parameters(f"_{n + 1}"))
 
     def change(self, state: State, values: NDArray) -> Change:
         """Return d moved / d shift: the value of the term, without a rigid motion of the body."""

@@ -106,8 +106,10 @@ class BodyDrift(BodyCause):
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the drift from the first to the last pose, of each target or of the whole body; then tau."""
         if self.waves:
-            return tuple(parameter for n in range(self.waves) for parameter in self._of_pattern(f"_wave{n + 1}"))
-        return (*self._of_pattern(), *((Parameter("tau", "1", 1.0),) if self.tau_is_fitted else ()))
+            return tuple(
+                parameter for n in range(self.waves) for parameter in self._pattern_parameters(f"_wave{n + 1}")
+            )
+        return (*self._pattern_parameters(), *((Parameter("tau", "1", 1.0),) if self.tau_is_fitted else ()))
 
     def change(self, state: State, values: NDArray) -> Change:
         """Return d moved / d drift, and the derivative by the time constant."""

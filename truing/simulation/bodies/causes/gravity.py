@@ -89,7 +89,7 @@ class GravitySag(BodyCause):
         For the free form, return the shift along each axis per component of the direction.
         """
         if self.form == FREE:
-            return tuple(parameter for axis in "xyz" for parameter in self._of_pattern(f"_g{axis}"))
+            return tuple(parameter for axis in "xyz" for parameter in self._pattern_parameters(f"_g{axis}"))
         scale = _PLAUSIBLE * self._radius
         return tuple(Parameter(f"{name}_sag", "mm", scale, _MM) for name in ((self.one,) if self.one else self.targets))
 

@@ -125,7 +125,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         """Return dependences of single targets: on one function of drives and columns, and on several slow waves of
         time."""
         inputs = _Inputs(scene)
-        shapes = [list(inputs.of_single_targets()), list(inputs.waves())]
+        shapes = [list(inputs.target_dependences()), list(inputs.waves())]
         return [_profiles(scene, inputs, found) for found in shapes if found and len(scene.shape)]
 
     def higher_order_terms(self, scene: PointScene) -> Sequence[NonparametricMechanismEffect]:
@@ -185,7 +185,9 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         if self.quantity == Quantity.SCALE:
             return Change({"points": state.points[..., None] * basis[:, :1, None, :]}, size)
         if self.quantity == Quantity.TARGETS:
-            return Change({} if state.targets is None else {"moved": self._of_targets(state, basis[:, 0])}, size)
+            return Change(
+                {} if state.targets is None else {"moved": self._target_derivatives(state, basis[:, 0])}, size
+            )
         rows = np.eye(state.legs.count)[:, np.array(self._concerned(state.legs.count)) - 1]
         own = rows[:, :, None] * basis[:, :, None, :]
         if self.quantity == Quantity.ATTACHMENTS_SIDEWAYS:
@@ -200,7 +202,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         factor = 1 + self.functions(state)[:, 0] @ values
         return points * factor.reshape(-1, *([1] * (points.ndim - 1)))
 
-    def _of_targets(self, state: State, basis: NDArray) -> NDArray:
+    def _target_derivatives(self, state: State, basis: NDArray) -> NDArray:
         """Return the derivative of ``moved`` (B, K, 3, P), for each target or pattern, axis and function."""
         own = tuple(zip(state.targets.bodies, state.targets.names, strict=True)) if state.targets is not None else ()
         shares = _patterns(np.reshape(self.places, (-1, 2))) if self.places else np.eye(len(self.targets))
@@ -263,10 +265,10 @@ def _dependences(scene: PointScene) -> Iterator[Dependence]:
     """Yield the settings of all dependences of legs, bodies and the scale."""
     inputs = _Inputs(scene)
     kinds: dict[Quantity, Callable[[tuple[int, ...]], Iterator[Dependence]]] = {
-        Quantity.READINGS: inputs.of_readings,
-        Quantity.LENGTHS: inputs.of_lengths,
-        Quantity.ATTACHMENTS: inputs.of_attachments,
-        Quantity.ATTACHMENTS_SIDEWAYS: inputs.of_attachments_sideways,
+        Quantity.READINGS: inputs.reading_dependences,
+        Quantity.LENGTHS: inputs.length_dependences,
+        Quantity.ATTACHMENTS: inputs.attachment_dependences,
+        Quantity.ATTACHMENTS_SIDEWAYS: inputs.sideways_attachment_dependences,
     }
     for legs in choices(scene.legs, 1) if scene.legs else []:
         for quantity, found in kinds.items():
@@ -276,7 +278,7 @@ def _dependences(scene: PointScene) -> Iterator[Dependence]:
         if scene.lengths_apart:
             apart = inputs.columns(1, apart_from=(TIME, TEMPERATURE))
             yield from ({"quantity": "lengths", "legs": legs, **one} for one in apart)
-    yield from ({"quantity": "scale", **one} for one in inputs.of_scale())
+    yield from ({"quantity": "scale", **one} for one in inputs.scale_dependences())
     for body in _patterned(scene) if scene.legs else ():
         yield from ({"quantity": "targets", **body, **one} for one in (*inputs.columns(1), *inputs.drives(1)))
 
@@ -294,7 +296,7 @@ class _Inputs:
         self._ranges = {name: middle_and_half(values) for name, values in self._columns.items()}
         self._ranges |= dict.fromkeys((*self._drives, OWN_DRIVE), stroke)
 
-    def of_readings(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
+    def reading_dependences(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
         """Yield dependences of readings."""
         others = tuple(f"rho{leg}_mm" for leg in legs)
         yield from self.columns(1)
@@ -310,7 +312,7 @@ class _Inputs:
             half = (self._ranges[OWN_DRIVE][1],)
             yield {"columns": (), "centres": (), "half_ranges": half, "form": ALL_DRIVES, "degree": 1}
 
-    def of_lengths(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
+    def length_dependences(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
         """Yield dependences of leg lengths; none if the leg itself is the actuator, since readings cover them."""
         if self._scene.lengths_apart:
             yield from self.columns(1, apart_from=(TIME, TEMPERATURE))
@@ -318,7 +320,7 @@ class _Inputs:
             yield from self.waves()
             yield self._on(OWN_DRIVE)
 
-    def of_attachments(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
+    def attachment_dependences(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
         """Yield dependences of attachments along z."""
         yield from self.columns(1)
         yield from self.columns(_SMOOTH)
@@ -329,19 +331,19 @@ class _Inputs:
         if not legs:
             yield from self.drives(_SMOOTH)
 
-    def of_attachments_sideways(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
+    def sideways_attachment_dependences(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
         """Yield dependences of attachments across z."""
         yield from self.columns(1)
         yield from (self._on(OWN_DRIVE), self._on(OWN_DRIVE, degree=2))
 
-    def of_scale(self) -> Iterator[Dependence]:
+    def scale_dependences(self) -> Iterator[Dependence]:
         """Yield dependences of the scale of the measurement."""
         yield from self.columns(1, apart_from=(TEMPERATURE,))
         yield from self.columns(_SMOOTH)
         yield from self.waves()
         yield from self.drives(1)
 
-    def of_single_targets(self) -> Iterator[Dependence]:
+    def target_dependences(self) -> Iterator[Dependence]:
         """Yield dependences of a single target on one function."""
         yield from self.drives(1)
         yield from self._squares(self._drives)

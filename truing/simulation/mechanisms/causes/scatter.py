@@ -83,7 +83,7 @@ class ApproachScatter(PointCause):
 
     def scatters(self, scene: PointScene) -> Sequence[ScatterCandidate[ApproachScatter]]:
         """Return groups of poses, single actuators, and each direction of approach, of one actuator or all."""
-        return list(_of_legs(scene) if scene.legs else _of_bodies(scene))
+        return list(_leg_candidates(scene) if scene.legs else _body_candidates(scene))
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the scatter, one sigma along each actuator, in addition to the noise of the readings."""
@@ -94,7 +94,7 @@ class ApproachScatter(PointCause):
         return Change({}, 1)
 
 
-def _of_legs(scene: PointScene) -> Iterator[ScatterCandidate[ApproachScatter]]:
+def _leg_candidates(scene: PointScene) -> Iterator[ScatterCandidate[ApproachScatter]]:
     poses, legs = scene.readings.shape
     every = np.ones((poses, legs), bool)
     for group in groups_in_time(scene):
@@ -112,7 +112,7 @@ def _of_legs(scene: PointScene) -> Iterator[ScatterCandidate[ApproachScatter]]:
                 yield ScatterCandidate(ApproachScatter((leg,), direction=direction), from_there & own, True)
 
 
-def _of_bodies(scene: PointScene) -> Iterator[ScatterCandidate[ApproachScatter]]:
+def _body_candidates(scene: PointScene) -> Iterator[ScatterCandidate[ApproachScatter]]:
     """Yield groups of poses for each still body; its pose has six inputs, three of which are its shift."""
     every = np.repeat(np.eye(len(scene.still), dtype=bool), _POSE, 1)
     shifts = np.arange(every.shape[1]) % _POSE < _POSE // 2

@@ -24,7 +24,7 @@ _MAX_ITERATIONS = 30
 SMALL_STEP = 1.5e-8
 # A step longer than this (in leg lengths, or rad) has left the workspace of any mechanism.
 _LOST_STEP = 10.0
-# Number of poses whose arrays fit into the processor's cache.
+# Number of poses with arrays that fit into the processor's cache.
 _PIECE = 1024
 
 
