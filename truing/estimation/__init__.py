@@ -1,1 +1,1 @@
-"""What data say: rigid poses, robust fits, labels, evidence. It knows no mechanism and no file."""
+"""Estimation from data alone: rigid poses, robust fits, labels, design. It knows no mechanism and no file."""

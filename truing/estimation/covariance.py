@@ -16,9 +16,9 @@ _POSES_AT_ONCE = 5000  # keeps intermediate matrices small
 def weighted_fit_covariance(arm: NDArray, w: NDArray, noise: NDArray, ok: NDArray, with_scale: bool = False) -> NDArray:
     """Return the covariance (B, 6, 6) of a weighted rigid fit, or (B, 7, 7) with relative scale last.
 
-    arm (B, N, 3), in m: points from the source origin, in target axes; w (B, N): weights of the fit;
-    noise (B, N), in m^2: variance per coordinate. ``A^-1 B A^-1`` with A the normal matrix and B that of the
-    weighted noise, which is ``A^-1`` where w = 1/noise. Entries not ok (B,) get a meaningless matrix.
+    arm (B, N, 3), in m: points from the source origin, in target axes; w (B, N): weights of the fit; noise (B, N), in
+    m^2: variance per coordinate. ``A^-1 B A^-1`` with A the normal matrix and B that of the weighted noise; equals
+    ``A^-1`` if w = 1/noise. The result is meaningless for entries not ok (B,).
     """
     total = np.maximum(w.sum(-1), np.finfo(float).tiny)
     centre = (w[:, None] @ arm)[:, 0] / total[:, None]
@@ -43,12 +43,12 @@ def survey_frame_covariance(
     reference: NDArray,
     ok: NDArray,
 ) -> NDArray:
-    """Return the covariance (B, 6, 6) of poses of the frame that the survey itself defines.
+    """Return the covariance (B, 6, 6) of poses of the frame that the survey defines.
 
     That frame is the unweighted least-squares frame of the body's ``reference`` targets (N,) relative to their survey
-    ``source`` (N, 3): what the survey's noise (N, 3, 3) has of a rigid motion belongs to the frame, not to its
-    error. R (B, 3, 3) with W (B, N, 3, 3) the weight matrices of the fit, zero where a target was not
-    used; cov_target (B, N, 3, 3). Entries that are not ok (B,) get a meaningless matrix.
+    ``source`` (N, 3): rigid motions in the survey's noise (N, 3, 3) move the frame and are no error of it. R (B, 3, 3);
+    W (B, N, 3, 3): weight matrices of the fit, zero for unused targets; cov_target (B, N, 3, 3). The result is
+    meaningless for entries not ok (B,).
     """
     own = fit_gain(source[None], (reference[:, None, None] * np.eye(3))[None], np.any(ok, keepdims=True))[0]
     out = np.empty((len(R), 6, 6))
@@ -64,7 +64,7 @@ def survey_frame_covariance(
 
 
 def fit_gain(arm: NDArray, W: NDArray, ok: NDArray) -> NDArray:
-    """Return how each point's error moves the fitted pose: (B, N, 6, 3) of ``(sum J' W J)^-1 J' W``."""
+    """Return the derivative (B, N, 6, 3) of the fitted pose by each point's error, ``(sum J' W J)^-1 J' W``."""
     J = rigid_motions(arm)
     JW = np.swapaxes(J, -1, -2) @ W
     normal = np.where(ok[:, None, None], np.sum(JW @ J, axis=1), np.eye(6))
@@ -89,7 +89,7 @@ def _moments(a: NDArray, v: NDArray) -> NDArray:
 def compose(
     R_ab: NDArray, p_ab: NDArray, cov_ab: NDArray, R_bc: NDArray, p_bc: NDArray, cov_bc: NDArray
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """Return ``T_ab T_bc`` as R (..., 3, 3), p (..., 3) and covariance (..., 6, 6); factors independent."""
+    """Return ``T_ab T_bc`` as R (..., 3, 3), p (..., 3) and covariance (..., 6, 6) of independent factors."""
     lever = apply_rotation(R_ab, p_bc)
     J_ab = _blocks(np.eye(3), -skew(lever), np.eye(3))
     J_bc = _blocks(R_ab, np.zeros((3, 3)), R_ab)
@@ -106,21 +106,21 @@ def invert(R: NDArray, p: NDArray, cov: NDArray) -> tuple[NDArray, NDArray, NDAr
 def relative(
     R_wa: NDArray, p_wa: NDArray, cov_wa: NDArray, R_wb: NDArray, p_wb: NDArray, cov_wb: NDArray
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """Return ``T_wa^-1 T_wb``, the pose of b seen from a, with its covariance; a and b independent."""
+    """Return ``T_wa^-1 T_wb``, the pose of b relative to a, with its covariance; a and b independent."""
     return compose(*invert(R_wa, p_wa, cov_wa), R_wb, p_wb, cov_wb)
 
 
 def relative_of_pair(
     R_wa: NDArray, p_wa: NDArray, R_wb: NDArray, p_wb: NDArray, cov: NDArray
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """Return ``T_wa^-1 T_wb`` as `relative`, of a and b with the covariance cov (..., 12, 12) of both together."""
+    """Return ``T_wa^-1 T_wb`` as `relative`, with the joint covariance cov (..., 12, 12) of a and b."""
     R, p, _ = relative(R_wa, p_wa, cov[..., :6, :6], R_wb, p_wb, cov[..., 6:, 6:])
     J = relative_slope(R_wa, p_wa, p_wb)
     return R, p, symmetric(_sandwich(J, cov))
 
 
 def relative_slope(R_wa: NDArray, p_wa: NDArray, p_wb: NDArray) -> NDArray:
-    """Return how errors of a and of b move the pose of b seen from a: (..., 6, 12)."""
+    """Return the derivative (..., 6, 12) of the pose of b relative to a by the errors of a and b."""
     Rt = np.swapaxes(R_wa, -1, -2)
     zero = np.zeros((3, 3))
     by_a = _blocks(-Rt, Rt @ skew(p_wb - p_wa), -Rt)
@@ -128,10 +128,11 @@ def relative_slope(R_wa: NDArray, p_wa: NDArray, p_wb: NDArray) -> NDArray:
 
 
 def shared_parent_covariance(R_wa: NDArray, p_wa: NDArray, cov_wa: NDArray, p_a: NDArray) -> NDArray:
-    """Return what the error of a pose of a, R_wa, p_wa, cov_wa (..., 6, 6), gives to K bodies seen from a, together.
+    """Return the joint covariance of K bodies relative to a due to the error of the pose of a, R_wa, p_wa, cov_wa (...,
+    6, 6).
 
-    p_a (..., K, 3): where they are, in a. The result (..., 6K, 6K), body by body, is the part of their poses'
-    covariance that they have in common, and all there is between different ones.
+    p_a (..., K, 3): positions of the bodies in a. The result (..., 6K, 6K), body by body, is the common part of their
+    poses' covariance, and the only covariance between different bodies.
     """
     _, p_aw, cov_aw = invert(R_wa, p_wa, cov_wa)
     lever = p_a - p_aw[..., None, :]
@@ -141,9 +142,9 @@ def shared_parent_covariance(R_wa: NDArray, p_wa: NDArray, cov_wa: NDArray, p_a:
 
 
 def in_inner_constraints(xyz: NDArray, cov: NDArray, *, with_scale: bool) -> NDArray:
-    """The covariance (3n, 3n) of points (n, 3) by Baarda's S-transformation into inner constraints.
+    """Return the covariance (3n, 3n) of points (n, 3) in inner constraints, by Baarda's S-transformation.
 
-    Nothing of it is then a motion of all points together, nor a growth where ``with_scale``.
+    It contains no common motion of all points, and no common scale if ``with_scale``.
     """
     x = xyz - xyz.mean(axis=0)
     parts = [np.tile(np.eye(3), (len(x), 1)), -skew(x).reshape(-1, 3)]
@@ -158,7 +159,7 @@ def apply_rotation(R: NDArray, v: NDArray) -> NDArray:
 
 
 def symmetric(C: NDArray) -> NDArray:
-    """Return the symmetric part (..., n, n), which removes rounding only."""
+    """Return the symmetric part (..., n, n), to remove rounding."""
     return (C + np.swapaxes(C, -1, -2)) / 2
 
 

@@ -1,4 +1,4 @@
-"""How attachments and targets shift, what their points have in common, and their models by actuators and drives."""
+"""Shifts of attachments and targets: estimates with correlated errors, and models by actuators and drives."""
 
 from __future__ import annotations
 
@@ -24,17 +24,18 @@ from truing.estimation.rigid_poses.points import FittedPoints, SurveyPoints
 
 _PLATFORM = "platform"
 _Z, _IN_PLANE = (2,), (0, 1)
-_NOTHING = 1e-8  # share of the largest variance of a combination
+_ROUNDING = 1e-8  # share of the largest variance of a combination, below which it is rounding
 
 
 @dataclass(frozen=True)
 class CorrelatedShifts:
-    """Covariances of shifts in m^2: noise (B, L, L) of what differs from pose to pose, frame included; shared (L, L) of
-    what all poses share, the survey and the mean effect of cameras and bars; there (B,), where bodies had a joint fit.
+    """Covariances of shifts in m^2, with errors that points have in common.
 
-    whole (B, L, L): all that points bring to the shifts of a pose; with_poses (B, L, Q) its covariance with the numbers
-    of the poses of bodies; effects (B, L, K), m, of one standard deviation of each parameter common to all poses;
-    of_frames (Q + L, Q + L): what the survey brings to these numbers and, through the frame alone, to the shifts.
+    noise (B, L, L): part that differs between poses, frame included; shared (L, L): part common to all poses, from the
+    survey and the mean effect of cameras and bars; there (B,): poses with a joint fit of the bodies. whole (B, L, L):
+    all contributions of points to the shifts of a pose; with_poses (B, L, Q): its covariance with the pose numbers of
+    the bodies; effects (B, L, K), m: of one standard deviation of each parameter common to all poses; of_frames (Q + L,
+    Q + L): contribution of the survey to these numbers and, through the frame alone, to the shifts.
     """
 
     noise: Array
@@ -49,11 +50,11 @@ class CorrelatedShifts:
 
 
 def correlated_shifts(framed: FramedPoints, per_leg: Array, axes: Sequence[int] = _Z) -> CorrelatedShifts | None:
-    """Return the covariances of the shifts that per_leg (B, L, T) averages, of each attachment along some axes of the
-    platform, one after the other; None where no platform was fitted.
+    """Return the covariances of the shifts that per_leg (B, L, T) averages along some axes of the platform; None if no
+    platform was fitted.
 
-    A shift is linear in the errors of all points of its pose: its own, and through the frame those of every point that
-    the joint fit of the bodies weighed, each with all others of the pose.
+    A shift is linear in the errors of all points of its pose: directly in its own, and through the frame in those of
+    every point in the joint fit of the bodies, which may be correlated within the pose.
     """
     errors, bodies, poses = framed.errors, framed.bodies, range(len(per_leg))
     platform = next((b for b, body in enumerate(bodies) if body.name == _PLATFORM), None)
@@ -103,11 +104,11 @@ def correlated_shifts(framed: FramedPoints, per_leg: Array, axes: Sequence[int] 
 
 
 def correlated_residuals(framed: FramedPoints) -> Callable[[str, tuple[str, ...]], tuple[Array, Mask]]:
-    """Return what tells the covariance (B, 3T, 3T) of the residuals of a body's targets, in its own axes, as far as it
-    differs from pose to pose, and where (B,) bodies had a joint fit.
+    """Return a function from body and targets to the residuals' covariance (B, 3T, 3T) in body axes and the poses (B,)
+    with a joint fit.
 
-    What a frame leaves of its own targets is little, and there it counts that an error of the shape turns the frames of
-    poses that weigh targets differently by different amounts.
+    Only the part that differs between poses is included. It matters where poses weight targets differently, so that an
+    error of the shape rotates their frames differently.
     """
     errors, bodies, correlation = framed.errors, framed.bodies, framed.correlation
     poses = range(len(bodies[0].t))
@@ -144,15 +145,15 @@ def correlated_residuals(framed: FramedPoints) -> Callable[[str, tuple[str, ...]
 
 
 def _without_rounding(covariance: Array) -> Array:
-    """Covariances (B, n, n) without what the fit of the frame to the same points leaves nothing of but rounding."""
+    """Return covariances (B, n, n) without directions that the frame's fit to the same points reduces to rounding."""
     values, vectors = np.linalg.eigh(covariance)
-    kept = np.where(values > _NOTHING * values[:, -1:], values, 0.0)
+    kept = np.where(values > _ROUNDING * values[:, -1:], values, 0.0)
     return np.asarray((vectors * kept[:, None]) @ np.swapaxes(vectors, 1, 2))
 
 
 def _mean(by_survey: Sequence[Array], cov: Array) -> Array:
-    """The covariance of what follows the survey's errors by (B, Q, 3T), NaN where a pose has none, in the mean of the
-    poses; cov (T, 3, 3)."""
+    """Return the covariance of the pose mean of quantities with survey derivatives (B, Q, 3T), NaN for poses without.
+    cov (T, 3, 3): covariance of the survey."""
     found = np.concatenate(by_survey, axis=1)
     there = np.isfinite(found)
     mean = np.where(there, found, 0.0).sum(axis=0) / np.maximum(there.sum(axis=0), 1)
@@ -161,8 +162,10 @@ def _mean(by_survey: Sequence[Array], cov: Array) -> Array:
 
 
 def apart(whole: Array, effects: Array, there: Mask, correlation: Array) -> tuple[Array, Array]:
-    """What of the covariances (B, L, L) differs from pose to pose, and (L, L) what all poses share, of errors that are
-    common to all poses and do effects (B, L, K): the part of these that is the same everywhere."""
+    """Split covariances (B, L, L) into a part that differs between poses and a part (L, L) common to all poses.
+
+    effects (B, L, K): effects of errors common to all poses; their mean over poses is the common part.
+    """
     alike = effects[there].mean(axis=0)
     own = whole.copy()
     own[there] += _sandwich(effects[there] - alike, correlation) - _sandwich(effects[there], correlation)
@@ -175,13 +178,12 @@ def _sandwich(J: Array, C: Array) -> Array:
 
 @dataclass(frozen=True)
 class LegShifts:
-    """Shift of each leg's attachment along z of the platform.
+    """Shift of each leg's attachment along z of the platform, with covariances.
 
-    shift (B, L) in m, NaN where not seen; across (B, L, 2) the same along x and y; noise (B, L, L) of the measurement,
-    own (B, L) variance of what the attachment's own targets bring to it, survey (L, L) of the survey, and of cameras
-    and bars, which all poses share; noise_across (B, 2L, 2L) and survey_across (2L, 2L) of x and y, leg by leg;
-    attachments (L, 3); modulo_plane: the frame was fitted to the attachments themselves; together: where points have
-    errors in common.
+    shift (B, L) in m, NaN if not seen; across (B, L, 2): along x and y; noise (B, L, L): of the measurement; own (B,
+    L): variance from the attachment's own targets; survey (L, L): of the survey, cameras and bars, common to all poses;
+    noise_across (B, 2L, 2L) and survey_across (2L, 2L): of x and y, leg by leg; attachments (L, 3). modulo_plane: the
+    frame was fitted to the attachments themselves. together: poses with correlated point errors.
     """
 
     shift: Array
@@ -198,12 +200,12 @@ class LegShifts:
 
 @dataclass(frozen=True)
 class AttachmentModels:
-    """Fits of the shifts by model: none, linear, matrix, as far as anything of them is determined; in_plane: none and
-    matrix of the shifts along x and y, leg by leg, where that is determined of all legs.
+    """Fits of the shifts by model: none, linear, matrix, where determined.
 
-    determined (L,) by model: legs whose coefficients are told; gains: p-value of each larger model over the next
-    smaller one; held (V, L) by model: what is left at poses that are held out; rejected, kept (B, L): gross errors, and
-    shifts in m without these, NaN elsewhere; fitted (B,): poses that models were fitted to.
+    in_plane: none and matrix of the shifts along x and y, leg by leg, if all legs are determined. determined (L,) by
+    model: legs with determined coefficients; gains: p-value of each model against the next smaller one; held (V, L) by
+    model: residuals at held-out poses; rejected (B, L): gross errors; kept (B, L): shifts in m without these, NaN
+    elsewhere; fitted (B,): poses of the fits.
     """
 
     fits: Mapping[str, ResponseFit]
@@ -217,13 +219,13 @@ class AttachmentModels:
 
 
 def attachment_models(drive: Array, shifts: LegShifts, heldout: Mask) -> AttachmentModels:
-    """Return the models of the shifts by drives (B, L), m (telescope report, eq. 1-4); heldout (B,) poses test them."""
+    """Return the models of the shifts by drives (B, L), m (telescope report, eq. 1-4), tested on poses heldout (B,)."""
     fitted = ~heldout
     prior = {"offset_cov": shifts.survey}
     good = np.isfinite(shifts.shift) & _consistent_attachments(drive, shifts, fitted)
     kept = np.where(good, shifts.shift, np.nan)
     fits = fit_models(drive[fitted], kept[fitted], shifts.noise[fitted], ("none", "linear", "matrix"), **prior)
-    # All three with the same weights, as an F test asks.
+    # An F test needs the same weights for all three models.
     gains = {
         "linear": gain_p_value(fits["none"], fits["linear"]),
         "matrix": gain_p_value(fits["linear"], fits["matrix"]),
@@ -238,17 +240,15 @@ def attachment_models(drive: Array, shifts: LegShifts, heldout: Mask) -> Attachm
 
 
 def _in_plane_models(drive: Array, shifts: LegShifts, good: Mask, fitted: Mask) -> dict[str, ResponseFit]:
-    """The models of the shifts along x and y by drives (B, L), m, over the poses fitted."""
+    """Return the models of the shifts along x and y by drives (B, L), m, over the poses fitted."""
     across = np.where(good[..., None], shifts.across, np.nan)[fitted]
     y = across.reshape(len(across), -1)
     return fit_models(drive, y, shifts.noise_across[fitted], ("none", "matrix"), offset_cov=shifts.survey_across)
 
 
 def _determined(drive: Array, shift: Array) -> dict[str, Mask]:
-    """(L,) legs whose coefficients the shifts (B, L) at drives (B, L) determine, by model.
-
-    The others would be the shortest of many solutions with a standard deviation that says nothing.
-    """
+    """Return the legs (L,) whose coefficients the shifts (B, L) at drives (B, L) determine, by model. Others would get
+    the shortest of many solutions, with a meaningless standard deviation."""
     seen = [drive[rows] for rows in np.isfinite(shift).T]
     moved = [len(u) > 1 and bool(np.ptp(u[:, leg]) > 0.0) for leg, u in enumerate(seen)]
     spanned = [len(u) >= u.shape[1] and np.linalg.matrix_rank(u) == u.shape[1] for u in seen]
@@ -256,11 +256,9 @@ def _determined(drive: Array, shift: Array) -> dict[str, Mask]:
 
 
 def _leg_by_leg(drive: Array, shift: Array, noise: Array) -> ResponseFit:
-    """The linear model as eq. 1 has it, each leg regressed by itself with an offset of its own.
-
-    Where the other actuators move an attachment too, the model is wrong; weights that carry one leg's misfit into
-    another's coefficient, or an offset held to the survey, would then answer another question.
-    """
+    """Return the linear model of eq. 1: each leg regressed separately with its own offset. If other actuators move an
+    attachment too, this model is wrong; weights that couple legs, or an offset tied to the survey, would then change
+    the coefficient's meaning."""
     alone = noise * np.eye(noise.shape[1])
     return fit_response(drive, shift, alone, form="linear")
 
@@ -268,9 +266,9 @@ def _leg_by_leg(drive: Array, shift: Array, noise: Array) -> ResponseFit:
 def attachment_shifts(
     survey: SurveyPoints, platform: FittedPoints, framed: FramedPoints | None, n_legs: int
 ) -> LegShifts:
-    """Shifts of the attachments from residuals of the platform's targets, which are those of its survey, in its axes.
+    """Return the shifts of the attachments from residuals of the platform's targets, in the axes of its survey.
 
-    framed: what points have in common, None where they are independent.
+    framed: common errors of points, None if they are independent.
     """
     residual, used, noise = platform.residual, platform.used, platform.noise
     seen = np.isfinite(residual[:, :, 2])
@@ -304,16 +302,18 @@ def _averaged(
     axes: Sequence[int],
     together: CorrelatedShifts | None,
 ) -> tuple[Array, Array]:
-    """Covariances of the attachments' shifts along some axes, of the measurement (B, n, n) and of the survey (n, n)."""
+    """Return covariances of the attachments' shifts along some axes: of the measurement (B, n, n) and of the survey (n,
+    n)."""
     of_points = _of_legs(per_leg, measured, axes)
     if together is None:
         return of_points, _of_legs(typical[None], surveyed[None], axes)[0]
-    # A pose without a joint fit keeps what its points say one by one.
+    # A pose without a joint fit keeps the covariance of independent points.
     return np.where(together.there[:, None, None], together.noise, of_points), together.shared
 
 
 def _of_legs(per_leg: Array, covariance: Array, axes: Sequence[int]) -> Array:
-    """Covariances (B, n, n) of averages (B, L, T) of the targets along some axes, from those (B, 3T, 3T) of these."""
+    """Return covariances (B, n, n) of averages (B, L, T) of targets along some axes, from those (B, 3T, 3T) of
+    targets."""
     count, (batch, legs, targets) = len(axes), per_leg.shape
     own = covariance.reshape(-1, targets, 3, targets, 3)[:, :, axes][..., axes]
     found = np.einsum("blt,btasc,bms->blamc", per_leg, own, per_leg, optimize=True)
@@ -321,25 +321,23 @@ def _of_legs(per_leg: Array, covariance: Array, axes: Sequence[int]) -> Array:
 
 
 def _consistent_attachments(drive: Array, shifts: LegShifts, fitted: Mask) -> Mask:
-    """(B, L) attachments whose shift, along z and across it, agrees with a matrix model of its own direction.
-
-    The noise along z stands for that across: a gross error is many times either.
-    """
+    """Return the attachments (B, L) whose shifts along z and across it agree with a matrix model of each direction. The
+    noise along z is used across, too: a gross error is many times either."""
     directions = (shifts.shift, shifts.across[:, :, 0], shifts.across[:, :, 1])
     kept = [keep_consistent(drive, y, shifts.noise, offset_cov=shifts.survey, fitted=fitted) for y in directions]
     return np.logical_and.reduce(kept)
 
 
 def _survey_covariance(survey: SurveyPoints, used: Mask) -> Array:
-    """(3T, 3T) covariance that the survey's own noise leaves in every pose's residuals alike."""
+    """Return the covariance (3T, 3T) that the survey's noise causes in every pose's residuals alike."""
     usual = used.mean(axis=0) > 0.5
     everywhere = np.ones((1, len(survey.targets)), bool)
     return residual_covariance(survey.points, survey.cov[None], usual[None], everywhere)[0]
 
 
 def _leg_average(survey: SurveyPoints, seen: Mask, noise: Array, n_legs: int) -> Array:
-    """(B, L, T) weights that average the targets of each attachment, by their noise along z; zero rows where
-    none was seen."""
+    """Return weights (B, L, T) that average the targets of each attachment by their noise along z; zero rows if none
+    was seen."""
     member = survey.leg[None, :] == np.arange(1, n_legs + 1)[:, None]
     variance = np.where(noise[:, :, 2, 2] > 0.0, noise[:, :, 2, 2], np.inf)
     weight = member[None] * np.where(seen, 1.0 / variance, 0.0)[:, None, :]
@@ -354,7 +352,7 @@ def _typical_average(survey: SurveyPoints, n_legs: int) -> Array:
 
 @dataclass(frozen=True)
 class BodyShifts:
-    """One body: poses, targets, residuals (B, T, 3) in m in its own frame, NaN where not seen, and their covariance."""
+    """One body: poses, targets, residuals (B, T, 3) in m in its own frame, NaN if not seen, and their covariance."""
 
     body: str
     poses: tuple[int | str, ...]
@@ -364,12 +362,12 @@ class BodyShifts:
 
     @property
     def flat(self) -> Array:
-        """(B, 3T) target by target, x y z."""
+        """Shifts (B, 3T), target by target, x y z."""
         return self.shift.reshape(len(self.shift), -1)
 
 
 def body_shifts(body: str, found: FittedPoints) -> BodyShifts:
-    """Shifts of a body's targets with the covariance that its points and its frame give them, one by one."""
+    """Return the shifts of a body's targets with the covariance of independent points and of the frame."""
     points, shift = found.points, found.residual
     seen = np.isfinite(shift[:, :, 2])
     place = _mean_shape(points.points, points.seen & seen, found.rotation, shift)
@@ -378,13 +376,14 @@ def body_shifts(body: str, found: FittedPoints) -> BodyShifts:
 
 
 def with_common_errors(found: BodyShifts, every: tuple[int | str, ...], noise: Array, there: Mask) -> BodyShifts:
-    """The shifts with the covariance of points that have errors in common, in poses where bodies had a joint fit."""
+    """Return the shifts with the covariance of correlated points, in poses with a joint fit of the bodies."""
     rows = np.array([every.index(pose) for pose in found.poses])
     return replace(found, noise=np.where(there[rows, None, None], noise[rows], found.noise))
 
 
 def _mean_shape(points: Array, seen: Mask, rotation: Array, shift: Array) -> Array:
-    """(T, 3) targets in the body's axes, up to a common shift: enough for how a frame's error reaches them."""
+    """Return targets (T, 3) in the body's axes up to a common shift, enough for the effect of a frame's error on
+    them."""
     weight = seen.astype(float)
     local = np.einsum("bji,btj->bti", rotation, points) - np.nan_to_num(shift)
     centre = (local * weight[..., None]).sum(axis=1) / np.maximum(weight.sum(axis=1), 1.0)[:, None]

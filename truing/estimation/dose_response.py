@@ -1,4 +1,4 @@
-"""The size that is found with a probability, from how often effects of several sizes were found; bounds of rates."""
+"""Effect size that is found with a given probability, from detection counts at several sizes; bounds of rates."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from truing.estimation.interval import Interval
 
-# The size found every second time may lie this far from where theory expects it, in natural logarithms.
+# The size found with probability 1/2 may differ from the theoretical one by this much, in natural logarithms.
 _FAR, _STEPS = np.log(6.0), 121
 # Slopes of the curve over the natural logarithm of the size: from a rise over a decade to one over a tenth.
 _SLOPES = np.geomspace(0.8, 16.0, 33)
 
 
 def rate_bounds(found: int, count: int, level: float = 0.95) -> tuple[float, float]:
-    """Return the bounds of a rate of which ``found`` of ``count`` were seen (Clopper and Pearson, 1934)."""
+    """Return the bounds of a rate from ``found`` of ``count`` trials (Clopper and Pearson, 1934)."""
     from scipy.special import betaincinv
 
     tail = (1.0 - level) / 2.0
@@ -24,11 +24,11 @@ def rate_bounds(found: int, count: int, level: float = 0.95) -> tuple[float, flo
 
 
 def size_found(sizes: NDArray, found: NDArray, counts: NDArray, expected: float, power: float) -> Interval:
-    """Return the size that is found with a probability ``power``: the posterior's median, and its middle 95 %.
+    """Return the size found with probability ``power``: posterior median and 95 % interval.
 
-    sizes (S,), found and counts (S,). The probability of being found is a normal distribution's over the logarithm of
-    the size, whose middle and slope are unknown; ``expected`` is the size that theory expects to be found every second
-    time, and the middle within a factor of six of it, all places alike.
+    sizes (S,), found and counts (S,). The detection probability is a normal distribution function of the logarithm of
+    the size, with unknown centre and slope. Prior: centre uniform within a factor of six of ``expected``, the
+    theoretical size at probability 1/2.
     """
     from scipy.special import ndtr, ndtri
 

@@ -1,4 +1,4 @@
-"""How well a fitted model predicts what was held out, against the noise, and which of several models to choose."""
+"""Prediction error of fitted models on held-out poses relative to the noise, and choice between models."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-# Models within this factor of the best in marginal likelihood cannot be told from it.
+# Models within this factor of the best marginal likelihood count as equal.
 INDISTINGUISHABLE = 20.0
-# A model is out where its held-out misfit, and its being worse than the best, are both less likely than this.
+# A model is refuted if its held-out misfit and its deficit to the best model are both less probable than this.
 _UNLIKELY = 1e-3
 
 
 def held_out_misfit(
     value: NDArray, by_deviation: NDArray, by_values: NDArray, noise: NDArray, known: NDArray
 ) -> NDArray:
-    """Return per pose the chi-square (B,) of equations (B, M) that hold but for noise and the parameters' errors.
+    """Return the chi-square (B,) of each pose's equations, given measurement noise and parameter errors.
 
-    by_deviation (B, M, N), by_values (B, M, P): derivatives; noise (B, N, N): covariance of what was measured; known
-    (P, P): covariance of parameters that the poses took no part in. M is its expectation where the model is right.
+    by_deviation (B, M, N), by_values (B, M, P): derivatives; noise (B, N, N): covariance of the measurements; known (P,
+    P): covariance of parameters from other poses. The expectation is M if the model is right.
     """
     spread = by_deviation @ noise @ np.swapaxes(by_deviation, -1, -2)
     spread = spread + by_values @ known @ np.swapaxes(by_values, -1, -2)
@@ -29,8 +29,8 @@ def held_out_misfit(
 
 @dataclass(frozen=True)
 class Contender:
-    """A fitted model: chi-square (B,) of each held-out pose and its freedom, one for all or (B,), log of the marginal
-    likelihood, number of parameters, and whether the fit has settled."""
+    """A fitted model: chi-square (B,) of each held-out pose with its freedom, one for all or (B,); log marginal
+    likelihood; number of parameters; whether the fit converged."""
 
     squares: NDArray
     freedom: int | NDArray
@@ -41,16 +41,16 @@ class Contender:
 
 @dataclass(frozen=True)
 class ContenderChoice:
-    """Which contender is chosen, and which others (N,) the data cannot tell from it."""
+    """Chosen contender, and the mask (N,) of others that the data cannot distinguish from it."""
 
     chosen: int
     indistinguishable: NDArray
 
 
 def choose_model(contenders: Sequence[Contender]) -> ContenderChoice:
-    """Return the choice: of those that held-out poses do not refute, the most probable, the simplest of equals.
+    """Return the choice: the most probable model that held-out poses do not refute; the simplest among equals.
 
-    Simple means few parameters, then early in the given order. Raises ValueError without any contender.
+    Simple means few parameters, then early in the given order. Raises ValueError without contenders.
     """
     if not contenders:
         raise ValueError("found no model to choose from, expected at least one")
@@ -58,7 +58,7 @@ def choose_model(contenders: Sequence[Contender]) -> ContenderChoice:
     evidence = np.array([one.log_evidence for one in contenders])
     evidence = np.where(settled_state | ~settled_state.any(), evidence, np.nan)
     possible = np.array([not np.isinf(one.squares).any() for one in contenders])
-    refuted = ~possible  # a model to which what was held out is impossible
+    refuted = ~possible  # held-out poses are impossible under these models
     refuted[possible] = _refuted([one for one, reported in zip(contenders, possible, strict=True) if reported])
     eligible = ~refuted & np.isfinite(evidence)
     if not eligible.any():
@@ -70,11 +70,9 @@ def choose_model(contenders: Sequence[Contender]) -> ContenderChoice:
 
 
 def _refuted(contenders: Sequence[Contender]) -> NDArray:
-    """Return which (N,) miss held-out poses by more than the noise, and are worse at it than the best, pose by pose.
-
-    A model at the noise floor is not refuted by another that happens to lie a little lower; where all miss it, because
-    something else is wrong, only the comparison is left.
-    """
+    """Return the mask (N,) of models that miss held-out poses by more than the noise and by more than the best model,
+    pose by pose. A model at the noise floor is not refuted by a slightly better one; if all models miss, only the
+    comparison counts."""
     from scipy.special import chdtrc, stdtrit
 
     if not contenders:
@@ -85,7 +83,7 @@ def _refuted(contenders: Sequence[Contender]) -> NDArray:
         return np.zeros(len(contenders), bool)
     freedom = np.array([np.broadcast_to(one.freedom, poses) for one in contenders])
     missed = chdtrc(freedom.sum(1), squares.sum(1)) < _UNLIKELY
-    # counted in each pose's own freedom, so that a pose with many equations does not hide the others
+    # in the freedom of each pose, so that a pose with many equations does not dominate
     worse = (squares - squares[np.argmin(squares.mean(1))]) / freedom
     error = worse.std(1, ddof=1) / np.sqrt(poses)
     return np.asarray(missed & (worse.mean(1) > stdtrit(poses - 1, 1.0 - _UNLIKELY) * error))

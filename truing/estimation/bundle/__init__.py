@@ -1,1 +1,1 @@
-"""Bundle adjustment: rays of images to object points, orientations and cameras, with their whole covariance."""
+"""Bundle adjustment: object points, image orientations and cameras from image rays, with their full covariance."""

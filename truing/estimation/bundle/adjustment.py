@@ -1,10 +1,10 @@
-"""Bundle adjustment: the least weighted sum of squares over all rays, distances and known points.
+"""Bundle adjustment: minimise the weighted sum of squares over all rays, distances and known points.
 
-Levenberg and Marquardt's damping with gain control after Nielsen (1999), on normal equations that are reduced pose by
-pose. The datum plays no part in the iterations; it is put on what they arrive at.
+Levenberg-Marquardt with the gain control of Nielsen (1999), on normal equations reduced pose by pose. Iterations run
+without a datum; the result is then transformed into the chosen one.
 
-Ours, because no library has inner constraints, rigid distances and the covariance of all points with each other
-(pycolmap has that of each point alone, all else held fixed); `python -m benchmarks.bundle` has them side by side.
+This is our own code because no library offers inner constraints, rigid distances and the covariance between all points:
+pycolmap gives each point alone, with all else fixed. `python -m benchmarks.bundle` compares them.
 """
 
 from __future__ import annotations
@@ -38,20 +38,23 @@ from truing.estimation.bundle.normal_equations import (
 from truing.estimation.one_thread import on_one_thread
 
 _START_DAMPING = 1e-6
-_LEAST_DAMPING = 1e-11  # less is none
+_LEAST_DAMPING = 1e-11  # smaller damping counts as zero
 _MOST_DAMPING = 1e12
-_SETTLED = 1e-10  # squared length, in standard deviations, of what is left to go
-_NEAR = 1.0  # the same of what is left to go where the datum is put on, since the next step may be the last
-_SAME = 1e-4  # the same of a last step, below which the equations before it serve for the covariance after it
-_ROUNDING = 1e-15  # of the sum of squares
+_CONVERGED_STEP = 1e-10  # squared length of the remaining step in standard deviations, for convergence
+_DATUM_STEP = 1.0  # same measure, below which the state is moved into the datum: the next step may be the last
+_REUSED_STEP = 1e-4  # same measure of the last step, below which its equations serve for the covariance
+_ROUNDING = 1e-15  # relative to the sum of squares
 
 
 @dataclass(frozen=True)
 class Adjustment:
-    """An adjusted network: its state, residuals (N, 2) in px of all rays, measured less computed (NaN where a point is
-    not before its camera), which rays were used (N,) and the weights (N,) they had, iterations, whether it converged,
-    the redundancy, the defect of the datum (S,) and its conditions B (3 p, d) per pose, the weighted sum of squares,
-    and what the last step started from where that is as good as its end."""
+    """An adjusted network: state, residuals and statistics.
+
+    residuals_px (N, 2): measured minus computed, NaN for points that are not in front of the camera. used (N,): rays in
+    the adjustment, with their weights (N,). defect (S,): datum defect per pose, with the conditions held, B (3 p, d)
+    per pose. chi2: weighted sum of squares. before: state and reduced equations of the last step, if they are accurate
+    enough for the covariance.
+    """
 
     network: Network
     state: NetworkState
@@ -70,17 +73,18 @@ class Adjustment:
 
     @property
     def variance_factor(self) -> float:
-        """The weighted sum of squares over the redundancy, sigma0^2: one where all standard deviations are true."""
+        """Weighted sum of squares over the redundancy, sigma0^2: near one if all stated standard deviations are
+        true."""
         return self.chi2 / self.redundancy if self.redundancy > 0 else np.nan
 
     @property
     def layout(self) -> EquationLayout:
-        """Where the unknowns stand."""
+        """Places of the unknowns in the equations."""
         return self.observed.layout
 
     @cached_property
     def covariance(self) -> BundleCovariance:
-        """The covariance of all unknowns for sigma0 = 1; times `variance_factor` where rays are to say the scale."""
+        """Covariance of all unknowns for sigma0 = 1; multiply by `variance_factor` to scale it by the residuals."""
         state, reduced = self.before or (self.state, None)
         return covariance(self.observed, state, self.held, reduced)
 
@@ -98,11 +102,11 @@ def adjust(
 ) -> Adjustment:
     """Return the adjusted network.
 
-    used (N,): rays that take part, all where not given; images and points without any keep what they were at the start.
-    weights (N,) in [0, 1] multiply the information of rays, variance_factor (N,) their covariance. datum: "free" and
-    "minimal" leave known points aside; with "known" they are observations, and what they leave free is as in "free".
-    Raises `UndeterminedNetworkError` for points and images with too few rays, points behind cameras at the start, and
-    networks with free directions. A bar's length of no uncertainty is what it is, whatever the start says.
+    used (N,): rays to adjust, by default all. Images and points without a used ray keep their start values. weights
+    (N,) in [0, 1] multiply the information of rays, variance_factor (N,) their covariance. datum: "free" and "minimal"
+    ignore known points; with "known" they are observations, and freedoms that they leave are treated as in "free". A
+    bar length with uncertainty 0 keeps its stated value. Raises `UndeterminedNetworkError` for points and images with
+    too few rays, points behind cameras at the start, and networks with free directions.
     """
     count = network.rays.count
     w = np.ones(count) if weights is None else np.asarray(weights, float)
@@ -115,8 +119,8 @@ def adjust(
     observed = observe(network, layout, w, factor)
     near = freedoms(layout, start)
     held = tuple(conditions(free, datum) for free in near)
-    settled_state = _iterated(observed, start, near, held, max_iterations)
-    state = in_datum(layout, settled_state.state, start, held)
+    converged_state = _minimise(observed, start, near, held, max_iterations)
+    state = in_datum(layout, converged_state.state, start, held)
     if datum != "minimal":  # inner constraints are those of the adjusted network
         held = tuple(conditions(free, datum) for free in freedoms(layout, state))
     defect = np.array([one.shape[1] for one in held])
@@ -130,19 +134,19 @@ def adjust(
         residuals(network, state),
         on,
         w,
-        settled_state.iterations,
-        settled_state.converged,
+        converged_state.iterations,
+        converged_state.converged,
         observations - unknowns + int(defect.sum()),
         defect,
         held,
         chi2,
         observed,
-        settled_state.before,
+        converged_state.before,
     )
 
 
 def _total(observed: Observed, state: NetworkState) -> float:
-    """Return the weighted sum of squares of everything; a rigid distance has no share."""
+    """Return the weighted sum of squares of all observations; a rigid distance contributes nothing."""
     misclosure, variance = distances_at(observed, state).misclosure, observed.distance_variance
     soft = variance > 0
     return sum_of_squares(observed, state) + float(np.sum(misclosure[soft] ** 2 / variance[soft]))
@@ -150,8 +154,7 @@ def _total(observed: Observed, state: NetworkState) -> float:
 
 @dataclass(frozen=True)
 class _ConvergedState:
-    """Where the iterations ended: the state, how many there were, whether they settled, and, where those are as good
-    as at its end, the state before the last step and its reduced equations."""
+    """Result of the iterations: state, count, convergence, and `before` as in `Adjustment`."""
 
     state: NetworkState
     iterations: int
@@ -159,18 +162,16 @@ class _ConvergedState:
     before: tuple[NetworkState, Reduced] | None
 
 
-def _iterated(
+def _minimise(
     observed: Observed, start: NetworkState, near: tuple[Freedom, ...], held: tuple[Array, ...], most: int
 ) -> _ConvergedState:
-    """Return the state of the least sum of squares; near are the freedoms of the start, held the conditions B (3 p, d)
-    of the datum per pose.
-
-    The last steps have no damping at all: what holds back a weak direction tells nothing of how far it has to go.
-    """
+    """Return the state with the least sum of squares. near: freedoms at the start; held: conditions B (3 p, d) of the
+    datum per pose. The last steps are undamped, because a damped step underestimates the remaining way along a weak
+    direction."""
     layout, state, placed, workspace = observed.layout, start, True, ArrayPool()
     equations = normal_equations(observed, state, workspace)
     if not np.isfinite(equations.chi2):
-        raise UndeterminedNetworkError(_behind(observed, state))
+        raise UndeterminedNetworkError(_behind_cameras(observed, state))
     weight = tie_weights(observed, equations)
     damping, growth, iteration, last, least = _START_DAMPING, 2.0, 0, 0.0, 0.0
     for iteration in range(1, most + 1):
@@ -178,25 +179,25 @@ def _iterated(
             reduced = eliminate_poses(observed, equations, near, weight, damping, workspace)
             step = solve(layout, reduced)
         except np.linalg.LinAlgError:
-            singular = damping < _START_DAMPING  # something is free: the least sum of squares is found all the same
+            singular = damping < _START_DAMPING  # a direction is free; the iteration still reaches the minimum
             damping, growth, last = max(damping, _LEAST_DAMPING) * growth, growth * 2, 0.0
             least = damping if singular else least
             continue
         tried = moved(layout, state, step)
-        before, foreseen, length = _foreseen(observed, equations, weight, step, damping)
+        before, foreseen, length = _predicted(observed, equations, weight, step, damping)
         gain = before - _merit(observed, tried, weight, step.multipliers)
-        left = length * (min(length / last, 1.0) if last else 1.0)  # as the last two steps contracted
-        settled_state = left <= _SETTLED + _ROUNDING * before
-        if settled_state and damping <= least:
-            same = placed and not damping and length <= _SAME
+        left = length * (min(length / last, 1.0) if last else 1.0)  # assumes the contraction of the last two steps
+        converged_state = left <= _CONVERGED_STEP + _ROUNDING * before
+        if converged_state and damping <= least:
+            same = placed and not damping and length <= _REUSED_STEP
             return _ConvergedState(tried if gain > 0 else state, iteration, True, (state, reduced) if same else None)
-        if settled_state or gain > 1e-4 * foreseen:
+        if converged_state or gain > 1e-4 * foreseen:
             if gain > 0:
-                placed = left <= _NEAR
+                placed = left <= _DATUM_STEP
                 state = in_datum(layout, tried, start, held) if placed else tried
                 equations = normal_equations(observed, state, workspace)
             growth, last = 2.0, length
-            damping *= 0.0 if settled_state else max(1e-3, 1 - (2 * min(gain / foreseen, 1.0) - 1) ** 3)
+            damping *= 0.0 if converged_state else max(1e-3, 1 - (2 * min(gain / foreseen, 1.0) - 1) ** 3)
             damping = damping if damping >= _LEAST_DAMPING else least
             continue
         damping, growth, last = max(damping, _LEAST_DAMPING) * growth, growth * 2, 0.0
@@ -206,23 +207,25 @@ def _iterated(
 
 
 def _merit(observed: Observed, state: NetworkState, weight: Array, multipliers: Array) -> float:
-    """Return the sum of squares with distances by weight and multipliers: its least value is that of all together."""
+    """Return the sum of squares with distances entering by weight and multiplier; it has the minimum of the full
+    problem."""
     misclosure = distances_at(observed, state).misclosure
-    return sum_of_squares(observed, state) + _of_distances(observed, misclosure, weight, multipliers)
+    return sum_of_squares(observed, state) + _distance_merit(observed, misclosure, weight, multipliers)
 
 
-def _of_distances(observed: Observed, misclosure: Array, weight: Array, multipliers: Array) -> float:
+def _distance_merit(observed: Observed, misclosure: Array, weight: Array, multipliers: Array) -> float:
     variance = tie_variances(observed, weight)
     variance = np.where(np.isfinite(variance), variance, 0.0)
     return float(np.sum(weight * misclosure**2 - 2 * multipliers * misclosure - variance * multipliers**2))
 
 
-def _foreseen(
+def _predicted(
     observed: Observed, equations: NormalEquations, weight: Array, step: UnknownsStep, damping: float
 ) -> tuple[float, float, float]:
-    """Return the merit before a step, by how much it should fall, and the squared length of the step in sigmas."""
+    """Return the merit before a step, its predicted decrease, and the squared length of the step in standard
+    deviations."""
     misclosure = equations.distances.misclosure
-    before = equations.chi2 + _of_distances(observed, misclosure, weight, step.multipliers)
+    before = equations.chi2 + _distance_merit(observed, misclosure, weight, step.multipliers)
     layout = observed.layout
     along = np.sum(step.images * equations.image_sides[..., -1]) + step.common @ equations.common[:, -1]
     along += np.sum(step.points * equations.point_sides[..., -1])
@@ -240,8 +243,8 @@ def _foreseen(
     return before, float(along + damped), float(along - damped)
 
 
-def _behind(observed: Observed, state: NetworkState) -> str:
-    """Return the fault that names the rays whose point is not before its camera."""
+def _behind_cameras(observed: Observed, state: NetworkState) -> str:
+    """Return the error message that lists the rays whose point is not in front of the camera."""
     rays, rows = observed.network.rays, observed.layout.rays
     xy = project(observed.network, state, rays.image[rows], rays.point[rows])
     bad = rows[~np.isfinite(xy).all(-1)]

@@ -1,6 +1,6 @@
-"""The covariance of an adjusted network: marginal, of everything, in the datum that was chosen.
+"""Covariance of an adjusted network: marginal and joint, in the chosen datum.
 
-Of pose a all unknowns x_a have, given the common ones c, the covariance Q_a, and follow these by G_a = dx_a/dc. With
+Given the common unknowns c, the unknowns x_a of pose a have the covariance Q_a and the derivative G_a = dx_a/dc. With
 the covariance S of c,
 
     cov(x_a) = Q_a + G_a S G_a^T,    cov(x_a, x_b) = G_a S G_b^T,    cov(x_a, c) = G_a S.
@@ -30,15 +30,17 @@ from truing.estimation.bundle.normal_equations import (
 )
 from truing.estimation.one_thread import on_one_thread
 
-_SINGULAR = 1e-12  # of the information of an unknown, left after all others are taken out: nothing but rounding
-_LEAST_DAMPINGS = (1e-11, 1e-9, 1e-7)  # one of them gives a network that falls apart a solution
+_SINGULAR = 1e-12  # least share of an unknown's information that the others leave; below it there is only rounding
+_LEAST_DAMPINGS = (1e-11, 1e-9, 1e-7)  # the first one that works gives a solution of a disconnected network
 
 
 @dataclass(frozen=True)
 class PoseCovariance:
-    """Given the common unknowns: covariance of a pose's points (3 p, 3 p) in m^2, of its images with its points
-    (6 i, 3 p), of each image (i, 6, 6) in the order (centre, theta), and how points (3 p, c) and images (6 i, c) follow
-    the common unknowns."""
+    """Covariance of one pose given the common unknowns.
+
+    Points (3 p, 3 p) in m^2, images with points (6 i, 3 p), each image (i, 6, 6) in the order (centre, theta), and the
+    derivatives of points (3 p, c) and images (6 i, c) by the common unknowns.
+    """
 
     points: Array
     image_points: Array
@@ -48,7 +50,7 @@ class PoseCovariance:
 
 
 def given_common(layout: EquationLayout, pose: int, one: EliminatedPose, free: Freedom, held: Array) -> PoseCovariance:
-    """Return the covariance of a pose given the common unknowns, in the datum of the conditions held."""
+    """Return the covariance of a pose given the common unknowns, in the datum of the conditions `held`."""
     from truing.estimation.bundle.kernels import mirror
 
     blocks = one.blocks
@@ -82,7 +84,7 @@ def given_common(layout: EquationLayout, pose: int, one: EliminatedPose, free: F
 def _ordered(
     layout: EquationLayout, pose: int, one: EliminatedPose, kept: Array, cross: Array, own: Array, by_common: Array
 ) -> PoseCovariance:
-    """Return the covariance of a pose whose points were eliminated, all points in their order."""
+    """Return the covariance of a pose with its points sorted, if the points were eliminated."""
     m = 6 * int(layout.image_start[pose + 1] - layout.image_start[pose])
     n = len(by_common) - m
     loose, tied = one.blocks.own_places - m, one.blocks.kept_places[m:] - m
@@ -100,8 +102,8 @@ def _ordered(
 
 @dataclass(frozen=True)
 class _Datum:
-    """How points pass into a datum: S = 1 - G F with the freedoms G (3 p, d) and F (d, 3 p); certain (3 p,) are the
-    coordinates that have no error in it."""
+    """Transformation of points into a datum: S = 1 - G F with the freedoms G (3 p, d) and F (d, 3 p). certain (3 p,):
+    coordinates that the datum fixes."""
 
     freedoms: Array
     back: Array
@@ -109,29 +111,29 @@ class _Datum:
 
     @classmethod
     def of(cls, free: Freedom, held: Array) -> _Datum:
-        """Return the datum of conditions B (3 p, d)."""
-        # A condition on one coordinate by itself holds it.
+        """Return the datum with conditions B (3 p, d)."""
+        # A condition on a single coordinate fixes it.
         return cls(free.points.reshape(held.shape), into_datum(free, held), np.any(held == 1.0, axis=1))
 
     def points(self, covariance: Array) -> Array:
-        """Return the covariance (3 p, 3 p) of points in the datum, in place of that before."""
+        """Return the covariance (3 p, 3 p) of points in this datum; overwrites the input."""
         drawn = self.back @ covariance
         drawn -= (drawn @ self.back.T / 2) @ self.freedoms.T
-        # The transpose, which is the same, stands column by column.
+        # The transposed matrix, equal by symmetry, is column-major as BLAS needs it.
         taken = np.hstack([self.freedoms, drawn.T]), np.hstack([drawn.T, self.freedoms])
         found = dgemm(-1.0, *taken, 1.0, covariance.T, trans_b=1, overwrite_c=1).T
         found[self.certain] = found[:, self.certain] = 0.0
         return found
 
     def by_common(self, by_common: Array) -> Array:
-        """Derivatives of points (3 p, c) by the common unknowns in the datum, of those given."""
+        """Return the derivatives of points (3 p, c) by the common unknowns in this datum."""
         found = by_common - self.freedoms @ (self.back @ by_common)
         found[self.certain] = 0.0
         return found
 
 
 def _in_datum(one: PoseCovariance, free: Freedom, datum: _Datum) -> PoseCovariance:
-    """Return the covariance of a pose in the datum: images take part by their own freedoms."""
+    """Return the covariance of a pose in the datum: images move with their own part of the freedoms."""
     of_images = free.images.reshape(len(one.image_points), free.count)
     across = datum.back @ one.image_points.T
     drawn = datum.back @ one.points
@@ -152,10 +154,12 @@ def _in_datum(one: PoseCovariance, free: Freedom, datum: _Datum) -> PoseCovarian
 
 @dataclass(frozen=True)
 class BundleCovariance:
-    """The covariance of a network; images and points are numbered as in the network, and what takes part in a pose is
-    in the order of `image_numbers` and `point_numbers`; names (c) of the common unknowns: (camera, element) or
-    ("bar", number), and their covariance (c, c); redundancy numbers (q,) of the distances between ends of bars that
-    take part, 0 where a bar is rigid."""
+    """Covariance of a network; images and points are numbered as in the network.
+
+    Within a pose, adjusted items are in the order of `image_numbers` and `point_numbers`. names (c): common unknowns
+    (camera, element) or ("bar", number), with their covariance (c, c). distance_redundancy (q,): redundancy numbers of
+    the adjusted distances, 0 for a rigid bar.
+    """
 
     observed: Observed
     state: NetworkState
@@ -169,36 +173,36 @@ class BundleCovariance:
         return self.observed.layout
 
     def point_numbers(self, pose: int) -> Index:
-        """Return the points of a pose that take part, in the order of their covariance."""
+        """Return the adjusted points of a pose, in the order of their covariance."""
         start = self._layout.point_start
         return self._layout.points[start[pose] : start[pose + 1]]
 
     def image_numbers(self, pose: int) -> Index:
-        """Return the images of a pose that take part, in the order of their covariance."""
+        """Return the adjusted images of a pose, in the order of their covariance."""
         start = self._layout.image_start
         return self._layout.images[start[pose] : start[pose + 1]]
 
     def points(self, pose: int) -> Array:
-        """Return the covariance (3 p, 3 p) in m^2 of all points of a pose together."""
+        """Return the joint covariance (3 p, 3 p) in m^2 of all points of a pose."""
         own = self._pose(pose)
         return own.points + own.points_by_common @ self.common @ own.points_by_common.T
 
     def points_given_common(self, pose: int) -> Array:
-        """Return the part (3 p, 3 p) in m^2 of the covariance of points that is the pose's own."""
+        """Return the covariance (3 p, 3 p) in m^2 of points without the part of the common unknowns."""
         return self._pose(pose).points
 
     def sensitivities(self, pose: int) -> Array:
-        """Derivatives of the points of a pose by the common unknowns (3 p, c), m per unit of each."""
+        """Return the derivatives of the points of a pose by the common unknowns (3 p, c), m per unit of each."""
         return self._pose(pose).points_by_common
 
     def between(self, one: int, other: int) -> Array:
-        """Return the covariance (3 p, 3 p') in m^2 of the points of two poses."""
+        """Return the covariance (3 p, 3 p') in m^2 between the points of two poses."""
         if one == other:
             return self.points(one)
         return self.sensitivities(one) @ self.common @ self.sensitivities(other).T
 
     def points_common(self, pose: int) -> Array:
-        """Return the covariance (3 p, c) of the points of a pose with the common unknowns."""
+        """Return the covariance (3 p, c) between the points of a pose and the common unknowns."""
         return self.sensitivities(pose) @ self.common
 
     def images(self, pose: int) -> Array:
@@ -208,7 +212,7 @@ class BundleCovariance:
         return own.images + by_common @ self.common @ by_common.transpose(0, 2, 1)
 
     def images_common(self, pose: int) -> Array:
-        """Return the covariance (i, 6, c) of the images of a pose with the common unknowns."""
+        """Return the covariance (i, 6, c) between the images of a pose and the common unknowns."""
         own = self._pose(pose)
         return (own.images_by_common @ self.common).reshape(len(own.images), 6, len(self.common))
 
@@ -219,7 +223,8 @@ class BundleCovariance:
         return own
 
     def point_blocks(self) -> Array:
-        """Return the covariance (P, 3, 3) in m^2 of every point of the network, NaN for those that take no part."""
+        """Return the covariance (P, 3, 3) in m^2 of every point of the network, NaN for points that are not
+        adjusted."""
         blocks = np.full((len(self.observed.network.point_pose), 3, 3), np.nan)
         for pose, own in enumerate(self.poses):
             if own is not None:
@@ -230,8 +235,11 @@ class BundleCovariance:
         return blocks
 
     def computed_px2(self) -> Array:
-        """Return the covariance (N, 2, 2) in px^2 of computed image points, also of rays that take no part themselves;
-        NaN where their image or point does not. What is observed has covariance C less this: Q_vv."""
+        """Return the covariance (N, 2, 2) in px^2 of computed image points.
+
+        It includes rays that were not used; NaN if their image or point is not adjusted. The residuals of used rays
+        have the covariance Q_vv, which is that of the measurement minus this.
+        """
         network, layout = self.observed.network, self._layout
         image_slot, point_slot = np.full(len(network.image_pose), -1), np.full(len(network.point_pose), -1)
         image_slot[layout.images], point_slot[layout.points] = (
@@ -266,16 +274,18 @@ class BundleCovariance:
         return total + by_common @ self.common @ by_common.transpose(0, 2, 1)
 
     def redundancy_numbers(self) -> Array:
-        """Return the redundancy numbers (N, 2) of the rays' coordinates, the diagonal of Q_vv P; NaN for rays that take
-        no part. With those of distances and priors they add up to the redundancy."""
+        """Return the redundancy numbers (N, 2) of the rays' coordinates, the diagonal of Q_vv P; NaN for unused rays.
+
+        Together with those of distances and priors they add up to the redundancy.
+        """
         rows = self._layout.rays
         found = np.full((self.observed.network.rays.count, 2), np.nan)
         found[rows] = 1 - np.einsum("nij,nji->ni", self.computed_px2()[rows], self.observed.rays)
         return found
 
     def distance_variances(self) -> tuple[Array, Array]:
-        """Return the variance (q,) in m^2 of every distance between ends of bars that takes part, and of the distance
-        less its bar's length."""
+        """Return the variance (q,) in m^2 of every adjusted distance between ends of bars, and that of the distance
+        minus the length of its bar."""
         layout, bars = self._layout, self.observed.network.bars
         ends = self.state.points[layout.points]
         between = ends[layout.second] - ends[layout.first]
@@ -295,8 +305,8 @@ class BundleCovariance:
         return of_distance, of_misclosure
 
     def prior_redundancy_numbers(self) -> tuple[Array, Array, Array]:
-        """Return the redundancy numbers of distances (q,), of the lengths of bars (K,), NaN where they are no unknowns,
-        and of known coordinates (m, 3)."""
+        """Return the redundancy numbers of distances (q,), of bar lengths (K,) (NaN if they are not unknowns) and of
+        known coordinates (m, 3)."""
         layout, observed = self._layout, self.observed
         free = layout.bar >= 0
         bars = np.full(len(layout.bar), np.nan)
@@ -310,9 +320,10 @@ def covariance(
     observed: Observed, state: NetworkState, held: tuple[Array, ...], reduced: Reduced | None = None
 ) -> BundleCovariance:
     """Return the covariance of a network at its least sum of squares, in the datum of the conditions held, B (3 p, d)
-    per pose; reduced are its undamped equations, where they are at hand.
+    per pose.
 
-    Raises `UndeterminedNetworkError` where something is free that the datum does not settle.
+    reduced: undamped equations at this state, if available. Raises `UndeterminedNetworkError` if the datum leaves
+    directions free.
     """
     layout = observed.layout
     free = freedoms(layout, state)
@@ -323,8 +334,8 @@ def covariance(
         try:
             reduced = eliminate_poses(observed, equations, free, weight, 0.0, workspace)
         except np.linalg.LinAlgError:
-            _name_what_is_free(observed, state, free)
-            raise UndeterminedNetworkError("the network falls apart: images and points are free to move") from None
+            _raise_with_free_items(observed, state, free)
+            raise UndeterminedNetworkError("the network is disconnected: images and points can move freely") from None
     _check_pivots(layout, reduced)
     common = _inverse(layout, reduced)
     poses = tuple(
@@ -336,8 +347,8 @@ def covariance(
 
 
 def _redundancy_of_distances(found: BundleCovariance, reduced: Reduced) -> Array:
-    """Return the redundancy numbers (q,) of distances, by their multipliers where they have one: with the multiplier's
-    block -q of the inverse, 1 - a Q a^T / s^2 = (1 + r t) t q - r t, which holds its digits where s is small."""
+    """Return the redundancy numbers (q,) of distances. With the block -q of a multiplier in the inverse, 1 - a Q a^T /
+    s^2 = (1 + r t) t q - r t, which stays accurate for small s."""
     weight = reduced.weight
     observed = found.observed
     variance = tie_variances(observed, weight)
@@ -356,9 +367,9 @@ def _redundancy_of_distances(found: BundleCovariance, reduced: Reduced) -> Array
     return numbers
 
 
-def _name_what_is_free(observed: Observed, state: NetworkState, free: tuple[Freedom, ...]) -> None:
-    """Raise `UndeterminedNetworkError` that names the freest images and points, with as little damping as gives them a
-    place at all."""
+def _raise_with_free_items(observed: Observed, state: NetworkState, free: tuple[Freedom, ...]) -> None:
+    """Raise `UndeterminedNetworkError` with the freest images and points, found with the least damping that gives a
+    solution."""
     workspace = ArrayPool()
     for damping in _LEAST_DAMPINGS:
         equations = normal_equations(observed, state, workspace)
@@ -372,7 +383,8 @@ def _name_what_is_free(observed: Observed, state: NetworkState, free: tuple[Free
 
 
 def _check_pivots(layout: EquationLayout, reduced: Reduced, least: float = _SINGULAR) -> None:
-    """Raise `UndeterminedNetworkError` that names the images and points of which no more than this part is left."""
+    """Raise `UndeterminedNetworkError` with the images and points whose remaining share of information is below
+    `least`."""
     loose_images: list[int] = []
     loose_points: list[int] = []
     for pose, one in enumerate(reduced.poses):
@@ -392,7 +404,7 @@ def _check_pivots(layout: EquationLayout, reduced: Reduced, least: float = _SING
 
 
 def _pivots(one: EliminatedPose) -> tuple[Array, Index]:
-    """Share of each unknown's information that is left after the unknowns of its pose before it, and its place."""
+    """Return each unknown's share of information that the earlier unknowns of its pose leave, and its place."""
     blocks = one.blocks
     own = np.diagonal(one.root, axis1=1, axis2=2) ** -2.0 / np.diagonal(blocks.own, axis1=1, axis2=2)
     kept = np.diagonal(one.factor) ** 2 / one.kept_diagonal
@@ -400,7 +412,7 @@ def _pivots(one: EliminatedPose) -> tuple[Array, Index]:
 
 
 def _inverse(layout: EquationLayout, reduced: Reduced) -> Array:
-    """Return the covariance of the common unknowns; the fault names those that are not determined."""
+    """Return the covariance of the common unknowns; the error names those that are not determined."""
     common = reduced.common
     if not len(common):
         return common

@@ -1,4 +1,4 @@
-"""What a camera does to a direction, and back: principal distance, principal point, distortion.
+"""Camera model: from directions to image coordinates and back, with principal distance, principal point and distortion.
 
 Frame of a camera: x to the right, y down, z forward, origin in the projection centre. Image coordinates are in pixels,
 x to the right and y down, the centre of the first pixel at (0, 0). With X = (X, Y, Z) in the camera's frame:
@@ -10,7 +10,7 @@ x to the right and y down, the centre of the first pixel at (0, 0). With X = (X,
 
 where the centre is that of the format, ((width - 1) / 2, (height - 1) / 2). Brown (1971), with affinity C1 and shear C2
 and balanced radial distortion as in Luhmann et al., Close-Range Photogrammetry and 3D Imaging (3rd ed.), section 3.3.3.
-All functions take points by the row; image coordinates are smooth, so that a complex step differentiates them.
+All functions take one point per row. Image coordinates are analytic, so complex steps differentiate them.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from truing.arrays import Array, Index
 
 PARAMETERS = ("c", "x0", "y0", "A1", "A2", "A3", "B1", "B2", "C1", "C2")
 UNITS = ("px", "px", "px", "px^-2", "px^-4", "px^-6", "px^-1", "px^-1", "1", "1")
-_ROUNDS = 30  # of Newton's method
+_ROUNDS = 30  # iterations of Newton's method
 _SETTLED_PX = 1e-9
 
 
 @dataclass(frozen=True)
 class Camera:
-    """One camera: its name, its format in pixels, the balancing radius R0 in pixels (0: unbalanced), the pitch of its
-    pixels in m where it is known, and which of the ten parameters are estimated."""
+    """One camera: name, format in pixels, balancing radius R0 in pixels (0: unbalanced), pixel pitch in m if known, and
+    which of the ten parameters are estimated."""
 
     name: str
     width_px: int
@@ -43,13 +43,15 @@ class Camera:
 
     @property
     def centre_px(self) -> Array:
-        """The centre (2,) of the format in pixels."""
+        """Centre (2,) of the format in pixels."""
         return np.array([(self.width_px - 1) / 2, (self.height_px - 1) / 2])
 
 
 def image_coordinates(interior: NDArray, centre: NDArray, radius: NDArray, X: NDArray) -> NDArray:
-    """Return image coordinates (N, 2) in px of points X (N, 3) in camera axes; interior (N, 10), centre (N, 2) and
-    balancing radius (N,) of the cameras in px."""
+    """Return image coordinates (N, 2) in px of points X (N, 3) in camera axes.
+
+    interior (N, 10), format centre (N, 2) and balancing radius (N,) of the cameras in px.
+    """
     c, x0, y0, a1, a2, a3, b1, b2, c1, c2 = interior.T
     xi, eta = c * X[:, 0] / X[:, 2], c * X[:, 1] / X[:, 2]
     s, s0 = xi * xi + eta * eta, radius * radius
@@ -84,17 +86,17 @@ def derivatives(interior: Array, radius: Array, X: Array) -> tuple[Array, Array]
 
 
 def directions(cameras: Sequence[Camera], interior: Array, camera: Index, xy_px: Array) -> Array:
-    """Return X/Z and Y/Z (N, 2) of image points xy_px (N, 2), each taken by one of the cameras (N,) by number.
+    """Return X/Z and Y/Z (N, 2) of image points xy_px (N, 2), each with its camera number (N,).
 
-    Distortion is undone by Newton's method from the undistorted place; image points where it does not settle (a
-    distortion that folds over) are NaN. interior (C, 10) in the order of PARAMETERS.
+    Newton's method inverts the distortion, starting from the undistorted point; image points without convergence (the
+    distortion folds over) are NaN. interior (C, 10) in the order of PARAMETERS.
     """
     centre = np.stack([c.centre_px for c in cameras])[camera]
     radius = np.array([c.balancing_radius_px for c in cameras])[camera]
     values = interior[camera]
     X = np.ones((len(xy_px), 3))
     X[:, :2] = (xy_px - centre - values[:, 1:3]) / values[:, :1]
-    with np.errstate(all="ignore"):  # what overflows has not settled
+    with np.errstate(all="ignore"):  # points that do not converge may overflow
         for _ in range(_ROUNDS):
             off, slope = xy_px - image_coordinates(values, centre, radius, X), derivatives(values, radius, X)[0]
             (a, b), (d, e) = slope[:, :, :2].transpose(1, 2, 0)

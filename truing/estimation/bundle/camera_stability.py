@@ -1,8 +1,8 @@
-"""Did a camera stay what it was from pose to pose?
+"""Test whether the interior orientation of a camera changed between poses.
 
-Per pose, principal distance and principal point are held against common ones by what its rays tell of them, which is
-normal: score n ~ N(N d, N) with information N, d the pose's deviation (`ray_statistics`). `image_stability` goes on
-to single images.
+Principal distance and principal point of each pose are compared with common values through the statistics of its rays:
+score n ~ N(N d, N) with information N and deviation d of the pose (`ray_statistics`). `image_stability` tests single
+images.
 """
 
 from __future__ import annotations
@@ -19,10 +19,12 @@ WATCHED = ("c", "x0", "y0")
 
 @dataclass(frozen=True)
 class CameraStability:
-    """Per pose (S): whether its rays tell of the camera at all, deviation_px (S, 3) of c, x0, y0 from the values common
-    to the poses that do, with covariance_px2 (S, 3, 3), chi2 (S,) of it and p_value (S,) adjusted for their number
-    (Holm); NaN for poses that tell nothing. Of all: chi2 of no deviation with its degrees of freedom and its
-    p-value."""
+    """Deviations of a camera's interior orientation per pose (S), with tests.
+
+    determined (S,): whether the rays of a pose determine the camera. deviation_px (S, 3) of c, x0, y0 from the common
+    values, with covariance_px2 (S, 3, 3), chi2 (S,) and p_value (S,) adjusted for their number (Holm); NaN if not
+    determined. For all poses together: chi2 of no deviation, degrees of freedom, p-value.
+    """
 
     determined: Mask
     deviation_px: Array
@@ -35,9 +37,9 @@ class CameraStability:
 
 
 def camera_stability(score: Array, information: Array) -> CameraStability:
-    """Differences of one camera between poses, from score (S, 3) and information (S, 3, 3) of each.
+    """Return the deviations of one camera per pose from score (S, 3) and information (S, 3, 3).
 
-    A pose's deviation from the common values, which it has a part in, has covariance N^-1 - (sum N)^-1.
+    The common values include the pose itself, so its deviation has the covariance N^-1 - (sum N)^-1.
     """
     from scipy.special import chdtrc
 

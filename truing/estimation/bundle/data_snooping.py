@@ -1,9 +1,9 @@
 """Gross errors among rays: a robust start, then data snooping (Baarda 1968) until no ray fails its test.
 
-The start bounds the influence of rays and puts suspects aside. Both coordinates of a ray are tested together, because a
-wrong code or a merged target spoils both and they are correlated: T = v^T Q_vv^-1 v has two degrees of freedom; where
-the network checks a ray in one direction alone, T has one. Rejected rays are tested on against what the others predict,
-and come back where they pass.
+The start bounds the influence of rays and rejects suspects. Both coordinates of a ray are tested together, since a
+wrong code or a merged target corrupts both: T = v^T Q_vv^-1 v has two degrees of freedom, or one if the network checks
+the ray in one direction only. Rejected rays are tested against their prediction by the other rays, and used again if
+they pass.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from truing.estimation.bundle.orientation import Bundle, intersect
 from truing.estimation.bundle.variance_components import GlobalTest, VarianceComponents, global_test, grouped, updated
 
 _MOST_ROUNDS = 60
-_SETTLED = 1e-3  # relative change of the variance components
-_RETURNS = 2  # times that a ray may come back
-_LOOSE = 0.1  # of its length: a distance that gives a scale and contradicts none
-# In this order: what lenses have least of first, the principal distance last.
+_STEADY = 1e-3  # relative change of the variance components at convergence
+_RETURNS = 2  # how often a rejected ray may be used again
+_LOOSE = 0.1  # standard deviation of a loosened bar, relative to its length: it gives a scale and hardly affects points
+# Interior elements in the order in which they are held fixed: the least important first.
 RELEASE_ORDER = ("A3", "C2", "C1", "B2", "B1", "A2", "A1", "y0", "x0", "c")
-_CHECKED = 0.01  # share of an error that must show in the residuals for a direction to count as tested
+_CHECKED = 0.01  # share of an error that must appear in the residuals for a direction to count as tested
 GROSS = "gross error: its test value is above the critical value"
 ONE_OF_TWO = "one of two rays that do not meet: which is wrong cannot be told"
 NO_IMAGE = "its image is not oriented"
@@ -36,24 +36,26 @@ BEHIND = "its point lies behind the camera"
 NOT_PREDICTED = "rejected, and too few other rays of its point or image are left to tell by how much it is off"
 SECOND_TARGET = "meets other rejected rays of its name in another place: a second target bears the name"
 NOT_DETERMINED = "its point or its image keeps too few other rays"
-_SECOND = 3  # rejected rays that meet elsewhere: two meet too easily
-_APART = 5.0  # tolerances from the point's own place
+_FEWEST_MEETING = 3  # rejected rays that meet elsewhere: two meet too easily by chance
+_APART_TOLERANCES = 5.0  # tolerances from the adjusted point
 _ROBUST_ROUNDS = 8
 _BOUND = 2.5  # standard deviations up to which a ray has full weight in the robust start
-_SUSPECT = 6.0  # and from which on it begins data snooping as rejected
-_MANY = 1 / 3  # of a point's rays are suspects: it is intersected anew
+_SUSPECT = 6.0  # standard deviations from which data snooping starts with the ray rejected
+_MANY = 1 / 3  # share of suspects among a point's rays, above which it is intersected again
 
 
 @dataclass(frozen=True)
 class ScreenedNetwork:
-    """An adjusted network without gross errors: which rays (N,) were used, the rejected, those used whose errors no
-    test could show (untested, by number); the level alpha of one test, how many were made, the probability family_level
-    that at least one of so many good rays is rejected, the critical value of T (two degrees of freedom), rounds, how
-    many rays came back, the variance components, the tests of all rays, and the test of sigma0 with the covariances as
-    stated (the squares that data snooping cuts off good rays added). The adjustment's covariances are to be multiplied
-    by covariance_factor: one where the components give the scale. held are elements (camera, name) of interiors that
-    the network does not determine: they stay what they were at the start. by_rays is the adjustment in which several
-    bars of a pose hardly hold, which bars that contradict each other do not bend."""
+    """A network adjusted without gross errors.
+
+    used (N,): rays in the adjustment; untested: used rays whose errors no test could show, by number. alpha: level of
+    one of the `tested` tests; family_level: probability that at least one of so many good rays is rejected; critical:
+    critical value of T (two degrees of freedom). returned: number of rays rejected and used again. sigma0: test with
+    the stated covariances, corrected for the squares that data snooping removes from good rays. covariance_factor
+    multiplies the covariances of the adjustment: one if variance components give the scale. held: elements (camera,
+    name) that the network does not determine; they keep their start values. by_rays: adjustment in which several bars
+    of a pose have little weight, so that contradicting bars do not bend the points.
+    """
 
     adjustment: Adjustment
     used: Mask
@@ -84,9 +86,9 @@ def adjust_robustly(
 ) -> ScreenedNetwork:
     """Return the network adjusted with all rays that pass their test at level alpha.
 
-    start: NaN for images and points without start values; agrees (N,): rays that the start is sure of, others begin
-    rejected. Without components the stated covariances of the rays are taken as they are (sigma0 = 1).
-    Raises `UndeterminedNetworkError` where hardly anything is left.
+    start: NaN for images and points without start values. agrees (N,): rays consistent with the start; others begin
+    rejected. Without components the stated covariances of the rays are used (sigma0 = 1). Raises
+    `UndeterminedNetworkError` if too little is left.
     """
     possible = possible_rays(network, start)
     held: tuple[tuple[str, str], ...] = ()
@@ -109,8 +111,7 @@ def _screened(
     alpha: float,
     with_components: bool,
 ) -> ScreenedNetwork:
-    """Return the network adjusted with those of the possible rays (N,) that pass, beginning with the active ones
-    (N,)."""
+    """Return the network adjusted with the possible rays (N,) that pass, starting from the active ones (N,)."""
     known = datum == "known"
     whole, network = network, _with_loose_bars(network)
     state, active, components = robust_start(network, start, datum, active)
@@ -128,7 +129,7 @@ def _screened(
             tests = _rescaled(tests, used, components, latest)
         fails, passes = _worst_failures(network, used, tests, alpha), tests.p_value >= alpha
         passes &= possible & ~active & (returns < _RETURNS)
-        converged = not with_components or bool(np.all(np.abs(latest.factor / components.factor - 1) < _SETTLED))
+        converged = not with_components or bool(np.all(np.abs(latest.factor / components.factor - 1) < _STEADY))
         if rounds == _MOST_ROUNDS or (converged and not fails.any() and not passes.any()):
             break
         components = latest if with_components else components
@@ -162,8 +163,8 @@ def _screened(
 
 
 def _with_loose_bars(network: Network) -> Network:
-    """Return the network with distances that hardly hold, where a pose has several: bars that contradict each other
-    would bend points until rays to their ends fail. What rays are good, rays tell."""
+    """Return the network with little weight on the bars of a pose that has several. Contradicting bars would bend
+    points until rays to their ends fail; rays are tested against rays alone."""
     bars = network.bars
     pose = network.point_pose[bars.first]
     if not len(pose) or np.bincount(pose).max() < 2:
@@ -173,7 +174,7 @@ def _with_loose_bars(network: Network) -> Network:
 
 
 def _rescaled(tests: RayTests, used: Mask, before: VarianceComponents, after: VarianceComponents) -> RayTests:
-    """Return tests by the latest components."""
+    """Return the tests rescaled to the latest components."""
     ratio = after.of_rays() / before.of_rays()
     T = tests.T / ratio
     p_value = p_values(T, tests.freedom, after.redundancy[after.component], used)
@@ -181,11 +182,9 @@ def _rescaled(tests: RayTests, used: Mask, before: VarianceComponents, after: Va
 
 
 def _worst_failures(network: Network, used: Mask, tests: RayTests, alpha: float) -> Mask:
-    """Return the rays that fail by themselves.
-
-    An error raises T of other rays by the square of their correlation, about (3 / n)^2 among n rays of an image and
-    (1.5 / n)^2 among those of a point: what is above four times that part of the worst does not come from it.
-    """
+    """Return the rays that fail by their own error. An error raises T of other rays by the square of their correlation,
+    about (3 / n)^2 among n rays of an image and (1.5 / n)^2 among those of a point. A T above four times that part of
+    the worst one has its own cause."""
     with np.errstate(invalid="ignore"):
         fails = used & (tests.p_value < alpha)
     T = np.where(fails, tests.T, 0.0)
@@ -200,10 +199,10 @@ def _worst_failures(network: Network, used: Mask, tests: RayTests, alpha: float)
 def relaxed(
     network: Network, possible: Mask, error: UndeterminedNetworkError
 ) -> tuple[Network, Mask, tuple[tuple[str, str], ...]]:
-    """Return the network with one element held of those that it does not determine, the rays (N,) that can take part
-    without images and points in free directions of their own, and what is held now: (camera, element) or nothing.
+    """Return the network with one undetermined interior element held fixed, the rays (N,) without images and points in
+    free directions, and the elements held now: (camera, element) or none.
 
-    Raises the error again where neither helps.
+    Raises the error again if neither helps.
     """
     open_ = [(camera, name) for name in RELEASE_ORDER for camera, known in error.elements if known == name]
     if open_:
@@ -221,8 +220,11 @@ def relaxed(
 
 @dataclass(frozen=True)
 class RayTests:
-    """Per ray: T (N,) and its degrees of freedom (N,) 0, 1 or 2, the p-value (N,), w (N, 2) of an error in either
-    coordinate alone, redundancy numbers (N, 2), and Q_vv C^-1 (N, 2, 2). For rays that take no part: as if they did."""
+    """Test statistics per ray: T (N,) with degrees of freedom (N,) 0, 1 or 2, p-value (N,), w (N, 2) of an error in one
+    coordinate, redundancy numbers (N, 2), and Q_vv C^-1 (N, 2, 2).
+
+    Unused rays have the values that they would have if they were used.
+    """
 
     T: Array
     freedom: Index
@@ -233,13 +235,13 @@ class RayTests:
 
 
 def passing_share(alpha: float) -> float:
-    """Return the mean square of good rays that pass a test at level alpha, over that of all: chi-square of two degrees
-    of freedom, cut off at its critical value."""
+    """Return the mean square of good rays that pass a test at level alpha, relative to that of all good rays: truncated
+    chi-square of two degrees of freedom."""
     return (1 - alpha * (1 - np.log(alpha))) / (1 - alpha)
 
 
 def ray_tests(adjusted: Adjustment, components: VarianceComponents) -> RayTests:
-    """Return the tests of all rays of an adjustment whose covariances had the components' factors."""
+    """Return the tests of all rays of an adjustment with the components' variance factors."""
     C = adjusted.network.rays.cov_px2 * components.of_rays()[:, None, None]
     A, used, v = adjusted.covariance.computed_px2(), adjusted.used, adjusted.residuals_px
     sound = np.isfinite(np.concatenate([A.reshape(-1, 4), v], axis=1)).all(axis=1)
@@ -265,8 +267,11 @@ def ray_tests(adjusted: Adjustment, components: VarianceComponents) -> RayTests:
 
 
 def p_values(T: Array, freedom: Index, redundancy: Array | None = None, used: Mask | None = None) -> Array:
-    """Return the p-value (N,) of T; where the scale is estimated with a redundancy (N,), the ray's own part in it is
-    taken into account if it was used (Pope 1976). NaN without degrees of freedom."""
+    """Return the p-value (N,) of T, NaN without degrees of freedom.
+
+    If the scale is estimated with a redundancy (N,), the contribution of a used ray to it is taken into account (Pope
+    1976).
+    """
     from scipy.special import betainc, betaincc, chdtrc
 
     f = np.maximum(freedom, 1)
@@ -281,24 +286,26 @@ def p_values(T: Array, freedom: Index, redundancy: Array | None = None, used: Ma
 
 @dataclass(frozen=True)
 class RejectedRays:
-    """Rays left out: ray (R,) by number, and the reason (R,)."""
+    """Rejected rays (R,) by number, with the reason (R,)."""
 
     ray: Index
     reason: tuple[str, ...]
 
 
-def _elsewhere(adjusted: Adjustment, components: VarianceComponents, rejected: Mask) -> Mask:
-    """Return the rejected rays (N,) of points on whose other place at least three of them agree."""
+def _meeting_elsewhere(adjusted: Adjustment, components: VarianceComponents, rejected: Mask) -> Mask:
+    """Return the rejected rays (N,) of points for which at least three rejected rays meet in another place."""
     network, state = adjusted.network, adjusted.state
     rays = network.rays
     limit = max(float(np.median(tolerance_px(network, np.arange(rays.count), components))), 1.0)
     with np.errstate(invalid="ignore"):
-        rejected = rejected & (np.linalg.norm(adjusted.residuals_px, axis=1) > _APART * limit)
-    rejected &= np.bincount(rays.point[rejected], minlength=len(network.point_pose))[rays.point] >= _SECOND
+        rejected = rejected & (np.linalg.norm(adjusted.residuals_px, axis=1) > _APART_TOLERANCES * limit)
+    rejected &= np.bincount(rays.point[rejected], minlength=len(network.point_pose))[rays.point] >= _FEWEST_MEETING
     out, found = np.flatnonzero(rejected), np.zeros(rays.count, bool)
     if len(out):
         X, agrees = meeting(network, state, out, np.array([limit]))
-        found[out] = agrees & (np.bincount(rays.point[out], agrees, minlength=len(X)) >= _SECOND)[rays.point[out]]
+        found[out] = (
+            agrees & (np.bincount(rays.point[out], agrees, minlength=len(X)) >= _FEWEST_MEETING)[rays.point[out]]
+        )
     return found
 
 
@@ -310,7 +317,7 @@ def rejected_rays(
     active: Mask,
     tests: RayTests,
 ) -> RejectedRays:
-    """Return all rays that take no part, and why."""
+    """Return all unused rays with the reason."""
     rays, used = network.rays, adjusted.used
     placed, oriented = np.isfinite(start.points[rays.point, 0]), np.isfinite(start.centre[rays.image, 0])
     on_point = np.bincount(rays.point[used], minlength=len(network.point_pose))[rays.point]
@@ -319,7 +326,9 @@ def rejected_rays(
     reason = np.where(active, NOT_DETERMINED, np.where(np.isnan(tests.T), NOT_PREDICTED, GROSS))
     reason = np.where((of_point == 2) & (on_point < 2) & gone, ONE_OF_TWO, reason)
     reason = np.where(possible_rays(network, start), reason, BEHIND)
-    reason = np.where(_elsewhere(adjusted, components, ~used & ~active & placed & oriented), SECOND_TARGET, reason)
+    reason = np.where(
+        _meeting_elsewhere(adjusted, components, ~used & ~active & placed & oriented), SECOND_TARGET, reason
+    )
     reason = np.where(placed, reason, NO_POINT)
     reason = np.where(oriented, reason, NO_IMAGE)
     out = np.flatnonzero(~used)
@@ -337,8 +346,8 @@ def possible_rays(network: Network, start: NetworkState) -> Mask:
 def robust_start(
     network: Network, start: NetworkState, datum: Datum, active: Mask
 ) -> tuple[NetworkState, Mask, VarianceComponents]:
-    """Return the state after adjustments with bounded influence, the rays that are no suspects, and the variance
-    components by the median."""
+    """Return the state after adjustments with bounded influence, the rays that are not suspects, and the variance
+    components from medians."""
     known = datum == "known"
     used = determinable(network, active, known=known).rays
     weights, state = np.ones(network.rays.count), start
@@ -359,14 +368,14 @@ def robust_start(
         weights, state = latest, adjusted.state
         if change < 0.05:
             break
-    return *_reseated(network, state, active, off > _SUSPECT, components), components
+    return *_intersected_again(network, state, active, off > _SUSPECT, components), components
 
 
-def _reseated(
+def _intersected_again(
     network: Network, state: NetworkState, active: Mask, suspect: Mask, components: VarianceComponents
 ) -> tuple[NetworkState, Mask]:
-    """Return the state and the active rays less suspects; points with many suspects are intersected anew by what most
-    of their rays agree on, for least squares, bounded or not, may have left all of them in between."""
+    """Return the state and the active rays without suspects. Points with many suspects are intersected again from a
+    majority of their rays: least squares, even bounded, may place such a point between two groups of rays."""
     rays, count = network.rays, len(network.point_pose)
     many = np.bincount(rays.point[active & suspect], minlength=count) > _MANY * np.bincount(
         rays.point[active], minlength=count
@@ -382,13 +391,13 @@ def _reseated(
 
 
 def tolerance_px(network: Network, rays: Index, components: VarianceComponents) -> Array:
-    """Return from which miss (n,) in px on rays are suspects."""
+    """Return the residual size (n,) in px above which rays are suspects."""
     variance = np.einsum("nii->n", network.rays.cov_px2[rays]) / 2 * components.of_rays()[rays]
     return _SUSPECT * np.sqrt(variance)
 
 
 def meeting(network: Network, state: NetworkState, rays: Index, tolerance_px: Array) -> tuple[Array, Mask]:
-    """Return the places (P, 3) on which most of some rays (n,) of each point agree, and which do (n,)."""
+    """Return the points (P, 3) on which most of the given rays (n,) agree, and which rays agree (n,)."""
     chosen = network.rays
     image, point, xy = chosen.image[rays], chosen.point[rays], chosen.xy_px[rays]
     camera = network.image_camera[image]
@@ -400,8 +409,9 @@ def meeting(network: Network, state: NetworkState, rays: Index, tolerance_px: Ar
 
 
 def _by_median(components: VarianceComponents, off: Array, used: Mask, redundancy: int) -> VarianceComponents:
-    """Return components whose factors make the median of normalised misses (N,) what it is for two normal errors."""
-    if redundancy <= 0:  # nothing tells of it
+    """Return components whose factors give the median of normalised residual lengths (N,) that two normal errors
+    have."""
+    if redundancy <= 0:  # no redundancy: the residuals do not show the noise
         return components
     factor = components.factor.copy()
     share = redundancy / (2.0 * max(int(used.sum()), 1))

@@ -1,9 +1,9 @@
-"""The datum of a pose: what rays leave free, and how coordinates and covariances pass from one choice to another.
+"""Datum of a pose: freedoms that the rays leave, and transformations of coordinates and covariances between datums.
 
-Rays alone leave a pose seven freedoms, three shifts, three turns and the scale; a bar takes the scale, known points
-take what they fix. What is left is settled by conditions B^T (p - p0) = 0 on the points: inner constraints (B the
-freedoms themselves, free network) or as many coordinates held (minimal). Any solution passes into that datum by
-S = 1 - G (B^T G)^-1 B^T (Baarda 1973; Luhmann et al., section 4.4.3); residuals and distances do not change.
+Rays alone leave a pose seven freedoms: three shifts, three rotations and the scale. A bar fixes the scale; known points
+fix their part. Conditions B^T (p - p0) = 0 on the points fix the rest: inner constraints (B are the freedoms, free
+network) or a minimal set of fixed coordinates. S = 1 - G (B^T G)^-1 B^T transforms any solution into that datum (Baarda
+1973; Luhmann et al., section 4.4.3); residuals and distances do not change.
 """
 
 from __future__ import annotations
@@ -21,15 +21,17 @@ from truing.estimation.rotation import rigid_motions
 
 Datum = Literal["free", "minimal", "known"]
 
-_SQUARED = 1e-8  # of the size: the next step of Newton's method would be rounding
-_FIXED = 1e-6  # a freedom moves known points by less than this part of its movement of all points: it is left
+_SQUARED = 1e-8  # relative to the size: the next Newton step would be rounding
+_LEAST_MOVEMENT = 1e-6  # share of a freedom's movement of all points; if known points move less, it remains
 
 
 @dataclass(frozen=True)
 class Freedom:
-    """What the observations of a pose leave free: movements of its images (i, 6, d) and points (p, 3, d), of its points
-    as a whole orthonormal, and the combination (7, d) that they are of shifts, turns and scale about the middle (3,) of
-    the points, in m per size in m."""
+    """Freedoms that the observations of a pose leave: movements of its images (i, 6, d) and points (p, 3, d).
+
+    The movements of points are orthonormal. mixture (7, d) combines them from shifts, rotations and scale about the
+    middle (3,) of the points, in m per size in m.
+    """
 
     images: Array
     points: Array
@@ -39,15 +41,16 @@ class Freedom:
 
     @property
     def count(self) -> int:
-        """How many there are: the defect of the datum."""
+        """Number of freedoms: the defect of the datum."""
         return self.points.shape[-1]
 
 
 def freedoms(layout: EquationLayout, state: NetworkState) -> tuple[Freedom, ...]:
-    """Freedoms that the observations leave every pose: bars take the scale, known points what they fix."""
+    """Return the freedoms that the observations leave each pose: bars fix the scale, known points what they
+    determine."""
     points, centres = state.points[layout.points], state.centre[layout.images]
     middle, size = _middles(points, layout.point_start)
-    of_point, of_image = _owners(layout.point_start), _owners(layout.image_start)
+    of_point, of_image = _pose_numbers(layout.point_start), _pose_numbers(layout.image_start)
     points = (points - middle[of_point]) / size[of_point, None]
     centres = (centres - middle[of_image]) / size[of_image, None]
     of_points, of_images = movements(points), np.zeros((len(centres), 6, 7))
@@ -72,13 +75,13 @@ def _mixed(movements: Array, mixture: Array) -> Array:
     return flat.reshape(*movements.shape[:2], mixture.shape[1])
 
 
-def _owners(start: Index) -> Index:
-    """Return the pose (n,) of everything that stands pose by pose from start (S + 1,)."""
+def _pose_numbers(start: Index) -> Index:
+    """Return the pose number (n,) of items that are stored pose by pose from start (S + 1,)."""
     return np.repeat(np.arange(len(start) - 1), np.diff(start))
 
 
 def _sums(values: Array, start: Index) -> Array:
-    """Return the sum (S, ...) of values (n, ...) of every pose, zero where it has none."""
+    """Return the sum (S, ...) of values (n, ...) of each pose, zero for an empty pose."""
     sums, some = np.zeros((len(start) - 1, *values.shape[1:])), start[:-1] < start[1:]
     if len(values):
         sums[some] = np.add.reduceat(values, start[:-1][some])
@@ -86,17 +89,17 @@ def _sums(values: Array, start: Index) -> Array:
 
 
 def _middles(points: Array, start: Index) -> tuple[Array, Array]:
-    """Return the middle (S, 3) of every pose's points (p, 3), and their size (S,), the rms distance from it."""
+    """Return the centroid (S, 3) of the points (p, 3) of each pose, and their rms distance (S,) from it."""
     count = np.maximum(np.diff(start), 1)
     middle = _sums(points, start) / count[:, None]
-    squares = np.sum((points - middle[_owners(start)]) ** 2, -1)
+    squares = np.sum((points - middle[_pose_numbers(start)]) ** 2, -1)
     size = np.sqrt(_sums(squares, start) / count)
     return middle, np.where(size > 0, size, 1.0)
 
 
 def _orthonormal(points: Array, start: Index) -> Array:
-    """Return the mixtures (S, 7, 7) by which movements of points about their middle and per their size (p, 3) become
-    orthonormal: shifts, turns and the scale are so to each other, turns among themselves by their inertia."""
+    """Return the mixtures (S, 7, 7) that orthonormalise the movements of centred and scaled points (p, 3). Shifts,
+    rotations and scale are orthogonal to each other; only rotations mix, by the inertia of the points."""
     moments = _sums(points[:, :, None] * points[:, None], start)
     trace = np.trace(moments, axis1=1, axis2=2)
     inertia = trace[:, None, None] * np.eye(3) - moments
@@ -109,22 +112,22 @@ def _orthonormal(points: Array, start: Index) -> Array:
 
 
 def movements(points: Array) -> Array:
-    """Return the movements (n, 3, 7) of points by shifts, turns and scale about the origin."""
+    """Return the movements (n, 3, 7) of points by shifts, rotations and scale about the origin."""
     return np.concatenate([rigid_motions(points), points[..., None]], -1)
 
 
 def _null_space(rows: Array) -> Array:
-    """Return directions (d, f) that rows (n, d) leave free, orthonormal."""
+    """Return an orthonormal basis (d, f) of the null space of rows (n, d)."""
     _, s, vt = np.linalg.svd(rows)
-    return vt[np.count_nonzero(s > _FIXED * s.max(initial=0)) :].T
+    return vt[np.count_nonzero(s > _LEAST_MOVEMENT * s.max(initial=0)) :].T
 
 
 def conditions(free: Freedom, datum: Datum) -> Array:
-    """Return B (3 p, d): what of the points is held, so that nothing is left free."""
+    """Return the datum conditions B (3 p, d) on the points, which fix all freedoms."""
     rows = free.points.reshape(3 * len(free.points), free.count)
     if datum != "minimal" or not free.count:
         return rows
-    # The coordinates that hold the network most firmly come first in a QR with pivots.
+    # QR with pivoting picks the coordinates that fix the network most firmly.
     chosen = qr(rows.T, mode="r", pivoting=True)[1][: free.count]
     held = np.zeros_like(rows)
     held[chosen, np.arange(free.count)] = 1.0
@@ -132,7 +135,7 @@ def conditions(free: Freedom, datum: Datum) -> Array:
 
 
 def in_datum(layout: EquationLayout, state: NetworkState, start: NetworkState, held: tuple[Array, ...]) -> NetworkState:
-    """Return a state moved and scaled so that nothing that is held, B (3 p, d) per pose, deviates from the start.
+    """Return a state moved and scaled to satisfy the conditions B (3 p, d) of each pose relative to the start.
 
     The similarity is exact, not linearised: Newton's method on its seven numbers.
     """
@@ -149,13 +152,13 @@ def in_datum(layout: EquationLayout, state: NetworkState, start: NetworkState, h
 
 
 def _similarity(points: Array, start: Array, free: Freedom, held: Array) -> tuple[Array, float, Array]:
-    """Return rotation, scale and shift after which the points deviate from the start by nothing that is held."""
+    """Return rotation, scale and shift of points (p, 3) after which the conditions hold."""
     whole, middle, size = np.eye(4), free.middle, free.size
     for _ in range(50):
         now = (points - middle) @ whole[:3, :3].T + whole[:3, 3]
         by = held.T @ (movements(now / size) @ free.mixture).reshape(-1, free.count)
         change = free.mixture @ np.linalg.solve(by, held.T @ (start - middle - now).ravel())
-        whole = _exponential(_generator(change, size)) @ whole  # along the freedoms: what is known stays where it is
+        whole = _exponential(_generator(change, size)) @ whole  # along the freedoms only: known points stay fixed
         if np.abs(change).max() <= _SQUARED * size:
             break
     scale = float(np.cbrt(np.linalg.det(whole[:3, :3])))
@@ -164,26 +167,27 @@ def _similarity(points: Array, start: Array, free: Freedom, held: Array) -> tupl
 
 
 def _generator(change: Array, size: float) -> Array:
-    """Return the generator (4, 4) of a similarity of shifts in m, and of turns and scale (7,) that move the size."""
+    """Return the generator (4, 4) of a similarity from shifts in m and from rotations and scale (7,) as movements at
+    `size`."""
     x, y, z = change[:3]
     a, b, c, s = change[3:] / size
     return np.array([[s, -c, b, x], [c, s, -a, y], [-b, a, s, z], [0.0, 0.0, 0.0, 0.0]])
 
 
 def _exponential(generator: Array) -> Array:
-    """Return the exponential of a small matrix: Taylor's series of what is halved until it is short, then squared."""
+    """Return the matrix exponential of a small matrix by scaling, Taylor series and squaring."""
     halvings = max(0, int(np.ceil(np.log2(max(np.abs(generator).sum(), 1e-300)))) + 3)
     part = term = generator / 2**halvings
     for order in range(2, 12):
         term = term @ (generator / 2**halvings) / order
         part = part + term
-    for _ in range(halvings):  # of exp - 1, so that what is small keeps its digits
+    for _ in range(halvings):  # computes exp - 1, so that small values keep their digits
         part = 2 * part + part @ part
     return part + np.eye(len(generator))
 
 
 def into_datum(free: Freedom, held: Array) -> Array:
-    """Return F (d, 3 p): by how much each freedom is to be taken back from a change of the points."""
+    """Return F (d, 3 p), which projects a change of the points onto the freedoms."""
     if not free.count:
         return held.T
     return np.asarray(np.linalg.solve(held.T @ free.points.reshape(-1, free.count), held.T), np.float64)

@@ -1,4 +1,4 @@
-"""Which rays, points and images of a network can take part: the others determine nothing, or are not determined."""
+"""Rays, points and images of a network that the adjustment can determine."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ RAYS_OF_AN_IMAGE = 3
 class UndeterminedNetworkError(ValueError):
     """Some points or images have too few rays, or the network has free directions; the message lists them.
 
-    images and points, by number, that free directions move, and elements (camera, name) of interiors left open.
+    images and points: numbers of those that free directions move; elements: (camera, name) of undetermined interior
+    elements.
     """
 
     def __init__(
@@ -34,7 +35,7 @@ class UndeterminedNetworkError(ValueError):
 
 @dataclass(frozen=True)
 class Determinable:
-    """What takes part: rays (N,), points (P,), images (I,), True where it does."""
+    """Masks of what can be adjusted: rays (N,), points (P,), images (I,)."""
 
     rays: Mask
     points: Mask
@@ -42,11 +43,11 @@ class Determinable:
 
 
 def determinable(network: Network, used: Mask | None = None, *, known: bool = False) -> Determinable:
-    """Return the largest part of a network in which every point has two rays and every image three, counted to what
-    takes part itself; used (N,) are the rays that may, all where not given.
+    """Return the largest part of a network in which every point has two rays and every image three within this part.
 
-    known: known points need one ray only. Rays of one point in one image count once. Where images share too few points
-    with the rest, counts do not tell: `adjust` finds that by its normal equations.
+    used (N,): rays that may be used, by default all. known: known points need one ray only. Rays of one point in one
+    image count once. Counting cannot detect images that share too few points with the rest; `adjust` detects that in
+    its normal equations.
     """
     rays = network.rays
     on = np.ones(rays.count, bool) if used is None else np.asarray(used, bool).copy()
@@ -63,7 +64,8 @@ def determinable(network: Network, used: Mask | None = None, *, known: bool = Fa
 
 
 def ray_counts(network: Network, used: Mask) -> tuple[Index, Index]:
-    """Return in how many images each point (P,) is seen, and how many points each image (I,) sees, by the rays used."""
+    """Return the number of images that see each point (P,) and of points that each image (I,) sees, from the used
+    rays."""
     rays = network.rays
     seen = np.zeros((len(network.image_pose), len(network.point_pose)), bool)
     seen[rays.image[used], rays.point[used]] = True
@@ -71,8 +73,10 @@ def ray_counts(network: Network, used: Mask) -> tuple[Index, Index]:
 
 
 def check_determined(network: Network, used: Mask, known: bool) -> None:
-    """Raise `UndeterminedNetworkError` that lists every point and image with some rays, but too few of them, every ray
-    and distance that joins what is of different poses, and every covariance that is none."""
+    """Raise `UndeterminedNetworkError` if points or images have rays, but too few.
+
+    The error also lists rays and distances that join different poses, and covariances that are not positive definite.
+    """
     rays, faults = network.rays, []
     astray = np.flatnonzero(used & (network.image_pose[rays.image] != network.point_pose[rays.point]))
     if len(astray):
@@ -104,7 +108,7 @@ def check_determined(network: Network, used: Mask, known: bool) -> None:
 
 
 def _definite(covariance: Array) -> Mask:
-    """Mask (n,) of symmetric matrices (n, 2, 2) or (n, 3, 3) that are positive definite: leading minors above 0."""
+    """Return the mask (n,) of positive definite matrices (n, 2, 2) or (n, 3, 3): leading minors above 0."""
     c = covariance
     minors = [c[:, 0, 0], c[:, 0, 0] * c[:, 1, 1] - c[:, 0, 1] * c[:, 1, 0]]
     if c.shape[1] > 2:
@@ -113,6 +117,6 @@ def _definite(covariance: Array) -> Mask:
 
 
 def _listed(numbers: Index, most: int = 20) -> str:
-    """Return numbers as text, with how many are left out."""
+    """Return numbers as text, shortened after `most` with the count of the rest."""
     text = ", ".join(map(str, numbers[:most]))
     return f"{text} and {len(numbers) - most} more" if len(numbers) > most else text

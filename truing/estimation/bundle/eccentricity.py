@@ -1,13 +1,14 @@
-"""Where the image of a circle has its centre: not where the circle's centre is seen; and which way circles face.
+"""Eccentricity of circular targets: offset of the image ellipse's centre from the image of the circle's centre; and
+normals of circles from their ellipses.
 
 A circle about P with unit normal n and radius r is seen by an ideal camera in the directions v with v^T C v = 0,
 
     C = d^2 1 - d (n P^T + P n^T) + (P^T P - r^2) n n^T,        d = n^T P
 
-a cone, cut by the image plane in an ellipse whose centre is off the image of P by the eccentricity. Distortion bends
-the ellipse; its centre is then that of the ellipse that fits the bent one best. Directions are in camera axes.
-Dold, Dissertation, Univ. der Bundeswehr Muenchen (1997), gives the same by the ellipse's extrema; the cone is that of
-Kanatani, Geometric Computation for Machine Vision (1993), chapter 8.
+This cone cuts the image plane in an ellipse, whose centre is off the image of P by the eccentricity. Distortion bends
+the ellipse; its centre is then that of the best-fitting ellipse. Directions are in camera axes. Dold (dissertation,
+Univ. der Bundeswehr Muenchen, 1997) derives the same from the ellipse's extrema; the cone is that of Kanatani,
+Geometric Computation for Machine Vision (1993), chapter 8.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.camera import image_coordinates
 from truing.estimation.bundle.network import Network, NetworkState, format_centres, in_camera_axes, linearise
 
-_ROUND = 12  # points of an ellipse that are distorted: the fit then is exact to terms of the fifth order
+_ROUND = 12  # points of an ellipse that are distorted: the fit is then exact to fifth order
 
 
 def eccentricity(interior: Array, centre: Array, balancing: Array, P: Array, n: Array, radius_m: Array) -> Array:
-    """Return centre of the image ellipse less image of the centre (N, 2), px, of circles about P (N, 3) in m.
+    """Return centre of the image ellipse minus image of the centre (N, 2), px, of circles about P (N, 3) in m.
 
     interior (N, 10), format centre (N, 2) and balancing radius (N,) of the cameras in px; unit normals n (N, 3) of
-    either sign; P and n in camera axes. NaN where no ellipse is seen: the camera lies in the circle's plane, or a part
-    of the circle is not before it.
+    either sign; P and n in camera axes. NaN if there is no ellipse: the camera lies in the circle's plane, or part of
+    the circle is behind it.
     """
     middle, along, across = _ideal_ellipses(P, n, radius_m)
     turn = 2 * np.pi * np.arange(_ROUND) / _ROUND
@@ -36,7 +37,7 @@ def eccentricity(interior: Array, centre: Array, balancing: Array, P: Array, n: 
     points = middle[:, None] + along[:, None] * cosine[:, None] + across[:, None] * sine[:, None]
 
     def distorted(directions: Array) -> Array:
-        """Return image coordinates (N, k, 2) of ideal directions (N, k, 2), at distance one."""
+        """Return image coordinates (N, k, 2) of undistorted directions (N, k, 2), at unit distance."""
         k = directions.shape[1]
         X = np.concatenate([directions, np.ones((*directions.shape[:2], 1))], -1).reshape(-1, 3)
         of_interior, of_centre, of_balancing = (np.repeat(v, k, axis=0) for v in (interior, centre, balancing))
@@ -44,17 +45,17 @@ def eccentricity(interior: Array, centre: Array, balancing: Array, P: Array, n: 
 
     seen_at = distorted(points)
     mean = seen_at.mean(1)
-    # conjugate radii of the bent ellipse: its first harmonic
+    # conjugate radii of the distorted ellipse: its first harmonic
     basis = 2 / _ROUND * np.einsum("nki,jk->nij", seen_at, np.stack([cosine, sine]))
     flat = np.linalg.solve(basis[:, None], (seen_at - mean[:, None])[..., None])[..., 0]
-    # of what the radius differs from one by, the first harmonic is a shift
+    # the first harmonic of the radius error is a shift of the centre
     bump = np.hypot(flat[..., 0], flat[..., 1]) - 1
     shift = 2 / _ROUND * bump @ np.stack([cosine, sine], 1)
     return mean + np.einsum("nij,nj->ni", basis, shift) - image_coordinates(interior, centre, balancing, P)
 
 
 def _ideal_ellipses(P: Array, n: Array, radius_m: Array) -> tuple[Array, Array, Array]:
-    """Return centres and two conjugate radii (N, 2) each of the images of circles at principal distance one."""
+    """Return centres and two conjugate radii (N, 2) each of the images of circles at unit principal distance."""
     d = np.einsum("ni,ni->n", n, P)[:, None, None]
     nP = n[:, :, None] * P[:, None, :]
     rest = (np.einsum("ni,ni->n", P, P) - radius_m**2)[:, None, None]
@@ -75,8 +76,11 @@ def _ideal_ellipses(P: Array, n: Array, radius_m: Array) -> tuple[Array, Array, 
 def network_eccentricity(
     network: Network, state: NetworkState, image: Index, point: Index, normal: Array, radius_m: Array
 ) -> Array:
-    """Return the eccentricities (N, 2) in px of the rays (N) to points with normals (P, 3) in the frame of their pose
-    and radii (P,) in m; NaN where either is, or no ellipse is seen. What was measured less this is the centre's image.
+    """Return the eccentricities (N, 2) in px of rays (N) to circles with normals (P, 3) in the frame of their pose and
+    radii (P,) in m.
+
+    NaN if normal or radius is NaN or there is no ellipse. Subtract it from the measured image point to get the image of
+    the centre.
     """
     centre, balancing = format_centres(network)
     camera = network.image_camera[image]
@@ -91,8 +95,11 @@ def network_eccentricity(
 
 @dataclass(frozen=True)
 class Facing:
-    """Which way circles face: unit normals (P, 3) towards the cameras, in the frame of the pose; sigma_rad (P,) of
-    their directions, the larger of two; radius_m (P,) as it appears. NaN where the images leave more than one."""
+    """Orientation of circles: unit normals (P, 3) towards the cameras, in the frame of the pose.
+
+    sigma_rad (P,): larger standard deviation of the direction; radius_m (P,): apparent radius. NaN if the images do not
+    determine the normal uniquely.
+    """
 
     normal: Array
     sigma_rad: Array
@@ -100,8 +107,8 @@ class Facing:
 
 
 _STEPS = 12
-_SETTLED = 1e-8  # rad
-_CLEAR = 9.0  # by how much the other candidate must fit worse, in squares of sigma
+_CONVERGED_ANGLE = 1e-8  # rad
+_UNIQUE_EXCESS = 9.0  # excess of the rival normal's sum of squares, in variances, for a unique normal
 
 
 def facing(
@@ -113,12 +120,12 @@ def facing(
     axis_angle_rad: Array,
     sigma_px: Array,
 ) -> Facing:
-    """Return the normals of circles from their ellipses in images: rays (N) with semi-axes (N, 2), angles (N,) of the
-    major ones and sigma_px (N,) of a semi-axis; NaN ellipses are left out.
+    """Return the normals of circles from their ellipses in images.
 
-    A circle is small beside its distance: its ellipse is M M^T = r^2 J (1 - n n^T) J^T, with J the derivative of image
+    Rays (N) with semi-axes (N, 2), angles (N,) of the major axes and sigma_px (N,) of a semi-axis; NaN ellipses are
+    ignored. For a circle much smaller than its distance, M M^T = r^2 J (1 - n n^T) J^T, with J the derivative of image
     coordinates by the point. One image leaves two normals, mirrored at the line of sight; the one that fits all images
-    is improved by Gauss-Newton on normal and radius.
+    is refined by Gauss-Newton on normal and radius.
     """
     count = len(state.points)
     use = np.isfinite(semi_axes_px).all(1) & np.isfinite(axis_angle_rad)
@@ -130,7 +137,7 @@ def facing(
     W = np.linalg.solve(L, np.linalg.solve(L, Q).swapaxes(1, 2))  # r^2 (1 - m m^T), m = E n
     weight = semi_axes_px[use].mean(1) / (2 * sigma)  # of W / r^2
     n, r2, clear = _best_start(E, W, weight, point, count)
-    n, r2, information = _improved(n, r2, E, W, weight, point)
+    n, r2, information = _refined(n, r2, E, W, weight, point)
     several = clear & np.isfinite(n).all(1)
     sigma_rad = np.full(count, np.nan)
     sigma_rad[several] = 1 / np.sqrt(np.maximum(np.linalg.eigvalsh(information[several])[:, 0], 1e-300))
@@ -142,15 +149,15 @@ def facing(
 
 
 def _shapes(semi_axes: Array, angle: Array) -> Array:
-    """Return M M^T (N, 2, 2) of ellipses that M makes of the unit circle."""
+    """Return M M^T (N, 2, 2) of ellipses, where M maps the unit circle to the ellipse."""
     c, s = np.cos(angle), np.sin(angle)
     R = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
     return (R * semi_axes[:, None, :] ** 2) @ R.swapaxes(1, 2)
 
 
 def _best_start(E: Array, W: Array, weight: Array, point: Index, count: int) -> tuple[Array, Array, Mask]:
-    """Return normals (P, 3), squared radii (P,) and whether no other normal fits nearly as well, out of the two that
-    each image suggests."""
+    """Return normals (P, 3), squared radii (P,) and whether the normal is unique, out of the two candidates of each
+    image."""
     values, vectors = np.linalg.eigh(W)
     m = vectors[:, :, 0] * np.sqrt(np.maximum(1 - values[:, 0] / values[:, 1], 0))[:, None]
     sight = np.cross(E[:, 0], E[:, 1])
@@ -163,7 +170,7 @@ def _best_start(E: Array, W: Array, weight: Array, point: Index, count: int) -> 
     for p in np.flatnonzero(np.diff(starts)):
         rays = order[starts[p] : starts[p + 1]]
         candidates = np.concatenate([depth[rays] + level[rays], depth[rays] - level[rays]])
-        # the radius is the largest seen: foreshortening makes none longer
+        # start with the largest apparent radius: foreshortening only shrinks it
         size = np.median(values[rays, 1])
         residual = _residuals(candidates[:, None], np.full((1, 1), size), E[rays], W[rays], weight[rays])
         cost = np.square(residual).sum((1, 2))
@@ -171,7 +178,7 @@ def _best_start(E: Array, W: Array, weight: Array, point: Index, count: int) -> 
         n[p], r2[p] = candidates[best], size
         apart = np.abs(candidates @ candidates[best]) < np.cos(0.1)
         other = cost[apart].min(initial=np.inf)
-        clear[p] = len(rays) > 1 and other - cost[best] > _CLEAR
+        clear[p] = len(rays) > 1 and other - cost[best] > _UNIQUE_EXCESS
         if len(rays) > 1 and not apart.any():
             clear[p] = True
     return n, r2, clear
@@ -186,8 +193,8 @@ def _residuals(n: Array, r2: Array, E: Array, W: Array, weight: Array) -> Array:
     return np.stack(parts, -1) * weight[:, None]
 
 
-def _improved(n: Array, r2: Array, E: Array, W: Array, weight: Array, point: Index) -> tuple[Array, Array, Array]:
-    """Return normals and squared radii of least squares, and the information (P, 2, 2) of the normals' directions."""
+def _refined(n: Array, r2: Array, E: Array, W: Array, weight: Array, point: Index) -> tuple[Array, Array, Array]:
+    """Return least-squares normals and squared radii, and the information (P, 2, 2) of the normals' directions."""
     count = len(n)
     for _ in range(_STEPS):
         tangent = _tangents(n)
@@ -207,7 +214,7 @@ def _improved(n: Array, r2: Array, E: Array, W: Array, weight: Array, point: Ind
         n = n + np.einsum("pij,pj->pi", tangent, step[:, :2])
         n = n / np.linalg.norm(n, axis=1, keepdims=True)
         r2 = r2 * np.exp(step[:, 2])
-        if not np.nanmax(np.abs(step), initial=0.0) > _SETTLED:
+        if not np.nanmax(np.abs(step), initial=0.0) > _CONVERGED_ANGLE:
             break
     size = np.where(normal[:, 2, 2] > 0, normal[:, 2, 2], 1.0)
     reduced = normal[:, :2, :2] - normal[:, :2, 2:] * normal[:, 2:, :2] / size[:, None, None]
@@ -215,7 +222,7 @@ def _improved(n: Array, r2: Array, E: Array, W: Array, weight: Array, point: Ind
 
 
 def _tangents(n: Array) -> Array:
-    """Return two unit vectors (P, 3, 2) square to normals and to each other."""
+    """Return two orthonormal vectors (P, 3, 2) perpendicular to normals."""
     least = np.eye(3)[np.abs(np.nan_to_num(n)).argmin(1)]
     first = np.cross(n, least)
     first = first / np.linalg.norm(first, axis=1, keepdims=True)

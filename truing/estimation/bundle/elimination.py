@@ -1,14 +1,15 @@
-"""One step of an adjustment: images or points of every pose eliminated, the common unknowns solved, the rest put back.
+"""One step of an adjustment: eliminate images or points of each pose, solve for the common unknowns, substitute back.
 
-Of a pose its images or its points are eliminated, whichever leaves less. The blocks of what is eliminated are small and
-independent of each other; what is kept is dense, with a Cholesky decomposition. Ends of bars are always kept, since
-bars tie points to each other. A distance d with variance s^2 enters with the smaller of its own information and a
-weight r that suits the points; what is left of its information, a variance t = 1 / (1 / s^2 - r), by a multiplier k:
+Of each pose the images or the points are eliminated, whichever leaves the smaller system. The eliminated blocks are
+small and independent; the kept system is dense and decomposed by Cholesky. Ends of bars are always kept, since bars
+couple points. A distance d with variance s^2 enters with a weight r, the smaller of its own information and one
+comparable to that of the points. The rest of its information, with variance t = 1 / (1 / s^2 - r), enters by a
+multiplier k:
 
     (N + r a a^T) x + a k = n + r a w,    a^T x - t k = w,
 
-the same equations as of the whole information, sound down to s = 0, where the distance is a constraint. Freedoms of
-the datum are tied down by a term in directions near their own, which changes nothing else.
+This is equivalent to the full information, and stable down to s = 0, where the distance is a constraint. Freedoms of
+the datum are tied down by a term along nearby directions, which changes nothing else.
 """
 
 from __future__ import annotations
@@ -24,15 +25,17 @@ from truing.arrays import Array, Index
 from truing.estimation.bundle.datum import Freedom
 from truing.estimation.bundle.normal_equations import ArrayPool, EquationLayout, NormalEquations, Observed, UnknownsStep
 
-# A distance's own information enters directly up to so many times that of its ends; the rest by a multiplier.
+# Direct weight of a distance, at most this multiple of the information of its ends; a multiplier takes the rest.
 _DIRECT = 100.0
 
 
 @dataclass(frozen=True)
 class Ties:
-    """Distances of a pose as rows: points first and second (q,) within the pose, by_point (q, 3) of the second,
-    by_common (q, c), misclosure w (q,) in m, weight r (q,) in m^-2, and the variance t (q,) in m^2 that is left to
-    multipliers, infinite where none is needed."""
+    """Distances of a pose as rows of equations.
+
+    Points first and second (q,) within the pose, by_point (q, 3) of the second, by_common (q, c), misclosure w (q,) in
+    m, weight r (q,) in m^-2, and the variance t (q,) in m^2 of the multipliers, infinite if none is needed.
+    """
 
     first: Index
     second: Index
@@ -45,10 +48,13 @@ class Ties:
 
 @dataclass(frozen=True)
 class PoseBlocks:
-    """A pose's equations: independent blocks (b, d, d) to eliminate, their rows (b d, k) by what is kept and their
-    sides (b d, c + 1), the common unknowns and the right side; of what is kept the matrix (k, k), of which the upper
-    triangle is filled, and the sides (k, c + 1); places (b d,) and (k,) of both within the pose's unknowns, images
-    before points; directions (k, f) near the freedoms, and rows (q, k) of distances."""
+    """Equations of a pose, split into eliminated and kept unknowns.
+
+    own (b, d, d): independent blocks to eliminate, with own_rows (b d, k) by the kept unknowns and own_sides (b d, c +
+    1): common unknowns and right side. kept (k, k): upper triangle of the kept system, with kept_sides (k, c + 1).
+    own_places (b d,) and kept_places (k,): places within the pose's unknowns, images before points. freedoms (k, f):
+    directions near the freedoms; rows (q, k): distances.
+    """
 
     own: Array
     own_rows: Array
@@ -64,7 +70,7 @@ class PoseBlocks:
 def blocks_of(
     equations: NormalEquations, layout: EquationLayout, pose: int, near: Freedom, ties: Ties, workspace: ArrayPool
 ) -> PoseBlocks:
-    """Return the equations of a pose, in the order of what is eliminated and what is kept."""
+    """Return the equations of a pose, split into eliminated and kept unknowns."""
     i = slice(layout.image_start[pose], layout.image_start[pose + 1])
     p = slice(layout.point_start[pose], layout.point_start[pose + 1])
     images, points, between = equations.images[i], equations.points[p], equations.between[pose]
@@ -97,7 +103,7 @@ def blocks_of(
 
 
 def _rows(ties: Ties, m: int, n: int) -> Array:
-    """Return distances (q, m + n) by the unknowns of the pose."""
+    """Return the rows (q, m + n) of distances over the unknowns of the pose."""
     rows = np.zeros((len(ties.first), m + n))
     each = np.arange(len(ties.first))[:, None]
     rows[each, m + 3 * ties.second[:, None] + np.arange(3)] += ties.by_point
@@ -106,7 +112,7 @@ def _rows(ties: Ties, m: int, n: int) -> Array:
 
 
 def _put_diagonal(blocks: Array, whole: Array) -> None:
-    """Fill a matrix (b d, b d) with blocks (b, d, d) along its diagonal, and nothing beside them."""
+    """Fill a matrix (b d, b d) with blocks (b, d, d) on its diagonal and zeros elsewhere."""
     b, d, _ = blocks.shape
     row, column = whole.strides
     whole[:] = 0.0
@@ -114,14 +120,11 @@ def _put_diagonal(blocks: Array, whole: Array) -> None:
 
 
 class EliminatedPose:
-    """A pose's unknowns as a function of the common ones: x = x0 - x1 c, and what is left for these."""
+    """Unknowns of a pose as a function of the common ones, x = x0 - x1 c, and the reduced equations for these."""
 
     def __init__(self, blocks: PoseBlocks, ties: Ties, damping: float, reduced: Array) -> None:
-        """Eliminate, in place of the blocks' matrix of what is kept; damping adds this part of the diagonal; reduced
-        (b d, k) takes the reduced rows.
-
-        Raises LinAlgError where a block has free directions.
-        """
+        """Eliminate; overwrites the kept system of the blocks. damping: relative increase of the diagonal; reduced (b
+        d, k): output for the reduced rows. Raises LinAlgError if a block has free directions."""
         from truing.estimation.bundle.kernels import forward
 
         self.blocks, self.reduced = blocks, reduced
@@ -134,10 +137,10 @@ class EliminatedPose:
         kept.flat[:: k + 1] *= 1 + damping
         _add_products(kept, reduced, -1.0)
         weighed = ties.weight[:, None] * blocks.rows
-        _add_products(kept, np.concatenate([np.sqrt(ties.weight)[:, None] * blocks.rows, _held(blocks)]), 1.0)
+        _add_products(kept, np.concatenate([np.sqrt(ties.weight)[:, None] * blocks.rows, _tied_freedoms(blocks)]), 1.0)
         tie_sides = np.concatenate([ties.by_common, ties.misclosure[:, None]], -1)
         sides = blocks.kept_sides - reduced.T @ self.reduced_sides + weighed.T @ tie_sides
-        # Column by column, as LAPACK has it, the upper triangle is the lower one.
+        # LAPACK is column-major: there the upper triangle is the lower one.
         self.factor, fault = dpotrf(kept.T, lower=1, clean=0, overwrite_a=1)
         if fault:
             raise np.linalg.LinAlgError("what is kept is not positive definite")
@@ -173,16 +176,18 @@ def _add_products(whole: Array, rows: Array, factor: float) -> None:
         dsyrk(factor, rows.T, 1.0, whole.T, lower=1, overwrite_c=1)
 
 
-def _held(blocks: PoseBlocks) -> Array:
-    """Return rows (f, k) that tie down the freedoms, as firmly as what is kept is held on average."""
+def _tied_freedoms(blocks: PoseBlocks) -> Array:
+    """Return rows (f, k) that fix the freedoms, with the mean stiffness of the kept unknowns."""
     norm = np.linalg.norm(blocks.freedoms, axis=0)
     return np.sqrt(np.trace(blocks.kept) / max(len(blocks.kept), 1)) * (blocks.freedoms / norm).T
 
 
 @dataclass(frozen=True)
 class Reduced:
-    """The poses, eliminated, and the equations (c, c) and right side (c,) left for the common unknowns; the information
-    (c,) of these before, if all else were known, and the direct weights (q,) of distances."""
+    """Eliminated poses, and the equations (c, c) and right side (c,) for the common unknowns.
+
+    alone (c,): information of these if all else were known; weight (q,): direct weights of distances.
+    """
 
     poses: tuple[EliminatedPose | None, ...]
     common: Array
@@ -200,7 +205,7 @@ def tie_weights(observed: Observed, equations: NormalEquations) -> Array:
 
 
 def tie_variances(observed: Observed, weight: Array) -> Array:
-    """Return the variances (q,) in m^2 left to multipliers, infinite where the direct weight is all of it."""
+    """Return the variances (q,) in m^2 of the multipliers, infinite if the direct weight is the full information."""
     with np.errstate(divide="ignore"):
         information = 1 / observed.distance_variance
         return np.where(information > weight, 1 / np.maximum(information - weight, 0), np.inf)
@@ -233,9 +238,10 @@ def eliminate_poses(
     damping: float,
     workspace: ArrayPool,
 ) -> Reduced:
-    """Return the normal equations with all poses eliminated, which hold until the next ones in the same workspace;
-    near are the freedoms of a state that is not far from that of the equations. Raises LinAlgError where they are
-    singular."""
+    """Return the normal equations with all poses eliminated; valid until the next call with the same workspace.
+
+    near: freedoms at a state close to that of the equations. Raises LinAlgError if the equations are singular.
+    """
     layout = observed.layout
     common = equations.common.copy()
     each = np.arange(len(common))
@@ -255,7 +261,7 @@ def eliminate_poses(
 
 
 def solve(layout: EquationLayout, reduced: Reduced) -> UnknownsStep:
-    """Return the step; raises LinAlgError where the common unknowns are not determined."""
+    """Return the step; raises LinAlgError if the common unknowns are not determined."""
     scale = 1 / np.sqrt(np.diagonal(reduced.common))
     common = np.zeros(0)
     if len(scale):

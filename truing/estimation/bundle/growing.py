@@ -1,6 +1,6 @@
-"""From a few oriented images to all of them: resection and intersection in turn, with adjustments in between.
+"""Orient all images from a few: resection and intersection in turn, with adjustments in between.
 
-These take the rays that agree, bound the influence of gross errors, and free few elements of the interior.
+The adjustments use consistent rays only, bound the influence of gross errors, and free few elements of the interior.
 """
 
 from __future__ import annotations
@@ -17,24 +17,27 @@ from truing.estimation.bundle.determinable import UndeterminedNetworkError, dete
 from truing.estimation.bundle.network import Bars, KnownPoints, Network, NetworkState, PoseNetwork
 from truing.estimation.bundle.orientation import FEWEST, Bundle, Resection, intersect, resect
 
-_ABREAST = 0.7  # images with so much of the best one's score are oriented in the same round
-_HALF = 0.5  # of the points with coordinates must agree
-_CELLS = 4  # per side of the format, to judge how points are spread
-_WIDE_PER_SIDE = 0.01  # tolerance at first, over the longer side: a lens not calibrated yet bends so much and more
-_NARROW_PER_SIDE = 5e-4  # and at last, or
-_SPREADS = 6.0  # times the spread of what agrees
+_SAME_ROUND_SHARE = 0.7  # images with this share of the best one's score are oriented in the same round
+_LEAST_AGREEING = 0.5  # share of the points with coordinates that must agree
+_CELLS = 4  # cells per side of the format, to assess the spread of points
+_FIRST_TOLERANCE = 0.01  # first tolerance over the longer side: an uncalibrated lens distorts this much or more
+_LEAST_TOLERANCE = 5e-4  # least final tolerance over the longer side
+_TOLERANCE_SPREADS = 6.0  # final tolerance in multiples of the spread of agreeing rays
 _FREE = ((3, ("c",)), (6, ("c", "A1")), (8, ("c", "x0", "y0", "A1", "A2", "B1", "B2")))  # from so many images on
 _ROUNDS = 3  # of bounded influence
 _BOUND = 2.0  # spreads up to which a ray has full weight
-_PLAUSIBLE = (0.4, 2.5)  # range of an adjusted principal distance over that before
+_PLAUSIBLE_DISTANCE_RATIO = (0.4, 2.5)  # range of an adjusted principal distance relative to its start
 
 
 @dataclass(frozen=True)
 class Grown:
-    """Images and points of one pose as far as found: the rays with R and centre of their images (NaN where not
-    oriented), cell (N,) of the format by number, given (P, 3) coordinates known beforehand (NaN elsewhere), X (P, 3)
-    (NaN where not placed), which rays agree (N,) within tolerance_px, the interior (C, 10) in use, and per image tried
-    in vain how many points with coordinates it saw and how many of them agreed."""
+    """Images and points of one pose found so far.
+
+    rays: with R and centre of their images (NaN if not oriented); cell (N,): cell of the format by number; given (P,
+    3): coordinates known beforehand; X (P, 3): points (NaN if not placed); agrees (N,): rays within tolerance_px;
+    interior (C, 10) in use; failed: per image that could not be oriented, the number of points with coordinates and how
+    many agreed.
+    """
 
     rays: Bundle
     cell: Index
@@ -47,11 +50,11 @@ class Grown:
 
     @property
     def oriented(self) -> Mask:
-        """Which images (I,) have an orientation."""
+        """Mask (I,) of oriented images."""
         return np.isfinite(self.rays.centre[:, 0])
 
     def with_images(self, found: dict[int, tuple[Array, Array]]) -> Grown:
-        """The same with some images oriented: (R, centre) by number."""
+        """Return a copy with some images oriented: (R, centre) by number."""
         R, centre = self.rays.R.copy(), self.rays.centre.copy()
         for i, (turn, place) in found.items():
             R[i], centre[i] = turn, place
@@ -62,10 +65,10 @@ Refine = Callable[[Grown], Grown]
 
 
 def grow(seed: Grown, rng: np.random.Generator, refine: Refine, most: int | None = None) -> Grown:
-    """Return the pose with all images oriented that see enough points; with `most` given, stop at so many images.
+    """Return the pose with all images oriented that see enough points; stop after `most` images if given.
 
-    Next come the images that see the most points with coordinates over most of their format. `refine` adjusts what
-    stands so far; it is called whenever the number of images has grown by half.
+    Images with the most points with coordinates, spread over most of the format, come first. `refine` adjusts the
+    current state whenever the number of images has grown by half.
     """
     now, refined = seed, int(seed.oriented.sum())
     while most is None or now.oriented.sum() < most:
@@ -83,7 +86,7 @@ def grow(seed: Grown, rng: np.random.Generator, refine: Refine, most: int | None
 
 
 def intersected(now: Grown, rng: np.random.Generator) -> Grown:
-    """Return the pose with all points placed that rays of two oriented images agree on, or that are given."""
+    """Return the pose with all points that are given or on which rays of two oriented images agree."""
     X, agrees = intersect(now.rays, now.tolerance_px, rng)
     as_given = np.isnan(X[:, 0]) & np.isfinite(now.given[:, 0])
     X = np.where(as_given[:, None], now.given, X)
@@ -91,7 +94,7 @@ def intersected(now: Grown, rng: np.random.Generator) -> Grown:
 
 
 def _next_images(now: Grown) -> list[int]:
-    """Return the images not yet oriented that come next: the best by number and spread of points with coordinates."""
+    """Return the images to orient next: the best by number and spread of points with coordinates."""
     rays = now.rays
     usable = np.isfinite(now.X[rays.point, 0]) & np.isfinite(rays.direction[:, 0]) & ~now.oriented[rays.image]
     count = np.bincount(rays.image[usable], minlength=len(rays.R))
@@ -100,22 +103,22 @@ def _next_images(now: Grown) -> list[int]:
     tried = np.zeros(len(rays.R), int)
     tried[list(now.failed)] = [seen for seen, _ in now.failed.values()]
     score = np.where((count >= FEWEST) & (count > tried), np.sqrt(count) * spread, 0.0)
-    return [int(i) for i in np.flatnonzero((score > 0) & (score >= _ABREAST * score.max(initial=0.0)))]
+    return [int(i) for i in np.flatnonzero((score > 0) & (score >= _SAME_ROUND_SHARE * score.max(initial=0.0)))]
 
 
 def _oriented(now: Grown, image: int) -> Resection | tuple[int, int]:
-    """Return the orientation of an image, or how many points with coordinates it sees and how many of them agree."""
+    """Return the orientation of an image, or else the number of its points with coordinates and how many agree."""
     rays = now.rays
     here = np.flatnonzero((rays.image == image) & np.isfinite(now.X[rays.point, 0]) & np.isfinite(rays.direction[:, 0]))
     found = resect(rays.direction[here], now.X[rays.point[here]], float(rays.scale_px[here[0]]), now.tolerance_px)
     if found is None:
         return len(here), 0
     agreeing = int(found.agrees.sum())
-    return found if agreeing >= _HALF * len(here) else (len(here), agreeing)
+    return found if agreeing >= _LEAST_AGREEING * len(here) else (len(here), agreeing)
 
 
 def format_cells(xy_px: Array, width_px: Array, height_px: Array, per_side: int = _CELLS) -> Index:
-    """Return the cell (N,) of the format, by number, in which image points xy_px (N, 2) lie."""
+    """Return the cell (N,) of the format, by number, of image points xy_px (N, 2)."""
     xy = np.nan_to_num(xy_px)
     column = np.clip((xy[:, 0] + 0.5) / width_px * per_side, 0, per_side - 1).astype(int)
     row = np.clip((xy[:, 1] + 0.5) / height_px * per_side, 0, per_side - 1).astype(int)
@@ -123,12 +126,12 @@ def format_cells(xy_px: Array, width_px: Array, height_px: Array, per_side: int 
 
 
 def longer_sides(network: Network) -> Array:
-    """Return the longer side (C,) in px of every camera's format."""
+    """Return the longer side (C,) in px of each camera's format."""
     return np.array([max(camera.width_px, camera.height_px) for camera in network.cameras], float)
 
 
 def prepare(network: Network, interior: Array) -> Grown:
-    """Return a pose, alone in its network, of which nothing is oriented yet."""
+    """Return a pose, alone in its network, without any orientation yet."""
     rays, camera = network.rays, network.image_camera
     images, points = len(camera), len(network.point_pose)
     size = np.array([[c.width_px, c.height_px] for c in network.cameras], float)[camera[rays.image]]
@@ -148,7 +151,7 @@ def prepare(network: Network, interior: Array) -> Grown:
         given=nothing,
         X=nothing,
         agrees=np.zeros(rays.count, bool),
-        tolerance_px=_WIDE_PER_SIDE * _side(network),
+        tolerance_px=_FIRST_TOLERANCE * _side(network),
         interior=interior,
         failed={},
     )
@@ -161,27 +164,27 @@ def _side(network: Network) -> float:
 
 
 def reopened(network: Network, now: Grown) -> Grown:
-    """Return the pose with the tolerance it began with: what a lens not known yet bent too far may agree after all."""
-    wide = _WIDE_PER_SIDE * _side(network)
+    """Return the pose with the first tolerance, so that rays rejected before the lens was known can agree."""
+    wide = _FIRST_TOLERANCE * _side(network)
     return replace(now, tolerance_px=wide, agrees=now.rays.agree(now.X, wide))
 
 
 def with_interior(network: Network, now: Grown, interior: Array) -> Grown:
-    """Return the pose with its rays directed as another interior says."""
+    """Return the pose with ray directions from another interior."""
     camera = network.image_camera[now.rays.image]
     towards = directions(network.cameras, interior, camera, network.rays.xy_px)
     return replace(now, rays=replace(now.rays, direction=towards, scale_px=interior[camera, 0]), interior=interior)
 
 
 def refined(network: Network, now: Grown) -> Grown:
-    """Return the pose, alone in its network, adjusted, with the tolerance narrowed to what the rays show."""
+    """Return the adjusted pose, alone in its network, with a tolerance narrowed to the spread of its rays."""
     state = NetworkState(now.interior, now.rays.R, now.rays.centre, now.X, np.empty(0))
     done = _adjusted(network, state, now.agrees)
     return now if done is None else taken_over(network, now, done.state)
 
 
 def refined_together(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown]) -> list[Grown]:
-    """Return all poses after one adjustment with their cameras in common; they start with the interior of the first."""
+    """Return all poses after one joint adjustment with common cameras, starting with the interior of the first pose."""
     used, state = np.zeros(network.rays.count, bool), joined(network, poses, found)
     for pose, now in zip(poses, found, strict=True):
         used[pose.ray] = now.agrees
@@ -200,7 +203,7 @@ def joined(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown
 
 
 def taken_over(network: Network, now: Grown, state: NetworkState) -> Grown:
-    """Return the pose with the values of a state, which rays agree with them judged anew."""
+    """Return the pose with the values of a state and with agreeing rays selected again."""
     own = with_interior(network, now, state.interior)
     mine = now.oriented
     R, centre = now.rays.R.copy(), now.rays.centre.copy()
@@ -210,12 +213,12 @@ def taken_over(network: Network, now: Grown, state: NetworkState) -> Grown:
     off = np.linalg.norm(rays.misses(X)[0], axis=1)
     spread = 1.4826 * float(np.median(off[now.agrees])) / 1.1774 if now.agrees.any() else np.inf
     side = _side(network)
-    tolerance = float(np.clip(_SPREADS * spread, _NARROW_PER_SIDE * side, now.tolerance_px))
+    tolerance = float(np.clip(_TOLERANCE_SPREADS * spread, _LEAST_TOLERANCE * side, now.tolerance_px))
     return replace(own, rays=rays, X=X, tolerance_px=tolerance, agrees=rays.agree(X, tolerance))
 
 
 def _adjusted(network: Network, state: NetworkState, used: Mask) -> Adjustment | None:
-    """Return the free adjustment of the rays used, influence bounded; None where it cannot be done."""
+    """Return the robust free adjustment of the used rays, or None if it fails."""
     bare = replace(network, bars=Bars.none(), known=KnownPoints.none())
     used = determinable(bare, used).rays
     images = np.unique(bare.rays.image[used])
@@ -223,19 +226,19 @@ def _adjusted(network: Network, state: NetworkState, used: Mask) -> Adjustment |
     for free in (count, np.zeros_like(count)):
         released = replace(bare, cameras=_released(network, free))
         try:
-            with np.errstate(all="ignore"):  # a false beginning may lead anywhere, and is not taken over
+            with np.errstate(all="ignore"):  # a wrong start may diverge; such a result is discarded
                 done = _bounded(released, state, used)
         except (UndeterminedNetworkError, np.linalg.LinAlgError):
             continue
         change = (done.state.interior[:, 0] / state.interior[:, 0])[count > 0]
         finite = np.isfinite(done.state.centre[images]).all() and np.isfinite(done.residuals_px[used]).all()
-        if finite and ((change > _PLAUSIBLE[0]) & (change < _PLAUSIBLE[1])).all():
+        if finite and ((change > _PLAUSIBLE_DISTANCE_RATIO[0]) & (change < _PLAUSIBLE_DISTANCE_RATIO[1])).all():
             return done
     return None
 
 
 def _released(network: Network, images: Index) -> tuple:
-    """Return the cameras with as much of their interior free as so many images (C,) determine."""
+    """Return the cameras with as many free interior elements as the number of images (C,) determines."""
     names = [next((names for least, names in reversed(_FREE) if n >= least), ()) for n in images]
     return tuple(
         replace(camera, free=tuple(name for name in wanted if name in camera.free))
@@ -244,12 +247,13 @@ def _released(network: Network, images: Index) -> tuple:
 
 
 def _bounded(network: Network, state: NetworkState, used: Mask) -> Adjustment:
-    """Adjust with weights that fall off beyond some spreads (Huber), a few rounds."""
+    """Return the adjustment with Huber weights beyond some spreads, after a few rounds."""
     weights = np.ones(len(used))
     for _ in range(_ROUNDS):
         done = adjust(network, state, "free", used=used, weights=weights, max_iterations=30)
         off = np.linalg.norm(done.residuals_px, axis=1)
-        spread = np.median(off[used]) / 1.1774 + 1e-9  # of one coordinate: the median of a Rayleigh distribution
+        # Spread of one coordinate, from the median of a Rayleigh distribution.
+        spread = np.median(off[used]) / 1.1774 + 1e-9
         with np.errstate(divide="ignore", invalid="ignore"):
             weights = np.where(used, np.minimum(1.0, _BOUND * spread / off), 1.0)
         weights, state = np.nan_to_num(weights, nan=1e-6), done.state

@@ -1,7 +1,7 @@
-"""Did a camera stay what it was from image to image, and what does it do to points where it did not?
+"""Test whether the principal distance of a camera changed from image to image, and how much that moves points.
 
-Every image of a pose gets a principal distance of its own, all else that cameras have being held; these are tested
-against one that most of them share (a shift of one image, Baarda), so that a minority that changed bends no reference.
+Each image of a pose gets its own principal distance, with all other camera elements fixed. These are tested against the
+value that most images share (a shift of one image, Baarda), so that a changed minority does not bias the reference.
 """
 
 from __future__ import annotations
@@ -20,22 +20,24 @@ from truing.estimation.bundle.named_adjustment import AdjustedNetwork
 from truing.estimation.bundle.network import Network, NetworkState
 from truing.estimation.rigid_poses.umeyama import umeyama
 
-LEVEL = 1e-3  # probability that any image of a camera that stayed as it was is called changed
+LEVEL = 1e-3  # probability that any image of an unchanged camera is called changed
 _ITERATIONS = 8
-_FEWEST = 4  # images of a camera: of three nobody can say which is another one
-_SETTINGS = 3  # that a camera had besides the most frequent: more are scatter, of what its model does not have
-_MEDIAN_OF_NORMAL = 0.6745  # of absolute values, over the standard deviation
+_FEWEST = 4  # images of a camera: among three, the changed one cannot be identified
+_SETTINGS = 3  # further settings of a camera; more are scatter that its model does not describe
+_MEDIAN_OF_NORMAL = 0.6745  # median absolute value over the standard deviation
 _C = PARAMETERS.index("c")
-Own = tuple[Index, Array, Array]  # images, their principal distances in px, and the covariance of these
+Distances = tuple[Index, Array, Array]  # images, their principal distances in px, and the covariance of these
 _FRAMING = 3  # points of a body
-_SIMILARITY = 7  # freedoms of a pose whose scale nothing gives, either
+_SIMILARITY = 7  # freedoms of a pose that has no scale either
 
 
 @dataclass(frozen=True)
 class ImageStability:
-    """Of one camera: its images (n,) by number, by how much the principal distance of each is off that of most,
-    off_px (n,) with sigma_px (n,); setting (n,): 0 as most, 1, 2, .. those that share another one; p_value of one
-    principal distance for all images, with its redundancy."""
+    """Images (n,) of one camera by number, with their principal distances.
+
+    off_px (n,) with sigma_px (n,): difference from the value of most images. setting (n,): 0 for the value of most, 1,
+    2, .. for groups that share another value. p_value: of one principal distance for all images, with its redundancy.
+    """
 
     camera: int
     images: Index
@@ -46,15 +48,15 @@ class ImageStability:
 
 
 def image_stability(adjusted: Adjustment, variance_factor: Array) -> list[ImageStability]:
-    """Principal distances of each camera's images by the rays used; none of cameras with few images, or whose network
-    does not tell.
+    """Return the principal distances of each camera's images, from the used rays.
 
-    variance_factor (N,): by which the covariances of rays were multiplied.
+    Cameras with few images, or whose network does not determine them, are left out. variance_factor (N,): factor of the
+    rays' covariances.
     """
     found = [own for own in _by_pose(adjusted, variance_factor) if own is not None]
     network, stable = adjusted.network, []
     for camera in range(len(network.cameras)):
-        parts = [_of_camera(own, network.image_camera == camera) for own in found]
+        parts = [_camera_part(own, network.image_camera == camera) for own in found]
         images = np.concatenate([np.zeros(0, np.int64), *(images for images, _, _ in parts)])
         if len(images) >= _FEWEST:
             values = np.concatenate([values for _, values, _ in parts])
@@ -62,14 +64,14 @@ def image_stability(adjusted: Adjustment, variance_factor: Array) -> list[ImageS
     return stable
 
 
-def _of_camera(own: Own, chosen: Mask) -> Own:
+def _camera_part(own: Distances, chosen: Mask) -> Distances:
     images, values, covariance = own
     mine = chosen[images]
     return images[mine], values[mine], covariance[np.ix_(mine, mine)]
 
 
-def _by_pose(adjusted: Adjustment, factor: Array) -> Iterator[Own | None]:
-    """The principal distance of every image of a pose by itself, None where its rays do not tell them."""
+def _by_pose(adjusted: Adjustment, factor: Array) -> Iterator[Distances | None]:
+    """Yield the principal distance of every image of each pose, None if the rays do not determine them."""
     network = _one_camera_each(adjusted.network)
     state = replace(adjusted.state, interior=adjusted.state.interior[adjusted.network.image_camera])
     of_ray = network.image_pose[network.rays.image]
@@ -81,7 +83,9 @@ def _by_pose(adjusted: Adjustment, factor: Array) -> Iterator[Own | None]:
             yield None
 
 
-def _pose_by_itself(network: Network, state: NetworkState, adjusted: Adjustment, used: Mask, factor: Array) -> Own:
+def _pose_by_itself(
+    network: Network, state: NetworkState, adjusted: Adjustment, used: Mask, factor: Array
+) -> Distances:
     own = adjust(network, state, adjusted.datum, used=used, variance_factor=factor, max_iterations=_ITERATIONS)
     names = own.covariance.names
     places = [k for k, (_, parameter) in enumerate(names) if parameter == "c"]
@@ -90,7 +94,7 @@ def _pose_by_itself(network: Network, state: NetworkState, adjusted: Adjustment,
 
 
 def _one_camera_each(network: Network) -> Network:
-    """The network in which every image has a camera of its own, of which the principal distance alone is free."""
+    """Return the network in which every image has its own camera with only the principal distance free."""
     cameras = tuple(
         replace(network.cameras[camera], name=str(image), free=("c",))
         for image, camera in enumerate(network.image_camera)
@@ -99,7 +103,7 @@ def _one_camera_each(network: Network) -> Network:
 
 
 def _settings(camera: int, images: Index, values: Array, blocks: list[Array]) -> ImageStability:
-    """Sort images by the principal distances that they share, the most frequent first."""
+    """Group images by shared principal distances, the most frequent first."""
     from scipy.linalg import block_diag
 
     covariance = block_diag(*blocks)
@@ -112,7 +116,7 @@ def _settings(camera: int, images: Index, values: Array, blocks: list[Array]) ->
 
 
 def _sorted(camera: int, images: Index, values: Array, covariance: Array) -> ImageStability:
-    """Sort images, as `_settings`, by principal distances with this covariance (n, n)."""
+    """Group images, as `_settings`, by principal distances with covariance (n, n)."""
     from scipy.special import chdtrc
 
     setting, left, p_value = np.full(len(images), -1), np.arange(len(images)), 1.0
@@ -129,14 +133,14 @@ def _sorted(camera: int, images: Index, values: Array, covariance: Array) -> Ima
             break
     off = values - reference
     apart = np.flatnonzero(setting > 0)
-    if len(apart):  # against the others of its pose a principal distance is known better than by itself
+    if len(apart):  # the comparison within its pose is more precise than the value itself
         found, cofactor, _ = _shifts(values, np.asarray(np.linalg.inv(covariance), np.float64), setting > 0)
         off[apart], sigma[apart] = found[1:], np.sqrt(np.diagonal(cofactor)[1:])
     return ImageStability(camera, images, off, sigma, setting, p_value)
 
 
 def _shared(values: Array, covariance: Array) -> tuple[Mask, float, float]:
-    """Mask (n,) of the values that most share, that value, and the chi2 of all of them sharing one."""
+    """Return the mask (n,) of values that most images share, that value, and the chi2 of all images sharing one."""
     from scipy.special import chdtri
 
     count = len(values)
@@ -146,7 +150,7 @@ def _shared(values: Array, covariance: Array) -> tuple[Mask, float, float]:
     mean = float(every @ P @ values / (every @ P @ every))
     chi2 = float((values - mean) @ P @ (values - mean))
     sigma: Array = np.sqrt(np.diagonal(covariance))
-    # Of all values the one that most others are near to: a median would lie between two settings.
+    # Starts from the value with the most neighbours: a median could lie between two settings.
     near = np.abs(values[:, None] - values) <= np.sqrt(critical) * np.hypot(sigma[:, None], sigma)
     inside = near[int(np.argmax(near.sum(1)))]
     seen: set[bytes] = set()
@@ -166,15 +170,15 @@ def _shared(values: Array, covariance: Array) -> tuple[Mask, float, float]:
 
 
 def _shifts(values: Array, P: Array, outside: Mask) -> tuple[Array, Array, Array]:
-    """The value that all share and a shift of each of those outside (n,), together (1 + k,), their cofactors and the
-    design (n, 1 + k)."""
+    """Return the shared value and a shift for each value outside (n,), together (1 + k,), with cofactors and the design
+    (n, 1 + k)."""
     design = np.concatenate([np.ones((len(values), 1)), np.eye(len(values))[:, outside]], 1)
     cofactor = np.linalg.inv(design.T @ P @ design)
     return cofactor @ design.T @ P @ values, cofactor, design
 
 
 def _tests(values: Array, P: Array, inside: Mask) -> tuple[Array, float]:
-    """Return the test value (n,) of a shift of each value, those outside having one anyway, and the value shared."""
+    """Return the test value (n,) of a shift of each value, next to shifts of those outside, and the shared value."""
     found, cofactor, design = _shifts(values, P, ~inside)
     W = P - P @ design @ cofactor @ design.T @ P
     T = np.zeros(len(values))
@@ -187,8 +191,9 @@ def _tests(values: Array, P: Array, inside: Mask) -> tuple[Array, float]:
 
 
 def moved_by_settings(found: AdjustedNetwork, stable: list[ImageStability]) -> Iterator[tuple[int, float]]:
-    """Yield, by pose, how far its points move over their sigma where images that differ have a camera of their own."""
-    apart = _apart(found, stable)
+    """Yield (pose, largest movement of its points over its sigma) if images with another setting get their own
+    camera."""
+    apart = _adjusted_by_setting(found, stable)
     if apart is None:
         return
     for pose in range(len(found.named.poses)):
@@ -197,8 +202,8 @@ def moved_by_settings(found: AdjustedNetwork, stable: list[ImageStability]) -> I
             yield pose, _over_sigma(found, apart, pose, numbers)
 
 
-def _apart(found: AdjustedNetwork, stable: list[ImageStability]) -> Adjustment | None:
-    """The network adjusted with a camera of its own for every setting; None where nothing differs, or cannot be."""
+def _adjusted_by_setting(found: AdjustedNetwork, stable: list[ImageStability]) -> Adjustment | None:
+    """Return the network adjusted with one camera per setting; None if all agree or the adjustment fails."""
     adjusted = found.adjustment
     network, state = adjusted.network, adjusted.state
     cameras, image_camera = list(network.cameras), network.image_camera.copy()
@@ -224,7 +229,8 @@ def _apart(found: AdjustedNetwork, stable: list[ImageStability]) -> Adjustment |
 
 
 def _over_sigma(found: AdjustedNetwork, apart: Adjustment, pose: int, numbers: Index) -> float:
-    """How far the points of a pose move at most: all of them (rms), or a body against the others."""
+    """Return the largest movement of the points of a pose over its sigma: of all points (rms), or of a body relative to
+    the others."""
     adjusted = found.adjustment
     before, after = adjusted.state.points[numbers], apart.state.points[numbers]
     fit = umeyama(before, after, with_scale=bool(adjusted.defect[pose] == _SIMILARITY))

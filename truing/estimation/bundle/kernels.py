@@ -1,12 +1,12 @@
-"""The compiled code of an adjustment: rays into normal equations, image after image; small blocks eliminated.
+"""Compiled kernels of the adjustment: normal equations from rays, image by image, and elimination of small blocks.
 
-The equations are those of `truing.estimation.bundle.camera`. A ray is two rows of 17 numbers, by point (3), turn of the
-image (3), interior (10) and misclosure (1), whitened by its information; what moves the point moves the image's centre
-the other way, which needs no numbers of its own. The products of an image's rows are one product of matrices, those
-with a point are added as they come.
+The equations are those of `truing.estimation.bundle.camera`. A ray has two rows of 17 numbers: derivatives by point
+(3), rotation of the image (3) and interior (10), and misclosure (1), whitened. The derivative by the image's centre is
+the negative of that by the point and is not stored. The products of an image's rows are one matrix product; those with
+a point are added one by one.
 
-Ours, because it is what makes an adjustment faster than that of libraries, which leave out the covariance of all points
-(`python -m benchmarks.bundle`). Importing this module imports numba; compiled code is kept in numba's cache on disk.
+Written here because it makes the adjustment faster than libraries, which do not compute the covariance of all points
+(`python -m benchmarks.bundle`). Importing this module imports numba; compiled code is cached on disk.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from truing.estimation import simd_arithmetic
 from truing.estimation.simd_arithmetic import compiled, inner
 
-INTERIOR, MISCLOSURE = 6, 16  # where these parts of a row start, after point and turn
-WIDTH = 17  # of a row
+INTERIOR, MISCLOSURE = 6, 16  # first columns of these parts of a row, after point and rotation
+WIDTH = 17  # columns of a row
 
 
 @inner
 def direct(X: NDArray, R: NDArray, point: NDArray, centre: NDArray) -> None:
-    """Fill the point in camera axes (3)."""
+    """Fill in the point (3) in camera axes."""
     a, b, c = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
     for i in range(3):
         X[i] = R[0, i] * a + R[1, i] * b + R[2, i] * c
@@ -31,7 +31,7 @@ def direct(X: NDArray, R: NDArray, point: NDArray, centre: NDArray) -> None:
 
 @inner
 def image_point(interior: NDArray, radius: float, X: NDArray) -> tuple[float, float]:
-    """Return image coordinates in px from the centre of the format."""
+    """Return image coordinates in px relative to the format's centre."""
     per = interior[0] / X[2]
     xi, eta = per * X[0], per * X[1]
     s, s0 = xi * xi + eta * eta, radius * radius
@@ -52,14 +52,14 @@ def image_point(interior: NDArray, radius: float, X: NDArray) -> tuple[float, fl
 
 @inner
 def put(row: NDArray, column: int, root: tuple[float, float, float], x: float, y: float) -> None:
-    """Put the derivatives of both coordinates into a column, whitened."""
+    """Write the whitened derivatives of both coordinates into a column."""
     row[0, column] = root[0] * x + root[1] * y
     row[1, column] = root[2] * y
 
 
 @inner
 def linearised(row: NDArray, interior: NDArray, radius: float, X: NDArray, root: tuple[float, float, float]) -> None:
-    """Fill derivatives (2, .) by the direction, in the place of the point, and by the interior, whitened."""
+    """Fill in whitened derivatives (2, .) by the direction (in the columns of the point) and by the interior."""
     c, b1, b2 = interior[0], interior[6], interior[7]
     per = 1.0 / X[2]
     u, v = X[0] * per, X[1] * per
@@ -90,7 +90,7 @@ def linearised(row: NDArray, interior: NDArray, radius: float, X: NDArray, root:
 
 @inner
 def turned(row: NDArray, R: NDArray, point: NDArray, centre: NDArray) -> None:
-    """Turn derivatives by the direction into those by the point, and fill those by the turn of the image."""
+    """Convert derivatives by the direction to those by the point, and fill in those by the rotation of the image."""
     a, b, c = point[0] - centre[0], point[1] - centre[1], point[2] - centre[2]
     for k in range(2):
         d0, d1, d2 = row[k, 0], row[k, 1], row[k, 2]
@@ -103,7 +103,7 @@ def turned(row: NDArray, R: NDArray, point: NDArray, centre: NDArray) -> None:
 
 @inner
 def add_to_point(sums: NDArray, row: NDArray, flat: NDArray, at: int, stride: int) -> None:
-    """Add the products with the point to its sums (3, .), and those with the image to its rows from at."""
+    """Add the products with the point to its sums (3, .), and those with the image to its rows starting at `at`."""
     for a in range(3):
         f, g = row[0, a], row[1, a]
         for b in range(WIDTH):
@@ -130,7 +130,7 @@ def put_points(sums: NDArray, place: NDArray, blocks: NDArray, sides: NDArray) -
 
 @inner
 def put_image(square: NDArray, block: NDArray, side: NDArray, place: NDArray, common: NDArray) -> None:
-    """Write an image's sums: its block (6, 6), its side (6, c + 1) by the common unknowns, and these alone."""
+    """Write an image's sums: block (6, 6), side (6, c + 1) by the common unknowns, and the common block."""
     last = common.shape[1] - 1
     for a in range(6):
         sign = -1.0 if a < 3 else 1.0
@@ -172,11 +172,11 @@ def accumulate(
     common: NDArray,
     flat: NDArray,
 ) -> float:
-    """Fill the normal equations and return the weighted sum of squares, infinite where a point is behind its camera.
+    """Fill the normal equations and return the weighted sum of squares, infinite if a point is behind its camera.
 
-    Rays (n) are in the order of their images, first_ray (i + 1), roots (n, 3) those of their information; camera, R,
-    centre of every image; place (C, 10) of interior elements among the common unknowns; column (p,) of a point in its
-    pose's rows, image_row (i,) where an image's rows start in flat, stride (i,) their length.
+    Rays (n) are sorted by image, from first_ray (i + 1); roots (n, 3): of their information; camera, R, centre of every
+    image; place (C, 10): interior elements among the common unknowns; column (p,): of a point in its pose's rows;
+    image_row (i,): start of an image's rows in flat; stride (i,): their length.
     """
     most = 0
     for i in range(len(camera)):
@@ -220,7 +220,7 @@ def weighted_squares(
     centre: NDArray,
     points: NDArray,
 ) -> float:
-    """Return the weighted sum of squares alone."""
+    """Return the weighted sum of squares only."""
     X = np.zeros(3)
     total = 0.0
     for i in range(len(camera)):
@@ -249,7 +249,7 @@ def image_points(
     points: NDArray,
     xy: NDArray,
 ) -> None:
-    """Fill image coordinates (N, 2) in px of points seen in images, NaN where one is not before its camera."""
+    """Fill in image coordinates (N, 2) in px of points, NaN for a point that is not in front of its camera."""
     X = np.zeros(3)
     for n in range(len(image)):
         i = image[n]
@@ -263,7 +263,7 @@ def image_points(
 
 @inner
 def lower_root(own: NDArray, damping: float, lower: NDArray) -> bool:
-    """Fill the Cholesky factor of a block whose diagonal is enlarged by a part of it; return whether there is one."""
+    """Fill in the Cholesky factor of a block with its diagonal times 1 + damping; return whether it exists."""
     for i in range(len(own)):
         for j in range(i + 1):
             value = own[i, j]
@@ -282,7 +282,7 @@ def lower_root(own: NDArray, damping: float, lower: NDArray) -> bool:
 
 @inner
 def invert_lower(lower: NDArray, root: NDArray) -> None:
-    """Fill the inverse of a lower triangle."""
+    """Fill in the inverse of a lower triangle."""
     for i in range(len(lower)):
         for j in range(i + 1, len(lower)):
             root[i, j] = 0.0
@@ -295,7 +295,7 @@ def invert_lower(lower: NDArray, root: NDArray) -> None:
 
 @inner
 def lower_times(root: NDArray, rows: NDArray, product: NDArray) -> None:
-    """Fill the product of a lower triangle (d, d) with rows (d, w)."""
+    """Fill in the product of a lower triangle (d, d) and rows (d, w)."""
     for i in range(len(root)):
         target = product[i]
         target[:] = 0.0
@@ -309,8 +309,10 @@ def lower_times(root: NDArray, rows: NDArray, product: NDArray) -> None:
 def forward(
     own: NDArray, rows: NDArray, sides: NDArray, damping: float, root: NDArray, reduced: NDArray, reduced_sides: NDArray
 ) -> bool:
-    """Fill the inverse (b, d, d) of the Cholesky factor of blocks whose diagonal is enlarged by a part of it, and its
-    products (b d, .) with their rows and sides; return whether all of them are positive definite."""
+    """Fill in the inverse Cholesky factors (b, d, d) of damped blocks and their products (b d, .) with rows and sides.
+
+    Returns whether all blocks are positive definite.
+    """
     count, d, _ = own.shape
     lower = np.zeros((d, d))
     for n in range(count):

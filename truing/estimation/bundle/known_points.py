@@ -1,8 +1,8 @@
-"""Which known points contradict the rays, before they become the datum: one that does rejects no ray.
+"""Test known points against the rays before they become the datum, so that a wrong known point rejects no ray.
 
-The rays of a pose and the known points are held against each other by a similarity, which takes the seven freedoms that
-rays alone leave; what is left has the covariance of both. Points are tested for a shift of their own (Baarda), from the
-largest set that a similarity through three of them fits.
+A similarity fits the rays of a pose to its known points; it takes the seven freedoms that rays alone leave. The
+residuals have the covariance of both. Each point is tested for its own shift (Baarda), starting from the largest set
+that a similarity through three of them fits.
 """
 
 from __future__ import annotations
@@ -20,22 +20,26 @@ from truing.estimation.bundle.datum import movements
 from truing.estimation.bundle.network import Network, NetworkState
 from truing.estimation.rigid_poses.umeyama import umeyama
 
-LEVEL = 1e-3  # probability that a good pose has any point that is called wrong
+LEVEL = 1e-3  # probability that any point of a good pose is called wrong
 _TRIPLES = 400
-_FITS = 16.3  # squared sigmas of three coordinates that one good point in a thousand exceeds
+_FITTING_SQUARE = 16.3  # squared sigmas of three coordinates that one good point in a thousand exceeds
 _LEAST_FIT = 3
-_SWAPPED = 12  # points at most that are tried in place of a wrong one: of many, others tell
-_TESTED = 0.01  # share of a point's error that its residual shows at least
-_LOOSE = 0.1  # of the extent of the known points: a coordinate that gives a frame and contradicts nothing
+_SWAPPED = 12  # most points tried in place of a wrong one: among many, the others decide
+_TESTED = 0.01  # least share of a point's error that its residual shows
+# Standard deviation of loosened known coordinates over their extent: they give a frame and contradict nothing.
+_LOOSE = 0.1
 _FEWEST = 3
-_FLAT = 0.01  # of their extent: known points nearer to one line give no frame
+_LEAST_WIDTH = 0.01  # relative to their extent: known points closer to one line give no frame
 
 
 @dataclass(frozen=True)
 class KnownPointErrors:
-    """Per known point (m): off_m (m, 3) known less where rays and the other points have it, sigma_m (m, 3), T and its
-    p_value, NaN where nothing tests it; wrong (m,). resolved: whether the others agree with each other; else nobody can
-    say which is wrong, and inflation is by how much the covariances of all would have to be larger."""
+    """Errors of known points (m) against rays and the other points.
+
+    off_m (m, 3): known minus estimated, with sigma_m (m, 3), T and p_value, NaN if not tested; wrong (m,). resolved:
+    whether the other points agree with each other. If not, the wrong points cannot be identified, and inflation is the
+    factor by which all covariances would have to grow.
+    """
 
     off_m: Array
     sigma_m: Array
@@ -47,10 +51,10 @@ class KnownPointErrors:
 
 
 def known_point_errors(points: Array, covariance: Array, known: Array, known_cov: Array) -> KnownPointErrors:
-    """Errors of the known points of one pose against its rays.
+    """Return the errors of the known points of one pose against its rays.
 
-    points (m, 3) in m as rays have them, covariance (3 m, 3 m) of these, known (m, 3) in m, known_cov (m, 3, 3); three
-    points or more, not on one line.
+    points (m, 3) in m from rays, with covariance (3 m, 3 m); known (m, 3) in m with known_cov (m, 3, 3). At least three
+    points, not on one line.
     """
     from scipy.special import chdtrc
 
@@ -78,7 +82,7 @@ def known_point_errors(points: Array, covariance: Array, known: Array, known_cov
         and not _is_ambiguous(points, covariance, known, known_cov, inside)
     )
     inflation = 1.0
-    if not resolved:  # where three alone are known, none can be tested by itself: their misfit is told
+    if not resolved:  # of exactly three points none can be tested alone: report their misfit
         found = _tested(points, covariance, known, known_cov, np.ones(count, bool))
         overall = float(chdtrc(found.freedom, found.chi2))
         p_value = np.where(np.isfinite(found.T), chdtrc(3, np.nan_to_num(found.T)), overall)
@@ -89,8 +93,8 @@ def known_point_errors(points: Array, covariance: Array, known: Array, known_cov
 
 
 def _is_ambiguous(points: Array, covariance: Array, known: Array, known_cov: Array, inside: Mask) -> bool:
-    """Whether the points fit as well with another one out in place of one that is: of four corners of a square, one of
-    which is off its plane, nobody can say which."""
+    """Whether the points fit as well if another point is left out instead. Example: if one of four corners of a square
+    is off its plane, any of them may be the wrong one."""
     from scipy.special import chdtrc
 
     for wrong in np.flatnonzero(~inside).tolist():
@@ -113,18 +117,18 @@ def _consensus(points: Array, covariance: Array, known: Array, known_cov: Array)
     own = np.einsum("nini->n", covariance.reshape(count, 3, count, 3)) + np.einsum("nii->n", known_cov)
     flat = np.linalg.svd(points[triples] - points[triples].mean(1, keepdims=True), compute_uv=False)
     usable = flat[:, 1] > 0.05 * np.linalg.norm(points - points.mean(0), axis=1).max()
-    # Three points foretell others by their own noise, enlarged with the distance from them.
+    # Three points predict the others with their own noise, enlarged with distance.
     square = np.sum((placed - known) ** 2, -1) / (own / 3.0)
-    cost = np.where(usable[:, None], np.minimum(square, _FITS * 4.0), np.inf).sum(1)
+    cost = np.where(usable[:, None], np.minimum(square, _FITTING_SQUARE * 4.0), np.inf).sum(1)
     best = int(np.argmin(cost))
-    inside = square[best] <= _FITS * 4.0
+    inside = square[best] <= _FITTING_SQUARE * 4.0
     inside[triples[best]] = True
     return inside
 
 
 @dataclass(frozen=True)
 class _Tested:
-    """misfit (m, 3) of known points to the similarity, beside what `KnownPointErrors` holds."""
+    """Results of the test, and misfit (m, 3): residuals of known points to the similarity."""
 
     misfit: Array
     off: Array
@@ -135,7 +139,7 @@ class _Tested:
 
 
 def _tested(points: Array, covariance: Array, known: Array, known_cov: Array, inside: Mask) -> _Tested:
-    """Return the error of every known point, with a similarity fitted to those inside (m,) by their covariance."""
+    """Return the error of every known point, with a similarity fitted by covariance to those inside (m,)."""
     count = len(points)
     fit = umeyama(points[inside], known[inside], with_scale=True)
     R, scale, shift = fit.R[0], float(fit.scale[0]), fit.t[0]
@@ -171,13 +175,14 @@ def _tested(points: Array, covariance: Array, known: Array, known_cov: Array, in
 
 @dataclass(frozen=True)
 class KnownTested:
-    """Per pose, by its number: which known points (rows of network.known) were tested, and with what result."""
+    """Known points (rows of network.known) that were tested, with the result, by pose number."""
 
     rows: Mapping[int, Index] = field(default_factory=dict)
     errors: Mapping[int, KnownPointErrors] = field(default_factory=dict)
 
     def consistent(self, network: Network) -> Network:
-        """The network without known points that are wrong; where nobody can say which, all are known less well."""
+        """Return the network without wrong known points; if they cannot be identified, all are given larger
+        covariances."""
         known = network.known
         kept, cov = np.ones(len(known.point), bool), known.cov_m2.copy()
         for pose, rows in self.rows.items():
@@ -189,7 +194,7 @@ class KnownTested:
 
 
 def loosened(network: Network, state: NetworkState) -> Network:
-    """The network with known points that give each pose a frame, and hardly more."""
+    """Return the network with known points so weak that they give each pose a frame and hardly more."""
     known = network.known
     cov = known.cov_m2.copy()
     for rows in _rows_by_pose(network, state).values():
@@ -200,7 +205,7 @@ def loosened(network: Network, state: NetworkState) -> Network:
 
 
 def tested_known(network: Network, loose: ScreenedNetwork) -> KnownTested:
-    """What rays say of the known points, from an adjustment in which these hardly hold."""
+    """Return the test of the known points, from an adjustment with weak known points."""
     adjusted = loose.adjustment
     covariance, factor = adjusted.covariance, loose.covariance_factor if np.isfinite(loose.covariance_factor) else 1.0
     tested: dict[int, Index] = {}
@@ -223,7 +228,7 @@ def tested_known(network: Network, loose: ScreenedNetwork) -> KnownTested:
 
 def _is_line(xyz: NDArray[np.float64]) -> bool:
     sizes = np.linalg.svd(xyz - xyz.mean(0), compute_uv=False)
-    return bool(sizes[1] < _FLAT * sizes[0])
+    return bool(sizes[1] < _LEAST_WIDTH * sizes[0])
 
 
 def _rows_by_pose(network: Network, state: NetworkState) -> dict[int, Index]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from truing.arrays import Array, Index
 
 REFERENCE_TEMPERATURE_C = 20.0
-LINES, LENGTHS_PER_LINE = 7, 5  # what the guideline asks for
+LINES, LENGTHS_PER_LINE = 7, 5  # the guideline's minimum
 CONFORMS, UNDECIDED, FAILS = "conforms", "undecided", "does not conform"
 
 
@@ -29,10 +29,12 @@ class PermissibleError:
 
 @dataclass(frozen=True)
 class LengthErrors:
-    """Per length: error_m (L,) measured less calibrated at the reference temperature, sigma_m (L,) of it, permitted_m
-    (L,) (NaN where nothing is stated), verdict (L,) after ISO 14253-1 with twice the sigma. Of all: chi2 of the errors
-    against their whole covariance and its p-value, the scale error that they have in common with its sigma, and what
-    the guideline asks for and the test lacks."""
+    """Length measuring errors.
+
+    Per length: error_m (L,) measured minus calibrated at the reference temperature, sigma_m (L,), permitted_m (L,) (NaN
+    if not stated), verdict (L,) after ISO 14253-1 with twice the sigma. For all: chi2 of the errors against their full
+    covariance with p-value, the common scale error with sigma, and requirements of the guideline that the test misses.
+    """
 
     error_m: Array
     sigma_m: Array
@@ -60,9 +62,9 @@ def length_errors(
 ) -> LengthErrors:
     """Return the length measuring errors of distances between points.
 
-    measured_m (L,) with cov_m2 (L, L), calibrated_m (L,) at the reference temperature with sigma (L,); what the test
-    body's expansion adds at its temperature is taken off what was measured. line (L,) numbers the measuring line of a
-    length, volume_m (3,) is the measured volume.
+    measured_m (L,) with cov_m2 (L, L); calibrated_m (L,) at the reference temperature with sigma (L,). The expansion of
+    the test body at its temperature is subtracted from the measured lengths. line (L,): number of the measuring line of
+    each length; volume_m (3,): measured volume.
     """
     from scipy.special import chdtrc
 
@@ -96,7 +98,8 @@ def _verdicts(error: Array, sigma: Array, permitted: Array) -> tuple[str, ...]:
 
 
 def _lacks(calibrated_m: Array, line: Index | None, volume_m: Array | None) -> tuple[str, ...]:
-    """Requirements of the guideline that these lengths do not meet: lines, lengths per line, their extent."""
+    """Return the requirements of the guideline that these lengths do not meet: lines, lengths per line, their
+    extent."""
     lacks: list[str] = []
     many: NDArray = np.bincount(line) if line is not None and len(line) else np.ones(len(calibrated_m), int)
     many = many[many > 0]

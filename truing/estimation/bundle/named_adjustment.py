@@ -1,4 +1,4 @@
-"""From named rays to the adjusted network: start values, robust adjustment, circles without code, eccentricity."""
+"""Adjust a named network: start values, robust adjustment, circles without a code, eccentricity."""
 
 from __future__ import annotations
 
@@ -18,16 +18,19 @@ from truing.estimation.bundle.network import ImagePoints, NamedNetwork, Names, N
 from truing.estimation.bundle.start_values import Start, find_start
 from truing.estimation.bundle.uncoded_matching import Circles, OrientedImages, match_uncoded
 
-_FEWEST_KNOWN = 4  # three can be anywhere
-_ELSEWHERE = 0.01  # of the extent of a pose's known points
+_FEWEST_KNOWN = 4  # three known points may fit anywhere
+_MISMATCH = 0.01  # tolerance relative to the extent of a pose's known points
 _BEYOND_SIGMA = 10.0
-_MANY_ELSEWHERE = 0.25  # of them: fewer are gross errors of their own
-_BEYOND = 0.5  # of the extent of the coded points: so far around them circles without code are sought
+_MANY_MISMATCHES = 0.25  # share of known points elsewhere; fewer are single gross errors
+_SEARCH_MARGIN = (
+    0.5  # margin around the coded points in which circles without a code are searched, relative to their extent
+)
 
 
 @dataclass(frozen=True)
 class KnownPointMismatch:
-    """A pose of which many known points lie elsewhere than rays meet; furthest: a point, by so many metres."""
+    """A pose with many known points away from the intersection of their rays; furthest: the worst point and its
+    distance in m."""
 
     pose: Pose
     elsewhere: int
@@ -37,7 +40,7 @@ class KnownPointMismatch:
 
 
 class KnownPointMismatchError(ValueError):
-    """Known points are of another object, frame or name than the rays."""
+    """Known points belong to another object, frame or naming than the rays."""
 
     def __init__(self, poses: Sequence[KnownPointMismatch]) -> None:
         super().__init__(f"known points of {len(poses)} poses lie elsewhere than their rays meet")
@@ -46,8 +49,8 @@ class KnownPointMismatchError(ValueError):
 
 @dataclass(frozen=True)
 class Choices:
-    """How to adjust: the datum, the probability of a good ray to be rejected, whether the noise of cameras and kinds of
-    target is estimated, whether eccentricities are taken off, and the radii of circles by point's name ("": others)."""
+    """Options of an adjustment: datum, level of the ray tests, whether the noise of cameras and target kinds is
+    estimated, whether eccentricities are corrected, and the radii of circles by point name ("": all others)."""
 
     datum: Datum
     false_alarm: float
@@ -56,16 +59,19 @@ class Choices:
     radius_m: Mapping[str, float]
 
     def radii(self, points: Names) -> Array:
-        """The radii (P,) in m of points by name, NaN where not known."""
+        """Return the radii (P,) in m of points by name, NaN if unknown."""
         otherwise = self.radius_m.get("", np.nan)
         return np.array([self.radius_m.get(name, otherwise) for name in points], dtype=float)
 
 
 @dataclass(frozen=True)
 class AdjustedNetwork:
-    """The network as adjusted: names, the last robust adjustment, what eccentricity took off each ray (N, 2) in px,
-    rows (M,) of image_points that became no ray with the reason (M,), the start values of the named points, and how
-    wide circles (P,) look over what is stated of them, NaN where either is not known; what rays say of known points."""
+    """Adjusted network with names and the last robust adjustment.
+
+    eccentricity (N, 2) in px subtracted from each ray; unused rows (M,) of image_points with the reason (M,); start
+    values of the named points; ratio of apparent to stated width of circles (P,), NaN if either is unknown; tests of
+    the known points.
+    """
 
     named: NamedNetwork
     screened: ScreenedNetwork
@@ -89,10 +95,10 @@ def adjust_network(
     choices: Choices,
     progress: Callable[[int, int, str], None],
 ) -> AdjustedNetwork:
-    """Return the adjusted network of all rays, circles without code included.
+    """Return the adjusted network of all rays, including circles without a code.
 
-    interior (C, 10) to start from, NaN where a principal distance is not known. progress: done, of how many, what next.
-    Raises UndeterminedNetworkError, and KnownElsewhereError where the datum is of another object.
+    interior (C, 10): start values, NaN for an unknown principal distance. progress: steps done, total steps, next step.
+    Raises UndeterminedNetworkError, and KnownPointMismatchError if the datum is of another object.
     """
     progress(0, 4, "start values")
     start = find_start(named.network, interior, named.markers)
@@ -124,9 +130,10 @@ def adjust_network(
 
 
 def known_elsewhere(named: NamedNetwork, state: NetworkState) -> list[KnownPointMismatch]:
-    """Return the poses of which many known points lie elsewhere than their rays meet.
+    """Return the poses with many known points away from the intersection of their rays.
 
-    These are good to far less than a hundredth of the object: the coordinates are of another object, frame or name.
+    Rays locate points to far less than a hundredth of the object, so these coordinates belong to another object, frame
+    or naming.
     """
     known, found = named.network.known, []
     pose = named.network.point_pose[known.point]
@@ -138,8 +145,8 @@ def known_elsewhere(named: NamedNetwork, state: NetworkState) -> list[KnownPoint
         extent = float(np.sqrt(((xyz - xyz.mean(axis=0)) ** 2).sum(axis=1).mean()))
         off = np.linalg.norm(state.points[known.point[own]] - xyz, axis=1)
         sigma = np.sqrt(np.einsum("nii->n", known.cov_m2[own]))
-        elsewhere = off > np.maximum(_ELSEWHERE * extent, _BEYOND_SIGMA * sigma)
-        if elsewhere.mean() > _MANY_ELSEWHERE:
+        elsewhere = off > np.maximum(_MISMATCH * extent, _BEYOND_SIGMA * sigma)
+        if elsewhere.mean() > _MANY_MISMATCHES:
             worst = int(np.argmax(off))
             furthest = str(named.points[known.point[own[worst]]])
             found.append(KnownPointMismatch(name, int(elsewhere.sum()), len(own), furthest, float(off[worst])))
@@ -147,10 +154,10 @@ def known_elsewhere(named: NamedNetwork, state: NetworkState) -> list[KnownPoint
 
 
 def _against_known(network: Network, start: Start, choices: Choices) -> tuple[KnownTested, Mask, NetworkState]:
-    """What rays say of known points that hardly hold them, which rays agree with each other, where everything is."""
+    """Return the test of weak known points, the rays that agree with each other, and the state."""
     try:
         loose = _robustly(loosened(network, start.state), start.state, choices, start.ray_agrees)
-    except UndeterminedNetworkError:  # such as single photographs, which known points alone orient
+    except UndeterminedNetworkError:  # for example single photographs, which only known points orient
         return KnownTested(), start.ray_agrees, start.state
     found = tested_known(network, loose)
     state, points = loose.adjustment.state, start.state.points
@@ -172,7 +179,8 @@ def _robustly(network: Network, state: NetworkState, choices: Choices, agrees: M
 def _with_circles(
     named: NamedNetwork, table: ImagePoints, screened_network: ScreenedNetwork
 ) -> tuple[NamedNetwork, NetworkState, Index, Names]:
-    """The network with the points that circles without code make, its state, and the rows that make none, with why."""
+    """Return the network with points from circles without a code, its state, and the rows without a point with the
+    reason."""
     adjusted, whole = screened_network.adjustment, named
     state = adjusted.state
     nameless = np.flatnonzero(table.point == "")
@@ -197,7 +205,7 @@ def _with_circles(
 
 
 def _oriented(screened_network: ScreenedNetwork, pose: int) -> tuple[OrientedImages, Index]:
-    """The images of a pose with their covariance, and the number of each image of the network among them."""
+    """Return the oriented images of a pose with their covariance, and their numbers in the network."""
     adjusted = screened_network.adjustment
     network, state, covariance = adjusted.network, adjusted.state, adjusted.covariance
     own = np.flatnonzero(network.image_pose == pose)
@@ -218,21 +226,21 @@ def _oriented(screened_network: ScreenedNetwork, pose: int) -> tuple[OrientedIma
 
 
 def _box(points: Array) -> Array:
-    """Where circles without code are sought (2, 3): around the points (p, 3), half as much again either way."""
+    """Return the box (2, 3) in which circles without a code are searched: around the points (p, 3) with a margin."""
     if not len(points):
         return np.zeros((2, 3))
     low, high = points.min(axis=0), points.max(axis=0)
-    margin = _BEYOND * float(np.linalg.norm(high - low))
+    margin = _SEARCH_MARGIN * float(np.linalg.norm(high - low))
     return np.array([low - margin, high + margin])
 
 
 def eccentricities(
     named: NamedNetwork, table: ImagePoints, state: NetworkState, used: Mask, radius_m: Array
 ) -> tuple[Array, Array]:
-    """By how much the centre of each ray's ellipse is off (N, 2) in px; 0 where no ellipse was measured, or the
-    ellipses of its point leave open which way it faces. And the radii (P,) in m that the ellipses show, NaN without.
+    """Return the eccentricities (N, 2) in px of all rays, and the radii (P,) in m from the ellipses (NaN without).
 
-    used (N,): rays whose ellipses are believed; radius_m (P,) of circles, NaN where not known.
+    0 if no ellipse was measured, or if the ellipses of the point leave two normals. used (N,): rays with reliable
+    ellipses; radius_m (P,): stated radii of circles, NaN if unknown.
     """
     rays = named.network.rays
     axes = np.where(used[:, None], table.semi_axes_px[named.row], np.nan)

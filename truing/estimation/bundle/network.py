@@ -1,8 +1,8 @@
-"""A photogrammetric network: which image saw which point where, what else is known of the points, and their names.
+"""Photogrammetric network: cameras, images, rays, points, what is known beforehand, and the names.
 
-A pose of the campaign is a state of the object that holds still while it is photographed: each pose has its own points
-and its own measurement frame; cameras and scale bars are common to all poses. Where images see points, with the exact
-derivatives by all that is estimated, follows from the equations of `truing.estimation.bundle.camera`.
+A pose of the campaign is a state of the object that does not move while it is photographed. Each pose has its own
+points and measurement frame; cameras and scale bars are common to all poses. The collinearity equations with exact
+derivatives are in `truing.estimation.bundle.camera`.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ Pose = int | str
 
 @dataclass(frozen=True)
 class Rays:
-    """Image points as measured: image (N,) and point (N,) by number, xy_px (N, 2), cov_px2 (N, 2, 2), kind (N,) of
-    target, by number (rays of one kind and camera share a variance component)."""
+    """Measured image points: image (N,) and point (N,) by number, xy_px (N, 2), cov_px2 (N, 2, 2), kind (N,) of target
+    by number (rays of one kind and camera share a variance component)."""
 
     image: Index
     point: Index
@@ -32,15 +32,17 @@ class Rays:
 
     @property
     def count(self) -> int:
-        """How many rays there are."""
+        """Number of rays."""
         return len(self.image)
 
 
 @dataclass(frozen=True)
 class Bars:
-    """Distances between pairs of points of a pose: bar (L,) by number, first and second (L,) points, repeat_sigma_m
-    (L,) of one distance about its bar's length, 0 where the bar is rigid; per bar length_m (K,) as calibrated and
-    sigma_m (K,) of it, one error common to all poses."""
+    """Distances between pairs of points of a pose.
+
+    bar (L,) by number, first and second (L,) points, repeat_sigma_m (L,): scatter of one distance about the length of
+    its bar, 0 for a rigid bar. Per bar: length_m (K,) as calibrated with sigma_m (K,), one error common to all poses.
+    """
 
     bar: Index
     first: Index
@@ -51,15 +53,15 @@ class Bars:
 
     @classmethod
     def none(cls) -> Bars:
-        """No scale bar at all."""
+        """Return an empty set of scale bars."""
         empty, numbers = np.empty(0), np.empty(0, np.int64)
         return cls(numbers, numbers, numbers, empty, empty, empty)
 
 
 @dataclass(frozen=True)
 class KnownPoints:
-    """Points whose coordinates are known beforehand: point (M,) by number, xyz_m (M, 3) in the frame of their pose,
-    cov_m2 (M, 3, 3)."""
+    """Points with coordinates known beforehand: point (M,) by number, xyz_m (M, 3) in the frame of their pose, cov_m2
+    (M, 3, 3)."""
 
     point: Index
     xyz_m: Array
@@ -67,28 +69,31 @@ class KnownPoints:
 
     @classmethod
     def none(cls) -> KnownPoints:
-        """No known point at all."""
+        """Return an empty set of known points."""
         return cls(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3, 3)))
 
 
 @dataclass(frozen=True)
 class Markers:
-    """Square markers of known size: their corners (M, 4) as points by number, in order round the square, and the length
-    of an edge size_m (M,)."""
+    """Square markers of known size: corners (M, 4) as point numbers in order around the square, edge length size_m
+    (M,)."""
 
     corners: Index
     size_m: Array
 
     @classmethod
     def none(cls) -> Markers:
-        """No marker at all."""
+        """Return an empty set of markers."""
         return cls(np.empty((0, 4), np.int64), np.empty(0))
 
 
 @dataclass(frozen=True)
 class Network:
-    """What is adjusted: cameras (C), image_camera (I,) and image_pose (I,) by number, point_pose (P,) by number, the
-    rays, and what else is known. Poses are numbered from 0 without gaps."""
+    """Input of an adjustment: cameras (C), image_camera (I,) and image_pose (I,) by number, point_pose (P,) by number,
+    rays, bars, known points.
+
+    Poses are numbered from 0 without gaps.
+    """
 
     cameras: tuple[Camera, ...]
     image_camera: Index
@@ -100,18 +105,18 @@ class Network:
 
     @property
     def poses(self) -> int:
-        """How many poses there are, those without images or points too."""
+        """Number of poses, including those without images or points."""
         return 1 + int(max(self.image_pose.max(initial=-1), self.point_pose.max(initial=-1)))
 
 
 @dataclass(frozen=True)
 class NetworkState:
     """Values of all unknowns: interior (C, 10) in the order of camera.PARAMETERS, points (P, 3) in m, bar_length_m
-    (K,).
+    (K,), and image orientations.
 
-    Images are seen from the measurement frame of their pose: R (I, 3, 3) turns camera axes into measurement axes,
-    centre (I, 3) in m. A camera sees X at R^T (X - centre); an image's error is (delta of the centre, theta),
-    R <- exp(theta) R.
+    In the measurement frame of the pose, R (I, 3, 3) rotates camera axes into measurement axes and centre (I, 3) is in
+    m. A camera sees X at R^T (X - centre). The error of an image is (delta of the centre, theta) with R <- exp(theta)
+    R.
     """
 
     interior: Array
@@ -123,7 +128,7 @@ class NetworkState:
 
 @dataclass(frozen=True)
 class PoseNetwork:
-    """A pose with its own numbers and the cameras of the whole, without bars; image, point and ray lead back."""
+    """One pose as a network with its own numbering, all cameras and no bars; image, point and ray map back."""
 
     number: int
     network: Network
@@ -132,14 +137,14 @@ class PoseNetwork:
     ray: Index
 
     def part_of(self, state: NetworkState) -> NetworkState:
-        """Return the pose's part of a state of the whole."""
+        """Return the part of a full state that belongs to the pose."""
         return NetworkState(
             state.interior, state.R[self.image], state.centre[self.image], state.points[self.point], np.empty(0)
         )
 
 
 def pose_networks(network: Network) -> list[PoseNetwork]:
-    """Return the networks of all poses."""
+    """Return one network per pose."""
     rays, known = network.rays, network.known
     found = []
     for pose in range(network.poses):
@@ -165,9 +170,10 @@ def pose_networks(network: Network) -> list[PoseNetwork]:
 
 @dataclass(frozen=True)
 class NamedNetwork:
-    """A network, and who is who in it: poses (S), images (I) by name, points (P) by name with body and target ("" where
-    not known), kinds of target; row (N,) of each ray in the table image_points; bars by name and which of them
-    check."""
+    """A network with names: poses (S), images (I), points (P) with body and target ("" if unknown), kinds of target.
+
+    row (N,): row of each ray in the table image_points; bars by name, with the check bars marked.
+    """
 
     network: Network
     poses: tuple[Pose, ...]
@@ -181,7 +187,8 @@ class NamedNetwork:
     markers: Markers
 
     def with_rays(self, image: Index, point: Index, rows: Index, table: ImagePoints, names: Names) -> NamedNetwork:
-        """The network with further rays to further points, which only they see; point (n,) counts these from 0."""
+        """Return the network with further rays to further points, which only these rays see; point (n,) counts them
+        from 0."""
         first, rays = len(self.points), self.network.rays
         fresh = len(names)
         pose = np.zeros(fresh, np.int64)
@@ -207,8 +214,11 @@ class NamedNetwork:
 
 @dataclass(frozen=True)
 class ImagePoints:
-    """The table image_points as arrays, a row each: pose and image (N,) by number, names, coordinates, kinds;
-    semi_axes_px (N, 2) and angle (N,) of circles, NaN where not measured."""
+    """The table image_points as arrays, one entry per row.
+
+    pose and image (N,) by number, names, coordinates, kinds; semi_axes_px (N, 2) and angle (N,) of circles, NaN if not
+    measured.
+    """
 
     image: Index
     pose: Index
@@ -225,8 +235,8 @@ class ImagePoints:
 
 @dataclass(frozen=True)
 class LinearisedRays:
-    """Rays at a state: computed xy_px (N, 2) and their derivatives by_image (N, 2, 6) in the order (centre, theta),
-    by_point (N, 2, 3), by_interior (N, 2, 10) of the ray's camera."""
+    """Rays at a state: computed xy_px (N, 2) with derivatives by_image (N, 2, 6) in the order (centre, theta), by_point
+    (N, 2, 3), and by_interior (N, 2, 10) of the ray's camera."""
 
     xy_px: Array
     by_image: Array
@@ -235,7 +245,7 @@ class LinearisedRays:
 
 
 def format_centres(network: Network) -> tuple[Array, Array]:
-    """Return the centre of the format (C, 2) in px and the balancing radius (C,) in px of every camera."""
+    """Return the centre of the format (C, 2) and the balancing radius (C,) in px of each camera."""
     cameras = network.cameras
     centres = np.array([camera.centre_px for camera in cameras]).reshape(-1, 2)
     return centres, np.array([camera.balancing_radius_px for camera in cameras])
@@ -247,7 +257,7 @@ def in_camera_axes(state: NetworkState, image: Index, point: Index) -> Array:
 
 
 def project(network: Network, state: NetworkState, image: Index, point: Index) -> Array:
-    """Return image coordinates (N, 2) in px of points as seen in images; NaN where a point is not before its camera."""
+    """Return image coordinates (N, 2) in px of points in images; NaN for a point that is not in front of its camera."""
     centre, radius = format_centres(network)
     camera = network.image_camera[image]
     X = in_camera_axes(state, image, point)
@@ -256,7 +266,7 @@ def project(network: Network, state: NetworkState, image: Index, point: Index) -
 
 
 def linearise(network: Network, state: NetworkState, image: Index, point: Index) -> LinearisedRays:
-    """Return rays (N) and their derivatives; NaN where a point is not before its camera."""
+    """Return rays (N) with their derivatives; NaN for a point that is not in front of its camera."""
     format_centre, radius = format_centres(network)
     camera = network.image_camera[image]
     interior, arm = state.interior[camera], state.points[point] - state.centre[image]

@@ -1,7 +1,6 @@
-"""How a network is built: rays per point and image, angles of intersection, coverage of the format, what residuals
-keep.
+"""Geometry of a network: rays per point and image, intersection angles, coverage of the format, residuals by region.
 
-All take plain arrays and count all points, images and rays at once.
+All functions take plain arrays and treat all points, images and rays at once.
 """
 
 from __future__ import annotations
@@ -19,8 +18,10 @@ from truing.estimation.quality import holm_adjusted
 
 @dataclass(frozen=True)
 class Intersections:
-    """Per point (P,): how many rays, the largest angle (rad) between two of them, and the condition: how many times
-    less sharp than across its best direction the rays fix the point along its worst (inf where they do not)."""
+    """Intersection geometry per point (P,): number of rays, largest angle (rad) between two of them, and condition.
+
+    The condition is the uncertainty along the worst direction over that along the best one, inf if undetermined.
+    """
 
     rays: Index
     largest_angle: Array
@@ -28,7 +29,7 @@ class Intersections:
 
 
 def intersections(network: Network, state: NetworkState, used: Mask) -> Intersections:
-    """Intersections of the rays used (N,), point by point.
+    """Return the intersection geometry of each point from the used rays (N,).
 
     The condition is the square root of the ratio of the extreme eigenvalues of sum(1 - d d^T) / distance^2.
     """
@@ -49,13 +50,14 @@ def intersections(network: Network, state: NetworkState, used: Mask) -> Intersec
 
 
 def _largest_angles(point: Index, d: Array, count: int) -> Array:
-    """Return the largest angle (P,) between two unit vectors d (N, 3) of a point; 0 where there is but one."""
+    """Return the largest angle (P,) between two unit vectors d (N, 3) of a point; 0 for a single ray."""
     order = np.argsort(point, kind="stable")
     point, d = point[order], d[order]
     many = np.bincount(point, minlength=count)
     first = np.cumsum(many) - many
     least = np.ones(count)
-    for step in range(1, int(many.max(initial=1))):  # each ray with the one so many places on: all pairs of all points
+    # Pairs each ray with the one `step` places on, and so covers all pairs.
+    for step in range(1, int(many.max(initial=1))):
         other = np.arange(len(point)) + step
         with_other = other < (first + many)[point]
         cosine = np.einsum("ni,ni->n", d[with_other], d[other[with_other]])
@@ -65,8 +67,8 @@ def _largest_angles(point: Index, d: Array, count: int) -> Array:
 
 @dataclass(frozen=True)
 class Coverage:
-    """How image points fill the format of each camera (C): rays (C,), share of its cells (C,) that hold any, area of
-    their convex hull (C,) as a share of the format."""
+    """Coverage of the format of each camera (C): rays (C,), share of its cells (C,) with any, and area of their convex
+    hull (C,) as a share of the format."""
 
     rays: Index
     cells: Array
@@ -74,7 +76,7 @@ class Coverage:
 
 
 def camera_coverage(network: Network, used: Mask, per_side: int = 5) -> Coverage:
-    """Coverage of each camera's format by the rays used (N,) of all its images."""
+    """Return the coverage of each camera's format by the used rays (N,) of all its images."""
     from scipy.spatial import ConvexHull, QhullError
 
     camera, size = _cameras(network, used)
@@ -85,24 +87,26 @@ def camera_coverage(network: Network, used: Mask, per_side: int = 5) -> Coverage
         members = camera == number
         if members.sum() > 2:
             try:
-                hull[number] = ConvexHull(xy[members] / size[members]).volume  # in the plane: the area
-            except QhullError:  # on one line
+                hull[number] = ConvexHull(xy[members] / size[members]).volume  # in the plane, `volume` is the area
+            except QhullError:  # points on one line
                 continue
     share = np.bincount(cells, minlength=count) / per_side**2
     return Coverage(np.bincount(camera, minlength=count), share, hull)
 
 
 def _cameras(network: Network, used: Mask) -> tuple[Index, Array]:
-    """The camera (n,) of the rays used (N,), by number, and the width and height (n, 2) in px of its format."""
+    """Return the camera number (n,) of the used rays (N,), and the width and height (n, 2) in px of its format."""
     camera = network.image_camera[network.rays.image[used]]
     return camera, np.array([[c.width_px, c.height_px] for c in network.cameras], float).reshape(-1, 2)[camera]
 
 
 @dataclass(frozen=True)
 class ResidualRegions:
-    """Residuals by region of the format: camera, row and column (G,), rays (G,), mean_px (G, 2) of residuals, its
-    statistic chi2 (G,) of two degrees of freedom, p_value (G,) of no systematic residual, adjusted for the number of
-    regions (Holm)."""
+    """Residuals by region of the format: camera, row and column (G,), rays (G,), mean_px (G, 2).
+
+    chi2 (G,) has two degrees of freedom; p_value (G,) of no systematic residual is adjusted for the number of regions
+    (Holm).
+    """
 
     camera: Index
     row: Index
@@ -114,11 +118,10 @@ class ResidualRegions:
 
 
 def residual_regions(network: Network, residuals_px: Array, cofactor_px2: Array, per_side: int = 5) -> ResidualRegions:
-    """Mean residuals, of residuals (N, 2), and their tests per region of each camera's format.
+    """Return the mean of residuals (N, 2) and its test per region of each camera's format.
 
-    cofactor_px2 (N, 2, 2) is the covariance of the residuals; correlation between rays is neglected, which makes the
-    test a little conservative (estimated parameters take up what regions have in common). Rays left out have residual
-    NaN.
+    cofactor_px2 (N, 2, 2): covariance of the residuals. Correlation between rays is neglected, which makes the test
+    slightly conservative, since estimated parameters absorb common parts. Unused rays have residual NaN.
     """
     from scipy.special import chdtrc
 

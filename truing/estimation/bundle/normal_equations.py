@@ -1,8 +1,7 @@
-"""The normal equations of a network: blocks of images and points pose by pose, bordered by what all poses share.
+"""Normal equations of a network: blocks of images and points per pose, bordered by the unknowns common to all poses.
 
-Only what takes part stands in them: images and points with rays, free interior elements of cameras with images, lengths
-of bars that are not exactly known. Distances stand beside them as rows of their own: those whose error is small, or
-nothing at all, enter by multipliers, which are as sound for a rigid bar as for a soft one
+Unknowns are images and points with rays, free interior elements of cameras with images, and bar lengths that are not
+exactly known. Distances are separate rows: precise or exact ones enter by multipliers, which are stable for rigid bars
 (`truing.estimation.bundle.elimination`).
 """
 
@@ -22,8 +21,8 @@ from truing.estimation.rotation import exp_so3
 
 @dataclass(frozen=True)
 class RowBlocks:
-    """Where the rows of images by points stand, all poses one after the other: start (S + 1,) and shape of each pose's;
-    where each image's start (i,), the length of each (i,), and the first column (p,) of each point."""
+    """Layout of the image-by-point rows, all poses in sequence: start (S + 1,) and shape per pose; first entry (i,) and
+    length (i,) per image; first column (p,) per point."""
 
     start: Index
     shapes: tuple[tuple[int, int], ...]
@@ -34,10 +33,12 @@ class RowBlocks:
 
 @dataclass(frozen=True)
 class EquationLayout:
-    """Numbers of what takes part, and slots: rays (n,) by image, images (i,) and points (p,) by pose, with the slots
-    where each pose starts (S + 1,); the image and point slot of every ray, and where each image's rays start (i + 1,);
-    distances (q,) and known points by row; the place among the common unknowns of every interior element (C, 10) and
-    bar (K,), -1 where it has none."""
+    """Numbers of adjusted items and their slots.
+
+    Rays (n,) sorted by image, images (i,) and points (p,) sorted by pose, with the first slot of each pose (S + 1,);
+    image and point slot of each ray, and the first ray of each image (i + 1,); rows of distances (q,) and known points;
+    place of each interior element (C, 10) and bar (K,) among the common unknowns, -1 if none.
+    """
 
     rays: Index
     ray_image: Index
@@ -60,12 +61,12 @@ class EquationLayout:
 
     @property
     def poses(self) -> int:
-        """How many poses there are, those without rays too."""
+        """Number of poses, including those without rays."""
         return len(self.image_start) - 1
 
 
 def lay_out(network: Network, used: Mask, known: bool) -> EquationLayout:
-    """Lay out the unknowns of the rays used (N,); known: whether known points take part."""
+    """Return the layout of the unknowns for the used rays (N,); known: whether known points are observations."""
     rays = network.rays
     images, image_slot, image_start = _slots(_present(rays.image[used]), network.image_pose, network.poses)
     rows = np.flatnonzero(used)
@@ -75,7 +76,7 @@ def lay_out(network: Network, used: Mask, known: bool) -> EquationLayout:
     bars = network.bars
     distances = np.flatnonzero((point_slot[bars.first] >= 0) & (point_slot[bars.second] >= 0))
     interior, bar, common = _common(network, images, distances)
-    # A known point without a ray is not measured: what is known of it tells nothing of anything else.
+    # A known point without a ray carries no information about other unknowns.
     known_rows = np.flatnonzero(point_slot[network.known.point] >= 0) if known else np.empty(0, np.int64)
     return EquationLayout(
         rays=rows,
@@ -100,12 +101,12 @@ def lay_out(network: Network, used: Mask, known: bool) -> EquationLayout:
 
 
 def _present(numbers: Index) -> Index:
-    """Return the numbers that occur, each once and in order."""
+    """Return the distinct numbers in ascending order."""
     return np.flatnonzero(np.bincount(numbers))
 
 
 def _image_rows(image_start: Index, point_start: Index) -> RowBlocks:
-    """Lay out the rows of images."""
+    """Return the layout of the image-by-point rows."""
     images, points = np.diff(image_start), np.diff(point_start)
     lengths = 3 * points
     start = np.concatenate([[0], np.cumsum(6 * images * lengths)])
@@ -117,7 +118,7 @@ def _image_rows(image_start: Index, point_start: Index) -> RowBlocks:
 
 
 def _slots(numbers: Index, pose: Index, poses: int) -> tuple[Index, Index, Index]:
-    """Return numbers ordered by pose, the slot of every number there is or -1, and the slots where poses start."""
+    """Return numbers sorted by pose, the slot of every number or -1, and the first slot of each pose."""
     ordered = numbers[np.argsort(pose[numbers], kind="stable")]
     slot = np.full(len(pose), -1)
     slot[ordered] = np.arange(len(ordered))
@@ -125,7 +126,7 @@ def _slots(numbers: Index, pose: Index, poses: int) -> tuple[Index, Index, Index
 
 
 def _common(network: Network, images: Index, distances: Index) -> tuple[Index, Index, tuple]:
-    """Return the places of interior elements and bars among the common unknowns, and what stands at each."""
+    """Return the places of interior elements and bars among the common unknowns, and the name of each unknown."""
     interior = np.full((len(network.cameras), len(PARAMETERS)), -1)
     common: list[tuple[str, str | int]] = []
     for camera in np.unique(network.image_camera[images]):
@@ -141,13 +142,13 @@ def _common(network: Network, images: Index, distances: Index) -> tuple[Index, I
 
 
 class ArrayPool:
-    """Arrays by name. What is taken holds until the same name is taken again."""
+    """Reusable arrays by name; an array is valid until the same name is taken again."""
 
     def __init__(self) -> None:
         self._arrays: dict[Hashable, Array] = {}
 
     def take(self, name: Hashable, shape: tuple[int, ...]) -> Array:
-        """Return an array of a shape, filled with anything."""
+        """Return an array of a shape with undefined content."""
         found = self._arrays.get(name)
         if found is None or found.shape != shape:
             found = self._arrays[name] = np.empty(shape)
@@ -156,10 +157,12 @@ class ArrayPool:
 
 @dataclass(frozen=True)
 class Observed:
-    """What is adjusted: image points (n, 2) in px, their information (n, 2, 2) in px^-2 and its upper root (n, 3), by
-    xx, xy, yy; the information of known points (m, 3, 3) in m^-2 and of the lengths of bars (K,) in m^-2, zero for
-    those that are no unknowns, and the variance of distances (q,) in m^2; formats are the centre (C, 2) and the
-    balancing radius (C,) of cameras in px."""
+    """Observations of an adjustment with their information.
+
+    Image points (n, 2) in px with information (n, 2, 2) in px^-2 and its upper root (n, 3) as xx, xy, yy; information
+    of known points (m, 3, 3) in m^-2 and of bar lengths (K,) in m^-2, zero if they are not unknowns; variance of
+    distances (q,) in m^2; formats: centre (C, 2) and balancing radius (C,) of cameras in px.
+    """
 
     network: Network
     layout: EquationLayout
@@ -174,8 +177,8 @@ class Observed:
 
 @dataclass(frozen=True)
 class Distances:
-    """Distances at a state: unit vector (q, 3) from the first to the second point, misclosure (q,) in m: the bar's
-    length less the distance."""
+    """Distances at a state: unit vector (q, 3) from the first to the second point; misclosure (q,) in m: bar length
+    minus distance."""
 
     direction: Array
     misclosure: Array
@@ -183,9 +186,12 @@ class Distances:
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """Blocks of images (i, 6, 6) and points (p, 3, 3), and between images and points per pose (6 i, 3 p); sides of
-    images (i, 6, c + 1), of points (p, 3, c + 1) and of the common unknowns (c, c + 1): the latter, then the right
-    side; the weighted sum of squares without distances."""
+    """Blocks of the normal equations.
+
+    Images (i, 6, 6), points (p, 3, 3), images by points per pose (6 i, 3 p); sides of images (i, 6, c + 1), of points
+    (p, 3, c + 1) and of the common unknowns (c, c + 1): the common unknowns, then the right side. chi2: weighted sum of
+    squares without distances.
+    """
 
     images: Array
     points: Array
@@ -199,8 +205,8 @@ class NormalEquations:
 
 @dataclass(frozen=True)
 class UnknownsStep:
-    """Changes of all unknowns: images (i, 6) in the order (centre, theta), points (p, 3), common (c,), and the
-    multipliers (q,) of the distances, 0 where they have none."""
+    """Step of all unknowns: images (i, 6) in the order (centre, theta), points (p, 3), common (c,), and the multipliers
+    (q,) of the distances, 0 if they have none."""
 
     images: Array
     points: Array
@@ -209,7 +215,8 @@ class UnknownsStep:
 
 
 def observe(network: Network, layout: EquationLayout, weights: Array, variance_factor: Array) -> Observed:
-    """Observations with their information; weights (N,) in [0, 1] and factors of the covariances (N,) of all rays."""
+    """Return the observations with their information; weights (N,) in [0, 1] and covariance factors (N,) of all
+    rays."""
     rows = layout.rays
     (xx, xy), (_, yy) = network.rays.cov_px2[rows].transpose(1, 2, 0)
     per = weights[rows] / variance_factor[rows] / (xx * yy - xy * xy)
@@ -235,16 +242,16 @@ def distances_at(observed: Observed, state: NetworkState) -> Distances:
 
 
 def sum_of_squares(observed: Observed, state: NetworkState) -> float:
-    """Return the weighted sum of squares without distances; infinite where a point is not before its camera."""
+    """Return the weighted sum of squares without distances; infinite if a point is not in front of its camera."""
     from truing.estimation.bundle.kernels import weighted_squares
 
     cameras, places = _seen(observed, state)
     rays = observed.xy_px, observed.roots, observed.layout.first_ray, observed.layout.ray_point
-    return float(weighted_squares(*rays, *cameras, *places)) + _of_priors(observed, state)
+    return float(weighted_squares(*rays, *cameras, *places)) + _prior_squares(observed, state)
 
 
 def residuals(network: Network, state: NetworkState) -> Array:
-    """Return measured less computed image points (N, 2) in px of all rays, as `network.project` has them."""
+    """Return measured minus computed image points (N, 2) in px of all rays, as `network.project`."""
     from truing.estimation.bundle.kernels import image_points
 
     rays, xy = network.rays, np.empty((network.rays.count, 2))
@@ -256,14 +263,14 @@ def residuals(network: Network, state: NetworkState) -> Array:
 def _seen(
     observed: Observed, state: NetworkState
 ) -> tuple[tuple[Index, Array, Array, Array], tuple[Array, Array, Array]]:
-    """What the compiled code takes of a state: camera of every image, interior, centre of format, balancing radius;
+    """Return the arguments of the compiled kernels: camera of every image, interior, format centre, balancing radius;
     rotations and centres of images, points."""
     layout, network = observed.layout, observed.network
     cameras = network.image_camera[layout.images], np.ascontiguousarray(state.interior), *observed.formats
     return cameras, (state.R[layout.images], state.centre[layout.images], state.points[layout.points])
 
 
-def _of_priors(observed: Observed, state: NetworkState) -> float:
+def _prior_squares(observed: Observed, state: NetworkState) -> float:
     """Return the weighted sum of squares of known points and lengths of bars."""
     if not len(observed.known) and not len(observed.bars):
         return 0.0
@@ -273,14 +280,16 @@ def _of_priors(observed: Observed, state: NetworkState) -> float:
 
 
 def _misclosure_of_known(observed: Observed, state: NetworkState) -> Array:
-    """Return known coordinates less those of the state (m, 3)."""
+    """Return known minus estimated coordinates (m, 3)."""
     known, rows = observed.network.known, observed.layout.known
     return known.xyz_m[rows] - state.points[known.point[rows]]
 
 
 def normal_equations(observed: Observed, state: NetworkState, workspace: ArrayPool) -> NormalEquations:
-    """Return the normal equations at a state; their sum of squares is infinite, and the rest void, where a point is not
-    before its camera. They hold until the next ones in the same workspace."""
+    """Return the normal equations at a state; valid until the next call with the same workspace.
+
+    If a point is not in front of its camera, the sum of squares is infinite and the rest undefined.
+    """
     from truing.estimation.bundle.kernels import accumulate
 
     layout, (cameras, places) = observed.layout, _seen(observed, state)
@@ -297,7 +306,7 @@ def normal_equations(observed: Observed, state: NetworkState, workspace: ArrayPo
     between = tuple(
         flat[a:b].reshape(shape) for a, b, shape in zip(rows.start[:-1], rows.start[1:], rows.shapes, strict=True)
     )
-    total = chi2 + _of_priors(observed, state)
+    total = chi2 + _prior_squares(observed, state)
     distances = distances_at(observed, state)
     blocks = NormalEquations(images, points, between, image_sides, point_sides, common, distances, total)
     _add_priors(observed, state, blocks)
@@ -305,14 +314,16 @@ def normal_equations(observed: Observed, state: NetworkState, workspace: ArrayPo
 
 
 def spread_interior(layout: EquationLayout, camera: NDArray[np.int64], by_interior: Array) -> Array:
-    """Return derivatives (n, 2, c) by the common unknowns, of those (n, 2, 10) by the interior of each ray's camera."""
-    spread = np.zeros((len(camera), 2, len(layout.common) + 1))  # what is fixed goes into the last column
+    """Return derivatives (n, 2, c) by the common unknowns from those (n, 2, 10) by the interior of each ray's
+    camera."""
+    # The last column collects derivatives by fixed elements.
+    spread = np.zeros((len(camera), 2, len(layout.common) + 1))
     np.put_along_axis(spread, np.broadcast_to(layout.interior[camera][:, None], by_interior.shape), by_interior, -1)
     return spread[..., :-1]
 
 
 def _add_priors(observed: Observed, state: NetworkState, blocks: NormalEquations) -> None:
-    """Add known points and the lengths of bars."""
+    """Add the information of known points and bar lengths."""
     layout = observed.layout
     if not len(observed.known) and not len(observed.bars):
         return

@@ -1,9 +1,8 @@
-"""Images and points from each other, without an adjustment: resection, relative orientation, intersection of rays.
+"""Orientation without adjustment: resection, relative orientation, and intersection of rays.
 
 An image is oriented from points with coordinates, or relative to another image of the same points, both by consensus
-(OpenCV); what it finds from coordinates is settled by least squares with bounded influence. Points that lie flat leave
-a relative orientation rivals, which are handed back with it. Points are intersected all at once; wrong rays are
-tolerated.
+(OpenCV). A resection is refined by least squares with bounded influence. Flat points allow several relative
+orientations; all are returned. Points are intersected all at once; wrong rays are tolerated.
 """
 
 from __future__ import annotations
@@ -16,19 +15,19 @@ from truing.arrays import Array, Index, Mask
 from truing.estimation.rotation import exp_so3, skew
 
 _TRIALS = 12  # pairs of rays tried per point
-_STEPS = 4  # of Gauss and Newton on the image coordinates
-LEAST_ANGLE = np.radians(2.0)  # rays that meet at less say nothing of the depth
-FEWEST = 4  # three fix the six unknowns up to four solutions, the fourth says which
+_STEPS = 4  # Gauss-Newton steps on the image coordinates
+LEAST_ANGLE = np.radians(2.0)  # rays that meet at a smaller angle do not determine the depth
+FEWEST = 4  # three points leave up to four solutions, the fourth chooses one
 _SAMPLES = 300
 _RESECTION_STEPS = 8
-FEWEST_COMMON = 6  # common points: five give up to ten solutions, the sixth chooses
-_RIVAL = 0.7  # of the best solution's agreeing points: what has so many stays in the race
+FEWEST_COMMON = 6  # common points: five leave up to ten solutions, the sixth chooses one
+_RIVAL = 0.7  # share of the best solution's agreeing points for a rival to be kept
 
 
 @dataclass(frozen=True)
 class Bundle:
     """Rays of oriented images: image (N,) and point (N,) by number, direction (N, 2) as X/Z and Y/Z in the camera's
-    frame, scale_px (N,) the principal distance; R (I, 3, 3) and centre (I, 3) of the images, how many points (P)."""
+    frame, scale_px (N,) the principal distance; R (I, 3, 3) and centre (I, 3) of the images, number of points (P)."""
 
     image: Index
     point: Index
@@ -39,24 +38,25 @@ class Bundle:
     points: int
 
     def of(self, rays: Array | Index) -> Bundle:
-        """The same images with some of the rays (mask or numbers)."""
+        """Return the same images with some of the rays (mask or numbers)."""
         chosen = (self.image[rays], self.point[rays], self.direction[rays], self.scale_px[rays])
         return Bundle(*chosen, self.R, self.centre, self.points)
 
     def lines(self) -> Array:
-        """Unit vectors (N, 3) along the rays in the measurement frame."""
+        """Return unit vectors (N, 3) along the rays in the measurement frame."""
         d = np.concatenate([self.direction, np.ones((len(self.direction), 1))], axis=1)
         d = np.einsum("nij,nj->ni", self.R[self.image], d)
         return d / np.linalg.norm(d, axis=1, keepdims=True)
 
     def misses(self, X: Array) -> tuple[Array, Array]:
-        """How far (N, 2) the rays miss their points X (P, 3), in ideal pixels, and the points' depths (N,)."""
+        """Return the distance (N, 2) of rays from their points X (P, 3) in ideal pixels, and the depths (N,) of the
+        points."""
         seen, _ = self._seen(X)
         with np.errstate(all="ignore"):
             return (seen[:, :2] / seen[:, 2:] - self.direction) * self.scale_px[:, None], seen[:, 2]
 
     def agree(self, X: Array, tolerance_px: float | Array) -> Mask:
-        """Which rays (N,) pass their points within the tolerance, the point in front of the camera."""
+        """Return the rays (N,) that pass their points within the tolerance, with the point in front of the camera."""
         off, depth = self.misses(X)
         with np.errstate(invalid="ignore"):
             return (depth > 0) & (np.einsum("ni,ni->n", off, off) < np.square(tolerance_px))
@@ -76,8 +76,11 @@ def sums(index: Index, values: Array, count: int) -> Array:
 
 
 def nearest_points(bundle: Bundle, weight: Array) -> tuple[Array, Array]:
-    """Return the points (P, 3) nearest to their weighted rays, NaN where the rays are parallel, and how well rays
-    meet (P,): the least eigenvalue of the sum of 1 - d d^T, which is 1 - cos(angle) for two rays."""
+    """Return the points (P, 3) nearest to their weighted rays, NaN for parallel rays, and the quality of intersection
+    (P,).
+
+    The quality is the least eigenvalue of the sum of 1 - d d^T, which is 1 - cos(angle) for two rays.
+    """
     d = bundle.lines()
     across = (np.eye(3) - d[:, :, None] * d[:, None, :]) * weight[:, None, None]
     A = sums(bundle.point, across, bundle.points)
@@ -111,9 +114,9 @@ def refine_points(bundle: Bundle, X: Array, weight: Array) -> Array:
 
 
 def intersect(bundle: Bundle, tolerance_px: float, rng: np.random.Generator) -> tuple[Array, Mask]:
-    """Return the points (P, 3), NaN where fewer than two rays agree or none meet at an angle, and which rays agree.
+    """Return the points (P, 3) and the rays that agree; NaN if fewer than two rays agree or their angle is too small.
 
-    Per point several pairs of its rays are tried; the pair that most other rays pass within the tolerance wins.
+    For each point several pairs of rays are tried; the pair that most other rays support within the tolerance wins.
     """
     usable = np.isfinite(bundle.direction).all(axis=1) & np.isfinite(bundle.centre[bundle.image]).all(axis=1)
     numbers = np.flatnonzero(usable)
@@ -150,7 +153,7 @@ def intersect(bundle: Bundle, tolerance_px: float, rng: np.random.Generator) -> 
 
 @dataclass(frozen=True)
 class Resection:
-    """Orientation of an image: R (3, 3) camera axes into measurement axes, centre (3,), which points agree (n,)."""
+    """Orientation of an image: R (3, 3) from camera axes to measurement axes, centre (3,), agreeing points (n,)."""
 
     R: Array
     centre: Array
@@ -158,9 +161,9 @@ class Resection:
 
 
 def resect(direction: Array, X: Array, scale_px: float, tolerance_px: float) -> Resection | None:
-    """Return the orientation of the image that sees points X (n, 3) at X/Z, Y/Z (n, 2), or None where too few agree.
+    """Return the orientation of the image that sees points X (n, 3) at X/Z, Y/Z (n, 2), or None if too few agree.
 
-    scale_px is the principal distance, to which the tolerance relates.
+    scale_px: principal distance, which converts the tolerance to directions.
     """
     import cv2
 
@@ -182,7 +185,7 @@ def resect(direction: Array, X: Array, scale_px: float, tolerance_px: float) -> 
     best = _refined_motion(cv2.Rodrigues(turn)[0].T, shift.ravel(), image, local, limit)
     members = np.ravel(chosen)
     if len(members) > FEWEST:
-        for turn, shift in _of_all(local[members], image[members]):
+        for turn, shift in _from_all_points(local[members], image[members]):
             other = _refined_motion(cv2.Rodrigues(turn)[0].T, shift.ravel(), image, local, limit)
             best = min(best, other, key=_bounded_misses)
     R, t, off, depth = best
@@ -192,9 +195,9 @@ def resect(direction: Array, X: Array, scale_px: float, tolerance_px: float) -> 
     return Resection(R, origin - R @ t * size, agrees)
 
 
-def _of_all(X: Array, direction: Array) -> list[tuple[Array, Array]]:
-    """Orientations from all points at once, as rotation vector and shift; none where the points do not determine one,
-    which the library takes for a fault."""
+def _from_all_points(X: Array, direction: Array) -> list[tuple[Array, Array]]:
+    """Return orientations from all points at once, as rotation vector and shift; empty if OpenCV reports that the
+    points do not determine one."""
     import cv2
 
     try:
@@ -205,15 +208,15 @@ def _of_all(X: Array, direction: Array) -> list[tuple[Array, Array]]:
 
 
 def _bounded_misses(found: tuple[Array, Array, Array, Array]) -> float:
-    """The sum of an orientation's misses, none counting for more than three times the middle one."""
+    """Return the sum of an orientation's residuals, each limited to three times the median."""
     off, depth = found[2], found[3]
     middle = np.median(off)
     return float(np.where(depth > 0, np.minimum(off, 3 * middle + 1e-12), 1e3).sum())
 
 
 def _refined_motion(R: Array, t: Array, direction: Array, X: Array, limit: float) -> tuple[Array, Array, Array, Array]:
-    """Gauss-Newton on the points that agree, misses beyond the limit without weight: R, t with u = R^T X + t, the
-    misses (n,) and depths (n,)."""
+    """Return R, t of u = R^T X + t after Gauss-Newton on the points within the limit, the residuals (n,) and depths
+    (n,)."""
     for step in range(_RESECTION_STEPS + 1):
         u = X @ R + t
         with np.errstate(all="ignore"):
@@ -241,8 +244,8 @@ def _refined_motion(R: Array, t: Array, direction: Array, X: Array, limit: float
 
 @dataclass(frozen=True)
 class ImagePair:
-    """The second image as seen from the first, its base one long: R (3, 3) turns the second camera's axes into the
-    first's, centre (3,); how many points agree, and the median angle (rad) at which their rays meet."""
+    """Second image relative to the first, with a base of length one: R (3, 3) from the second camera's axes to the
+    first's, centre (3,); number of agreeing points, and the median angle (rad) at which their rays meet."""
 
     R: Array
     centre: Array
@@ -251,21 +254,21 @@ class ImagePair:
 
 
 def common_points(image: Index, point: Index, images: int, points: int) -> Array:
-    """Number of points (I, I) that each pair of images has in common."""
+    """Return the number of common points (I, I) of each pair of images."""
     from scipy.sparse import csr_array
 
     seen = csr_array((np.ones(len(image)), (image, point)), shape=(images, points))
-    seen.data[:] = 1.0  # a point measured twice in an image is one
+    seen.data[:] = 1.0  # a point measured twice in an image counts once
     shared = (seen @ seen.T).toarray()
     np.fill_diagonal(shared, 0.0)
     return shared
 
 
 def relative_orientations(first: Array, second: Array, limit: float) -> list[ImagePair]:
-    """Return orientations of an image relative to another that explain common points at X/Z, Y/Z (n, 2), best first.
+    """Return relative orientations of two images that explain common points at X/Z, Y/Z (n, 2), best first.
 
-    From the essential matrix by five points (Nister 2004) and from the homography of flat points (Malis and Vargas
-    2007), both by consensus within the limit (in units of X/Z). Flat fields leave rivals that a third image decides.
+    From the essential matrix by five points (Nister 2004) and the homography of flat points (Malis and Vargas 2007),
+    both by consensus within the limit (in units of X/Z). Flat fields leave rivals that a third image decides.
     """
     if len(first) < FEWEST_COMMON:
         return []
@@ -282,7 +285,7 @@ def relative_orientations(first: Array, second: Array, limit: float) -> list[Ima
 
 
 def _motions(first: Array, second: Array, limit: float) -> list[tuple[Array, Array]]:
-    """Return (R, t) with x2 ~ R x1 + t, of all solutions and signs."""
+    """Return (R, t) with x2 ~ R x1 + t of all solutions and signs."""
     import cv2
 
     a, b = np.ascontiguousarray(first), np.ascontiguousarray(second)
@@ -303,13 +306,14 @@ def _motions_of_a_plane(a: Array, b: Array, limit: float) -> list[tuple[Array, A
     try:
         H, _ = cv2.findHomography(a, b, cv2.RANSAC, limit, maxIters=100)
         rotations, shifts = ((), ()) if H is None else cv2.decomposeHomographyMat(H, np.eye(3))[1:3]
-    except cv2.error:  # points that determine none
+    except cv2.error:  # degenerate points
         return []
     return [(R, s * t.ravel()) for R, t in zip(rotations, shifts, strict=True) for s in (1.0, -1.0)]
 
 
 def _supporting_points(R: Array, t: Array, first: Array, second: Array, limit: float) -> ImagePair | None:
-    """Count the points that a motion explains, in front of both cameras; None where rays hardly meet."""
+    """Return the motion with the number of points that it explains in front of both cameras; None if the rays are
+    nearly parallel."""
     base = np.linalg.norm(t)
     if not base > 1e-9:
         return None

@@ -1,6 +1,6 @@
-"""Where to stand with a camera so that targets are known as well as is wanted: stations chosen out of candidates.
+"""Plan photographs: choose camera stations out of candidates so that targets reach the wanted precision.
 
-One after the other the one that helps most is taken, then each is exchanged while that helps.
+Greedy selection: the station that helps most is added, then each is exchanged while this helps.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from truing.estimation.bundle.planning import (
 
 Progress = Callable[[int, int], None]
 
-_SHELLS = (1.05, 1.35, 1.75)  # of the distance from which the object fills the format
+_SHELLS = (1.05, 1.35, 1.75)  # relative to the distance from which the object fills the format
 _AT_ONCE = 64
-_WORTH = 1e-3  # of the mean variance, that an exchange has to save
+_LEAST_SAVING = 1e-3  # least relative decrease of the mean variance for an exchange
 _MOST_POINTS = 48
 
 
 @dataclass(frozen=True)
 class PlanOptions:
-    """What the caller asked for: at most so many stations; the standard deviation in mm to reach, none where as many
-    are taken; distances, elevations, directions and rolls of the candidates; what a camera sees."""
+    """Options of a plan: most stations; standard deviation in mm to reach (None: use all stations); distances,
+    elevations, directions and rolls of the candidates; limits of the camera."""
 
     stations: int = 12
     target_sigma_mm: float | None = None
@@ -54,7 +54,7 @@ class PlanOptions:
 
 @dataclass(frozen=True)
 class PlannedTargets:
-    """The targets: body and name of each, where they are (P, 3) in m, normals (P, 3), diameters (P,) in m."""
+    """Targets to photograph: body and name, positions (P, 3) in m, normals (P, 3), diameters (P,) in m."""
 
     body: tuple[str, ...]
     name: tuple[str, ...]
@@ -63,8 +63,10 @@ class PlannedTargets:
 
 @dataclass(frozen=True)
 class PhotographPlan:
-    """What was chosen: stations in the order in which to take them, what they see, what that predicts, and how well
-    fewer or more of them would have done: (number, worst, mean standard deviation in m)."""
+    """Chosen stations in the order in which to take them, the targets they see, and the predicted precision.
+
+    curve: (number of stations, worst, mean standard deviation in m) for fewer and more stations.
+    """
 
     planned: PlannedNetwork
     targets: PlannedTargets
@@ -78,18 +80,18 @@ class PhotographPlan:
 
     @property
     def worst_mm(self) -> float:
-        """The largest standard deviation of a target that is determined, mm."""
+        """Largest standard deviation of a determined target, mm."""
         return 1e3 * float(np.nanmax(self.prediction.sigma))
 
     @cached_property
     def undetermined(self) -> tuple[str, ...]:
-        """Targets that no two stations see."""
+        """Targets that fewer than two stations see."""
         lost = np.flatnonzero(np.isnan(self.prediction.sigma))
         return tuple(f"{self.targets.body[i]}/{self.targets.name[i]}" for i in lost)
 
     @property
     def reaches(self) -> bool:
-        """Whether every target is known as well as is wanted."""
+        """Whether every target reaches the wanted precision."""
         wanted = self.options.target_sigma_mm
         return not self.undetermined and (wanted is None or self.worst_mm <= wanted)
 
@@ -97,7 +99,7 @@ class PhotographPlan:
 def plan_photographs(
     planned: PlannedNetwork, targets: PlannedTargets, settings: PlanOptions, reference: str | None, progress: Progress
 ) -> PhotographPlan:
-    """Choose stations; raises ValueError where none sees enough, or where what they see makes no network."""
+    """Return the plan; raises ValueError if no station sees enough targets, or if the stations form no network."""
     stations = _candidates(planned, settings)
     nearest = 0.0 if settings.nearest_mm is None else 1e-3 * settings.nearest_mm
     farthest = np.inf if settings.farthest_mm is None else 1e-3 * settings.farthest_mm
@@ -141,7 +143,7 @@ def _candidates(planned: PlannedNetwork, settings: PlanOptions) -> Stations:
 
 
 def _restricted(planned: PlannedNetwork, some: Index) -> PlannedNetwork:
-    """The network of some targets, for the search; bars are those between them."""
+    """Return the network of some targets, for the search; it keeps the bars between them."""
     own = planned.layout
     place = np.full(len(own.points), -1)
     place[some] = np.arange(len(some))
@@ -162,8 +164,8 @@ def _restricted(planned: PlannedNetwork, some: Index) -> PlannedNetwork:
 def _curve(
     planned: PlannedNetwork, stations: Stations, seen: Mask, order: Index
 ) -> tuple[tuple[int, float, float], ...]:
-    """The worst and the mean standard deviation, m, that so many stations reach; from the first number that
-    determines all that the last one does."""
+    """Return (number, worst, mean standard deviation in m) for growing numbers of stations. Starts at the first number
+    that determines all targets that the full choice determines."""
     found = [(n, predict(planned, stations.only(order[:n]), seen[order[:n]])) for n in range(2, len(order) + 1)]
     whole = [(n, one) for n, one in found if one is not None]
     most = max((len(one.points) for _, one in whole), default=0)
@@ -175,7 +177,7 @@ def _curve(
 
 
 def _enough(curve: tuple[tuple[int, float, float], ...], settings: PlanOptions, most: int) -> int:
-    """The least number of stations that reaches what is wanted; all where none does, or nothing is."""
+    """Return the least number of stations that reaches the wanted precision; all if none does or none is wanted."""
     if settings.target_sigma_mm is None:
         return most
     return next((number for number, worst, _ in curve if 1e3 * worst <= settings.target_sigma_mm), most)
@@ -184,7 +186,7 @@ def _enough(curve: tuple[tuple[int, float, float], ...], settings: PlanOptions, 
 def _with_the_better_worst(
     planned: PlannedNetwork, stations: Stations, seen: Mask, choices: tuple[Index, ...]
 ) -> Index:
-    """Of several choices the one whose worst target is known best: exchanges look at the mean of all."""
+    """Return the choice with the best worst target; exchanges look at the mean of all."""
 
     def worst(chosen: Index) -> float:
         found = predict(planned, stations.only(chosen), seen[chosen])
@@ -194,14 +196,14 @@ def _with_the_better_worst(
 
 
 def _in_order_round(stations: Stations, chosen: Index, middle: Array) -> Index:
-    """Stations in the order of a walk round the object, the two rolls of one place together."""
+    """Return stations in the order of a walk around the object, with both rolls of one place together."""
     away = stations.centre[chosen] - middle
     around = np.round(np.arctan2(away[:, 1], away[:, 0]), 6)
     return chosen[np.lexsort((stations.roll_rad[chosen], away[:, 2], around))]
 
 
 def spread_points(points: Array, most: int = _MOST_POINTS) -> Index:
-    """Some of the points (P, 3), each as far as possible from those before it; all where there are no more."""
+    """Return some of the points (P, 3), each as far as possible from those before it; all if there are no more."""
     if len(points) <= most:
         return np.arange(len(points))
     chosen = [int(np.argmax(np.linalg.norm(points - points.mean(axis=0), axis=1)))]
@@ -214,8 +216,8 @@ def spread_points(points: Array, most: int = _MOST_POINTS) -> Index:
 
 @dataclass(frozen=True)
 class StationCandidates:
-    """What is to choose from: information (K, n, n) of each station on points (P, 3) and the camera, what is known
-    without any station (n, n), and whether anything gives the scale."""
+    """Candidates of a selection: information (K, n, n) of each station on points (P, 3) and camera, prior information
+    (n, n), and whether anything gives the scale."""
 
     information: Array
     prior: Array
@@ -224,13 +226,13 @@ class StationCandidates:
 
     @property
     def movements(self) -> Array:
-        """Orthonormal movements (3 P, 6 or 7) of all points together that no photograph tells."""
+        """Return orthonormal movements (3 P, 6 or 7) of all points together, which photographs do not determine."""
         columns = movements(self.points - self.points.mean(axis=0))[..., : 6 if self.has_scale else 7]
         return np.linalg.qr(columns.reshape(self.points.size, -1))[0]
 
 
 def one_by_one(candidates: StationCandidates, count: int, progress: Progress) -> Index:
-    """Take ``count`` stations, each the one after which the mean variance of the points in the free datum is least."""
+    """Return ``count`` stations, each with the least mean variance of the points in the free datum when added."""
     information, remove = candidates.information, candidates.movements
     total, chosen = candidates.prior.copy(), list[int]()
     while len(chosen) < min(count, len(information)):
@@ -242,7 +244,7 @@ def one_by_one(candidates: StationCandidates, count: int, progress: Progress) ->
 
 
 def exchanged(candidates: StationCandidates, chosen: Index, progress: Progress) -> Index:
-    """Give each station in turn up for the one that helps most in its place, once round, where that saves enough."""
+    """Return the stations after replacing each in turn, once, by the one that helps most, if it saves enough."""
     information, remove, chosen = candidates.information, candidates.movements, chosen.copy()
     total = candidates.prior + information[chosen].sum(axis=0)
     cost = float(_costs(total, np.zeros((1, *total.shape)), remove, set())[0])
@@ -252,15 +254,14 @@ def exchanged(candidates: StationCandidates, chosen: Index, progress: Progress) 
         others = set(np.delete(chosen, place).tolist())
         costs = _costs(without, information, remove, others)
         best = int(np.argmin(costs))
-        if costs[best] < (1.0 - _WORTH) * cost:
+        if costs[best] < (1.0 - _LEAST_SAVING) * cost:
             chosen[place], cost = best, float(costs[best])
             total = without + information[best]
     return chosen
 
 
 def _costs(total: Array, information: Array, remove: Array, taken: set[int]) -> Array:
-    """The mean variance of the points (K,) with each station beside what there is; infinite for those that are
-    taken."""
+    """Return the mean variance of the points (K,) with each station added; infinite for stations already chosen."""
     size = len(remove)
     costs = np.full(len(information), np.inf)
     free = np.array([place for place in range(len(information)) if place not in taken])

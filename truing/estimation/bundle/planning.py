@@ -1,7 +1,7 @@
-"""Where a camera may stand, what it would see and tell from there, and what the adjustment of it all would predict.
+"""Camera stations: candidates, visible targets, information, and the predicted precision of an adjustment.
 
-A station is a place with a direction of view and a roll. What it tells of targets and camera has its own orientation
-eliminated; a plan is judged by the covariance that the bundle adjustment of its photographs would have.
+A station is a place with a viewing direction and a roll. Its information on targets and camera has the station's own
+orientation eliminated. A plan is assessed by the covariance that the bundle adjustment of its photographs would have.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from truing.estimation.bundle.network import Bars, KnownPoints, Network, Network
 from truing.estimation.rotation import rigid_motions
 
 _GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
-_BEYOND = 1.2  # half formats from the middle, beyond which the polynomials of the distortion mean nothing
-_MARGIN = 0.01  # of the format, that targets keep from its edge
-_FEWEST = 4  # targets without which a station is of no use
+_VALID_HALF_FORMATS = 1.2  # half formats from the centre, beyond which the distortion polynomials are not valid
+_MARGIN = 0.01  # distance of targets from the edge, relative to the format
+_FEWEST = 4  # targets that a useful station sees at least
 
 
 @dataclass(frozen=True)
 class Stations:
-    """Stations: R (K, 3, 3) turns camera axes into those of the object, centre (K, 3) in m, roll_rad (K,) about the
+    """Stations: R (K, 3, 3) from camera axes to those of the object, centre (K, 3) in m, roll_rad (K,) about the
     view."""
 
     R: Array
@@ -36,18 +36,18 @@ class Stations:
 
     @property
     def count(self) -> int:
-        """How many."""
+        """Number of stations."""
         return len(self.centre)
 
     def only(self, chosen: NDArray[np.int64]) -> Stations:
-        """Some of them, in this order."""
+        """Return some of the stations, in the given order."""
         return Stations(self.R[chosen], self.centre[chosen], self.roll_rad[chosen])
 
 
 @dataclass(frozen=True)
 class PlannedObject:
-    """The object: its targets (P, 3) in m, the unit normals (P, 3) of those that have a side, NaN of others, and
-    diameters (P,) in m, NaN where they do not matter."""
+    """Object: targets (P, 3) in m, unit normals (P, 3), NaN for targets visible from all sides, and diameters (P,) in
+    m, NaN if irrelevant."""
 
     points: Array
     normals: Array
@@ -55,19 +55,19 @@ class PlannedObject:
 
     @property
     def middle(self) -> Array:
-        """The centre (3,) of the smallest box around the targets."""
+        """Centre (3,) of the smallest box around the targets."""
         return 0.5 * (self.points.min(axis=0) + self.points.max(axis=0))
 
     @property
     def radius(self) -> float:
-        """Of the sphere about the middle that holds all targets, m."""
+        """Radius in m of the sphere about the middle that holds all targets."""
         return float(np.max(np.linalg.norm(self.points - self.middle, axis=1)))
 
 
 @dataclass(frozen=True)
 class CameraLimits:
-    """What a camera sees: distances in m between which it is sharp, the largest angle between a ray and a target's
-    normal in rad, the smallest image of a target in px (the minor axis)."""
+    """Limits of visibility: range of distances in m in focus, largest angle between a ray and a target's normal in rad,
+    smallest image of a target in px (minor axis)."""
 
     nearest: float
     farthest: float
@@ -76,15 +76,17 @@ class CameraLimits:
 
 
 def filling_distance(camera: Camera, interior: Array, radius: float) -> float:
-    """The distance in m from which a sphere of this radius fills the shorter side of the format."""
+    """Return the distance in m from which a sphere of this radius fills the shorter side of the format."""
     half = 0.5 * min(camera.width_px, camera.height_px) * (1.0 - 2.0 * _MARGIN)
     return radius * float(np.hypot(1.0, interior[0] / half))
 
 
 def shells(middle: Array, distances: Array, directions: int, elevations: tuple[float, float], rolls: Array) -> Stations:
-    """Stations that look at the middle from shells about it: evenly spread directions (as of a spiral over the
-    sphere) whose elevation above the xy-plane lies within bounds in rad, from each distance in m, held with each roll
-    in rad."""
+    """Return stations on shells around the middle, looking at it.
+
+    Directions are spread evenly (spiral on the sphere) with elevations above the xy-plane within bounds in rad, for
+    each distance in m and each roll in rad.
+    """
     low, high = np.sin(elevations)
     z = low + (np.arange(directions) + 0.5) / directions * (high - low)
     turn = _GOLDEN * np.arange(directions)
@@ -102,7 +104,7 @@ def shells(middle: Array, distances: Array, directions: int, elevations: tuple[f
 
 
 def _looking(view: Array) -> Array:
-    """Camera axes (K, 3, 3) as columns: z along unit vectors ``view`` (K, 3), x level, y downwards."""
+    """Return camera axes (K, 3, 3) as columns: z along unit vectors ``view`` (K, 3), x level, y downwards."""
     down = np.array([0.0, 0.0, -1.0])
     level = np.cross(down, view)
     length = np.linalg.norm(level, axis=1, keepdims=True)
@@ -111,9 +113,9 @@ def _looking(view: Array) -> Array:
 
 
 def visible(camera: Camera, interior: Array, stations: Stations, layout: PlannedObject, limits: CameraLimits) -> Mask:
-    """Which targets (K, P) each station sees: within the format, sharp, not too oblique, and large enough.
+    """Return the targets (K, P) that each station sees: within the format, in focus, not too oblique, and large enough.
 
-    Nothing is known of what stands in between.
+    Obstacles between station and target are not considered.
     """
     arm = layout.points - stations.centre[:, None]
     own = np.einsum("kji,kpj->kpi", stations.R, arm)
@@ -132,7 +134,7 @@ def visible(camera: Camera, interior: Array, stations: Stations, layout: Planned
     image_px = interior[0] * layout.diameters * foreshortened / distance
     with np.errstate(invalid="ignore"):
         inside = np.all(np.abs(xy - camera.centre_px) < 0.5 * size * (1.0 - 2.0 * _MARGIN), axis=-1)
-        inside &= np.all(np.abs(ideal) < _BEYOND * 0.5 * size, axis=-1)
+        inside &= np.all(np.abs(ideal) < _VALID_HALF_FORMATS * 0.5 * size, axis=-1)
         sharp = (distance >= limits.nearest) & (distance <= limits.farthest)
         faced = np.isnan(slant) | (slant >= np.cos(limits.incidence))
         large = np.isnan(image_px) | (image_px >= limits.least_px)
@@ -141,8 +143,8 @@ def visible(camera: Camera, interior: Array, stations: Stations, layout: Planned
 
 @dataclass(frozen=True)
 class PlannedNetwork:
-    """A network that would be photographed: the camera, its interior orientation (10,), sigma_px of an image
-    coordinate, the bars between targets, and the targets."""
+    """Planned network: camera, its interior orientation (10,), sigma_px of an image coordinate, bars between targets,
+    and targets."""
 
     camera: Camera
     interior: Array
@@ -151,7 +153,7 @@ class PlannedNetwork:
     bars: Bars
 
     def with_stations(self, stations: Stations, seen: Mask) -> tuple[Network, NetworkState]:
-        """The network that stations (K) with what they see (K, P) make, and its state; rays lie where they belong."""
+        """Return the network of stations (K) that see targets (K, P), and its state; rays are without error."""
         image, point = (index.astype(np.int64) for index in np.nonzero(seen))
         rays = Rays(
             image,
@@ -168,19 +170,19 @@ class PlannedNetwork:
 
 
 def useful(seen: Mask) -> Index:
-    """Stations that see enough targets to be worth a photograph."""
+    """Return the stations that see enough targets to be worth a photograph."""
     return np.flatnonzero(seen.sum(axis=1) >= _FEWEST)
 
 
 def station_information(planned: PlannedNetwork, stations: Stations, seen: Mask) -> Array:
-    """Information (K, n, n) of each station on points (3 P) and the free elements of the camera, in 1/m^2 and 1/px^2
-    .. ."""
+    """Return the information (K, n, n) of each station on points (3 P) and free elements of the camera, in 1/m^2 and
+    inverse squared units of the camera's elements."""
     network, state = planned.with_stations(stations, seen)
     rays = network.rays
     at = linearise(network, state, rays.image, rays.point)
     free = [PARAMETERS.index(name) for name in planned.camera.free]
     count, points = stations.count, len(planned.layout.points)
-    # every station has a row for every target; those that it does not see are zero
+    # every station has a row for every target; rows of unseen targets are zero
     full = np.zeros((count, points, 2, 6 + 3 + len(free)))
     full[rays.image, rays.point] = np.concatenate([at.by_image, at.by_point, at.by_interior[..., free]], axis=-1)
     full = full.reshape(count, 2 * points, -1) / planned.sigma_px
@@ -194,8 +196,8 @@ def station_information(planned: PlannedNetwork, stations: Stations, seen: Mask)
 
 
 def weak_prior(planned: PlannedNetwork) -> Array:
-    """Information (n, n) that says next to nothing: targets to the size of the object, the camera to a tenth of its
-    format, and what bars tell."""
+    """Return weak prior information (n, n): targets to the size of the object, camera to a tenth of its format, and
+    bars."""
     points = planned.layout.points
     size = 2.0 * planned.layout.radius
     half = 0.5 * max(planned.camera.width_px, planned.camera.height_px)
@@ -215,10 +217,12 @@ def weak_prior(planned: PlannedNetwork) -> Array:
 
 @dataclass(frozen=True)
 class PredictedPrecision:
-    """Of each target: covariance (P, 3, 3) in m^2 in the free datum, and what would be left of it with a camera known
-    beforehand and with bars of exactly known length (P, 3, 3), NaN where it is not determined; rays (P,), largest angle
-    between two of them in rad (P,); the redundancy; the points that take part (p,), their covariance together (3 p, 3
-    p)."""
+    """Predicted precision of the targets.
+
+    covariance (P, 3, 3) in m^2 in the free datum; the same (P, 3, 3) with a known camera and with exact bar lengths,
+    NaN if undetermined; rays (P,), largest angle between two rays in rad (P,); redundancy; determined points (p,) and
+    their joint covariance (3 p, 3 p).
+    """
 
     covariance: Array
     with_known_camera: Array
@@ -231,12 +235,13 @@ class PredictedPrecision:
 
     @property
     def sigma(self) -> Array:
-        """The standard deviation (P,) in m along the direction in which each target is known least."""
+        """Standard deviation (P,) in m along the least determined direction of each target."""
         return largest_sigma(self.covariance)
 
 
 def largest_sigma(covariance: Array) -> Array:
-    """The standard deviation (P,) of covariances (P, 3, 3) along their longest axis; NaN where there is none."""
+    """Return the standard deviation (P,) of covariances (P, 3, 3) along their longest axis; NaN without a
+    covariance."""
     known = np.isfinite(covariance).all(axis=(1, 2))
     found = np.full(len(covariance), np.nan)
     found[known] = np.sqrt(np.linalg.eigvalsh(covariance[known])[:, -1])
@@ -244,7 +249,7 @@ def largest_sigma(covariance: Array) -> Array:
 
 
 def predict(planned: PlannedNetwork, stations: Stations, seen: Mask) -> PredictedPrecision | None:
-    """Predict from the rays of stations (K) to what they see (K, P); None where they make no network."""
+    """Return the predicted precision of stations (K) that see targets (K, P); None if they form no network."""
     network, state = planned.with_stations(stations, seen)
     part = determinable(network)
     if not part.points.any() or part.images.sum() < 2:
@@ -271,7 +276,8 @@ def predict(planned: PlannedNetwork, stations: Stations, seen: Mask) -> Predicte
 
 
 def _with_only(covariance: BundleCovariance, kind: str, *, known: bool) -> Array:
-    """The covariance (3 p, 3 p) of points where common unknowns of one kind are known, or those of all others are."""
+    """Return the covariance (3 p, 3 p) of points if common unknowns of one kind are known, or those of all other
+    kinds."""
     left = [place for place, (name, _) in enumerate(covariance.names) if (name == kind) != known]
     information = np.linalg.inv(covariance.common)[np.ix_(left, left)]
     by_common = covariance.sensitivities(0)[:, left]
@@ -286,7 +292,7 @@ def _blocks(together: Array, points: Index, count: int) -> Array:
 
 
 def _angles(stations: Stations, points: Array, seen: Mask) -> Array:
-    """The largest angle (P,) in rad between two rays to a target, up to a right angle; 0 with less than two."""
+    """Return the largest angle (P,) in rad between two rays to a target, up to a right angle; 0 with fewer than two."""
     way = points - stations.centre[:, None]
     way = np.where(seen[..., None], way / np.linalg.norm(way, axis=-1, keepdims=True), 0.0)
     sine = np.linalg.norm(np.cross(way[:, None], way[None]), axis=-1)
@@ -294,8 +300,12 @@ def _angles(stations: Stations, points: Array, seen: Mask) -> Array:
 
 
 def body_motion(together: Array, points: Array, one: Index, other: Index | None, about: Array) -> Array:
-    """The covariance (6, 6) of the motion of a body's points (by place among those of ``together``) about a place
-    (3,): of its translation in m, then of its rotation in rad, seen from another body's where one is given."""
+    """Return the covariance (6, 6) of the motion of a body: translation of the place `about` (3,) in m, then rotation
+    in rad.
+
+    one, other: indices of the bodies' points among those of ``together``; with `other` the motion is relative to that
+    body.
+    """
     rows = np.zeros((6, len(together)))
     for sign, body in ((1.0, one), (-1.0, other)):
         if body is not None:

@@ -1,14 +1,14 @@
-"""What the rays of each pose tell of numbers that all poses should share: cameras, bars, air.
+"""Information of the rays of each pose about numbers that all poses share: cameras, bars, air.
 
-With v what an adjustment leaves of a pose's observations, W their weights, A their derivatives by what is the pose's
-own (points, orientations of images) and B those by the numbers theta, everything about theta in the pose is in
+With residuals v of a pose's observations, weights W, derivatives A by the pose's own unknowns (points, orientations of
+images) and B by the shared numbers theta, the sufficient statistics of theta in the pose are
 
     information N = B^T Q B,   score n = B^T Q v,   Q = W - W A (A^T W A)^-1 A^T W,
 
-for n is normal about N (theta in this pose - theta of the adjustment) with covariance N, independent from pose to pose
-and of the adjusted points. These follow theta by G = -(A^T W A)^-1 A^T W B. Neither N nor n depends on the datum.
-The same as independent channels of unit noise is `ray_channels`; what errors of points have in common besides is
-`shared_errors`.
+where n is normal with mean N (theta in this pose - theta of the adjustment) and covariance N, independent between poses
+and of the adjusted points. The points depend on theta by G = -(A^T W A)^-1 A^T W B. N and n do not depend on the datum.
+`ray_channels` converts them to independent channels of unit noise; `shared_errors` finds other errors that points have
+in common.
 """
 
 from __future__ import annotations
@@ -26,27 +26,30 @@ from truing.estimation.bundle.normal_equations import Distances, Observed, dista
 from truing.estimation.rotation import rigid_motions
 
 CAMERA, BAR, AIR, WINDOW = "camera", "bar", "air", "window"
-# A rigid distance is held by so many times the information of its ends.
+# Information of a rigid distance relative to that of its ends.
 _RIGID = 1e4
-# Sizes that matter: a millionth of the index per square metre, a millimetre of glass, 10 um of a metre;
-# of an interior element what moves the edge of the format by a pixel, by these powers of half the width.
+# Relevant sizes: a millionth of the index per square metre, a millimetre of glass, 10 um of a metre;
+# for an interior element, the change that moves the edge of the format by a pixel, by these powers of half the width.
 _CURVATURE, _THICKNESS, _STRAIN = 1e-6, 1e-3, 1e-5
 _POWERS = (0, 0, 0, -3, -5, -7, -2, -2, -1, -1)
 GLASS = 1.52
-# The second derivatives of the index in the axes of a pose's measurement.
+# Second derivatives of the refractive index along the measurement axes of a pose.
 PLACES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 CURVATURES = ("xx", "yy", "zz", "xy", "xz", "yz")
-# What is left of a number's information once others are free, below which a pose does not tell it.
+# Least share of a number's information that the other numbers leave, for a pose to determine it.
 _LEFT = 1e-8
-# A pattern in which points err together is told where its variance is so many times that of points by themselves.
+# A pattern of common errors counts if its variance exceeds that of single points by this factor.
 _TOGETHER = 2.0
 
 
 @dataclass(frozen=True)
 class SharedNumber:
-    """A number that poses should share: kind (camera, bar, air, window), which camera or bar by number (-1 for air),
-    its name and unit in SI or px; scale: of what size it matters; sigma: how well it was known before the adjustment,
-    None where not at all, 0 where it was taken as exact; mean: what was known of it less what was adjusted."""
+    """A number that poses share: kind (camera, bar, air, window), camera or bar number (-1 for air), name and unit in
+    SI or px.
+
+    scale: relevant size; sigma: uncertainty before the adjustment, None if unknown, 0 if taken as exact; mean: prior
+    minus adjusted value.
+    """
 
     kind: str
     owner: int
@@ -59,8 +62,8 @@ class SharedNumber:
 
 @dataclass(frozen=True)
 class RayStatistics:
-    """By pose (S): information (S, T, T) and score (S, T) of T numbers, and how points (P, 3, T) of the network follow
-    them in m per unit, NaN for points that take no part."""
+    """Information (S, T, T) and score (S, T) of T numbers per pose (S), and derivatives of points (P, 3, T) by them in
+    m per unit, NaN for unused points."""
 
     numbers: tuple[SharedNumber, ...]
     information: Array
@@ -69,7 +72,7 @@ class RayStatistics:
 
 
 def ray_statistics(observed: Observed, state: NetworkState) -> RayStatistics:
-    """Information, score and effects of the shared numbers, pose by pose, at an adjusted state."""
+    """Return information, score and derivatives of the shared numbers per pose, at an adjusted state."""
     network, layout = observed.network, observed.layout
     numbers = _numbers(observed, state)
     rays = network.rays
@@ -99,7 +102,7 @@ class _RayResiduals:
 
 
 def _numbers(observed: Observed, state: NetworkState) -> tuple[SharedNumber, ...]:
-    """Return the numbers; what an adjustment can hardly tell apart from the rest comes first, cameras' c last."""
+    """Return the shared numbers, those hardest to separate from the rest first, cameras' c last."""
     network, layout = observed.network, observed.layout
     cameras = np.unique(network.image_camera[layout.images]).tolist()
     bars, lengths = np.unique(network.bars.bar[layout.distances]).tolist(), network.bars
@@ -124,7 +127,7 @@ def _by_numbers(
     image: Index,
     point: Index,
 ) -> Array:
-    """Return the derivatives of rays (n, 2, T) by the numbers, none by those of bars."""
+    """Return the derivatives of rays (n, 2, T) by the numbers, zero for bars."""
     camera, points = observed.network.image_camera[image], state.points[point]
     origin = points.mean(0) if len(points) else np.zeros(3)
     air = at.by_point @ by_curvature(points, state.centre[image], origin)
@@ -157,7 +160,7 @@ def _of_pose(
     first_image, first_point = layout.image_start[pose], layout.point_start[pose]
     images, points = layout.image_start[pose + 1] - first_image, layout.point_start[pose + 1] - first_point
     size = 6 * images + 3 * points
-    # Rows of rays are dense in nine unknowns: the image's six and the point's three.
+    # Rows of rays depend on nine unknowns: the image's six and the point's three.
     places = np.concatenate(
         [
             6 * (layout.ray_image[own] - first_image)[:, None] + np.arange(6),
@@ -179,22 +182,22 @@ def _of_pose(
     scale = 1 / np.sqrt(np.diagonal(normal))
     normal *= scale * scale[:, None]
     sides *= scale[:, None]
-    # What nothing holds is held at what it is: rows of unit weight along the datum's freedoms.
-    loose = np.concatenate([_flat(free.images), _flat(free.points)]) / scale[:, None]
+    # Rows of unit weight along the datum's freedoms fix what no observation determines.
+    loose = np.concatenate([_flattened(free.images), _flattened(free.points)]) / scale[:, None]
     loose = np.linalg.qr(loose)[0]
     normal += loose @ loose.T
     solved = cho_solve(cho_factor(normal, lower=True), sides)
     reduced = whole - sides[:, :-1].T @ solved
     information = (reduced[:, :-1] + reduced[:, :-1].T) / 2
     moved = -(solved[:, :-1] * scale[:, None])[6 * images :]
-    # The datum of the pose: no shift, turn or growth of all points that the observations leave free.
-    held = _flat(free.points)
+    # Datum of the pose: remove shifts, rotations and scale of all points that the observations leave free.
+    held = _flattened(free.points)
     moved -= held @ (held.T @ moved)
     return information, reduced[:, -1], moved.reshape(points, 3, -1)
 
 
 def _add_known(observed: Observed, state: NetworkState, pose: int, normal: Array, sides: Array, first: int) -> None:
-    """Add known points of a pose to its normal equations."""
+    """Add the known points of a pose to its normal equations."""
     layout, known = observed.layout, observed.network.known
     start, stop = layout.point_start[pose], layout.point_start[pose + 1]
     for row in np.flatnonzero((layout.known_slot >= start) & (layout.known_slot < stop)):
@@ -213,7 +216,8 @@ def _add_distances(
     sides: Array,
     first: int,
 ) -> Array:
-    """Add distances of a pose to its normal equations; return what they add to those (T, T + 1) of the numbers."""
+    """Add the distances of a pose to its normal equations; return their contribution (T, T + 1) to those of the
+    numbers."""
     layout, bars = observed.layout, observed.network.bars
     start, strain = layout.point_start[pose], {n.owner: place for place, n in enumerate(numbers) if n.kind == BAR}
     added = np.zeros((len(numbers), len(numbers) + 1))
@@ -224,7 +228,7 @@ def _add_distances(
         most = _RIGID * float(np.sum(np.diagonal(normal)[own])) / len(own)
         weight = min(1 / max(float(observed.distance_variance[row]), 1e-300), most)
         bar = int(bars.bar[layout.distances[row]])
-        # The distance less the bar's length is what was observed: nothing.
+        # The observation is zero: the distance minus the bar's length.
         both = np.zeros(len(numbers) + 1)
         both[strain[bar]], both[-1] = -bars.length_m[bar], distances.misclosure[row]
         normal[np.ix_(own, own)] += weight * np.outer(along, along)
@@ -233,14 +237,17 @@ def _add_distances(
     return added
 
 
-def _flat(freedoms: Array) -> Array:
-    """Return freedoms (n, k, d) by their coordinates (n k, d), also where there are none."""
+def _flattened(freedoms: Array) -> Array:
+    """Return freedoms (n, k, d) flattened to (n k, d), also if empty."""
     return freedoms.reshape(freedoms.shape[0] * freedoms.shape[1], freedoms.shape[2])
 
 
 def by_curvature(points: Array, centres: Array, origin: Array) -> Array:
-    """Apparent movements (N, 3, 6) of points (N, 3) in m, seen from centres (N, 3), per second derivative of the
-    index, 1/m^2, in the order of CURVATURES; origin (3,): where its gradient is none."""
+    """Return apparent movements (N, 3, 6) of points (N, 3) in m, seen from centres (N, 3), per second derivative of the
+    index, 1/m^2, in the order of CURVATURES.
+
+    origin (3,): place without index gradient.
+    """
     away = centres - points
     length = np.linalg.norm(away, axis=-1, keepdims=True)
     moment = (points - origin) * length**2 / 2 + away * length**2 / 3
@@ -253,15 +260,17 @@ def by_curvature(points: Array, centres: Array, origin: Array) -> Array:
 
 
 def by_thickness(seen: Array) -> Array:
-    """Apparent movement (N,) of points (N, 3) in a camera's axes along its axis, per thickness of a pane."""
+    """Return the apparent movement (N,) of points (N, 3) in a camera's axes along its axis, per thickness of a pane."""
     cosine = seen[:, 2] / np.linalg.norm(seen, axis=-1)
     return np.asarray(cosine / np.sqrt(GLASS**2 - 1 + cosine**2) - 1)
 
 
 @dataclass(frozen=True)
 class RayChannels:
-    """By pose (S): values (S, T) with noise of one, that follow the numbers by root (S, T, T); told (S, T): which say
-    anything. The channel of a number is free of all numbers before it."""
+    """Per pose (S): values (S, T) with unit noise and derivative root (S, T, T) by the numbers.
+
+    determined (S, T): channels with information. The channel of a number does not depend on the numbers before it.
+    """
 
     value: Array
     root: Array
@@ -269,8 +278,8 @@ class RayChannels:
 
 
 def ray_channels(information: Array, score: Array) -> RayChannels:
-    """Return the channels of information (S, T, T) and scores (S, T): Cholesky's factor, pose by pose, that leaves out
-    what the numbers after it tell as well."""
+    """Return the channels of information (S, T, T) and scores (S, T) by a Cholesky factor per pose, skipping
+    undetermined numbers."""
     left, rest = information.copy(), score.copy()
     whole = np.diagonal(information, axis1=1, axis2=2)
     root, value = np.zeros_like(information), np.zeros_like(score)
@@ -288,17 +297,17 @@ def ray_channels(information: Array, score: Array) -> RayChannels:
 
 @dataclass(frozen=True)
 class SharedErrors:
-    """Patterns (p, 3, E), m, by numbers of variance one, and what is left of each point's covariance (p, 3, 3)."""
+    """Error patterns (p, 3, E) in m per unit-variance number, and the remaining covariance (p, 3, 3) of each point."""
 
     patterns: Array
     own: Array
 
 
 def shared_errors(covariance: Array, points: Array, most: int) -> SharedErrors:
-    """Return the patterns, at most so many, of a covariance (3 p, 3 p) in m^2 of points (p, 3) that move together.
+    """Return the patterns, at most `most`, of a covariance (3 p, 3 p) in m^2 of points (p, 3) with common errors.
 
-    Shifts and turns of all points, which a pose leaves free, are none of them. Patterns are the eigenvectors of what is
-    left, in units of the points' own standard deviation, whose values stand out.
+    Shifts and rotations of all points, which a pose leaves free, are removed. Patterns are the largest eigenvectors of
+    the rest, in units of the points' own standard deviations.
     """
     count = len(points)
     arms = points - points.mean(0)
@@ -306,7 +315,7 @@ def shared_errors(covariance: Array, points: Array, most: int) -> SharedErrors:
     held = np.linalg.qr(moved / np.linalg.norm(moved, axis=0))[0]
     left = covariance - held @ (held.T @ covariance)
     left = left - (left @ held) @ held.T
-    sigma = np.sqrt(max(float(np.mean(np.diagonal(left))), 0.0))  # of hopeless networks, rounding is all that is left
+    sigma = np.sqrt(max(float(np.mean(np.diagonal(left))), 0.0))  # of a nearly singular network, only rounding remains
     values, vectors = np.linalg.eigh((left + left.T) / 2)
     usual = float(np.median(values[6:])) if count > 2 else sigma**2
     chosen = np.arange(len(values))[::-1][:most]

@@ -1,4 +1,4 @@
-"""Points whose errors are shared, by all poses or by those of one pose: and what each has of its own."""
+"""Split point errors into parts shared by all poses or within one pose, and an independent part of each point."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from truing.estimation.bundle.ray_statistics import shared_errors
 from truing.estimation.rigid_poses.points import PointErrors
 from truing.inference.observations import Epochs
 
-# Common errors that move points by less, rms, are none; m.
+# Common errors that move points by less than this rms, m, are neglected.
 _LEAST_EFFECT = 1e-8
-# What is left of a point's own covariance, at least, once errors common to all poses are taken off.
+# Least share of a point's own covariance that remains after subtracting the common errors.
 _LEAST_OWN = 0.05
-# Patterns in which the points of a pose err together (its scale, ..), and points that can have any.
+# Number of common error patterns within a pose (its scale, ..), and least number of points to have any.
 MOST_PATTERNS, _FEWEST_POINTS = 6, 4
 
 
 def with_shared_errors(poses: Epochs, rows: Index, common: Array, errors: PointErrors | None) -> Epochs:
-    """Return poses whose points share errors, as conditions of theirs, and not in the covariance of single points.
+    """Return poses with the shared errors of points as conditions, instead of in the covariance of single points.
 
-    rows (B, K): which of N points each is, -1 for none; common (N, 3, Q), m per standard deviation, errors that all
-    poses share; ``errors`` correlates the points of each pose.
+    rows (B, K): index among N points, -1 for none; common (N, 3, Q): errors shared by all poses, m per standard
+    deviation; ``errors`` correlates the points of each pose.
     """
     measured, conditions = poses.measured, poses.conditions
     known = (rows >= 0)[..., None, None]
@@ -45,7 +45,7 @@ def with_shared_errors(poses: Epochs, rows: Index, common: Array, errors: PointE
     turned = np.swapaxes(poses.frames.R, 1, 2)[:, None]
     return replace(
         poses,
-        measured=replace(measured, covariance=_held(own, measured.covariance, measured.seen)),
+        measured=replace(measured, covariance=_at_least_a_share(own, measured.covariance, measured.seen)),
         conditions=replace(
             conditions,
             common_errors=turned @ shared,
@@ -54,8 +54,8 @@ def with_shared_errors(poses: Epochs, rows: Index, common: Array, errors: PointE
     )
 
 
-def _held(own: Array, whole: NDArray[np.floating], seen: Mask) -> Array:
-    """Return covariances (B, K, 3, 3) of points by themselves, no less than a share of the whole in any direction."""
+def _at_least_a_share(own: Array, whole: NDArray[np.floating], seen: Mask) -> Array:
+    """Return covariances (B, K, 3, 3) of single points, at least a share of the full one in each direction."""
     factor = np.linalg.cholesky(np.where(seen[..., None, None], whole, np.eye(3)))
     inverse = np.linalg.inv(factor)
     values, vectors = np.linalg.eigh(inverse @ own @ np.swapaxes(inverse, -1, -2))

@@ -1,9 +1,9 @@
-"""Start values of a network without the user: every image's orientation and every point, from named points alone.
+"""Start values of a network from named points alone: the orientation of every image and the coordinates of every point.
 
-Each pose is oriented for itself: from points with known coordinates where an image sees enough of them, else from the
-relative orientation of two images, else from a marker of known size; of several beginnings the one that explains most
-rays is taken. The other images follow (`truing.estimation.bundle.growing`). A principal distance that is not known is
-tried at several field widths.
+Each pose is oriented separately: from points with known coordinates if an image sees enough of them, else from the
+relative orientation of two images, else from a marker of known size. Of several seeds, the one that explains most rays
+is taken, and the other images follow (`truing.estimation.bundle.growing`). An unknown principal distance is tried at
+several field widths.
 """
 
 from __future__ import annotations
@@ -39,27 +39,29 @@ from truing.estimation.rigid_poses.umeyama import umeyama
 
 KNOWN, BARS, MARKERS, FREE, NOTHING = "known points", "scale bars", "markers", "none", "not oriented"
 _ROUNDS = 20
-_FLAT = 0.05  # of the larger extent: points nearer to a line tell no scale
-_MEDIAN_OF_NORMAL = 0.6745  # of absolute values, over the standard deviation
-_FIELD_WIDTHS = (1.25, 0.85, 1.8, 2.6, 0.6, 4.0)  # principal distance over the longer side, the usual first
-_FEW_SEEDS = 1  # beginnings tried with each field width before all are
+_FLAT = 0.05  # relative to the larger extent: points closer to a line give no scale
+_MEDIAN_OF_NORMAL = 0.6745  # median absolute value over the standard deviation
+_FIELD_WIDTHS = (1.25, 0.85, 1.8, 2.6, 0.6, 4.0)  # principal distance over the longer side, the most common first
+_FEW_SEEDS = 1  # seeds tried with each field width in the first round
 _PAIRS = 12  # pairs of images whose relative orientation is tried
-_BEST_PAIRS = 3  # of them that are grown
-_GOOD_PAIR = 0.8  # of their common points agree, at a good angle: with so many such pairs no more are looked at
-_TRIAL_IMAGES = 6  # up to which rival seeds are grown before one is chosen
-_GOOD_ANGLE = np.radians(15.0)  # of intersection; more is no better to start from
+_BEST_PAIRS = 3  # pairs that are grown
+_GOOD_PAIR = 0.8  # share of common points that agree, at a good angle; after enough such pairs the search stops
+_TRIAL_IMAGES = 6  # size to which rival seeds are grown before one is chosen
+_GOOD_ANGLE = np.radians(15.0)  # of intersection; larger angles are no better as a start
 _LEAST_ANGLE = np.radians(2.0)
-_CLEAR_IMAGES = 0.6  # of the images that could be are oriented,
-_CLEAR_SHARE = 0.6  # of an oriented image's rays agree, and
-_CLEAR_PER_SIDE = 5e-4  # they miss by less than this part of the longer side: no rival is looked for
-_SCORED_PER_SIDE = 5e-3  # a miss of this part of the longer side counts nothing
+_CLEAR_IMAGES = 0.6  # share of the possible images that are oriented, and
+_CLEAR_SHARE = 0.6  # share of an oriented image's rays that agree, and
+_CLEAR_PER_SIDE = 5e-4  # residuals over the longer side: with all three, no rival is tried
+_SCORED_PER_SIDE = 5e-3  # residual over the longer side from which a ray counts nothing
 
 
 @dataclass(frozen=True)
 class Start:
-    """Start values: the state (NaN where nothing was found), which images (I,) are oriented and points (P,) placed,
-    which rays (N,) agree, and per pose (S) where its frame and its scale come from ("known points", "scale bars",
-    "markers", "none": free, "not oriented")."""
+    """Start values: state (NaN if not found), masks of oriented images (I,), placed points (P,) and agreeing rays (N,).
+
+    Per pose (S): source of its frame and of its scale ("known points", "scale bars", "markers", "none": free, "not
+    oriented").
+    """
 
     state: NetworkState
     image_oriented: Mask
@@ -72,8 +74,8 @@ class Start:
 def find_start(network: Network, interior: Array, markers: Markers | None = None) -> Start:
     """Return start values of all images and points that can be oriented.
 
-    interior (C, 10) as known beforehand, in the order of camera.PARAMETERS: a principal distance from EXIF data or a
-    calibration, NaN where nothing is known; other elements 0 where nothing is known.
+    interior (C, 10): known values in the order of camera.PARAMETERS; principal distance from EXIF data or a
+    calibration, NaN if unknown; other elements 0 if unknown.
     """
     markers = Markers.none() if markers is None else markers
     poses = pose_networks(network)
@@ -81,7 +83,7 @@ def find_start(network: Network, interior: Array, markers: Markers | None = None
     found: list[Grown] = []
     values = interior.copy()
     for pose in poses:
-        own = np.isin(markers.corners, pose.point).all(axis=1)  # markers whose corners are all the pose's
+        own = np.isin(markers.corners, pose.point).all(axis=1)  # markers with all corners in the pose
         corners = np.searchsorted(pose.point, markers.corners[own])
         found.append(begin(pose.network, values, corners, markers.size_m[own]))
         used = np.unique(pose.network.image_camera[found[-1].oriented])
@@ -98,8 +100,8 @@ def find_start(network: Network, interior: Array, markers: Markers | None = None
 
 
 def _finished(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown]) -> list[Grown]:
-    """Return all poses adjusted together with the first tolerance, images tried again that failed before, and once more
-    adjusted."""
+    """Return all poses after a joint adjustment with the first tolerance, another attempt at failed images, and a
+    second adjustment."""
     together = refined_together(network, poses, [reopened(p.network, now) for p, now in zip(poses, found, strict=True)])
     again = []
     for pose, now in zip(poses, together, strict=True):
@@ -114,8 +116,8 @@ def _finished(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Gr
 def in_frame(
     network: Network, state: NetworkState, corners: Index, size_m: Array
 ) -> tuple[NetworkState, list[str], list[str]]:
-    """Return the state with every pose in the frame of its known points, or to scale; and where each pose (S) has its
-    frame and its scale from."""
+    """Return the state with every pose in the frame of its known points, or to scale; and the source of frame and scale
+    per pose (S)."""
     R, centre, points = state.R.copy(), state.centre.copy(), state.points.copy()
     frames, scales = [FREE] * network.poses, [FREE] * network.poses
     for pose in range(network.poses):
@@ -133,7 +135,7 @@ def in_frame(
 def _similarity(
     network: Network, points: Array, own: Array, corners: Index, size_m: Array
 ) -> tuple[Array, float, Array, str, str]:
-    """Return rotation, factor and shift of a pose, and where its frame and its factor come from."""
+    """Return rotation, factor and shift of a pose, and the sources of its frame and its scale."""
     known = network.known
     here = own[known.point] & np.isfinite(points[known.point, 0])
     there, target = points[known.point[here]], known.xyz_m[here]
@@ -159,8 +161,8 @@ def _similarity(
 
 
 def robust_similarity(source: Array, target: Array) -> tuple[Array, float, Array]:
-    """Rotation, factor and shift from source to target (n, 3), by least absolute distances: a few wrong points move it
-    little."""
+    """Return rotation, factor and shift from source to target (n, 3) by least absolute distances, robust against a few
+    wrong points."""
     weight = np.ones(len(source))
     for _ in range(_ROUNDS):
         fit = umeyama(source[None], target[None], weight[None], with_scale=True)
@@ -172,8 +174,8 @@ def robust_similarity(source: Array, target: Array) -> tuple[Array, float, Array
 
 
 def scale_ratio(seen: Array, stated: Array) -> tuple[float, float] | None:
-    """Stated lengths over those seen, of points (n, 3), with sigma by what the similarity leaves; None of points nearly
-    on one line."""
+    """Return the ratio of stated to observed lengths of points (n, 3), with sigma from the residuals; None if they are
+    nearly on one line."""
     extent = np.linalg.svd(stated - stated.mean(0), compute_uv=False)
     if extent[1] < _FLAT * extent[0]:
         return None
@@ -183,16 +185,18 @@ def scale_ratio(seen: Array, stated: Array) -> tuple[float, float] | None:
 
 
 def usual_distance(network: Network) -> Array:
-    """Return the principal distances (C,) in px of usual lenses."""
+    """Return the principal distances (C,) in px of common lenses."""
     return _FIELD_WIDTHS[0] * longer_sides(network)
 
 
 def begin(network: Network, interior: Array, corners: Index, size_m: Array) -> Grown:
-    """Return a pose, alone in its network, oriented as far as it goes, principal distances tried at several field
-    widths where the given ones (C,) are NaN, or free and nothing comes of them."""
+    """Return a pose, alone in its network, oriented as far as possible.
+
+    Principal distances are tried at several field widths if the given ones (C,) are NaN, or if they are free and fail.
+    """
     best, best_score = prepare(network, np.nan_to_num(interior, nan=1.0)), -1.0
     for values, most in _interiors(network, interior):
-        rng = np.random.default_rng(0)  # the same rays give the same start, whatever else is tried
+        rng = np.random.default_rng(0)  # a fixed seed makes the start reproducible
         trial, score = _best_seed(network, prepare(network, values), corners, size_m, rng, most)
         clear = _is_clear(network, trial)
         if clear or score > best_score:
@@ -203,8 +207,8 @@ def begin(network: Network, interior: Array, corners: Index, size_m: Array) -> G
 
 
 def _interiors(network: Network, interior: Array) -> Iterator[tuple[Array, int | None]]:
-    """Return the interiors to be tried, each with how many beginnings: as given, then principal distances of several
-    field widths, with few beginnings each and, where nothing comes of them, with all."""
+    """Return the interiors to try, each with the number of seeds: as given, then at several field widths with few
+    seeds, then with all."""
     cameras = np.unique(network.image_camera)
     unknown = np.isnan(interior[cameras, 0])
     free = np.array(["c" in network.cameras[k].free for k in cameras], dtype=bool)
@@ -221,7 +225,7 @@ def _interiors(network: Network, interior: Array) -> Iterator[tuple[Array, int |
 def _best_seed(
     network: Network, empty: Grown, corners: Index, size_m: Array, rng: np.random.Generator, most: int | None
 ) -> tuple[Grown, float]:
-    """Return the best of all beginnings, or the first so many, grown to a few images, and its score."""
+    """Return the best of all seeds, or of the first `most`, grown to a few images, and its score."""
     best, best_score = empty, 0.0
     for seed in islice(_seeds(network, empty, corners, size_m, rng), most):
         trial = grow(seed, rng, lambda now: refined(network, now), _TRIAL_IMAGES)
@@ -241,7 +245,7 @@ def _misses(now: Grown) -> Array:
 
 
 def _score(network: Network, now: Grown) -> float:
-    """Number of rays that a beginning explains, those that it explains badly counted less."""
+    """Return the number of rays that a seed explains; rays with large residuals count less."""
     several = np.bincount(now.rays.point[now.agrees], minlength=now.rays.points) >= 2
     many = (several | np.isfinite(now.given[:, 0]))[now.rays.point]
     limit = _SCORED_PER_SIDE * float(longer_sides(network).max())
@@ -250,7 +254,7 @@ def _score(network: Network, now: Grown) -> float:
 
 
 def _is_clear(network: Network, now: Grown) -> bool:
-    """Whether a beginning explains nearly all rays of enough images, and closely."""
+    """Whether a seed explains nearly all rays of enough images closely."""
     image, oriented = now.rays.image, now.oriented
     count = np.bincount(image, minlength=len(oriented))
     mine = oriented[image] & (
@@ -264,7 +268,7 @@ def _is_clear(network: Network, now: Grown) -> bool:
 
 
 def _seeds(network: Network, empty: Grown, corners: Index, size_m: Array, rng: np.random.Generator) -> Iterator[Grown]:
-    """Return all beginnings of a pose, the surest first."""
+    """Return all seeds of a pose, the most reliable first."""
     known = np.full_like(empty.X, np.nan)
     known[network.known.point] = network.known.xyz_m
     yield from _from_coordinates(empty, known)
@@ -278,20 +282,20 @@ def _seeds(network: Network, empty: Grown, corners: Index, size_m: Array, rng: n
 
 
 def _seeing(now: Grown, points: Index) -> Index:
-    """Return the images that see all of some points."""
+    """Return the images that see all of the given points."""
     hit = np.isin(now.rays.point, points)
     return np.flatnonzero(np.bincount(now.rays.image[hit], minlength=len(now.rays.R)) >= len(points))
 
 
 def _from_coordinates(empty: Grown, given: Array) -> Iterator[Grown]:
-    """Return the beginning from coordinates (P, 3), where an image sees enough of them."""
+    """Return the seed from coordinates (P, 3), if an image sees enough of them."""
     seen = empty.rays.image[np.isfinite(given[empty.rays.point, 0])]
     if len(seen) and np.bincount(seen).max() >= FEWEST:
         yield replace(empty, given=given, X=given)
 
 
 def _from_pairs(empty: Grown, rng: np.random.Generator) -> Iterator[Grown]:
-    """Return beginnings from pairs of images, by how many points agree and at which angle their rays meet."""
+    """Return seeds from pairs of images, sorted by number of agreeing points and intersection angle."""
     sound = np.isfinite(empty.rays.direction[:, 0])
     rays = empty.rays.of(sound)
     shared = np.triu(common_points(rays.image, rays.point, len(rays.R), rays.points))

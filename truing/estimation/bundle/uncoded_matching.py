@@ -1,8 +1,8 @@
-"""Circles without a code, matched over the images of a network that is oriented already.
+"""Match circles without a code across the images of an oriented network.
 
-A circle seen in one image lies in any other image on a line (the epipolar line of Longuet-Higgins 1981). Pairs that fit
-within the tolerance predicted from all covariances are intersected and looked for in every image; what the most images
-agree on becomes a point, and an image point that two points claim belongs to neither (Maas 1992, for particles).
+A circle seen in one image lies on a line in any other image (epipolar line, Longuet-Higgins 1981). Pairs within the
+tolerance predicted from all covariances are intersected and searched in every image. The hypothesis that most images
+support becomes a point; an image point claimed by two points belongs to neither (Maas 1992, for particles).
 """
 
 from __future__ import annotations
@@ -40,9 +40,8 @@ class Circles:
 
 @dataclass(frozen=True)
 class OrientedImages:
-    """Images of one pose with their cameras: camera (I,) by number, R (I, 3, 3), centre (I, 3) in m (NaN where not
-    oriented), covariance (I, 6, 6) of (centre, theta), interior (C, 10); box (2, 3) in m that holds all points
-    sought."""
+    """Images of one pose with their cameras: camera (I,) by number, R (I, 3, 3), centre (I, 3) in m (NaN if not
+    oriented), covariance (I, 6, 6) of (centre, theta), interior (C, 10); box (2, 3) in m of the search."""
 
     cameras: Sequence[Camera]
     interior: Array
@@ -56,7 +55,7 @@ class OrientedImages:
 @dataclass(frozen=True)
 class Matched:
     """Points found: point (M,) of each circle by number or -1, xyz_m (K, 3), cov_m2 (K, 3, 3), and per circle the
-    reason (M,) why it has no point, "" where it has one."""
+    reason (M,) for having no point, "" if it has one."""
 
     point: Index
     xyz_m: Array
@@ -65,10 +64,10 @@ class Matched:
 
 
 def match_uncoded(circles: Circles, images: OrientedImages) -> Matched:
-    """Return the points that circles without a code belong to, one pose at a time."""
+    """Return the points of circles without a code, for one pose."""
     usable = np.flatnonzero(np.isfinite(images.centre[circles.image, 0]))
     some = Circles(circles.image[usable], circles.xy_px[usable], circles.cov_px2[usable])
-    sight = _sight(some, images)
+    sight = _circle_rays(some, images)
     pairs = _epipolar_pairs(sight, images)
     claims, paired = _hypotheses(pairs, sight, images)
     kept, contested = _undisputed(claims, len(usable))
@@ -83,8 +82,8 @@ def match_uncoded(circles: Circles, images: OrientedImages) -> Matched:
 
 
 @dataclass(frozen=True)
-class _Sight:
-    """Circles as rays: image (M,), direction (M, 2) and its covariance (M, 2, 2) with that of the image's
+class _CircleRays:
+    """Circles as rays: image (M,), direction (M, 2) and its covariance (M, 2, 2), including that of the image's
     orientation."""
 
     image: Index
@@ -94,13 +93,13 @@ class _Sight:
 
 @dataclass(frozen=True)
 class _Members:
-    """Which circle (L,) belongs to which point (L,), both by number."""
+    """Pairs of a circle (L,) and its point (L,), both by number."""
 
     circle: Index
     point: Index
 
 
-def _sight(circles: Circles, images: OrientedImages) -> _Sight:
+def _circle_rays(circles: Circles, images: OrientedImages) -> _CircleRays:
     camera = images.camera[circles.image]
     direction = directions(images.cameras, images.interior, camera, circles.xy_px)
     d = np.concatenate([direction, np.ones((len(direction), 1))], axis=1)
@@ -108,11 +107,11 @@ def _sight(circles: Circles, images: OrientedImages) -> _Sight:
     depth = np.einsum("nij,ni->nj", images.R[circles.image], middle - images.centre[circles.image])[:, 2:]
     J = _orientation_slope(images.R[circles.image], d * depth)
     own = circles.cov_px2 / images.interior[camera, 0][:, None, None] ** 2
-    return _Sight(circles.image, direction, own + J @ images.covariance[circles.image] @ J.transpose(0, 2, 1))
+    return _CircleRays(circles.image, direction, own + J @ images.covariance[circles.image] @ J.transpose(0, 2, 1))
 
 
 def _orientation_slope(R: Array, u: Array) -> Array:
-    """Derivatives (n, 2, 6) of X/Z, Y/Z of u = R^T (X - centre) by (centre, theta) of the image."""
+    """Return the derivatives (n, 2, 6) of X/Z, Y/Z of u = R^T (X - centre) by (centre, theta) of the image."""
     P = _projection_slope(u)
     Rt = R.transpose(0, 2, 1)
     return np.concatenate([-P @ Rt, P @ skew(u) @ Rt], axis=2)
@@ -137,7 +136,7 @@ def _partners(images: OrientedImages) -> list[tuple[int, int]]:
     return sorted(chosen)
 
 
-def _epipolar_pairs(sight: _Sight, images: OrientedImages) -> Index:
+def _epipolar_pairs(sight: _CircleRays, images: OrientedImages) -> Index:
     """Return pairs of circles (L, 2) of different images whose rays meet within their tolerance."""
     from scipy.special import chdtri
 
@@ -150,7 +149,7 @@ def _epipolar_pairs(sight: _Sight, images: OrientedImages) -> Index:
         a, b = groups[i], groups[j]
         base = images.R[j].T @ (images.centre[i] - images.centre[j])
         E = skew(base) @ images.R[j].T @ images.R[i]
-        line, back = whole[a] @ E.T, whole[b] @ E  # of a in image j, of b in image i
+        line, back = whole[a] @ E.T, whole[b] @ E  # epipolar lines of a in image j, of b in image i
         miss = line @ whole[b].T
         var = np.einsum("ai,bij,aj->ab", line[:, :2], sight.covariance[b], line[:, :2], optimize=True)
         var += np.einsum("bi,aij,bj->ab", back[:, :2], sight.covariance[a], back[:, :2], optimize=True)
@@ -159,7 +158,7 @@ def _epipolar_pairs(sight: _Sight, images: OrientedImages) -> Index:
     return np.concatenate(found)
 
 
-def _rays(sight: _Sight, images: OrientedImages, members: _Members, points: int) -> Bundle:
+def _rays(sight: _CircleRays, images: OrientedImages, members: _Members, points: int) -> Bundle:
     image = sight.image[members.circle]
     scale = images.interior[images.camera[image], 0]
     return Bundle(
@@ -167,7 +166,7 @@ def _rays(sight: _Sight, images: OrientedImages, members: _Members, points: int)
     )
 
 
-def _located(sight: _Sight, images: OrientedImages, members: _Members, points: int) -> tuple[Array, Array]:
+def _located(sight: _CircleRays, images: OrientedImages, members: _Members, points: int) -> tuple[Array, Array]:
     """Return points (K, 3) from their members' rays and their covariance (K, 3, 3)."""
     rays = _rays(sight, images, members, points)
     ones = np.ones(len(members.circle))
@@ -185,9 +184,9 @@ def _located(sight: _Sight, images: OrientedImages, members: _Members, points: i
     return X, cov
 
 
-def _hypotheses(pairs: Index, sight: _Sight, images: OrientedImages) -> tuple[Index, Mask]:
-    """Circles (H, I) of each supposed point in each image (-1: none), points that are the same merged, and
-    which circles (M,) have any partner."""
+def _hypotheses(pairs: Index, sight: _CircleRays, images: OrientedImages) -> tuple[Index, Mask]:
+    """Return the circle (H, I) of each hypothetical point in each image (-1: none), with duplicates merged, and the
+    circles (M,) that have any partner."""
     paired = np.zeros(len(sight.image), bool)
     members = _Members(pairs.ravel(), np.repeat(np.arange(len(pairs)), 2))
     X, cov = _located(sight, images, members, len(pairs))
@@ -208,8 +207,8 @@ def _members(claims: Index) -> _Members:
     return _Members(claims[point, image], point.astype(np.int64))
 
 
-def _found_in_all(X: Array, cov: Array, sight: _Sight, images: OrientedImages) -> Index:
-    """Return the circle (H, I) that each image shows where it should show the points (H, 3), -1 where none."""
+def _found_in_all(X: Array, cov: Array, sight: _CircleRays, images: OrientedImages) -> Index:
+    """Return the circle (H, I) found in each image at the predicted position of the points (H, 3), -1 if none."""
     from scipy.spatial import cKDTree
     from scipy.special import chdtri
 
@@ -231,11 +230,9 @@ def _found_in_all(X: Array, cov: Array, sight: _Sight, images: OrientedImages) -
 
 
 def _undisputed(claims: Index, circles: int) -> tuple[Index, Mask]:
-    """Return the supposed points (K, I) that stand against all others, and which circles (M,) more than one claimed.
-
-    Two that share circles of two images are the same point: the better supported stands. Of points that share one
-    circle the better supported has it, neither where they are equal; who keeps too few circles falls.
-    """
+    """Return the accepted hypotheses (K, I), and the circles (M,) claimed by more than one. Two hypotheses that share
+    circles in two images are the same point; the better supported one is kept. A circle shared by two points goes to
+    the better supported one, or to neither if they are equal; a point with too few circles left is dropped."""
     from scipy.sparse import csr_array
 
     support = (claims >= 0).sum(axis=1)
@@ -244,7 +241,7 @@ def _undisputed(claims: Index, circles: int) -> tuple[Index, Mask]:
     members = _members(claims)
     B = csr_array((np.ones(len(members.circle)), (members.point, members.circle)), shape=(len(claims), circles))
     shared = (B @ B.T).tocoo()
-    same = (shared.data >= 2) & (shared.row > shared.col)  # the other stands before this one
+    same = (shared.data >= 2) & (shared.row > shared.col)  # the other one has priority
     stands = np.ones(len(claims), bool)
     stands[shared.row[same]] = False
     contested = np.zeros(circles, bool)

@@ -1,7 +1,7 @@
-"""How exactly each kind of target was measured by each camera: variance components of rays, and the test of sigma0.
+"""Precision of each kind of target in each camera: variance components of rays, and the global test of sigma0.
 
-The components are those of Helmert's estimation in Foerstner's simplified form (Foerstner 1979; Luhmann et al., section
-2.4.2.5): a group's weighted squares over its share of the redundancy, iterated with the adjustment until it is one.
+Helmert's estimation in Foerstner's simplified form (Foerstner 1979; Luhmann et al., section 2.4.2.5): a group's
+weighted squares over its share of the redundancy, iterated with the adjustment until the ratio is one.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.adjustment import Adjustment
 from truing.estimation.bundle.network import Network
 
-POOLED = -1  # instead of a camera's or a kind's number: several were too small
+POOLED = -1  # in place of a camera or kind number: several small groups share a component
 _FEWEST = 30.0  # redundancy below which a group is pooled: its component would be known to 25 % at best
-_BOUNDS = (1e-4, 1e4)  # of a factor; what lies outside is no matter of measuring noise
+_BOUNDS = (1e-4, 1e4)  # of a factor; values outside are not measurement noise
 
 
 @dataclass(frozen=True)
 class VarianceComponents:
     """Factors of the rays' covariances: component (N,) of each ray; per component camera (G,) and kind (G,) by number
-    (POOLED where several small groups share it), factor (G,) with its standard deviation sigma (G,), redundancy (G,),
-    and whether the factor stands at a bound (G,)."""
+    (POOLED if shared by small groups), factor (G,) with its standard deviation sigma (G,), redundancy (G,), and whether
+    the factor is at a bound (G,)."""
 
     component: Index
     camera: Index
@@ -34,14 +34,14 @@ class VarianceComponents:
     bounded: Mask
 
     def of_rays(self) -> Array:
-        """Return the factor (N,) of every ray's covariance."""
+        """Return the factor (N,) of each ray's covariance."""
         return self.factor[self.component]
 
 
 @dataclass(frozen=True)
 class GlobalTest:
-    """The weighted sum of squares against its redundancy: sigma0^2, its two-sided limits at level alpha, the p-value,
-    and whether the stated standard deviations pass."""
+    """Global test: sigma0^2 = weighted sum of squares over redundancy, its two-sided limits at level alpha, the
+    p-value, and whether the stated standard deviations pass."""
 
     variance_factor: float
     low: float
@@ -67,10 +67,10 @@ def global_test(chi2: float, redundancy: int, alpha: float = 0.05) -> GlobalTest
 
 
 def grouped(network: Network, used: Mask, redundancy: Array) -> VarianceComponents:
-    """Return components of factor one: a group per camera and kind of target, those of little redundancy pooled.
+    """Return components with factor one: a group per camera and kind of target, with small groups pooled.
 
-    used (N,) rays count; redundancy (N,) of each. Small groups are pooled with the others of their camera that are
-    small, and, where that is not enough, with the largest group of their camera, or of all.
+    used (N,): rays that count; redundancy (N,) of each. Small groups are pooled with other small ones of their camera,
+    and if that is not enough, with the largest group of their camera, or of all.
     """
     camera = network.image_camera[network.rays.image]
     pairs, component = np.unique(np.stack([camera, network.rays.kind], axis=1), axis=0, return_inverse=True)
@@ -104,11 +104,11 @@ def _common(numbers: Index) -> int:
 def updated(
     components: VarianceComponents, adjusted: Adjustment, redundancy: Array, cut: float = 1.0
 ) -> VarianceComponents:
-    """Return the components after one step: what an adjustment with the present factors says of each.
+    """Return the components after one step from the residuals of an adjustment with the present factors.
 
-    redundancy (N, 2, 2) is Q_vv C^-1 of every ray, C with its factor. cut is the mean of a good ray's squares, of those
-    that a test lets pass, over that of all. The standard deviations neglect how groups share what rays have in common:
-    exact for one group, and what several share is spread by its size.
+    redundancy (N, 2, 2): Q_vv C^-1 of every ray, C with its factor. cut: mean square of good rays that a test accepts,
+    over that of all good rays. The standard deviations neglect the correlation between groups: exact for one group;
+    what several share is distributed by size.
     """
     used, group = adjusted.used, components.component[adjusted.used]
     G = len(components.factor)

@@ -1,1 +1,1 @@
-"""What measurements can tell before any is taken, and where to measure."""
+"""Design of measurements: identifiability before measuring, and choice of what to measure."""

@@ -1,9 +1,8 @@
-"""The absorption map: which parameters swallow an effect that the model leaves out, and by how much.
+"""Absorption map: the bias of each fitted parameter by an effect that the model leaves out.
 
-A fit answers what it has no parameter for with the parameters that it has. Where the effect moves the whitened residual
-by s, and the parameters move it by the Jacobian N, the fit shifts by -(N'N + Lambda^-1)^-1 N's: what lies in the space
-of the columns disappears from the residual, and only the rest of it is left for anybody to notice. First order: what
-the fit does in full differs by the square of the effect; `absorb_in_full` follows the model where that is not small.
+Where the effect changes the whitened residual by s and the parameters change it by the Jacobian N, the fit shifts by
+-(N'N + Lambda^-1)^-1 N's. The part of s in the column space disappears from the residual; only the rest is visible.
+This is first order, with an error quadratic in the effect; `absorb_in_full` follows the curved model.
 """
 
 from __future__ import annotations
@@ -22,13 +21,13 @@ Against = Literal["fit", "truth", "nominal"]
 
 @dataclass(frozen=True)
 class Absorption:
-    """What a fit of P parameters does with Q effects that it knows nothing of, each at its unit size.
+    """Response of a fit of P parameters to Q effects outside its model, each of unit size.
 
-    labels: of the parameters. shift (P, Q): the parameters' answer, in their units. swallowed (P, Q): share of the
-    effect's sum of squares that each takes over (may be negative where parameters work against each other). left
-    (N, Q): whitened residual that the fit leaves. absorbed (Q,): share that has disappeared from the residual. visible
-    (Q,): root of the increase of chi-square, what a test on the residual has to see. covariance (P, P): of the fit.
-    prior (P, P): covariance of the parameters before, None without.
+    labels: of the parameters. shift (P, Q): change of the parameters, in their units. swallowed (P, Q): share of the
+    effect's sum of squares that each absorbs (negative if parameters work against each other). left (N, Q): whitened
+    residual after the fit. absorbed (Q,): share of the effect that disappears from the residual. visible (Q,): root of
+    the increase of chi-square, which a test on the residual can detect. covariance (P, P): of the fit. prior (P, P):
+    prior covariance of the parameters, None without.
     """
 
     labels: tuple[str, ...]
@@ -43,12 +42,11 @@ class Absorption:
     def comparison_covariance(self, effects: ArrayLike | None = None, against: Against = "truth") -> NDArray:
         """Return the covariance (P, P) of observed minus predicted shift, to first order.
 
-        effects (Q, Q): covariance of the effects' sizes that the prediction was made with; without, they are exact.
-        What was observed is the fit's distance from: ``fit``, the same data's fit with the effect in its model (the
-        noise cancels, only the effects' sizes are uncertain); ``truth``, the true values (the fit's own covariance
-        comes in addition); ``nominal``, the nominal ones (about which the true ones scatter with the prior, and the
-        fit follows them as far as the data go: prior - covariance).
-        Raises ValueError for nominal values without a prior.
+        effects (Q, Q): covariance of the effects' sizes in the prediction; by default they are exact. The observed
+        shift is the fit's distance from: ``fit``, a fit of the same data with the effect in its model (noise cancels,
+        only the effects' sizes are uncertain); ``truth``, the true values (adds the fit's covariance); ``nominal``, the
+        nominal values (adds prior - covariance, since true values scatter about nominal ones and the fit follows them
+        as far as the data allow). Raises ValueError for nominal values without a prior.
         """
         if against == "nominal" and self.prior is None:
             raise ValueError("shifts from nominal values need their tolerances as prior")
@@ -62,9 +60,8 @@ def absorb(jacobian: NDArray, signature: NDArray, labels: Sequence[str], scales:
     """Return the absorption of effects with signatures (N,) or (N, Q) by P parameters of a whitened Jacobian (N, P).
 
     Jacobian and signature are changes of the same whitened residual, by the parameters and by an effect of unit size.
-    scales (P,): the parameters' tolerances where these were a prior of the fit; without, directions that nothing
-    determines are left where they are, and the covariance does not speak of them.
-    Raises ValueError for shapes that do not match.
+    scales (P,): tolerances, if the fit uses them as prior; without, undetermined directions do not move, and the
+    covariance leaves them out. Raises ValueError for shapes that do not match.
     """
     N = np.asarray(jacobian, float)
     effects = np.asarray(signature, float).reshape(len(N), -1)
@@ -89,7 +86,7 @@ def absorb(jacobian: NDArray, signature: NDArray, labels: Sequence[str], scales:
 
 @dataclass(frozen=True)
 class FullAnswer:
-    """What a non-linear fit of P parameters does with an effect: shift (P,), left (N,) of the residual, status."""
+    """Response of a non-linear fit of P parameters to an effect: shift (P,), residual left (N,), status."""
 
     shift: NDArray
     left: NDArray
@@ -99,9 +96,9 @@ class FullAnswer:
 def absorb_in_full(
     model: Callable[[NDArray], tuple[NDArray, NDArray]], signature: NDArray, scales: ArrayLike | None, size: int
 ) -> FullAnswer:
-    """Return the answer of ``size`` parameters P to an effect of signature (N,), along the curved model.
+    """Return the response of ``size`` parameters P to an effect of signature (N,), along the curved model.
 
-    model(shift (P,)): the whitened residual's change (N,), zero for no shift, and its derivative (N, P). scales (P,):
+    model(shift (P,)): change (N,) of the whitened residual, zero for no shift, and its derivative (N, P). scales (P,):
     tolerances as prior, None without.
     """
     weight = np.zeros((0, size)) if scales is None else np.diag(1.0 / np.asarray(scales, float))
@@ -118,7 +115,7 @@ def absorb_in_full(
 
 
 def _root(N: NDArray, labels: Sequence[str], tolerance: NDArray | None) -> NDArray:
-    """Return a root (P, r) of the fit's covariance, for shapes that match."""
+    """Return a root (P, r) of the fit's covariance after checking shapes."""
     if len(labels) != N.shape[1] or (tolerance is not None and tolerance.shape != N.shape[1:]):
         raise ValueError(f"found jacobian {N.shape}, {len(labels)} labels and scales {tolerance}, expected (N, P)")
     return _root_without_prior(N) if tolerance is None else _root_with_prior(N, tolerance)

@@ -1,7 +1,8 @@
-"""A region between limits, less forbidden boxes: its corners, points spread evenly in it, and the way back into it.
+"""Feasible region between limits, minus forbidden boxes: corners, uniform sampling, and projection into it.
 
-Points are coordinates x (B, n). What is limited are K quantities of x, nearly linear and zero at the origin, given by a
-function with their exact derivative; corners are those of the linearised region, carried to the exact limits by Newton.
+Points are coordinates x (B, n). Limits apply to K quantities of x, nearly linear and zero at the origin, given by a
+function with exact derivatives. Corners are those of the linearised region, moved to the exact limits by Newton's
+method.
 """
 
 from __future__ import annotations
@@ -15,13 +16,13 @@ from numpy.typing import NDArray
 
 Quantities = Callable[[NDArray], tuple[NDArray, NDArray]]  # x (B, n) -> values (B, K), derivatives (B, K, n)
 
-_ROUNDS = 8  # of Newton, and of pulling in: each squares what is left
+_ROUNDS = 8  # of Newton and of pulling in, both with quadratic convergence
 _STEPS_OF_A_WALK = 60
 _SWEEPS = 60
 _TOUCHING = 1e-9  # of a half range
 _BEYOND = 1e-6  # of a half range
-_RESTING = 1e-10  # of a pull from one sweep to the next
-_DRAWS = 50  # times as many points drawn as asked for, before the region counts as forbidden altogether
+_STEADY = 1e-10  # change of a pull between sweeps, at convergence
+_DRAWS = 50  # points drawn per point asked for, before the region counts as fully forbidden
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,8 @@ class _Faces:
 class FeasibleRegion:
     """Points x (B, size) whose quantities lie within half ranges (K,) and in no forbidden box.
 
-    half_range: infinite where there is none. lower, upper (F, K): the boxes, in the quantities, infinite where a box
-    has no end; their faces themselves are allowed.
+    half_range: infinite without a limit. lower, upper (F, K): boxes in the quantities, infinite without an end; their
+    faces are allowed.
     """
 
     size: int
@@ -57,7 +58,7 @@ class FeasibleRegion:
 
     @cached_property
     def limited(self) -> NDArray:
-        """Return which quantities have limits, as indices."""
+        """Indices of the quantities with limits."""
         return np.flatnonzero(np.isfinite(self.half_range))
 
     def excess(self, x: NDArray) -> NDArray:
@@ -65,11 +66,11 @@ class FeasibleRegion:
         return np.asarray(np.max(np.abs(self.quantities(x)[0] / self.half_range), -1))
 
     def within(self, x: NDArray) -> NDArray:
-        """Return which points (B,) lie within the limits, to a millionth of them."""
+        """Return the mask (B,) of points within the limits, to a millionth of them."""
         return self.excess(x) <= 1.0 + _BEYOND
 
     def allowed(self, x: NDArray) -> NDArray:
-        """Return which points (B,) lie in no forbidden box."""
+        """Return the mask (B,) of points in no forbidden box."""
         value = self.quantities(x)[0][:, None]
         slack = _TOUCHING * np.where(np.isfinite(self.half_range), self.half_range, 0.0)
         return ~np.any(np.all((value > self.lower + slack) & (value < self.upper - slack), -1), -1)
@@ -84,7 +85,7 @@ class FeasibleRegion:
         return x
 
     def draw(self, count: int, rng: np.random.Generator) -> NDArray:
-        """Return points (count, size) spread evenly over the region; raises ValueError where all of it is forbidden."""
+        """Return points (count, size) spread evenly over the region; raises ValueError if all of it is forbidden."""
         found = np.empty((0, self.size))
         for _ in range(_DRAWS):
             x = self.pulled_in(self._walk(count, rng))
@@ -108,8 +109,8 @@ class FeasibleRegion:
     def corners(self) -> NDArray:
         """Return the corners (C, size) of the limits, and of the parts that one face of a forbidden box leaves of them.
 
-        Between them lies every point that is allowed, where there is one box. Of several that overlap, the corners of
-        parts that two of them cut are not among these.
+        With one box, their convex hull contains every allowed point. Corners cut by two overlapping boxes are not
+        included.
         """
         k = self.limited
         faces = _Faces(np.tile(k, 2), np.repeat([1.0, -1.0], len(k)), np.tile(self.half_range[k], 2))
@@ -125,7 +126,7 @@ class FeasibleRegion:
         return _distinct(x[self.allowed(x) & self.within(x)])
 
     def _corners_between(self, faces: _Faces) -> NDArray:
-        """Return the corners (C, size) of the points between faces; none where there are no such points."""
+        """Return the corners (C, size) of the points between faces; empty without such points."""
         from scipy.spatial import HalfspaceIntersection
 
         normals = self.normals[faces.index] * faces.sign[:, None]
@@ -143,7 +144,7 @@ class FeasibleRegion:
         return self._onto(x, faces, touched)
 
     def _onto(self, x: NDArray, faces: _Faces, touched: NDArray) -> NDArray:
-        """Return points moved until the faces that they touch (B, M) are met exactly (Newton)."""
+        """Return points moved by Newton's method until they meet the touched faces (B, M) exactly."""
         for _ in range(_ROUNDS):
             value, slope = self.quantities(x)
             scale = touched / np.linalg.norm(self.normals[faces.index], axis=-1)
@@ -153,20 +154,18 @@ class FeasibleRegion:
         return self.pulled_in(x)
 
     def project(self, x: NDArray, about: NDArray) -> NDArray:
-        """Return the nearest points within the limits, these linearised at the points ``about`` (Dykstra 1983)."""
+        """Return the nearest points within the limits, linearised at the points ``about`` (Dykstra 1983)."""
         value, slope = self.quantities(about)
         half = self.half_range[self.limited]
         normal = slope[:, self.limited] / half[:, None]
         at = value[:, self.limited] / half + np.einsum("bki,bi->bk", normal, x - about)
-        pull = _pulls(at, normal @ np.swapaxes(normal, 1, 2))
+        pull = _multipliers(at, normal @ np.swapaxes(normal, 1, 2))
         return x - np.einsum("bk,bki->bi", pull, normal)
 
 
-def _pulls(at: NDArray, gram: NDArray) -> NDArray:
-    """Return how strongly (B, K) limits -1 .. 1 pull points in, where they stand ``at`` (B, K); gram of the normals.
-
-    Dykstra's projections in the pulls alone, which are its dual: one limit after the other, in sweeps.
-    """
+def _multipliers(at: NDArray, gram: NDArray) -> NDArray:
+    """Return the multipliers (B, K) of limits -1 .. 1 that project points with quantities ``at`` (B, K); gram of the
+    normals. This is the dual form of Dykstra's projections: one limit after the other, in sweeps."""
     pull = np.zeros(at.shape)
     for _ in range(_SWEEPS):
         before = pull.copy()
@@ -176,7 +175,7 @@ def _pulls(at: NDArray, gram: NDArray) -> NDArray:
             wanted = (free - np.minimum(np.maximum(free, -1.0), 1.0)) / own
             at = at - (wanted - pull[:, k])[:, None] * gram[:, k]
             pull[:, k] = wanted
-        if np.abs(pull - before).max() <= _RESTING:
+        if np.abs(pull - before).max() <= _STEADY:
             break
     return pull
 
@@ -194,7 +193,7 @@ def _deepest(normals: NDArray, bound: NDArray) -> NDArray | None:
 
 
 def _distinct(x: NDArray) -> NDArray:
-    """Return points (C, n) each once, to a billionth of the largest coordinate."""
+    """Return points (C, n) without duplicates, to a billionth of the largest coordinate."""
     if not len(x):
         return x
     grid = np.round(x / (_TOUCHING * 10 * np.abs(x).max()))

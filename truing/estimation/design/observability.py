@@ -1,12 +1,12 @@
-"""What measurements can tell about parameters before any is taken: which are inseparable, which set is identifiable.
+"""Observability before measuring: inseparable parameters and identifiable sets from a Jacobian.
 
-Columns of the Jacobian are counted in tolerances and its rows in standard deviations of the noise. A singular value is
-then a signal-to-noise ratio: how many sigma the data move when the parameters move by one tolerance along a direction,
-and its inverse is the standard deviation that the data alone leave there, in tolerances.
+Columns of the Jacobian are in tolerances and rows in standard deviations of the noise. A singular value is then a
+signal-to-noise ratio: the change of the data in sigma when the parameters move by one tolerance along a direction. Its
+inverse is the standard deviation from the data alone, in tolerances.
 
-The unidentifiable directions of an `Observability` span a space, of which singular vectors are an unreadable basis. A
-reduced echelon form gives each direction a parameter of its own; what can be left out of a direction while it stays
-unidentifiable is left out. Directions that are null come first, and are simplified only as far as they stay null.
+Unidentifiable directions span a space for which singular vectors are an unreadable basis. A reduced echelon form gives
+each direction its own parameter, and removes parameters while the direction stays unidentifiable. Null directions come
+first, and are simplified only as far as they stay null.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# Where the data alone know a direction no better than this many tolerances, they tell less than the drawing does.
+# Standard deviation from data, in tolerances, from which the data say less than the drawing.
 UNIDENTIFIABLE = 1.0
 _MOST_DIGITS = 9
 _SHOWN_DIGITS = 3
@@ -28,10 +28,10 @@ _SHOWN_DIGITS = 3
 class Observability:
     """Singular values and directions of a scaled observability Jacobian of N rows and P parameters.
 
-    labels, scales (P,): name and tolerance of each parameter. triangle (P, P): factor of the scaled Jacobian, which has
-    its singular values and directions. singular_values (P,): descending. directions (P, P): a column for each, in
-    tolerances. least: singular value up to which a direction counts as unidentifiable. rounding: the value that the
-    computer's arithmetic alone may leave of a zero.
+    labels, scales (P,): name and tolerance of each parameter. triangle (P, P): triangular factor of the scaled
+    Jacobian, with the same singular values and directions. singular_values (P,): descending. directions (P, P):
+    columns, in tolerances. least: largest singular value that counts as unidentifiable. rounding: value that rounding
+    may leave of a zero.
     """
 
     labels: tuple[str, ...]
@@ -44,47 +44,47 @@ class Observability:
 
     @property
     def rank(self) -> int:
-        """Return how many directions are identifiable."""
+        """Number of identifiable directions."""
         return int(np.sum(self.singular_values > self.least))
 
     @property
     def condition(self) -> float:
-        """Return the condition number, infinite where a direction is null to rounding."""
-        if not len(self.singular_values):  # no parameter at all
+        """Condition number, infinite if a direction is null to rounding."""
+        if not len(self.singular_values):  # no parameters
             return np.inf
         first, last = self.singular_values[0], self.singular_values[-1]
         return float(first / last) if last > self.rounding else np.inf
 
     @property
     def unseen(self) -> NDArray:
-        """Return the unidentifiable directions (P, P - rank), orthonormal, in tolerances."""
+        """Unidentifiable directions (P, P - rank), orthonormal, in tolerances."""
         return self.directions[:, self.rank :]
 
     @cached_property
     def sigma(self) -> NDArray:
-        """Return the standard deviation (P,) that the data alone give, infinite where rounding hides a direction."""
+        """Standard deviation (P,) from the data alone, infinite if rounding hides a direction."""
         known = self.singular_values > self.rounding
         if not known.any():
             return np.full(len(self.scales), np.inf)
         scatter = self.directions[:, known] / self.singular_values[known]
-        # A null direction is itself turned by rounding, at most so much, towards the seen ones (Davis and Kahan).
+        # Rounding rotates a null direction towards the seen ones by at most this (Davis and Kahan).
         turned = self.rounding / self.singular_values[known].min()
         hidden = np.any(np.abs(self.directions[:, ~known]) > turned, axis=1)
         return np.where(hidden, np.inf, self.scales * np.linalg.norm(scatter, axis=1))
 
     @cached_property
     def sigma_with_prior(self) -> NDArray:
-        """Return the standard deviation (P,) that the data and the tolerances give together."""
+        """Standard deviation (P,) from data and tolerances together."""
         scatter = self.directions / np.hypot(self.singular_values, 1.0)
         return np.asarray(self.scales * np.linalg.norm(scatter, axis=1))
 
     @property
     def identifiable(self) -> NDArray:
-        """Return which parameters (P,) the data alone determine, all others being free."""
+        """Mask (P,) of parameters that the data alone determine, with all others free."""
         return self.sigma * self.least < self.scales
 
     def sensitivity(self, change: NDArray) -> NDArray:
-        """Return by how many sigma, for one tolerance along them, changes (P, ...) in tolerances are seen (...)."""
+        """Return the change of the data (...) in sigma by changes (P, ...) of the parameters in tolerances."""
         return np.asarray(np.linalg.norm(self.triangle @ change, axis=0) / np.linalg.norm(change, axis=0))
 
 
@@ -96,20 +96,20 @@ def observe(
     unidentifiable: float = UNIDENTIFIABLE,
     accuracy: float = np.finfo(float).eps,
 ) -> Observability:
-    """Return what data with a whitened Jacobian (N, P) tell about P parameters of given tolerances (P,).
+    """Return the observability of P parameters of given tolerances (P,) from a whitened Jacobian (N, P).
 
-    A direction is unidentifiable where the data alone leave it ``unidentifiable`` tolerances or more uncertain: at 1
-    the data halve the variance that the tolerances left, below they hardly touch it. Arithmetic bounds what can be
-    told at all: entries of relative ``accuracy`` move no singular value by more than ``accuracy`` max(N, P) times the
-    largest (Weyl), and what lies below that counts as zero. Both thresholds are invariant to units, to the order of
-    rows and parameters and to rotations among the rows; rows that were not whitened make the first one meaningless.
-    Raises ValueError for shapes that do not match, values that are not finite or scales that are not positive.
+    A direction is unidentifiable if the data alone leave it ``unidentifiable`` or more tolerances uncertain: at 1 the
+    data halve the variance of the tolerances. Rounding limits this: entries of relative ``accuracy`` move no singular
+    value by more than ``accuracy`` max(N, P) times the largest (Weyl), and smaller values count as zero. Both
+    thresholds are invariant to units, order of rows and parameters, and rotations among the rows; rows that are not
+    whitened make the first one meaningless. Raises ValueError for shapes that do not match, values that are not finite
+    or scales that are not positive.
     """
     J, tolerance = np.asarray(jacobian, float), np.asarray(scales, float)
     if J.ndim != 2 or tolerance.shape != J.shape[1:] or len(labels) != J.shape[-1]:
         raise ValueError(f"found jacobian {J.shape}, scales {tolerance.shape}, {len(labels)} labels, expected (N, P)")
     if not np.isfinite(J).all() or not np.all(np.isfinite(tolerance) & (tolerance > 0)):
-        raise ValueError("jacobian and scales have to be finite, and scales positive")
+        raise ValueError("expected a finite jacobian and finite positive scales")
     triangle = _triangle(J * tolerance)
     _, values, rows = np.linalg.svd(triangle)
     rounding = accuracy * max(J.shape) * float(values.max(initial=0.0))
@@ -132,7 +132,8 @@ class Indices:
     o3: s_m, Nahvi, Hollerbach and Hayward, IEEE ICRA (1994) 985 (E-optimality).
     o4: s_m^2 / s_1, the noise amplification index, Nahvi and Hollerbach, IEEE ICRA (1996) 647.
     o5: 1 / (1/s_1 + ... + 1/s_m), Sun and Hollerbach, IEEE ICRA (2008) 831 (related to A-optimality).
-    log_determinant: log det J'J, which orders sets of as many poses as o1 does; the telescope report's O1, section 6.3.
+    log_determinant: log det J'J, with the same order as o1 at an equal number of poses; O1 of the telescope report,
+    section 6.3.
     """
 
     o1: float
@@ -144,10 +145,10 @@ class Indices:
 
 
 def indices(singular_values: NDArray, poses: int) -> Indices:
-    """Return the indices of m singular values (m,), descending, measured in a number of poses; zero where one is zero.
+    """Return the indices of m singular values (m,), descending, of a number of poses; zero if one is zero.
 
-    All but the order by o1 and the log determinant change with the units of parameters that are not counted in
-    tolerances. They are meant for an identifiable set: one unidentifiable direction rules all of them.
+    Except for the order by o1 and the log determinant, they change with the units of parameters not scaled by
+    tolerances. Use them for an identifiable set: one unidentifiable direction dominates all of them.
     """
     s = np.asarray(singular_values, float)
     if not len(s) or s[-1] <= 0:
@@ -160,11 +161,11 @@ def indices(singular_values: NDArray, poses: int) -> Indices:
 
 @dataclass(frozen=True)
 class Inseparable:
-    """G parameters of which the data see only some combinations.
+    """G parameters of which the data determine only some combinations.
 
-    changes (k, G): changes of the parameters, in their own units, that the data do not see, each 1 at a parameter that
-    is its own, the others rounded as far as it stays unseen. sigma (k,): what the data alone leave uncertain along
-    each, in tolerances; infinite where it is null to rounding. seen (G - k, G): the combinations that the data do see.
+    changes (k, G): changes of the parameters, in their own units, that the data do not see; each is 1 at its own
+    parameter, others are rounded as far as it stays unseen. sigma (k,): standard deviation of each from the data alone,
+    in tolerances; infinite if null to rounding. seen (G - k, G): combinations that the data determine.
     """
 
     labels: tuple[str, ...]
@@ -188,10 +189,9 @@ class Inseparable:
 
 
 def inseparable(observability: Observability) -> tuple[Inseparable, ...]:
-    """Return the groups of parameters that the data cannot tell apart, in the order of their first parameter.
+    """Return the groups of parameters that the data cannot separate, in the order of their first parameter.
 
-    Each unidentifiable direction is expressed by as few parameters as keep it unidentifiable; directions that share a
-    parameter make one group.
+    Each unidentifiable direction uses as few parameters as possible; directions that share a parameter form one group.
     """
     changes = sparse_directions(observability)
     return tuple(_group(observability, changes[rows]) for rows in _connected(changes != 0))
@@ -202,7 +202,7 @@ def sparse_directions(observability: Observability) -> NDArray:
     null = observability.directions[:, observability.singular_values <= observability.rounding]
     first, own = _simplified(observability, null, [], observability.rounding)
     unseen = observability.unseen
-    if own:  # the weak directions, less what the null ones can take from them
+    if own:  # weak directions, after removing null directions from them
         rest = np.linalg.svd(unseen[own])[2][len(own) :]
         unseen = unseen @ rest.T
     second, _ = _simplified(observability, unseen, own, observability.least)
@@ -212,7 +212,8 @@ def sparse_directions(observability: Observability) -> NDArray:
 def _simplified(
     observability: Observability, basis: NDArray, taken: list[int], least: float
 ) -> tuple[NDArray, list[int]]:
-    """Return k directions (k, P) for a basis (P, k), without parameters that are taken, and the one that each owns."""
+    """Return k directions (k, P) for a basis (P, k), without parameters that are taken, and each one's own
+    parameter."""
     own = pivots(basis.T)
     echelon = basis @ np.linalg.inv(basis[own]) if own else basis
     found = [_shortest(observability, b, p, [*taken, *own], least) for b, p in zip(echelon.T, own, strict=True)]
@@ -220,7 +221,7 @@ def _simplified(
 
 
 def pivots(rows: NDArray) -> list[int]:
-    """Return for k rows (k, P) the k columns that a QR decomposition with column pivoting takes first."""
+    """Return the k columns that QR with column pivoting takes first from rows (k, P)."""
     left, found = np.array(rows), []
     for _ in range(len(rows)):
         found.append(int(np.argmax(np.sum(left**2, axis=0))))
@@ -230,11 +231,9 @@ def pivots(rows: NDArray) -> list[int]:
 
 
 def _shortest(observability: Observability, direction: NDArray, pivot: int, own: list[int], least: float) -> NDArray:
-    """Return a direction (P,), 1 at its own parameter, with few others and none that others have for themselves.
-
-    Others come in one by one, always the one that hides most of what is still seen, until that is little enough; the
-    smallest leave again where they turn out not to be needed.
-    """
+    """Return a direction (P,), 1 at its own parameter, with few others and no other direction's own parameter.
+    Parameters are added one by one, each the one that hides most of the visible part, until it is small enough; then
+    small unneeded ones are removed."""
     kept, best = _hiding(observability, direction, pivot, own, least)
     for j in sorted(kept, key=lambda i: abs(best[i])):
         fewer = [other for other in kept if other != j]
@@ -269,9 +268,9 @@ def _hiding(
 def _expressed(
     observability: Observability, direction: NDArray, pivot: int, others: Sequence[int], least: float
 ) -> NDArray | None:
-    """Return the least visible change (P,) of a parameter and some others, None where it is seen too well."""
+    """Return the least visible change (P,) of a parameter and some others, None if it is too visible."""
     R, chosen = observability.triangle, list(others)
-    candidates = np.zeros((len(direction), 2))  # fitted anew, or what is left of the direction
+    candidates = np.zeros((len(direction), 2))  # fitted again, or the rest of the direction
     candidates[pivot] = 1.0
     candidates[chosen, 0] = -np.linalg.lstsq(R[:, chosen], R[:, pivot])[0] if chosen else 0.0
     candidates[chosen, 1] = direction[chosen]
@@ -280,7 +279,7 @@ def _expressed(
 
 
 def _connected(supports: NDArray) -> list[list[int]]:
-    """Return the rows (k, P) that hang together by common columns, in the order of their first columns."""
+    """Return the connected groups of rows (k, P) that share columns, in the order of their first columns."""
     groups: list[tuple[NDArray, list[int]]] = []
     for row, support in enumerate(supports):
         touching = [group for group in groups if np.any(group[0] & support)]
@@ -291,7 +290,7 @@ def _connected(supports: NDArray) -> list[list[int]]:
 
 
 def _group(observability: Observability, changes: NDArray) -> Inseparable:
-    """Return the group of some sparse directions (k, P)."""
+    """Return the group of sparse directions (k, P)."""
     members = np.flatnonzero(np.any(changes != 0, axis=0))
     seen_by = observability.sensitivity(changes.T)
     sigma = np.array([1.0 / s if s > observability.rounding else np.inf for s in seen_by])
@@ -313,7 +312,7 @@ def _rounded(observability: Observability, change: NDArray) -> NDArray:
 
 
 def _complement(changes: NDArray) -> NDArray:
-    """Return the combinations (G - k, G) that changes (k, G) leave alone, each with its first coefficient at 1."""
+    """Return the combinations (G - k, G) that changes (k, G) leave constant, each with its first coefficient at 1."""
     norms = np.linalg.norm(changes, axis=0)
     basis = np.linalg.svd(changes / norms)[2][len(changes) :] / norms
     basis = np.where(np.abs(basis) > 1e-9 * np.abs(basis).max(initial=0.0), basis, 0.0)
@@ -341,10 +340,10 @@ def _ratio(labels: Sequence[str], change: NDArray) -> str:
 
 @dataclass(frozen=True)
 class IdentifiableSet:
-    """A set to which no parameter can be added without losing an identifiable direction.
+    """A set that no parameter can join without losing an identifiable direction.
 
-    order: indices of the chosen parameters, the first taken first; chosen (P,): the same as a mask; observability: of
-    the chosen parameters alone, in the order of the Jacobian.
+    order: indices of the chosen parameters in the order of choice; chosen (P,): mask; observability: of the chosen
+    parameters alone, in the order of the Jacobian.
     """
 
     order: tuple[int, ...]
@@ -361,15 +360,15 @@ def choose_identifiable(
     preference: ArrayLike | None = None,
     unidentifiable: float = UNIDENTIFIABLE,
 ) -> IdentifiableSet:
-    """Return a maximal set of parameters of which every direction is identifiable from a whitened Jacobian (N, P).
+    """Return a maximal set of parameters with all directions identifiable from a whitened Jacobian (N, P).
 
-    Parameters are taken one by one: those of lower ``preference`` (P,) first, and among equals the one whose tolerance
-    changes most that the parameters taken before cannot imitate (QR with column pivoting of the scaled Jacobian), so
-    that of several that cannot be told apart the one of the largest tolerance is taken, which is the telescope report's
-    rule (section 6.3.1). One that would leave a direction uncertain by ``unidentifiable`` tolerances or more is left
-    out. Parameters with the same entry of ``groups`` enter together or not at all: every leg then has the same set;
-    their volume in place of their length makes the order.
-    Raises ValueError as `observe`, and where the groups' or preferences' number is not that of the parameters.
+    Parameters are taken one by one: lower ``preference`` (P,) first, and among equals the one whose tolerance changes
+    most beyond the parameters taken before (QR with column pivoting of the scaled Jacobian). Of inseparable parameters
+    this takes the one of the largest tolerance, the rule of the telescope report (section 6.3.1). A parameter that
+    would leave a direction uncertain by ``unidentifiable`` or more tolerances is left out. Parameters with the same
+    entry of ``groups`` enter together or not at all, for example one set for all legs; they are ordered by volume
+    instead of length. Raises ValueError as `observe`, and for groups or preferences whose number is not that of the
+    parameters.
     """
     whole = observe(jacobian, scales, labels, unidentifiable=unidentifiable)
     members = _members(range(len(labels)) if groups is None else groups, len(labels))
@@ -381,7 +380,7 @@ def choose_identifiable(
     while members:
         place, length = _next(left, members, rank)
         columns = members.pop(place)
-        # no singular value is larger than what the columns taken before leave of a new one: most are refused by that
+        # Quick bound: the residual of a new column limits the least singular value, and refuses most columns.
         if length > whole.least and _least(whole, [*order, *columns]) > whole.least:
             order += columns
             left = _without(left, left[:, columns])
@@ -392,17 +391,15 @@ def choose_identifiable(
 
 
 def _members(groups: Sequence[object], count: int) -> list[list[int]]:
-    """Return the columns of every group, in the order of their first ones."""
+    """Return the columns of each group, in the order of first columns."""
     if len(groups) != count:
         raise ValueError(f"found {len(groups)} entries of groups, expected one for each of {count} parameters")
     return [[j for j, name in enumerate(groups) if name == group] for group in dict.fromkeys(groups)]
 
 
 def _next(left: NDArray, members: Sequence[list[int]], rank: NDArray) -> tuple[int, float]:
-    """Return the group of the lowest preference number and, of these, of the largest volume in what is left.
-
-    Its mean length as well, that of a cube of the volume, which is no shorter than what is least visible of the group.
-    """
+    """Return the group of the lowest preference number and, among these, of the largest volume in what is left. Also
+    returns its mean length, the side of a cube of that volume: an upper bound of the least visible direction."""
     lengths = np.linalg.norm(left, axis=0)
     sides = [lengths[group[0]] if len(group) == 1 else _side(left[:, group]) for group in members]
     place = min(range(len(members)), key=lambda i: (rank[members[i]].min(), -sides[i]))
@@ -420,6 +417,6 @@ def _least(whole: Observability, columns: Sequence[int]) -> float:
 
 
 def _without(left: NDArray, taken: NDArray) -> NDArray:
-    """Return columns (P, P) less what the taken ones (P, m) can imitate."""
+    """Return columns (P, P) minus their projection on the taken ones (P, m)."""
     basis = np.linalg.qr(taken)[0]
     return left - basis @ (basis.T @ left)

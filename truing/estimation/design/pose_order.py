@@ -1,7 +1,7 @@
-"""The order in which to measure poses: little travel, and time that cannot be mistaken for a pose.
+"""Measuring order of poses: short travel, and time that no regressor imitates.
 
-Whatever drifts with time while poses are measured looks like every regressor that happens to change with time. Poses
-are taken to need equally long; what counts is the share R of a straight line in time that regressors can imitate.
+A drift during the measurement looks like every regressor that changes with time. Poses are assumed to need equal time;
+the criterion is the share R of a straight line in time that regressors can imitate.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-_KICKS = 80  # every other one of the best order, else an order at random; then all reversals that help
-_RANDOM = 200  # orders that travel is compared with
-# Travel is cheap until drift all but vanishes; docs/design.md shows what other values buy.
+_KICKS = 80  # half from the best order, half from random orders; each followed by all reversals that help
+_RANDOM = 200  # random orders for comparison
+# Shortening travel costs little until drift is almost separated; docs/design.md compares other values.
 TRADE_OFF = 0.75
 
 
 @dataclass(frozen=True)
 class PoseOrder:
-    """An order (N,) of poses; what it travels, and what a random order does on average, m; time beside the poses.
+    """An order (N,) of poses with its travel and that of a random order on average, m.
 
-    drift: largest share (R, from 0 to 1) of a line in time that one group of regressors imitates; random_drift: the
-    same of random orders, on average.
+    drift: largest share (R, from 0 to 1) of a line in time that one group of regressors imitates; random_drift: mean
+    for random orders.
     """
 
     order: NDArray
@@ -62,16 +62,16 @@ def order_poses(
     rng: np.random.Generator,
     trade_off: float = TRADE_OFF,
 ) -> PoseOrder:
-    """Return an order of poses with readings drives (N, L), m, measured from a start (L,) onwards.
+    """Return an order of poses with readings drives (N, L), m, starting from a position (L,).
 
-    regressors (G, N, k): groups of columns from which time shall be kept apart, one group per leg for instance.
-    trade_off: 0 for the shortest travel alone, 1 for time apart alone. A move takes as long as its longest drive. Found
-    by reversals of parts (2-opt) and kicks (Martin, Otto and Felten, Complex Systems 5 (1991) 299). Raises ValueError
-    for a trade-off outside of 0 to 1.
+    regressors (G, N, k): groups of columns to decorrelate from time, for instance one group per leg. trade_off: 0 for
+    the shortest travel, 1 for decorrelation alone. The longest drive determines the time of a move. The search uses
+    reversals (2-opt) and kicks (Martin, Otto and Felten, Complex Systems 5 (1991) 299). Raises ValueError for a
+    trade-off outside of 0 to 1.
     """
     if not 0.0 <= trade_off <= 1.0:
         raise ValueError(f"trade-off: found {trade_off}, expected 0 to 1")
-    if len(drives) < 2:  # without time there is nothing to keep apart
+    if len(drives) < 2:  # one pose has no order
         way = float(np.abs(drives - start).max(initial=0.0))
         return PoseOrder(np.arange(len(drives)), way, way, 0.0, 0.0)
     places = np.concatenate([drives, start[None]])
@@ -86,7 +86,7 @@ def order_poses(
 
 
 def _orthonormal(columns: NDArray) -> NDArray:
-    """Return an orthonormal basis (N, k) of what columns (N, k) hold beyond a constant; zeros fill it up."""
+    """Return an orthonormal basis (N, k) of columns (N, k) after removing a constant; zeros fill it up."""
     centred = columns - columns.mean(0)
     norm = np.linalg.norm(columns, axis=0)
     basis, value, _ = np.linalg.svd(centred / np.where(norm > 0, norm, 1.0), full_matrices=False)
@@ -95,7 +95,7 @@ def _orthonormal(columns: NDArray) -> NDArray:
 
 
 def _travel(distance: NDArray, order: NDArray) -> NDArray:
-    """Return the way (...,) of orders (..., N) from the start, which is the last place."""
+    """Return the travel (...,) of orders (..., N) from the start, which has the last index."""
     before = np.concatenate([np.full((*order.shape[:-1], 1), len(distance) - 1), order[..., :-1]], -1)
     return np.asarray(distance[before, order].sum(-1))
 
@@ -123,7 +123,7 @@ def _cost(task: _Task, order: NDArray) -> float:
 
 
 def _nearest_first(distance: NDArray) -> NDArray:
-    """Return the order that goes to the nearest pose not yet measured."""
+    """Return the order that always goes to the nearest pose not yet measured."""
     left, at, order = list(range(len(distance) - 1)), len(distance) - 1, []
     while left:
         at = left.pop(int(np.argmin(distance[at, left])))
@@ -132,7 +132,7 @@ def _nearest_first(distance: NDArray) -> NDArray:
 
 
 def _kicked(order: NDArray, rng: np.random.Generator) -> NDArray:
-    """Return an order whose middle parts have changed places (double bridge)."""
+    """Return an order with its middle parts exchanged (double bridge)."""
     a, b, c = np.sort(rng.choice(np.arange(1, len(order)), 3, replace=False))
     return np.concatenate([order[:a], order[b:c], order[a:b], order[c:]])
 
@@ -150,7 +150,8 @@ def _descended(task: _Task, order: NDArray) -> NDArray:
 
 
 def _costs_of_reversals(task: _Task, order: NDArray, first: NDArray, last: NDArray) -> NDArray:
-    """Return the cost (M,) after reversing each part first .. last: travel changes at its two ends, time within."""
+    """Return the cost (M,) after reversing each part first .. last; travel changes only at its ends, time only
+    within."""
     distance, start = task.distance, len(task.distance) - 1
     before, after = np.append(start, order[:-1]), np.append(order[1:], start)
     here, there = order[first], order[last]

@@ -1,20 +1,18 @@
-"""Choice of configurations for calibration: the largest determinant (O1), its upper bound, and continuous moves.
+"""Choice of configurations for calibration: largest determinant (O1), its upper bound, and continuous optimisation.
 
-A design spreads n measurements over candidates by weights w (C,). Leg l of L learns A_l = G_l + n sum_x w_x r_xl r_xl^T
-from rows r (C, L, q), G what is known already; the criterion is sum_l log det A_l (O1 of the telescope report). For any
-other weights v, by concavity and by the mean inequality over the P = L q eigenvalues,
+A design distributes n measurements over candidates by weights w (C,). Leg l of L has the information A_l = G_l + n
+sum_x w_x r_xl r_xl^T from rows r (C, L, q) and prior information G_l; the criterion is sum_l log det A_l (O1 of the
+telescope report, section 6.3). For any other weights v, by concavity and by the inequality of means over the P = L q
+eigenvalues,
 
     log det A(v) <= log det A(w) + P log( (sum_l trace A_l^-1 G_l + n max_x d(x)) / P ),
     d(x) = sum_l r_xl^T A_l^-1 r_xl,
 
-with equality at the optimum (Kiefer and Wolfowitz, Canad. J. Math. 12 (1960) 363). The bound holds for n measurements
-split over the candidates in whole numbers or not; no exact choice need reach it.
+with equality at the optimum (Kiefer and Wolfowitz, Canad. J. Math. 12 (1960) 363). The bound holds for whole and
+fractional repetitions; an exact choice may stay below it. Legs are independent.
 
-Candidates are rows (C, L, q) of the observability Jacobian, one per leg; legs are independent, so the criterion is
-sum_l log det A_l with A_l = G_l + sum_n r_nl r_nl^T, G (L, q, q) what is known already (telescope report, section 6.3).
-
-Spectral projected gradient (Birgin, Martínez and Raydan, SIAM J. Optim. 10 (2000) 1196) in a `FeasibleRegion`, whose
-limits are linearised anew at every step.
+Continuous search: spectral projected gradient (Birgin, Martínez and Raydan, SIAM J. Optim. 10 (2000) 1196) in a
+`FeasibleRegion`, with limits linearised at every step.
 """
 
 from __future__ import annotations
@@ -31,31 +29,31 @@ from truing.estimation.design.feasible_region import FeasibleRegion
 _TO_BOUNDARY = 0.95
 _CENTRING = 0.05
 _MAX_STEPS = 100
-_ADDED = 64  # candidates taken in at a time
-# A change of the log determinant below this is rounding.
+_ADDED = 64  # candidates added per iteration
+# Smaller changes of the log determinant are rounding.
 _LEAST_GAIN = 1e-10
-# Of the best design, that lets the first few candidates be judged.
+# Share of the best design's information that helps to compare the first candidates.
 _HINT = 1e-6
-# x (N, n) -> rows (N, L, q) and their derivative (N, L, q, n)
+# x (N, n) -> rows (N, L, q) and their derivatives (N, L, q, n)
 RowsAt = Callable[[NDArray], tuple[NDArray, NDArray]]
-# x (N, n) -> a number for all of them, and its gradient (N, n)
+# x (N, n) -> a value for all of them, and its gradient (N, n)
 Objective = Callable[[NDArray], tuple[float, NDArray]]
-_MEMORY = 8  # values that a step may fall behind, without which the spectral step lengths are wasted
+_MEMORY = 8  # earlier values that a step is compared with, so that spectral step lengths can be used
 _SUFFICIENT = 1e-4
 _SHORTEST = 1e-8
-_FARTHEST = 3.0  # that a step may aim beyond the limits, which are about 1 away: more only slows the projection
-_HALVINGS = 12  # a shorter move is none, beside the spectral length
-_STILL = 1e-6  # a move of the coordinates, whose limits are about 1 away, that counts as none
-_GAIN = 1e-7  # of the value, over the memory, that counts as none
+_FARTHEST = 3.0  # how far a step may aim beyond the limits (about 1 away); more only slows the projection
+_HALVINGS = 12  # shorter moves are negligible compared with the spectral length
+_LEAST_MOVE = 1e-6  # negligible move of the coordinates, whose limits are about 1 away
+_GAIN = 1e-7  # negligible relative gain over the memory
 
 
 @dataclass(frozen=True)
 class DesignBound:
-    """An optimal design of n measurements on candidates, and what no design on them can exceed.
+    """Optimal design of n measurements on candidates, with an upper bound for all designs on them.
 
-    weights (C,), sum 1; information (L, q, q) of the design with what was known before; log_det of it; upper: the
-    bound; sensitivity (C,): n d(x), at most P - trace at the optimum; known: sum_l trace A_l^-1 G_l; converged: whether
-    upper - log_det came below the gap asked for.
+    weights (C,): sum 1; information (L, q, q): of the design and prior; log_det: of the information; upper: bound;
+    sensitivity (C,): n d(x), at most P - trace at the optimum; known: sum_l trace A_l^-1 G_l; converged: whether upper
+    - log_det is below the requested gap.
     """
 
     weights: NDArray
@@ -68,18 +66,19 @@ class DesignBound:
     converged: bool
 
     def with_sensitivity(self, largest: float) -> float:
-        """Return the bound where further candidates reach a sensitivity: at least ``upper``."""
+        """Return the bound for further candidates with a larger sensitivity: at least ``upper``."""
         size = self.information.shape[0] * self.information.shape[1]
         return max(self.upper, self.log_det + size * float(np.log((self.known + largest) / size)))
 
 
 def efficiency(log_det: float, bound: float, parameters: int) -> float:
-    """Return the D-efficiency (det / det of the bound)^(1/P): the share of measurements that the best would need."""
+    """Return the D-efficiency (det / det of the bound)^(1/P): the share of measurements that the best design would
+    need."""
     return float(np.exp((log_det - bound) / parameters))
 
 
 def sum_log_det(information: NDArray) -> float:
-    """Return sum_l log det of information (..., L, q, q); minus infinity where a leg is not determined."""
+    """Return sum_l log det of information (..., L, q, q); minus infinity if a leg is not determined."""
     sign, value = np.linalg.slogdet(information)
     return float(np.sum(np.where(sign > 0, value, -np.inf)))
 
@@ -87,8 +86,8 @@ def sum_log_det(information: NDArray) -> float:
 def bound_design(rows: NDArray, count: float, given: NDArray | None = None, gap: float = 1e-6) -> DesignBound:
     """Return the optimal design of ``count`` measurements on candidates with rows (C, L, q), to a gap in log det.
 
-    given (L, q, q): information there already. Interior point on the weights, candidates that the bound needs being
-    taken in by and by. Raises ValueError where the candidates do not determine every leg.
+    given (L, q, q): prior information. Interior point method on the weights; candidates are added as the bound
+    requires. Raises ValueError if the candidates do not determine every leg.
     """
     before = np.zeros((rows.shape[1], rows.shape[2], rows.shape[2])) if given is None else given
     if not np.isfinite(sum_log_det(before + np.einsum("clq,clr->lqr", rows, rows))):
@@ -106,14 +105,15 @@ def bound_design(rows: NDArray, count: float, given: NDArray | None = None, gap:
 
 
 def _spanning(rows: NDArray) -> NDArray:
-    """Return a small pool of candidates to begin with: those most sensitive when all have the same weight."""
+    """Return a small pool of candidates to begin with: the most sensitive ones at equal weights."""
     flat = np.einsum("clq,clr->lqr", rows, rows)
     sensitivity = np.einsum("clq,lqr,clr->c", rows, np.linalg.inv(flat), rows)
     return np.argsort(sensitivity)[::-1][: 4 * _ADDED]
 
 
 def _interior_point(rows: NDArray, count: float, before: NDArray, gap: float) -> tuple[NDArray, bool]:
-    """Return the weights (C,) that maximise the log determinant, by primal-dual Newton steps, and whether they do."""
+    """Return the weights (C,) that maximise the log determinant, by primal-dual Newton steps, and whether they
+    converged."""
     size = rows.shape[1] * rows.shape[2]
     w = np.full(len(rows), 1.0 / len(rows))
     slack = np.zeros(0)
@@ -150,11 +150,11 @@ def _newton(w: NDArray, slack: NDArray, gradient: NDArray, curvature: NDArray) -
     nu = (pair[:, 0].sum() - (1.0 - w.sum())) / pair[:, 1].sum()
     step = pair[:, 0] - nu * pair[:, 1]
     other = mu / w - slack - slack / w * step
-    return w + _length(w, step) * step, slack + _length(slack, other) * other
+    return w + _step_length(w, step) * step, slack + _step_length(slack, other) * other
 
 
-def _length(value: NDArray, step: NDArray) -> float:
-    """Return how far a step may go before a positive value would vanish, at most 1."""
+def _step_length(value: NDArray, step: NDArray) -> float:
+    """Return the largest step, at most 1, that keeps positive values positive."""
     falling = step < 0
     return min(1.0, _TO_BOUNDARY * float(np.min(-value[falling] / step[falling], initial=np.inf)))
 
@@ -162,7 +162,7 @@ def _length(value: NDArray, step: NDArray) -> float:
 def _design_with_bound(
     rows: NDArray, pool: NDArray, w: NDArray, count: float, before: NDArray, gap: float
 ) -> DesignBound:
-    """Return the design of weights on a pool with the bound over all candidates."""
+    """Return the design of weights on a pool, with the bound over all candidates."""
     weights = np.zeros(len(rows))
     weights[pool] = w / w.sum()
     information = _information(rows[pool], weights[pool], count, before)
@@ -175,7 +175,7 @@ def _design_with_bound(
 
 
 class SelectionStatus(StrEnum):
-    """How a search for configurations ended."""
+    """Final status of a search for configurations."""
 
     CONVERGED = "converged"
     ITERATION_LIMIT = "iteration-limit"
@@ -183,7 +183,7 @@ class SelectionStatus(StrEnum):
 
 @dataclass(frozen=True)
 class PoseSelection:
-    """Chosen candidates (N,) as indices, a candidate measured twice standing twice; log_det: the criterion."""
+    """Chosen candidates (N,) as indices, repeated for repeated measurements; log_det: the criterion."""
 
     chosen: NDArray
     log_det: float
@@ -192,16 +192,16 @@ class PoseSelection:
 
 
 def information_of(rows: NDArray, given: NDArray | None = None) -> NDArray:
-    """Return A (L, q, q) of rows (N, L, q) with what is known already."""
+    """Return A (L, q, q) of rows (N, L, q) and prior information."""
     own = np.einsum("nlq,nlr->lqr", rows, rows)
     return own if given is None else own + given
 
 
 def rounded_design(design: DesignBound, count: int) -> NDArray:
-    """Return ``count`` candidates that repeat a design's weights as nearly as whole numbers can.
+    """Return ``count`` candidates with repetitions closest to a design's weights.
 
     Efficient rounding (Pukelsheim and Rieder, Biometrika 79 (1992) 763); of a support larger than ``count`` the
-    heaviest.
+    candidates of largest weight.
     """
     support = np.argsort(design.weights, kind="stable")[::-1][: max(1, int(np.sum(design.weights > 1e-6)))][:count]
     share = design.weights[support] / design.weights[support].sum()
@@ -215,9 +215,9 @@ def rounded_design(design: DesignBound, count: int) -> NDArray:
 
 
 def one_by_one(rows: NDArray, count: int, design: DesignBound, given: NDArray | None = None) -> NDArray:
-    """Return ``count`` candidates, each the best to add to those before it: a start that determines what can be.
+    """Return ``count`` candidates by greedy choice, each the best addition to those before it.
 
-    Until the candidates chosen determine every parameter by themselves, a trace of the best design's information helps.
+    Until the chosen candidates determine every parameter, a small share of the best design's information is added.
     """
     information = _HINT * design.information if given is None else given + _HINT * design.information
     chosen = np.zeros(count, np.int64)
@@ -228,11 +228,11 @@ def one_by_one(rows: NDArray, count: int, design: DesignBound, given: NDArray | 
 
 
 def exchange(rows: NDArray, start: NDArray, given: NDArray | None = None, max_iterations: int = 1000) -> PoseSelection:
-    """Return the choice that no exchange of one configuration for one candidate improves.
+    """Return a choice that no exchange of one configuration for one candidate improves.
 
-    start (N,): candidates to begin with. Each step makes the best of all N C exchanges, whose gain follows from
-    rank-one updates: det(A + x x^T - y y^T) / det A = (1 + d_xx)(1 - d_yy) + d_xy^2, d_xy = x^T A^-1 y (Fedorov, Theory
-    of Optimal Experiments, 1972). Raises ValueError where the start does not determine every leg.
+    start (N,): initial candidates. Each step makes the best of all N C exchanges, whose gain follows from rank-one
+    updates: det(A + x x^T - y y^T) / det A = (1 + d_xx)(1 - d_yy) + d_xy^2, d_xy = x^T A^-1 y (Fedorov, Theory of
+    Optimal Experiments, 1972). Raises ValueError if the start does not determine every leg.
     """
     chosen = np.array(start)
     for iteration in range(max_iterations):
@@ -246,7 +246,7 @@ def exchange(rows: NDArray, start: NDArray, given: NDArray | None = None, max_it
 
 
 def _best_exchange(rows: NDArray, chosen: NDArray, information: NDArray) -> tuple[int, int, float]:
-    """Return which of the chosen goes, which candidate comes, and by how much the log determinant grows."""
+    """Return the configuration to remove, the candidate to add, and the gain of the log determinant."""
     factor = np.linalg.inv(np.linalg.cholesky(information))
     white = factor @ np.transpose(rows, (1, 2, 0))
     own = white[:, :, chosen]
@@ -259,10 +259,10 @@ def _best_exchange(rows: NDArray, chosen: NDArray, information: NDArray) -> tupl
 
 
 def ioops(rows: NDArray, start: NDArray, given: NDArray | None = None, max_iterations: int = 1000) -> PoseSelection:
-    """Return the choice that eliminating its worst configuration and adding the best candidate leaves as it is.
+    """Return a choice that is stable under removing its worst configuration and adding the best candidate.
 
-    The two are judged one after the other, which is what sets it apart from `exchange` (IOOPS, the telescope report,
-    section 6.3.2). Raises ValueError as `exchange`.
+    Removal and addition are decided one after the other, unlike in `exchange` (IOOPS, telescope report, section 6.3.2).
+    Raises ValueError as `exchange`.
     """
     chosen = np.array(start)
     value = sum_log_det(_determined(rows[chosen], given))
@@ -278,14 +278,14 @@ def ioops(rows: NDArray, start: NDArray, given: NDArray | None = None, max_itera
 
 
 def _without_worst(rows: NDArray, chosen: NDArray, given: NDArray | None) -> NDArray:
-    """Return the chosen less the one whose loss costs least."""
+    """Return the chosen candidates without the one whose loss costs least."""
     inverse = np.linalg.inv(information_of(rows[chosen], given))
     own = np.einsum("nlq,lqr,nlr->nl", rows[chosen], inverse, rows[chosen], optimize=True)
     return np.delete(chosen, int(np.argmax(np.sum(np.log(np.maximum(1.0 - own, 1e-300)), -1))))
 
 
 def _gains(rows: NDArray, information: NDArray) -> NDArray:
-    """Return by how much each candidate (C,) would raise the log determinant."""
+    """Return the gain (C,) of the log determinant by each candidate."""
     sensitivity = np.einsum("clq,lqr,clr->cl", rows, np.linalg.pinv(information, hermitian=True), rows, optimize=True)
     return np.sum(np.log1p(sensitivity), -1)
 
@@ -299,7 +299,7 @@ def _determined(rows: NDArray, given: NDArray | None) -> NDArray:
 
 @dataclass(frozen=True)
 class AscentResult:
-    """Where a climb ended: points (N, n) within the region, the objective there, and how it ended."""
+    """Result of a climb: points (N, n) in the region, the objective there, and the final status."""
 
     x: NDArray
     value: float
@@ -312,7 +312,7 @@ def optimise_directly(
 ) -> AscentResult:
     """Return N configurations that no small move within the region improves, from a start (N, n) in it.
 
-    Maximises sum_l log det A_l, given (L, q, q) being what is known already. Raises ValueError where the start does not
+    Maximises sum_l log det A_l with prior information given (L, q, q). Raises ValueError if the start does not
     determine every leg.
     """
 
@@ -332,9 +332,9 @@ def optimise_directly(
 def largest_sensitivity(
     region: FeasibleRegion, rows_at: RowsAt, design: DesignBound, start: NDArray, max_iterations: int = 40
 ) -> AscentResult:
-    """Return the most sensitive points that climbs from a start (N, n) reach; value: the sensitivity of the best.
+    """Return the most sensitive points that climbs from a start (N, n) reach; value: the largest sensitivity.
 
-    What a set of candidates leaves out between them shows here: `DesignBound.with_sensitivity` turns it into a bound.
+    It covers points between the candidates: `DesignBound.with_sensitivity` turns it into a bound for the whole region.
     """
 
     def each(x: NDArray) -> tuple[NDArray, NDArray]:
@@ -357,7 +357,7 @@ def _solved(rows: NDArray, information: NDArray) -> NDArray:
 
 
 def climb(region: FeasibleRegion, objective: Objective, start: NDArray, max_iterations: int) -> AscentResult:
-    """Return where the objective no longer grows from a start (N, n) within the region."""
+    """Return the local maximum of the objective reached from a start (N, n) within the region."""
     x, status = start, SelectionStatus.ITERATION_LIMIT
     value, gradient = objective(x)
     length, past, best = np.inf, [value], (x, value)
@@ -365,7 +365,7 @@ def climb(region: FeasibleRegion, objective: Objective, start: NDArray, max_iter
         steepest = max(float(np.abs(gradient).max()), 1e-300)
         move = region.project(x + min(length, _FARTHEST / steepest) * gradient, x) - x
         trial, reached, slope = _step(region, objective, x, move, gradient, min(past[-_MEMORY:]))
-        if trial is None or np.abs(move).max() <= _STILL or _has_converged(past):
+        if trial is None or np.abs(move).max() <= _LEAST_MOVE or _has_converged(past):
             status = SelectionStatus.CONVERGED
             break
         length = _spectral_length(trial - x, slope - gradient)
@@ -377,7 +377,7 @@ def climb(region: FeasibleRegion, objective: Objective, start: NDArray, max_iter
 
 
 def _has_converged(past: list[float]) -> bool:
-    """Return whether the best value has hardly grown over as many steps as may fall behind."""
+    """Return whether the best value has hardly grown over the memory."""
     if len(past) <= 2 * _MEMORY:
         return False
     return max(past[-_MEMORY:]) - max(past[:-_MEMORY]) <= _GAIN * max(1.0, abs(past[-1]))
@@ -386,7 +386,8 @@ def _has_converged(past: list[float]) -> bool:
 def _step(
     region: FeasibleRegion, objective: Objective, x: NDArray, move: NDArray, gradient: NDArray, least: float
 ) -> tuple[NDArray | None, float, NDArray]:
-    """Return the first point of halved moves that is good enough; a point whose move ends in a forbidden box stays."""
+    """Return the first point of successively halved moves with sufficient gain; moves that end in a forbidden box are
+    not made."""
     rise, share = float(np.sum(gradient * move)), 1.0
     for _ in range(_HALVINGS):
         trial = region.pulled_in(x + share * move)
@@ -399,6 +400,7 @@ def _step(
 
 
 def _spectral_length(moved: NDArray, turned: NDArray) -> float:
-    """Return the step length that fits the last change of the gradient; without end where it grew along the move."""
+    """Return the step length that fits the last change of the gradient; infinite if the gradient grew along the
+    move."""
     bend = -float(np.sum(moved * turned))
     return np.inf if bend <= 0 else max(float(np.sum(moved**2)) / bend, _SHORTEST)

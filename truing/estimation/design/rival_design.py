@@ -1,19 +1,19 @@
-"""Where to measure next: poses or runs that tell two rival models apart, or that narrow down one parameter.
+"""Next measurements: poses or runs that discriminate between two rival models, or that reduce one uncertainty.
 
-What a new pose says is whitened and freed of the pose's own unknowns (its frame, its actuators). Everything asked of
-a set of poses then follows from sums over them, so that sets are searched by adding and exchanging single poses.
+The predictions of a new pose are whitened and its own unknowns (frame, actuators) eliminated. Information then adds up
+over poses, so that sets are searched by adding and exchanging single poses.
 
-Rivals have their nuisances in common and an effect each of their own. Refitted to the old data and the new, nuisances
-leave predictions a covariance C that is the same for both; that of its effect's parameters adds to it, so that rival A
-predicts N(m_A, C_A). Were A right, new measurements would change the log odds of A against B by the divergence of the
-two predictions (Box and Hill, Technometrics 9 (1967) 57),
+Rivals share their nuisance parameters and have one effect each. After a fit to old and new data, nuisances leave the
+predictions a covariance C common to both; the effect's own parameters add to it, so that rival A predicts N(m_A, C_A).
+If A is right, new measurements are expected to change the log odds of A against B by the divergence of the two
+predictions (Box and Hill, Technometrics 9 (1967) 57),
 
     1/2 [ gap^T C_B^-1 gap + tr(C_B^-1 C_A) - n - log det(C_B^-1 C_A) ],    gap = m_A - m_B,
 
-half the squared distance between the predictions, and what not knowing the effects' sizes exactly adds to it.
+which is half the squared distance between the predictions, plus a term for the uncertain sizes of the effects.
 
-Steps of a run belong together: each counts from the run's zero, and what a structure remembers goes from one to the
-next. So runs are chosen whole, by the same sums as poses.
+Steps of a run belong together: each is relative to the run's zero, and hysteresis carries over between steps. Runs are
+therefore chosen as a whole, by the same sums as poses.
 """
 
 from __future__ import annotations
@@ -30,43 +30,43 @@ from truing.inference.fit import linearise
 from truing.inference.observations import Frames, Observations
 
 # Directions of the unknowns in which all candidates together see less than this share of the noise's variance are left
-# out: they change no squared distance by as much.
+# out: they hardly change any squared distance.
 _UNSEEN = 1e-3
-# Of all candidates for a place, so many are tried: those that promise most to first order.
+# Number of candidates evaluated exactly per place: the best ones to first order.
 _TRIED = 8
-# Where as many poses as asked for are not enough, they are chosen to be measured so many times each.
+# If the requested number of poses is not enough, each is measured up to this many times.
 _AGAIN = 16
-# A set of poses measured so many times is as good as measured without end.
+# A number of repetitions that acts as infinity.
 _MANY = 100
-_LARGEST = 100.0  # logarithm of odds, beyond which nobody counts
+_LARGEST = 100.0  # logarithm of odds beyond which more makes no difference
 Sums = list[NDArray]  # each (C, ...), one entry per candidate or set of candidates
 
 
 class DesignCriterion(Protocol):
-    """What sets of poses are judged by, from sums over them."""
+    """Criterion for sets of poses, evaluated from sums over them."""
 
     def reached(self, sums: Sums) -> NDArray:
-        """Return the value (C,) of sets, to be made large."""
+        """Return the value (C,) of sets, to be maximised."""
 
     def promise(self, there: Sums, more: Sums) -> NDArray:
-        """Return what adding each of several candidates to one set would gain to first order, on any scale."""
+        """Return the first-order gain of adding each of several candidates to one set, on any scale."""
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """A model of points that was fitted: its unknowns (G,) and their covariance (G, G), in prior sigmas."""
+    """A fitted model of points: its unknowns (G,) and their covariance (G, G), in prior sigmas."""
 
     model: Any  # a `CampaignModel`
     shared: NDArray
     covariance: NDArray
 
     def propagated(self, own: NDArray) -> NDArray:
-        """Return how all unknowns (G, P) follow some of them (P,) per standard deviation, the others refitted."""
+        """Return the changes of all unknowns (G, P) per standard deviation of some (P,), with the others refitted."""
         covariance = self.covariance[:, own]
         return np.linalg.solve(np.linalg.cholesky(covariance[own]), covariance.T).T
 
     def given(self, own: NDArray) -> NDArray:
-        """Return the covariance (O, O) of the others were some of the unknowns known."""
+        """Return the covariance (O, O) of the others if some of the unknowns were known."""
         others = np.setdiff1d(np.arange(len(self.shared)), own)
         follow = self.propagated(own)[others]
         return self.covariance[np.ix_(others, others)] - follow @ follow.T
@@ -74,8 +74,10 @@ class Fitted:
 
 @dataclass(frozen=True)
 class PointInstrument:
-    """How further poses would be measured: the covariance (K, 3, 3) of each target's point in the model's frame, m^2;
-    free: whether each pose is measured in a frame of its own."""
+    """Instrument for further poses: covariance (K, 3, 3) of each target's point in the model's frame, m^2.
+
+    free: whether each pose has its own measurement frame.
+    """
 
     covariance: NDArray
     free: bool = True
@@ -83,10 +85,10 @@ class PointInstrument:
 
 @dataclass(frozen=True)
 class PoseCandidates:
-    """C poses that could be measured as a fitted model sees them, M measurements each, in units of their noise.
+    """C candidate poses with M measurements each, predicted by a fitted model in units of their noise.
 
-    predicted (C, M); rows (C, M, G): their derivative by the shared unknowns, per prior sigma; basis (C, M + H, H) of
-    what the H unknowns of a pose and their priors explain.
+    predicted (C, M); rows (C, M, G): derivatives by the shared unknowns, per prior sigma; basis (C, M + H, H): space of
+    the H unknowns of a pose and their priors.
     """
 
     fitted: Fitted
@@ -96,16 +98,16 @@ class PoseCandidates:
 
     @property
     def count(self) -> int:
-        """Return the number of candidates."""
+        """Number of candidates."""
         return len(self.predicted)
 
     def freed(self, columns: NDArray) -> NDArray:
-        """Return columns (C, M, P) as (C, M + H, P), without what the poses' own unknowns explain."""
+        """Return columns (C, M, P) as (C, M + H, P), with the poses' own unknowns eliminated."""
         padded = np.concatenate([columns, np.zeros((self.count, self.basis.shape[2], columns.shape[2]))], 1)
         return padded - self.basis @ (np.swapaxes(self.basis, 1, 2) @ padded)
 
     def sight(self, unknowns: NDArray, covariance: NDArray) -> CandidateSensitivity:
-        """Return what is seen of some unknowns (G',) of covariance (G', G')."""
+        """Return the sensitivity to some unknowns (G',) of covariance (G', G')."""
         rows, size = self.rows[..., unknowns], self.rows.shape[1]
         factor = np.linalg.cholesky(covariance)
         own = (np.swapaxes(self.basis[:, :size], 1, 2) @ rows).reshape(-1, len(unknowns))
@@ -117,23 +119,24 @@ class PoseCandidates:
 
 @dataclass(frozen=True)
 class CandidateSensitivity:
-    """What candidates see of a model's uncertainty: rows (C, N, R) per standard deviation along R directions (G, R)."""
+    """Sensitivity of candidates to a model's uncertainty: rows (C, N, R) per standard deviation along R directions (G,
+    R)."""
 
     rows: NDArray
     directions: NDArray
 
     @property
     def information(self) -> NDArray:
-        """Return what each candidate tells (C, R, R), in units of what is known."""
+        """Return the information (C, R, R) of each candidate relative to the present one."""
         return np.swapaxes(self.rows, 1, 2) @ self.rows
 
 
 @dataclass(frozen=True)
 class ChosenPoses:
-    """Distinct candidates in the order in which to measure them, as indices, and how often each.
+    """Distinct candidates, as indices, in the order in which to measure them.
 
-    times (n,): measurements of each for what was asked for; where ``is_enough`` is False no number of them reaches it,
-    and times are very many. values (n,): what is reached with all of the first, of the first two, ..
+    times (n,): measurements of each; if ``is_enough`` is False, no number of repetitions reaches the aim, and times are
+    very large. values (n,): value reached with all repetitions of the first, of the first two, ..
     """
 
     chosen: tuple[int, ...]
@@ -143,21 +146,21 @@ class ChosenPoses:
 
     @property
     def final(self) -> float:
-        """Return what is reached with all of them."""
+        """Value reached with all of them."""
         return self.values[-1]
 
     @property
     def total(self) -> int:
-        """Return the number of measurements of all candidates together."""
+        """Number of measurements of all candidates together."""
         return sum(self.times)
 
     def with_values(self, tell: Callable[[float], float]) -> ChosenPoses:
-        """Return the choice with its values in other terms."""
+        """Return the choice with its values converted to other terms."""
         return replace(self, values=tuple(tell(value) for value in self.values))
 
 
 def candidates(fitted: Fitted, conditions: Any, instrument: PointInstrument) -> PoseCandidates:
-    """Return poses at new conditions as a fitted model sees them."""
+    """Return poses at new conditions as predicted by a fitted model."""
     model = fitted.model.at(conditions)
     count, targets = len(conditions.readings), len(instrument.covariance)
     origin = Observations(
@@ -180,10 +183,10 @@ def discriminating_poses(
     most: int,
     log_odds: float = 0.0,
 ) -> ChosenPoses:
-    """Return the poses after which odds (of ``odds`` to 1) are expected for whichever of two rivals is right.
+    """Return the poses that are expected to give odds of ``odds`` to 1 for whichever of two rivals is right.
 
-    own: the unknowns (P,) of each that are its effect, the others being the same for both; log_odds: of the first
-    against the second, from what was measured so far. Values are expected odds.
+    own: unknowns (P,) of each rival's effect; the others are common to both. log_odds: of the first against the second
+    from earlier measurements. Values are expected odds.
     """
     first, second = rivals
     gap = (first.predicted - second.predicted)[..., None]
@@ -198,9 +201,9 @@ def discriminating_poses(
 
 
 def narrowed(seen: PoseCandidates, direction: NDArray, factor: float, most: int) -> ChosenPoses:
-    """Return the poses after which the uncertainty along a direction (G,) is ``factor`` times what it is now.
+    """Return the poses that reduce the uncertainty along a direction (G,) to ``factor`` times its present value.
 
-    Values are the uncertainty over that of now.
+    Values are uncertainties relative to the present one.
     """
     covariance = seen.fitted.covariance
     sight = seen.sight(np.arange(len(covariance)), covariance)
@@ -212,11 +215,9 @@ def narrowed(seen: PoseCandidates, direction: NDArray, factor: float, most: int)
 
 @dataclass(frozen=True)
 class _Odds:
-    """The expected log odds of whichever rival is right, the worse of both cases.
-
-    Sums are products (C, Q, Q) of Q columns (the gap, the effect of the first by its ``size`` parameters, that of the
-    second), these along R directions of the nuisances (C, R, Q), and the information on those (C, R, R).
-    """
+    """Expected log odds of the right rival, for the worse of both cases. Sums are products (C, Q, Q) of Q columns (the
+    gap, the effect of the first by its ``size`` parameters, that of the second), these along R directions of the
+    nuisances (C, R, Q), and the information on those (C, R, R)."""
 
     log_odds: float
     size: int
@@ -224,18 +225,18 @@ class _Odds:
     def reached(self, sums: Sums) -> NDArray:
         products, along, information = sums
         known = np.eye(information.shape[-1]) + information
-        return self._surer(products - np.swapaxes(along, 1, 2) @ np.linalg.solve(known, along))
+        return self._log_odds(products - np.swapaxes(along, 1, 2) @ np.linalg.solve(known, along))
 
     def promise(self, there: Sums, more: Sums) -> NDArray:
-        """Return the log odds with each candidate, were the nuisances to stay as they follow what is there."""
+        """Return the log odds with each candidate, with the nuisances' response unchanged."""
         products, along, information = (part[0] for part in there)
         followed = np.linalg.solve(np.eye(len(information)) + information, along)
         crossed = np.swapaxes(more[1], 1, 2) @ followed
         left = more[0] - crossed - np.swapaxes(crossed, 1, 2) + followed.T @ (more[2] @ followed)
-        return self._surer(products - along.T @ followed + left)
+        return self._log_odds(products - along.T @ followed + left)
 
-    def _surer(self, products: NDArray) -> NDArray:
-        """Return the log odds from products (C, Q, Q) of what nuisances do not explain."""
+    def _log_odds(self, products: NDArray) -> NDArray:
+        """Return the log odds from products (C, Q, Q) with nuisances eliminated."""
         first, second = slice(1, 1 + self.size), slice(1 + self.size, None)
         for_first = self.log_odds + _divergence(products, first, second)
         for_second = -self.log_odds + _divergence(products, second, first)
@@ -255,17 +256,16 @@ def _divergence(products: NDArray, right: slice, wrong: slice) -> NDArray:
 
 @dataclass(frozen=True)
 class _Sharpness:
-    """Less the uncertainty of a parameter over that of now; sums: the information (C, R, R).
-
-    along (R,): the parameter per standard deviation along each direction; unseen, now: its variance off them, and now.
-    """
+    """Minus the uncertainty of a parameter relative to the present one; sums: the information (C, R, R). along (R,):
+    the parameter per standard deviation along each direction; unseen, now: its variance outside of them, and its
+    present variance."""
 
     along: NDArray
     unseen: float
     now: float
 
     def reached(self, sums: Sums) -> NDArray:
-        return -np.sqrt((self.unseen + _left(self.along, sums[0])) / self.now)
+        return -np.sqrt((self.unseen + _absorbed(self.along, sums[0])) / self.now)
 
     def promise(self, there: Sums, more: Sums) -> NDArray:
         """Return the derivative of the variance by each candidate's weight."""
@@ -274,9 +274,9 @@ class _Sharpness:
 
 
 def search(sums: Sums, aim: DesignCriterion, enough: float, most: int) -> ChosenPoses:
-    """Return the candidates, at most ``most``, whose summed ``sums`` reach a value, or do when repeated.
+    """Return at most ``most`` candidates whose summed ``sums`` reach a value, with repetitions if needed.
 
-    Added one by one, each the best to add, then exchanged one by one for better ones.
+    They are added greedily, then exchanged one by one for better ones.
     """
     chosen, reached = _chosen(sums, aim, enough, most)
     if reached < enough:
@@ -313,7 +313,7 @@ def _best_added(sums: Sums, aim: DesignCriterion, chosen: Sequence[int]) -> tupl
 
 
 def _in_order(sums: Sums, aim: DesignCriterion, times: Mapping[int, int]) -> tuple[list[int], tuple[float, ...]]:
-    """Return candidates in the order in which each adds most to those before it, and the values on the way."""
+    """Return candidates sorted so that each adds most to those before it, and the values on the way."""
     left, ordered, values = list(times), list[int](), list[float]()
     there = [np.zeros_like(part[:1]) for part in sums]
     while left:
@@ -328,7 +328,7 @@ def _in_order(sums: Sums, aim: DesignCriterion, times: Mapping[int, int]) -> tup
 
 
 def _rounds(sums: Sums, aim: DesignCriterion, enough: float) -> int | None:
-    """Return how often a set (its sums, one trial) has to be measured; None where no number is enough."""
+    """Return the number of repetitions that a set (its sums, one trial) needs; None if no number is enough."""
 
     def at(times: int) -> float:
         return float(aim.reached([times * part for part in sums])[0])
@@ -342,8 +342,8 @@ def _rounds(sums: Sums, aim: DesignCriterion, enough: float) -> int | None:
     return many
 
 
-def _left(along: NDArray, information: NDArray) -> NDArray:
-    """Return along^T (1 + information)^-1 along, (C,): what unknowns follow of a gap when so much is known of them."""
+def _absorbed(along: NDArray, information: NDArray) -> NDArray:
+    """Return along^T (1 + information)^-1 along, (C,): the part of a gap that uncertain unknowns can absorb."""
     known = np.eye(information.shape[-1]) + information
     columns = np.broadcast_to(along, known.shape[:2])[..., None]
     return np.asarray(np.sum(columns * np.linalg.solve(known, columns), (1, 2)))
@@ -351,7 +351,7 @@ def _left(along: NDArray, information: NDArray) -> NDArray:
 
 @dataclass(frozen=True)
 class Readout:
-    """One standard deviation (K,), SI, of what further readings would be off by, and of their zero in a run."""
+    """Standard deviations (K,), SI, of a further reading and of its zero in a run."""
 
     sigma: NDArray
     zero: NDArray
@@ -359,7 +359,7 @@ class Readout:
 
 @dataclass(frozen=True)
 class Runs:
-    """R runs of S ``steps`` each, one after the other in ``conditions`` (R S), and what can be read in them.
+    """R runs of S ``steps`` each, in sequence in ``conditions`` (R S), and the channels that can be read in them.
 
     Candidate c is the run ``run`` (C,) with the channels ``reads`` (C, N).
     """
@@ -370,7 +370,7 @@ class Runs:
     reads: NDArray
 
     def by_run(self, values: NDArray) -> NDArray:
-        """Return values (R S, K, ...) as those of the candidates (C, S N, ...)."""
+        """Return values (R S, K, ...) regrouped by candidate (C, S N, ...)."""
         count, read = self.reads.shape
         of_runs = values.reshape(len(values) // self.steps, self.steps, *values.shape[1:])
         found = of_runs[self.run[:, None, None], np.arange(self.steps)[:, None], self.reads[:, None]]
@@ -378,28 +378,29 @@ class Runs:
 
 
 def run_candidates(fitted: Fitted, runs: Runs, readout: Readout) -> PoseCandidates:
-    """Return runs as a fitted model sees them; a run's own unknowns are its zeros, and the load errors of its steps."""
+    """Return runs as predicted by a fitted model; a run's own unknowns are its zeros and the load errors of its
+    steps."""
     model = fitted.model.at(runs.conditions)
     whole = len(runs.conditions.readings)
     found = model.predict(fitted.shared, np.zeros((whole, model.local_size)))
     weight = 1.0 / readout.sigma[:, None]
     predicted = runs.by_run((found.values[:, :, 0] * weight[:, 0])[..., None])[..., 0]
     rows = runs.by_run(found.by_shared[:, :, 0] * weight)
-    of_steps = _of_steps(runs.by_run(found.by_local[:, :, 0] * weight), runs.steps)
-    own = np.concatenate([of_steps, _zeros(runs, readout)], -1)
+    of_steps = _step_columns(runs.by_run(found.by_local[:, :, 0] * weight), runs.steps)
+    own = np.concatenate([of_steps, _zero_columns(runs, readout)], -1)
     priors = np.broadcast_to(np.eye(own.shape[2]), (len(own), *[own.shape[2]] * 2))
     return PoseCandidates(fitted, predicted, rows, np.linalg.qr(np.concatenate([own, priors], 1))[0])
 
 
-def _of_steps(columns: NDArray, steps: int) -> NDArray:
-    """Return how readings (C, S N, H) follow each step's own unknowns, as columns (C, S N, S H)."""
+def _step_columns(columns: NDArray, steps: int) -> NDArray:
+    """Return the derivatives of readings (C, S N, H) by each step's own unknowns, as columns (C, S N, S H)."""
     count, size, each = columns.shape
     apart = columns.reshape(count, steps, size // steps, 1, each) * np.eye(steps)[:, None, :, None]
     return np.asarray(apart.reshape(count, size, steps * each))
 
 
-def _zeros(runs: Runs, readout: Readout) -> NDArray:
-    """Return how readings (C, S N) follow the zeros of their channels, (C, S N, N)."""
+def _zero_columns(runs: Runs, readout: Readout) -> NDArray:
+    """Return the derivatives of readings (C, S N) by the zeros of their channels, (C, S N, N)."""
     count, read = runs.reads.shape
     own = (readout.zero / readout.sigma)[runs.reads]
     each = own[:, None, :, None] * np.eye(read)

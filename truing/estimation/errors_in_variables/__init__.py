@@ -1,1 +1,1 @@
-"""Implicit models in which everything measured carries an error."""
+"""Errors in variables: implicit models in which every measured quantity has an error."""

@@ -1,13 +1,12 @@
-"""Descent of an eliminated implicit model to the maximum of its likelihood and prior, with given weights of poses.
+"""Minimisation of an eliminated implicit model: maximum of likelihood and prior for given weights of poses.
 
-A pose's equations ``g(x, d) = 0`` hold for the values x that all poses share and for the deviations d of the truth
-from what was measured there, of covariance C. With ``A = dg/dd``, ``B = dg/dx`` and ``V = A C A'`` the smallest
-deviations that close the linearised equations are ``d = -C A' V^-1 e``, ``e = g - A d``, and they cost ``e' V^-1 e``;
-C is never inverted. Lenzmann and Lenzmann (2004) say why the derivatives have to be taken at the estimated deviations.
+The equations ``g(x, d) = 0`` of a pose depend on values x common to all poses and on deviations d of the truth from the
+measurement, with covariance C. With ``A = dg/dd``, ``B = dg/dx`` and ``V = A C A'`` the smallest deviations that
+satisfy the linearised equations are ``d = -C A' V^-1 e``, ``e = g - A d``, at the cost ``e' V^-1 e``; C is never
+inverted. Derivatives must be taken at the estimated deviations (Lenzmann and Lenzmann, 2004).
 
-Levenberg-Marquardt. At every trial the deviations are first brought to where they belong, so that costs compare. Where
-a valley of the cost bends, a straight step leaves it; what the equations say there bends the step (the acceleration of
-Transtrum and Sethna, 2012, for a step of full length).
+Levenberg-Marquardt. At every trial the deviations converge first, so that costs are comparable. Along curved valleys of
+the cost a second-order correction bends the step (acceleration of Transtrum and Sethna, 2012, for a full step).
 """
 
 from __future__ import annotations
@@ -23,17 +22,17 @@ from truing.estimation.least_squares.solver import SolverStatus
 
 _MAX_PROJECTIONS = 30
 MAX_ITERATIONS = 500
-# Below this the cost is no judge any more, for its own rounding; what stalls here stands as well as numbers allow.
+# Below this the cost is dominated by rounding; a stalled descent is accepted there.
 NEAR = 1e-6
-# By how much the next step would still lower the cost: nothing moves by more than a hundred-thousandth of its sigma.
+# Predicted decrease at convergence: no value moves by more than a hundred-thousandth of its sigma.
 _SETTLED = 1e-10
-# Squared change of the deviations that is none, and the share of a step's promise by which they may still change where
-# it is judged.
+# Squared change of converged deviations, and the share of a step's predicted decrease by which deviations may still
+# change when the step is assessed.
 _STILL, _JUDGED = 1e-12, 1e-3
-# Damping that rounding alone would need where nothing is known of some combination of values.
+# Damping that rounding alone requires if some combination of values is unknown.
 _LEAST_DAMPING = 1e-13
 _FIRST_DAMPING = 1e-6
-_LARGEST_BEND = 0.75  # of the step's length (Transtrum and Sethna)
+_LARGEST_BEND = 0.75  # relative to the step's length (Transtrum and Sethna)
 
 
 class ConstraintEquations(Protocol):
@@ -41,27 +40,27 @@ class ConstraintEquations(Protocol):
 
     @property
     def value(self) -> NDArray:
-        """Return the equations (B, m), zero where all belongs together."""
+        """Return the equations (B, m), zero at the truth."""
 
     @property
     def by_deviation(self) -> NDArray:
-        """Return their derivatives (B, m, n) by the deviations."""
+        """Return the derivatives (B, m, n) by the deviations."""
 
     @property
     def by_values(self) -> NDArray:
-        """Return their derivatives (B, m, P) by the values."""
+        """Return the derivatives (B, m, P) by the values."""
 
 
 class Constraint(Protocol):
-    """An implicit model; a method of this form serves as well."""
+    """An implicit model; a bound method of this signature serves as well."""
 
     def __call__(self, values: NDArray, deviation: NDArray, /) -> ConstraintEquations:
-        """Return the equations at values (P,) and deviations (B, n) of the truth from what was measured."""
+        """Return the equations at values (P,) and deviations (B, n) of the truth from the measurement."""
 
 
 @dataclass(frozen=True)
 class ImplicitModel:
-    """An implicit model with the covariance (B, n, n), possibly singular, of what was measured in each pose."""
+    """An implicit model with the covariance (B, n, n), possibly singular, of the measurements of each pose."""
 
     constrain: Constraint
     covariance: NDArray
@@ -69,34 +68,34 @@ class ImplicitModel:
 
 @dataclass(frozen=True)
 class Eliminated:
-    """The model at values (P,), linearised at deviations ``C pull``, in units of its equations' own noise."""
+    """The model at values (P,), linearised at deviations ``C pull``, whitened by its equations' own noise."""
 
     values: NDArray
-    pull: NDArray  # (B, n) where it was linearised: C^-1 d, where C has an inverse
+    pull: NDArray  # (B, n) point of linearisation: C^-1 d, if C has an inverse
     rows: NDArray  # (B, m, n) equations by deviations, G with G C G' = 1
     residual: NDArray  # (B, m)
     jacobian: NDArray  # (B, m, P)
-    unsettled: NDArray  # (B,) squared change, in sigmas, by which the deviations are not yet those of the values
+    unsettled: NDArray  # (B,) squared distance, in sigmas, of the deviations from convergence at these values
 
     @property
     def chi_square(self) -> NDArray:
-        """Return what the deviations of each pose cost (B,)."""
+        """Cost (B,) of the deviations of each pose."""
         return np.einsum("bm,bm->b", self.residual, self.residual)
 
     @property
     def closing_pull(self) -> NDArray:
-        """Return the pull (B, n) that closes the linearised equations."""
+        """Pull (B, n) that satisfies the linearised equations."""
         return _closing(self.rows, self.residual)
 
     def pull_after(self, step: NDArray) -> NDArray:
-        """Return the pull (B, n) that closes the linearised equations after a step (P,) of the values."""
+        """Return the pull (B, n) that satisfies the linearised equations after a step (P,) of the values."""
         return _closing(self.rows, self.residual + self.jacobian @ step)
 
 
 def linearise(measured: ImplicitModel, values: NDArray, pull: NDArray) -> Eliminated:
     """Return the model at values (P,) with its derivatives at the deviations of a pull (B, n).
 
-    Raises LinAlgError where some equation of a pose contains nothing that was measured with an error.
+    Raises LinAlgError if an equation of a pose contains no measurement with an error.
     """
     deviation = times(measured.covariance, pull)
     found = measured.constrain(values, deviation)
@@ -110,9 +109,9 @@ def linearise(measured: ImplicitModel, values: NDArray, pull: NDArray) -> Elimin
 
 
 def project(measured: ImplicitModel, values: NDArray, pull: NDArray, weight: NDArray, allowed: float) -> Eliminated:
-    """Return the model linearised where the deviations have settled, to a weighted squared change that is allowed.
+    """Return the model linearised at converged deviations, to an allowed weighted squared change.
 
-    It has not settled where `unsettled` is larger still.
+    It has not converged if `unsettled` is larger.
     """
     for _ in range(_MAX_PROJECTIONS):
         found = linearise(measured, values, pull)
@@ -133,9 +132,9 @@ def times(matrix: NDArray, vector: NDArray) -> NDArray:
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known of the values before: mean (P,), information (P, P), the inverse of their covariance.
+    """Prior of the values: mean (P,), information (P, P), the inverse of their covariance.
 
-    A row and column of zeros says that nothing is known.
+    A zero row and column means no knowledge.
     """
 
     mean: NDArray
@@ -152,22 +151,22 @@ class Prior:
 
 @dataclass(frozen=True)
 class Objective:
-    """What is minimised: ``sum weight d' C^+ d`` over the poses, and the prior."""
+    """Objective function: ``sum weight d' C^+ d`` over the poses, plus the prior."""
 
     measured: ImplicitModel
     prior: Prior
     weight: NDArray  # (B,)
 
     def point(self, values: NDArray, pull: NDArray, allowed: float) -> Point:
-        """Return the objective at values (P,), the deviations settled to what is allowed, from a pull (B, n)."""
+        """Return the objective at values (P,), from a pull (B, n), with deviations converged to the allowed change."""
         return self.starting_point(project(self.measured, values, pull, self.weight, allowed))
 
     def starting_point(self, at: Eliminated) -> Point:
-        """Return the objective where a model was linearised."""
+        """Return the objective at the point of linearisation."""
         return Point(self, at, float(self.weight @ at.chi_square + self.prior.cost(at.values)))
 
     def trial(self, start: Point, step: NDArray, promise: float) -> Point | None:
-        """Return the objective after a step, or None where it has no value that can be judged."""
+        """Return the objective after a step, or None if it has no reliable value."""
         allowed = max(_JUDGED * promise, _STILL)
         try:
             found = self.point(start.at.values + step, start.at.pull_after(step), allowed)
@@ -178,7 +177,7 @@ class Objective:
 
 @dataclass(frozen=True)
 class Point:
-    """The objective at some values."""
+    """The objective at some values, with derivatives."""
 
     objective: Objective
     at: Eliminated
@@ -186,7 +185,7 @@ class Point:
 
     @property
     def unsettled(self) -> float:
-        """Return the weighted squared change by which the deviations are not yet those of the values."""
+        """Weighted squared distance of the deviations from convergence."""
         return float(self.objective.weight @ self.at.unsettled)
 
     @cached_property
@@ -204,7 +203,7 @@ class Point:
 
     @cached_property
     def scale(self) -> NDArray:
-        """Return what makes columns of the normal equations (P,) of unit length."""
+        """Factors (P,) that scale the columns of the normal equations to unit length."""
         return column_scale(self._information)
 
     @cached_property
@@ -212,16 +211,16 @@ class Point:
         return self._information / np.outer(self.scale, self.scale)
 
     def step(self, damping: float) -> tuple[NDArray, float]:
-        """Return the damped step (P,) and by how much it promises to lower the cost."""
+        """Return the damped step (P,) and the predicted decrease of the cost."""
         step = self._answer(self._slope, damping)
         return step, float(-step @ (2 * self._slope + self._information @ step))
 
     def converged(self) -> Point:
-        """Return the same with its deviations where they belong, as near as it matters."""
+        """Return the same point with converged deviations, as far as it matters."""
         return self.objective.point(self.at.values, self.at.closing_pull, _STILL)
 
     def bend(self, straight: Point, step: NDArray, damping: float) -> NDArray | None:
-        """Return by how much (P,) to bend a step, for what it met at its end; None where that is no small matter."""
+        """Return the second-order correction (P,) of a step from its end point; None if it is too large."""
         change = straight.at.residual - self.at.residual - self.at.jacobian @ step
         bend = self._answer(self._rows.T @ change.ravel(), damping)
         small = np.linalg.norm(self.scale * bend) <= _LARGEST_BEND * np.linalg.norm(self.scale * step)
@@ -234,24 +233,24 @@ class Point:
 
 @dataclass(frozen=True)
 class _Damping:
-    """What is added to a curvature of unit diagonal: nothing while steps do as they promise."""
+    """Addition to a curvature of unit diagonal: zero while steps lower the cost as predicted."""
 
     value: float = 0.0
     growth: float = 10.0
 
     def lowered(self, gain: float) -> _Damping:
-        """Return the damping after a step that brought a share of what it promised."""
+        """Return the damping after a step that achieved a share `gain` of its predicted decrease."""
         value = self.value * (0.1 if gain > 0.75 else 0.5 if gain > 0.25 else 2.0)
         return _Damping(value if value > _FIRST_DAMPING / 100 else 0.0)
 
     def raised(self) -> _Damping:
-        """Return the damping after a step that did not help, faster each time."""
+        """Return the damping after a failed step; it grows faster each time."""
         return _Damping(max(self.value * self.growth, _FIRST_DAMPING), 2 * self.growth)
 
 
 @dataclass(frozen=True)
 class Descent:
-    """Where the descent ended."""
+    """Result of a descent."""
 
     at: Eliminated
     cost: float
@@ -260,7 +259,7 @@ class Descent:
 
 
 def descend(objective: Objective, start: Eliminated) -> Descent:
-    """Return the least of an objective near where its model was linearised, the deviations settled there or not."""
+    """Return the minimum of an objective near the point of linearisation; its deviations need not have converged."""
     point, damping, before = objective.starting_point(start), _Damping(), np.inf
     if not np.isfinite(point.cost):
         return Descent(point.at, point.cost, 0, SolverStatus.NOT_FINITE)
@@ -268,31 +267,31 @@ def descend(objective: Objective, start: Eliminated) -> Descent:
     for iteration in range(MAX_ITERATIONS):
         step, promise = point.step(damping.value)
         stands = _has_stalled(promise, before if damping.value == 0.0 else np.inf)
-        trial = None if stands else _lower(point, step, promise, damping.value)
+        trial = None if stands else _lower_point(point, step, promise, damping.value)
         if trial is not None:
             damping = damping.lowered((point.cost - trial.cost) / promise)
             point, before, sure = trial, promise, trial.unsettled <= _STILL
         elif not sure:
             point, sure = point.converged(), True
         elif stands:
-            return Descent(point.at, point.cost, iteration, _ended(point, damping))
+            return Descent(point.at, point.cost, iteration, _status(point, damping))
         else:
             damping = damping.raised()
     return Descent(point.at, point.cost, MAX_ITERATIONS, SolverStatus.ITERATION_LIMIT)
 
 
-def _ended(point: Point, damping: _Damping) -> SolverStatus:
-    """Return whether it is a minimum where no step promises anything, or only the damping that forbids all steps."""
+def _status(point: Point, damping: _Damping) -> SolverStatus:
+    """Return the status: a minimum if no step promises a decrease, or only steps suppressed by damping."""
     least = damping.value == 0.0 or point.step(0.0)[1] < NEAR
     return SolverStatus.CONVERGED if least else SolverStatus.STALLED
 
 
 def _has_stalled(promise: float, before: float) -> bool:
-    """Return whether a step that promises so little, after one that promised so much, is not worth taking."""
+    """Return whether the predicted decrease, compared with the one before, is too small to continue."""
     return promise < _SETTLED or before / 2 < promise < NEAR
 
 
-def _lower(point: Point, step: NDArray, promise: float, damping: float) -> Point | None:
+def _lower_point(point: Point, step: NDArray, promise: float, damping: float) -> Point | None:
     """Return a lower point at the end of a step, straight or bent, or None."""
     straight = point.objective.trial(point, step, promise)
     if straight is None or straight.cost < point.cost or (promise < NEAR and damping == 0.0):
@@ -303,6 +302,6 @@ def _lower(point: Point, step: NDArray, promise: float, damping: float) -> Point
 
 
 def column_scale(information: NDArray) -> NDArray:
-    """Return what makes the diagonal of an information (P, P) one; one for values of which nothing is known."""
+    """Return factors that scale the diagonal of an information (P, P) to one; one for unknown values."""
     root = np.sqrt(np.diagonal(information))
     return np.where(root > 0, root, 1.0)

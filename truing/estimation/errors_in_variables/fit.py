@@ -1,12 +1,11 @@
-"""Maximum likelihood for implicit models in which everything measured carries an error, with bad poses left out.
+"""Maximum likelihood fit of implicit models with errors in all measurements, without poses that disagree.
 
-A pose is judged by what the agreeing ones predict of it without it: the chi-square of its equations against their own
-noise and that of the prediction (with its redundancy therefore), over the noise level of the others: exactly an F
-ratio. Every set ends as a fixpoint: the poses that pass against the rest of the set. It grows from the half that is
-nearest to a fit in which no pose counts for more than its distance.
+A pose is tested against its prediction from the agreeing poses: the chi-square of its equations against their own noise
+and that of the prediction, relative to the noise of the others, is an F ratio. The set of agreeing poses is a fixpoint
+of this test. It grows from the half that is nearest to a resistant fit, in which the pull of a pose is bounded.
 
-All poses share the values; each pose has deviations of the truth from what was measured, which are eliminated. The
-result is the exact maximum: equations are linearised anew at the values and deviations reached until both have settled.
+All poses share the values; the deviations of each pose are eliminated. The result is the exact maximum: equations are
+linearised at current values and deviations until both converge.
 """
 
 from __future__ import annotations
@@ -33,24 +32,24 @@ from truing.estimation.errors_in_variables.descent import (
 )
 from truing.estimation.least_squares.solver import SolverStatus
 
-# Probability that a campaign without bad poses loses any of its poses.
+# Probability that a campaign without bad poses loses any pose.
 FALSE_ALARM = 0.005
-# Share of a pose's noise that is left in its residual where nothing else holds some value: not a test.
+# Least share of a pose's noise in its residual; below it, other data do not test the pose.
 _REDUNDANT = 1e-6
 _RESISTANT_ROUNDS = 15
 _RESISTANT_SETTLED = 0.05
-_FREE_ROUNDS = 10  # afterwards no pose comes back, so that it ends
-_STUDENT = 2.0  # degrees of freedom of the tails that a resistant fit expects
-# Mean square of the nearest half, in declared variances, from which on other halves are tried as well.
+_FREE_ROUNDS = 10  # rounds in which poses may return; afterwards the search must end
+_STUDENT = 2.0  # degrees of freedom of Student's t in a resistant fit
+# Mean square of the nearest half, in declared variances, above which other halves are tried as well.
 _SUSPICIOUS = 9.0
 _STARTS, _CONCENTRATIONS = 40, 5
 _LEAST_DAMPING = 1e-13
-# How often the poses that agree may be chosen anew after a fit to those that did.
+# Maximum number of selections of agreeing poses, one after each fit.
 _SELECTIONS = 10
-# Eigenvalue of the information, columns scaled, below which a combination of values is not determined.
+# Eigenvalue of the scaled information below which a combination of values is not determined.
 _UNDETERMINED = 1e-12
-_PLAIN = 0.01  # no need to look, where the sum of the inverse eigenvalues stays below this share of that limit
-_TAKES_PART = 1e-5  # share of a value in such a combination
+_SAFE_TRACE_SHARE = 0.01  # eigenvalues are skipped if the sum of the inverse ones is below this share of the limit
+_LEAST_SHARE = 1e-5  # share of a value in such a combination
 _NEARLY_SETTLED = 1e-9  # squared change of deviations, in sigmas
 
 
@@ -94,21 +93,21 @@ class PoseFit:
 
     @property
     def length(self) -> NDArray:
-        """Return the length (B,) of each pose's residual."""
+        """Length (B,) of each pose's residual."""
         return np.sqrt(np.sum(self.residual**2, -1))
 
     def trimmed(self, count: int) -> float:
-        """Return the sum of squares of the poses of the smallest lengths."""
+        """Return the sum of squares of the `count` poses with the smallest residuals."""
         return float(np.sum(np.sort(np.sum(self.residual**2, -1))[:count]))
 
     @property
     def distance(self) -> NDArray:
-        """Return the length (B,) of each pose's residual over the middle one."""
+        """Length (B,) of each pose's residual relative to the median."""
         length = self.length
         return length / max(float(np.median(length)), np.finfo(float).tiny)
 
     def leave_one_out(self) -> LeaveOneOutPrediction:
-        """Return how each pose stands to the others, for weights that are 0 or 1."""
+        """Return the test of each pose against the others, for weights that are 0 or 1."""
         jacobian = self.problem.jacobian
         follows = jacobian @ np.linalg.inv(self.normal) @ np.swapaxes(jacobian, 1, 2)
         return leave_one_out(self.residual, follows, self.weight > 0)
@@ -116,25 +115,25 @@ class PoseFit:
 
 @dataclass(frozen=True)
 class LeaveOneOutPrediction:
-    """What the poses of a set predict of each pose without it."""
+    """Prediction of each pose from the other poses of a set."""
 
     surprise: NDArray  # (B,) chi-square of the pose against the prediction, at the declared noise
-    tested: NDArray  # (B,) its degrees of freedom
-    redundancy: NDArray  # (B,) share of the pose's equations that its own residual keeps, summed
-    p_value: NDArray  # (B,) chance of such a surprise where the pose is as good as the others
+    tested: NDArray  # (B,) degrees of freedom of the surprise
+    redundancy: NDArray  # (B,) sum of the redundancy numbers of the pose's equations
+    p_value: NDArray  # (B,) probability of at least this surprise for a good pose
     chi_square: float  # of the set
     freedom: float  # of the set
 
     @property
     def passes(self) -> NDArray:
-        """Return which poses (B,) agree with the set."""
+        """Mask (B,) of poses that agree with the set."""
         return self.p_value >= FALSE_ALARM / len(self.p_value)
 
 
 def leave_one_out(residual: NDArray, follows: NDArray, kept: NDArray) -> LeaveOneOutPrediction:
-    """Return how poses stand to the set that was fitted, kept (B,).
+    """Return the test of each pose against the fitted set, kept (B,).
 
-    residual (B, m) whitened; follows (B, m, m): the covariance that the fit's values bring into each pose's equations.
+    residual (B, m): whitened; follows (B, m, m): covariance of each pose's equations due to the fitted values.
     """
     sign = np.where(kept, -1.0, 1.0)[:, None, None]
     spread, axes = np.linalg.eigh(np.eye(residual.shape[1]) + sign * follows)
@@ -155,20 +154,20 @@ def leave_one_out(residual: NDArray, follows: NDArray, kept: NDArray) -> LeaveOn
 
 
 def _p_values(surprise: NDArray, tested: NDArray, kept: NDArray, chi_square: float, freedom: float) -> NDArray:
-    """Return the chances (B,) of surprises against the noise level of the set without the pose itself."""
+    """Return the p-values (B,) of surprises relative to the noise of the set without the pose itself."""
     from scipy.special import fdtrc
 
     others = np.maximum(chi_square - kept * surprise, np.finfo(float).tiny)
     left = freedom - kept * tested
     open_to_test = (left > 0.5) & (tested > 0)
     left, count = np.where(open_to_test, left, 1.0), np.maximum(tested, 1)
-    with np.errstate(over="ignore"):  # nothing is left of the others: the ratio has no end
+    with np.errstate(over="ignore"):  # the others have no residual: the ratio is infinite
         ratio = surprise / count / (others / left)
     return np.where(open_to_test, fdtrc(count, left, ratio), 1.0)
 
 
 def agreeing(problem: LinearPoses) -> NDArray:
-    """Return which poses (B,) agree."""
+    """Return the mask (B,) of agreeing poses."""
     kept = _nearest_half(problem)
     for k in range(2 * _FREE_ROUNDS + len(kept)):
         passes = problem.fit(kept.astype(float)).leave_one_out().passes
@@ -180,7 +179,7 @@ def agreeing(problem: LinearPoses) -> NDArray:
 
 
 def _nearest_half(problem: LinearPoses) -> NDArray:
-    """Return the half of the poses (B,) nearest to a fit of it, with those that are within the noise which it shows."""
+    """Return the half of the poses (B,) nearest to its own fit, with further poses within the noise of this half."""
     from scipy.special import chdtrc, chdtri
 
     poses, equations, size = problem.jacobian.shape
@@ -195,17 +194,15 @@ def _nearest_half(problem: LinearPoses) -> NDArray:
 
 
 def _nearest(length: NDArray, count: int) -> NDArray:
-    """Return weights (..., B) that keep the poses of the smallest lengths."""
+    """Return weights (..., B) that keep the poses with the smallest residuals."""
     weight = np.zeros_like(length)
     np.put_along_axis(weight, np.argsort(length, -1, kind="stable")[..., :count], 1.0, -1)
     return weight
 
 
 def _nearest_of_many(problem: LinearPoses, core: NDArray, enough: int) -> NDArray:
-    """Return the half (B,) that fits itself best of those that fits to few poses lead to.
-
-    Rousseeuw and Van Driessen (1999).
-    """
+    """Return the best-fitting half (B,) among those reached from fits to few poses (Rousseeuw and Van Driessen,
+    1999)."""
     poses, equations, size = problem.jacobian.shape
     few = min(poses, -(-size // equations) + 1)
     drawn = _nearest(np.random.default_rng(0).random((_STARTS, poses)), few)
@@ -217,9 +214,9 @@ def _nearest_of_many(problem: LinearPoses, core: NDArray, enough: int) -> NDArra
 
 
 def _resistant(problem: LinearPoses) -> PoseFit:
-    """Return a fit in which a pose pulls no harder for being further off, and then one in which it pulls less."""
+    """Return a resistant fit: first with least sum of residual lengths, then with decreasing influence."""
     fit = problem.fit(np.ones(len(problem.residual)))
-    for weights in (_no_harder, _less):
+    for weights in (_median_weights, _student_weights):
         for _ in range(_RESISTANT_ROUNDS):
             fit, before = problem.fit(weights(fit)), fit.weight
             if np.all(np.abs(fit.weight - before) <= _RESISTANT_SETTLED * fit.weight):
@@ -227,58 +224,58 @@ def _resistant(problem: LinearPoses) -> PoseFit:
     return fit
 
 
-def _no_harder(fit: PoseFit) -> NDArray:
-    """Return the weights (B,) whose fit has the least sum of lengths of the residuals."""
+def _median_weights(fit: PoseFit) -> NDArray:
+    """Return the weights (B,) whose fit has the least sum of residual lengths."""
     return 1 / np.maximum(fit.distance, 0.1)
 
 
-def _less(fit: PoseFit) -> NDArray:
-    """Return the weights (B,) of Student's t in as many dimensions as there are equations."""
+def _student_weights(fit: PoseFit) -> NDArray:
+    """Return the weights (B,) of Student's t with one dimension per equation."""
     equations = fit.residual.shape[1]
     return (_STUDENT + equations) / (_STUDENT + equations * fit.distance**2)
 
 
 @dataclass(frozen=True)
 class ErrorsInVariablesFit:
-    """The values at the maximum and what is known of them; all of it without the poses of weight zero."""
+    """Fitted values with covariance and test statistics; poses of weight zero are excluded from all of it."""
 
     values: NDArray  # (P,)
     deviations: NDArray  # (B, n) estimated truth minus measured
-    weight: NDArray  # (B,) 1, or 0 for a pose that was left out
-    chi_square: NDArray  # (B,) what each pose's deviations cost, also of those left out
+    weight: NDArray  # (B,) 1, or 0 for an excluded pose
+    chi_square: NDArray  # (B,) cost of each pose's deviations, including excluded poses
     residual: NDArray  # (B, m) whitened equations at the maximum
-    jacobian: NDArray  # (B, m, P) their derivatives: whitened by the noise of all that was measured
-    information: NDArray  # (P, P) what the data alone say of the values, at the declared noise
-    covariance: NDArray  # (P, P) of the values at the declared noise; NaN for what is not determined
+    jacobian: NDArray  # (B, m, P) their derivatives, whitened by the noise of all measurements
+    information: NDArray  # (P, P) information of the data alone, at the declared noise
+    covariance: NDArray  # (P, P) of the values at the declared noise; NaN if not determined
     prior: Prior
-    cost: float  # sum of weight * chi_square, and of the prior's squared distance
+    cost: float  # sum of weight * chi_square, plus the prior's squared distance
     iterations: int
     status: SolverStatus
 
     @property
     def ok(self) -> bool:
-        """Return whether the fit stands at a maximum in which all values are determined."""
+        """Whether the fit is a maximum that determines all values."""
         return self.status == SolverStatus.CONVERGED
 
     def covariance_at(self, noise_ratio: float) -> NDArray:
-        """Return the covariance (P, P) where the noise is so many times the declared one; the prior stays as it is."""
+        """Return the covariance (P, P) for a noise `noise_ratio` times the declared one; the prior is not scaled."""
         return _covariance(self.information / noise_ratio**2 + self.prior.information)
 
     @cached_property
     def judgement(self) -> LeaveOneOutPrediction:
-        """Return how each pose stands to the others, with the redundancy that is the freedom of its chi-square."""
+        """Test of each pose against the others; its redundancy is the freedom of the pose's chi-square."""
         inverse = _inverse_where_determined(self.information + self.prior.information)[0]
         return leave_one_out(self.residual, self.jacobian @ inverse @ np.swapaxes(self.jacobian, 1, 2), self.weight > 0)
 
     @property
     def noise_ratio(self) -> float:
-        """Return the noise found in the poses that agree over the declared one; NaN where nothing is left over."""
+        """Noise of the agreeing poses relative to the declared one; NaN without redundancy."""
         freedom = self.judgement.freedom
         return float(np.sqrt(self.judgement.chi_square / freedom)) if freedom > 0 else float("nan")
 
     @property
     def noise_ratio_sigma(self) -> float:
-        """Return the standard deviation of the noise ratio."""
+        """Standard deviation of the noise ratio."""
         freedom = self.judgement.freedom
         return self.noise_ratio / float(np.sqrt(2 * freedom)) if freedom > 0 else float("nan")
 
@@ -291,31 +288,29 @@ def fit_errors_in_variables(
     *,
     robust: bool = True,
 ) -> ErrorsInVariablesFit:
-    """Return the values that minimise ``sum d' C^+ d + prior`` with all equations met exactly.
+    """Return the values that minimise ``sum d' C^+ d + prior`` with all equations satisfied exactly.
 
-    constrain(values (P,), deviation (B, n)): equations (B, m) with exact derivatives, zero at the truth; covariance
-    (B, n, n) of what was measured per pose, singular where something is known exactly; start (P,).
-    Poses that do not agree with the others are left out where robust. Raises ValueError for shapes that do not
-    match, for covariances or priors that are none, and for equations in which nothing has an error.
+    constrain(values (P,), deviation (B, n)): equations (B, m) with exact derivatives, zero at the truth; covariance (B,
+    n, n): of each pose's measurements, singular for exact ones; start (P,). If robust, poses that do not agree with the
+    others are excluded. Raises ValueError for shapes that do not match, for invalid covariances or priors, and for
+    equations without any error.
     """
     values = np.atleast_1d(np.array(start, float))
     measured = ImplicitModel(constrain, _checked_covariance(covariance))
     known = _checked_prior(prior, len(values))
-    with np.errstate(all="ignore"):  # where the model has no value at a trial, the trial is rejected
+    with np.errstate(all="ignore"):  # trials at which the model has no value are rejected
         return _fit(measured, _linearised(measured, values), known, robust)
 
 
 def _fit(measured: ImplicitModel, at: Eliminated, prior: Prior, robust: bool) -> ErrorsInVariablesFit:
-    """Return the fit to the poses that agree, chosen anew after each fit until they are the same.
-
-    They are chosen before the first fit too: it would carry gross errors far off, where nothing is linear any more.
-    """
+    """Return the fit to the agreeing poses, which are selected again after each fit until the set is stable. The first
+    selection precedes the first fit, since gross errors would move that fit out of the linear range."""
     kept, iterations = _agreeing(at, prior) if robust else np.ones(len(at.residual), bool), 0
     for selection in range(_SELECTIONS):
         found = descend(Objective(measured, prior, kept.astype(float)), at)
         at, iterations = _with_converged_deviations(measured, found.at, kept), iterations + found.iterations
         agree = _agreeing(at, prior) if robust else kept
-        # late in the search no pose comes back, so that it ends
+        # late in the search no pose may return, so that it ends
         agree = agree & kept if 2 * selection > _SELECTIONS else agree
         if np.array_equal(agree, kept):
             break
@@ -326,7 +321,7 @@ def _fit(measured: ImplicitModel, at: Eliminated, prior: Prior, robust: bool) ->
 
 
 def _with_converged_deviations(measured: ImplicitModel, at: Eliminated, kept: NDArray) -> Eliminated:
-    """Return the model with the deviations settled of poses that were not kept, as far as they do."""
+    """Return the model with the deviations of excluded poses converged, as far as possible."""
     if kept.all():
         return at
     try:
@@ -336,7 +331,7 @@ def _with_converged_deviations(measured: ImplicitModel, at: Eliminated, kept: ND
 
 
 def _agreeing(at: Eliminated, prior: Prior) -> NDArray:
-    """Return which poses (B,) agree where all are linearised; all of them where the model has no value."""
+    """Return the mask (B,) of agreeing poses, all linearised; all of them if the model has no value."""
     if not (np.isfinite(at.residual).all() and np.isfinite(at.jacobian).all()):
         return np.ones(len(at.residual), bool)
     rows = at.jacobian.reshape(-1, len(at.values))
@@ -368,13 +363,13 @@ def _result(measured: ImplicitModel, found: Descent, prior: Prior, kept: NDArray
 
 
 def _covariance(information: NDArray) -> NDArray:
-    """Return the inverse (P, P) of an information, NaN for the values that it does not determine."""
+    """Return the inverse (P, P) of an information, NaN for undetermined values."""
     inverse, determined = _inverse_where_determined(information)
     return np.where(determined & determined[:, None], inverse, np.nan)
 
 
 def _inverse_where_determined(information: NDArray) -> tuple[NDArray, NDArray]:
-    """Return the inverse (P, P) of an information over what it determines, and which values (P,) it determines."""
+    """Return the inverse (P, P) of an information on its determined space, and the mask (P,) of determined values."""
     if not np.isfinite(information).all():
         return np.full_like(information, np.nan), np.zeros(len(information), bool)
     scale = column_scale(information)
@@ -384,19 +379,17 @@ def _inverse_where_determined(information: NDArray) -> tuple[NDArray, NDArray]:
     strength, axes = np.linalg.eigh(scaled)
     seen = strength > _UNDETERMINED
     root = axes[:, seen] / scale[:, None]
-    return (root / strength[seen]) @ root.T, np.abs(axes[:, ~seen]).max(-1, initial=0.0) < _TAKES_PART
+    return (root / strength[seen]) @ root.T, np.abs(axes[:, ~seen]).max(-1, initial=0.0) < _LEAST_SHARE
 
 
 def _plain_inverse(matrix: NDArray) -> NDArray | None:
-    """Return the inverse of a matrix of unit diagonal, or None where it may be deficient.
-
-    Its trace bounds the least eigenvalue. Eigenvalues would take three times as long, and far longer on two threads.
-    """
+    """Return the inverse of a matrix of unit diagonal, or None if it may be rank deficient. The trace of the inverse
+    bounds the least eigenvalue. Eigenvalues would take three times as long, and far longer on two threads."""
     try:
         inverse = np.linalg.inv(matrix)
     except np.linalg.LinAlgError:
         return None
-    return symmetric(inverse) if 0.0 < np.trace(inverse) < _PLAIN / _UNDETERMINED else None
+    return symmetric(inverse) if 0.0 < np.trace(inverse) < _SAFE_TRACE_SHARE / _UNDETERMINED else None
 
 
 def _checked_covariance(covariance: ArrayLike) -> NDArray:
@@ -418,10 +411,8 @@ def _checked_prior(prior: Prior | None, size: int) -> Prior:
 
 
 def _linearised(measured: ImplicitModel, start: NDArray) -> Eliminated:
-    """Return the model at the start.
-
-    Raises ValueError where the equations of a pose do not all hold something that was measured with an error.
-    """
+    """Return the model at the start. Raises ValueError if an equation of a pose contains no measurement with an
+    error."""
     poses, size = measured.covariance.shape[:2]
     try:
         return linearise(measured, start, np.zeros((poses, size)))

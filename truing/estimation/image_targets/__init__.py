@@ -1,1 +1,1 @@
-"""Targets in photographs: where they are, to a hundredth of a pixel with covariance, and what they say they are."""
+"""Targets in photographs: image coordinates to a hundredth of a pixel with covariance, and decoded names."""

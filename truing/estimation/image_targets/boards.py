@@ -1,9 +1,9 @@
-"""Boards in photographs: chessboards, and chessboards with markers in their white squares, corner by corner.
+"""Corners of chessboards and of chessboards with markers (ChArUco) in photographs.
 
-A corner, where four squares meet, is a saddle point of the picture. It is fitted with that of two crossing edges: a
-pixel shows (mean + contrast E(d1 / s) E(d2 / s)) (1 + slope . (x - start) / radius), d1 and d2 being its distances from
-the two edges, s the blur with the pixel's own area, and E(z) = erf(z / sqrt 2). Turned by half a turn the picture stays
-what it is: neither blur nor a wrong brightness of dark or light moves its centre.
+A corner, where four squares meet, is a saddle point of the image. Its model is the product of two crossing edges: a
+pixel shows (mean + contrast E(d1 / s) E(d2 / s)) (1 + slope . (x - start) / radius), with d1 and d2 its distances from
+the two edges, s the blur including the pixel's own area, and E(z) = erf(z / sqrt 2). The model is symmetric under half
+a turn, so neither blur nor a wrong brightness of dark or light squares shifts its centre.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from truing.estimation.image_targets.marker_codes import dictionary
 from truing.estimation.image_targets.patch_fit import PatchFit, bounded_blur, equations_of, fit_patches
 from truing.estimation.image_targets.square_markers import eight_bits
 
-_SEARCHED = 3_000_000  # pixels: in more, searching for a board takes longer than all that follows
+_SEARCHED = 3_000_000  # pixels; the search for a board in a larger image would dominate the time
 _SMALLEST, _LARGEST = 3.0, 9.0  # radius of a patch, px
 _CHUNK = 256
 _INV_SQRT2PI = 0.3989422804014327
 # Unknowns: centre, directions of the edges' normals, blur, mean, contrast, slopes
 _X, _Y, _NORMAL_1, _NORMAL_2, _BLUR, _MEAN, _CONTRAST, _SLOPE_X, _SLOPE_Y = range(9)
-# Of a sharp picture the blur is not known any more; light changes little over a patch, by a tenth as one sigma.
+# Priors: a sharp picture does not determine the blur; light changes over a patch by a tenth as one sigma.
 _PRIOR = np.array([0.0, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 100.0, 100.0])
 
 
 @dataclass(frozen=True)
 class BoardPlan:
-    """A board of ``columns`` x ``rows`` inner corners; of one with markers also their family, the code of the first,
-    a marker's edge over a square's, and whether its pattern is that of OpenCV before 4.6."""
+    """A board of ``columns`` x ``rows`` inner corners; with markers also their family, the first code, marker edge over
+    square edge, and whether the pattern is that of OpenCV before 4.6."""
 
     name: str
     kind: Literal["chessboard", "charuco"]
@@ -50,7 +50,10 @@ class BoardPlan:
 @dataclass(frozen=True)
 class BoardCorners:
     """Corners of a board: number (N,) row by row from 0, xy_px (N, 2), cov_px2 (N, 2, 2), contrast (N,) in grey levels;
-    and how many corners were refused, why. Corners of a chessboard count from the one whose outer square is dark."""
+    and counts of rejected corners by reason.
+
+    Corners of a chessboard count from the one whose outer square is dark.
+    """
 
     number: Index
     xy_px: Array
@@ -60,9 +63,9 @@ class BoardCorners:
 
 
 def measure_board(grey: NDArray, plan: BoardPlan, noise: ImageNoise | None = None) -> BoardCorners:
-    """Find a board in a grey image (h, w) of 8 or 16 bits, and refine its corners; no corners where it is not seen.
+    """Return the refined corners of a board in a grey image (h, w) of 8 or 16 bits; empty if none is found.
 
-    A chessboard has to be seen whole, of one with markers a part is enough.
+    A chessboard must be completely visible; of a board with markers a part is enough.
     """
     number, start = _chessboard(grey, plan) if plan.kind == "chessboard" else _with_markers(grey, plan)
     rejected: Counter[str] = Counter()
@@ -71,14 +74,14 @@ def measure_board(grey: NDArray, plan: BoardPlan, noise: ImageNoise | None = Non
         return BoardCorners(np.empty(0, np.int64), np.empty((0, 2)), np.empty((0, 2, 2)), empty, rejected)
     first, second = _steps(number, start, plan)
     spacing = np.minimum(np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1))
-    # Beyond half a square there are other corners; beyond its white border, a marker.
+    # Nothing else is within half a square, or within the white border of a marker.
     clear = 0.5 * spacing if plan.kind == "chessboard" else 0.6 * (1.0 - plan.marker_share) * spacing
     found = refine_saddles(grey, start, first, second, clear, noise or estimate_noise(grey))
     xy, covariance, contrast, refused = found.xy, found.covariance, found.contrast, found.refused
     if plan.kind == "chessboard":
         row, column = np.divmod(number, plan.columns)
         outer = np.sum(np.where(refused == "", np.sign(contrast), 0.0) * (1.0 - 2.0 * ((row + column) % 2)))
-        if outer > 0.0:  # the outer square of the first corner is light: the board is seen turned by half a turn
+        if outer > 0.0:  # the outer square of the first corner is light: the board is rotated by half a turn
             number = plan.columns * plan.rows - 1 - number
     good = refused == ""
     rejected.update(refused[~good].tolist())
@@ -88,7 +91,8 @@ def measure_board(grey: NDArray, plan: BoardPlan, noise: ImageNoise | None = Non
 
 
 def _chessboard(grey: NDArray, plan: BoardPlan) -> tuple[Index, Array]:
-    """Numbers (N,) and places (N, 2) of the corners, rows running clockwise from columns; none where it is not seen."""
+    """Return numbers (N,) and positions (N, 2) of chessboard corners, rows clockwise from columns; empty if not
+    found."""
     import cv2
 
     size = (plan.columns, plan.rows)
@@ -105,7 +109,7 @@ def _chessboard(grey: NDArray, plan: BoardPlan) -> tuple[Index, Array]:
 
 
 def _with_markers(grey: NDArray, plan: BoardPlan) -> tuple[Index, Array]:
-    """The same of a board with markers, as far as it is seen."""
+    """Return the same for the visible part of a board with markers."""
     import cv2
 
     squares = (plan.columns + 1, plan.rows + 1)
@@ -122,7 +126,7 @@ def _with_markers(grey: NDArray, plan: BoardPlan) -> tuple[Index, Array]:
 
 
 def _reduced(grey: NDArray) -> tuple[NDArray[np.uint8], float]:
-    """The image at a size at which boards are searched for, and by which factor it was larger."""
+    """Return the image reduced for the board search, and the reduction factor."""
     import cv2
 
     plain = eight_bits(grey)
@@ -134,7 +138,7 @@ def _reduced(grey: NDArray) -> tuple[NDArray[np.uint8], float]:
 
 
 def _steps(number: Index, places: Array, plan: BoardPlan) -> tuple[Array, Array]:
-    """Vectors (N, 2) from each corner to the next along its row and along its column, by the board's homography."""
+    """Return the vectors (N, 2) from each corner to the next along row and column, by the board's homography."""
     import cv2
 
     row, column = np.divmod(number, plan.columns)
@@ -151,8 +155,8 @@ def _steps(number: Index, places: Array, plan: BoardPlan) -> tuple[Array, Array]
 
 @dataclass(frozen=True)
 class SaddlePoints:
-    """Points (N, 2) in px with covariance (N, 2, 2) in px^2; contrast (N,) in grey levels, positive where the squares
-    along the sum of both directions are light; and why a point is refused (N,): empty where it is not."""
+    """Saddle points (N, 2) in px with covariance (N, 2, 2) in px^2; contrast (N,) in grey levels, positive if the
+    squares along the sum of both directions are light; reason of rejection (N,), empty if accepted."""
 
     xy: Array
     covariance: Array
@@ -163,15 +167,15 @@ class SaddlePoints:
 def refine_saddles(
     grey: NDArray, start: Array, first: Array, second: Array, clear_px: Array, noise: ImageNoise
 ) -> SaddlePoints:
-    """Refine saddle points (N, 2), within 2 px of the truth, in a grey image (h, w).
+    """Return refined saddle points (N, 2) in a grey image (h, w), starting within 2 px of the truth.
 
-    ``first`` and ``second`` (N, 2): the vectors to the next corner along both edges; ``clear_px`` (N,): how far round
-    the point nothing else is seen.
+    ``first`` and ``second`` (N, 2): vectors to the next corner along both edges; ``clear_px`` (N,): radius without
+    other edges.
     """
     xy, covariance = start.astype(float), np.full((len(start), 2, 2), np.nan)
     contrast, refused = np.zeros(len(start)), np.zeros(len(start), dtype="U40")
     radius = np.clip(0.9 * clear_px, _SMALLEST, _LARGEST)
-    for _ in range(2):  # the second time about the right point
+    for _ in range(2):  # the second time around the corrected point
         good = np.flatnonzero(refused == "")
         for chosen in np.array_split(good, -(-len(good) // _CHUNK)) if len(good) else ():
             fit, level = _fit(grey, xy[chosen], first[chosen], second[chosen], radius[chosen], noise)
@@ -188,7 +192,7 @@ def refine_saddles(
 def _fit(
     grey: NDArray, start: Array, first: Array, second: Array, radius: Array, noise: ImageNoise
 ) -> tuple[PatchFit, Array]:
-    """Fit patches about ``start``; also the noise (n,) of a pixel at their mean grey value."""
+    """Return patches fitted around ``start``, and the noise (n,) of a pixel at their mean grey value."""
     reach = int(np.ceil(radius.max())) + 1
     offset = np.arange(-reach, reach + 1)
     middle = np.round(start).astype(int)
@@ -202,7 +206,7 @@ def _fit(
     count = np.maximum(usable.sum(1), 1)
     mean = (picture * usable).sum(1) / count
     spread = np.sqrt((np.square(picture - mean[:, None]) * usable).sum(1) / count)
-    # The normal of an edge points along the other one.
+    # The normal of one edge is perpendicular to that edge, along which the other corner vector lies.
     angles = [np.arctan2(-along[:, 0], along[:, 1]) for along in (second, first)]
     towards = [np.cos(a) * v[:, 0] + np.sin(a) * v[:, 1] for a, v in zip(angles, (first, second), strict=True)]
     angles = [np.where(t < 0.0, a + np.pi, a) for a, t in zip(angles, towards, strict=True)]
@@ -212,7 +216,7 @@ def _fit(
     sign = np.sum((picture - mean[:, None]) * _distances(values, fx, fy) * usable, axis=1)
     values[:, _CONTRAST] = np.where(sign < 0.0, -1.0, 1.0) * np.maximum(spread, 1e-3)
     level = noise.variance(mean)
-    # Dark squares have less noise than light ones; which pixel is what, the start tells well enough.
+    # Dark squares have less noise than light ones; the start classifies pixels well enough.
     expected = values[:, _MEAN, None] + values[:, _CONTRAST, None] * _distances(values, fx, fy)
     weight = np.where(usable, 1.0 / np.maximum(noise.variance(expected), 1e-12), 0.0)
 
@@ -224,13 +228,13 @@ def _fit(
 
 
 def _distances(values: Array, fx: Array, fy: Array) -> Array:
-    """Sign (n, M) of the product of both distances."""
+    """Return the sign (n, M) of the product of both distances."""
     a, b = values[:, _NORMAL_1, None], values[:, _NORMAL_2, None]
     return np.sign((np.cos(a) * fx + np.sin(a) * fy) * (np.cos(b) * fx + np.sin(b) * fy))
 
 
 def _picture(unknowns: Array, fx: Array, fy: Array, radius: Array) -> tuple[Array, Array]:
-    """Grey values (n, M) and derivatives (n, M, 9) at pixels (n, M) seen from the start."""
+    """Return grey values (n, M) and derivatives (n, M, 9) at pixel positions (n, M) relative to the start."""
     u = unknowns[:, :, None]
     s, moves = bounded_blur(u[:, _BLUR])
     dx, dy = fx - u[:, _X], fy - u[:, _Y]

@@ -1,4 +1,5 @@
-"""Where a photograph may show a circle: outlines of what is lighter or darker than its neighbourhood."""
+"""Candidates for circular targets in a photograph: ellipse-like outlines of regions lighter or darker than their
+surroundings."""
 
 from __future__ import annotations
 
@@ -13,22 +14,23 @@ from numpy.typing import NDArray
 from truing.arrays import Array, Mask
 from truing.estimation.simd_arithmetic import compiled
 
-# A pixel is compared with the mean of so many pixels square about it: an edge is told from its two sides at any size of
-# target and under any light, and of a large target a band along its edge remains, whose outline is the same.
+# A pixel is compared with the mean of a square window of this size. This finds edges at any size of target and under
+# any
+# light; of a large target a band along its edge remains, with the same outline.
 _WINDOW = 15
-# Of the contrast: at an edge the mean over the window is half way, in a small dot less.
+# Relative to the contrast: at an edge the mean over the window is half way, in a small dot less.
 _STEP_SHARE = 0.3
 _NOISE_SIGMAS = 4.0
-_OUTLINE_INSIDE = 0.5  # px from the outline, which runs through centres of pixels, to the edge
+_OUTLINE_INSIDE = 0.5  # px from the outline, through centres of pixels, to the edge
 _ROUGH = 0.6  # px, rms of an outline about its ellipse; staircases of pixels have 0.3
-_ROUGH_SHARE = 0.06  # of the semi-minor axis, what a larger outline may have
+_ROUGH_SHARE = 0.06  # the same limit for larger outlines, relative to the semi-minor axis
 SHAPE = 10  # centre x y, semi-axes, angle of the major one, rms distance, left, top, right, bottom
 
 
 @dataclass(frozen=True)
 class EllipseCandidates:
-    """Ellipses that outlines suggest: centre_px (N, 2), semi_axes_px (N, 2), axis_angle_rad (N,), white (N,) where
-    the inside is lighter; and how many outlines were rejected for which reason."""
+    """Ellipses fitted to outlines: centre_px (N, 2), semi_axes_px (N, 2), axis_angle_rad (N,), white (N,) if the inside
+    is lighter; and counts of rejected outlines by reason."""
 
     centre_px: Array
     semi_axes_px: Array
@@ -76,11 +78,9 @@ _REASONS = ("at border", "too small", "too large", "too oblique", "not elliptica
 
 
 def _measured(outlines: Any, levels: NDArray | None, size_px: tuple[float, float], rejected: Counter[str]) -> Array:
-    """Return shapes (N, 10) of the outer outlines that are neither too short nor too long, counting the others.
-
-    The ellipse has the area, centroid and second moments of the polygon, and half a pixel more all round, since the
-    outline runs through the centres of pixels. NaN where an outline encloses nothing.
-    """
+    """Return shapes (N, 10) of the outer outlines of suitable length, and count the others. The ellipse has the area,
+    centroid and second moments of the polygon, enlarged by half a pixel, since the outline runs through pixel centres.
+    NaN if an outline has no area."""
     if levels is None:
         return np.empty((0, SHAPE))
     length = np.fromiter(map(len, outlines), np.int64, len(outlines))
@@ -99,7 +99,7 @@ def _measured(outlines: Any, levels: NDArray | None, size_px: tuple[float, float
 
 
 def _reasons(shape: Array, size: tuple[int, ...], size_px: tuple[float, float], least_ratio: float) -> NDArray:
-    """Return why each shape is no candidate: 0 where it is one, or the number of the reason, from 1."""
+    """Return 0 for each candidate shape, or the number of the reason for its rejection, from 1."""
     a, b = shape[:, 2], shape[:, 3]
     left, top, right, bottom = shape[:, 6:10].T
     border = (left <= 1) | (top <= 1) | (right >= size[1] - 2) | (bottom >= size[0] - 2)
@@ -110,7 +110,7 @@ def _reasons(shape: Array, size: tuple[int, ...], size_px: tuple[float, float], 
 
 @compiled(__file__)
 def _measure(points, starts, shape):  # type: ignore[no-untyped-def]
-    """Fill shapes (N, 10) of closed outlines: points (P, 2) in px one outline after the other, starts (N + 1,)."""
+    """Fill in shapes (N, 10) of closed outlines: points (P, 2) in px one outline after the other, starts (N + 1,)."""
     for k in range(len(starts) - 1):
         first, last = starts[k], starts[k + 1]
         x0, y0 = float(points[first, 0]), float(points[first, 1])

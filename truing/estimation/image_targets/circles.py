@@ -1,4 +1,4 @@
-"""Circular targets in a photograph: centres with covariance, ellipses, codes, and what was rejected and why."""
+"""Circular targets in a photograph: centres with covariance, ellipses, codes, and counts of rejected candidates."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from truing.estimation.image_targets.edge_kernel import SLOPE_X, SLOPE_Y
 from truing.estimation.image_targets.image_noise import ImageNoise, estimate_noise
 from truing.estimation.image_targets.ring_codes import ROUND, RingCode, RingReading, are_open, read_rings
 
-# Radii are in units of the dot's. A code's ring begins at 2 and ends at 3.
+# Radii relative to the dot's. The ring of a code spans 2 to 3.
 _INSIDE, _BESIDE = (0.35, 0.5, 0.65), (1.4, 1.5)
 _RING, _RIMS, _BEYOND = (2.35, 2.5, 2.65), (2.2, 2.8), (3.3,)
-# How far out the picture of the edge is fitted: before anything is known; where there is no ring; inside a known one.
+# Outer radius of the edge fit: at first; without a ring; inside a known ring.
 _NEAR, _FAR, _TO_RING = 1.5, 1.9, 1.7
-_HELD = 0.1  # of the contrast: levels in the first fit
+_HELD = 0.1  # share of the contrast by which levels are held in the first fit
 _UNEVEN = 0.15  # share of samples that may be on the wrong side of half the contrast
-_GROUND, _COVERED = 0.3, 0.06  # of the contrast: levels beyond a ring; share of them that may be others
-_CLIPPED = 0.97  # of the range: levels that no slope of the light makes lighter
-_STRAY = 0.03  # share of an edge's pixels that may be taken for something else
-# By which an arc of an edge may be off its ellipse: px, or a share of the semi-major axis (paper is not flat).
+_GROUND, _COVERED = 0.3, 0.06  # of the contrast: levels beyond a ring; share of them that may differ
+_CLIPPED = 0.97  # share of the range, above which a light gradient cannot make levels lighter
+_STRAY = 0.03  # share of an edge's pixels that may belong to something else
+# Largest distance of an arc of the edge from its ellipse: px, or a share of the semi-major axis (paper is not flat).
 _DENT, _DENT_SHARE = 0.3, 0.012
-_MISFIT = 0.1  # of the contrast, beyond the noise: what an ellipse's picture leaves; sharpened ones 0.05
+_MISFIT = 0.1  # share of the contrast, beyond the noise, left by an ellipse's picture; sharpened images have 0.05
 _WORSE = 3.0  # sigmas by which arcs of a target scatter more than those of the others
-_SEVERAL = 5  # targets, whose residuals together tell how large the noise is
+_SEVERAL = 5  # targets needed to estimate a common noise from their residuals
 _SOFTEST = 0.65  # blur over semi-minor axis
 _AT_ONCE = 16000  # targets per call: OpenCV's maps are shorter than 2^15
-_TOLD = 0.8  # of the range between ground and dot: the highest level at which an edge is sought where light is clipped
-_LARGER = 1.4  # times, what another edge is than the same
+_HIGHEST_EDGE = 0.8  # share of the range between ground and dot: the highest edge level in clipped light
+_LARGER = 1.4  # size ratio from which two edges count as different
 
 
 @dataclass(frozen=True)
 class CirclePlan:
-    """What is looked for: ring codes; dots without any; dots lighter than their ground (white), darker or both; least
-    semi-minor and largest semi-major axis, px; least ratio of the axes; least contrast as a share of the range of grey
-    levels that the image uses."""
+    """Search options: ring codes; dots without a code; dots lighter than their ground (white), darker or both; least
+    semi-minor and largest semi-major axis, px; least ratio of the axes; least contrast as a share of the image's grey
+    range."""
 
     codes: tuple[RingCode, ...] = ()
     uncoded: bool = True
@@ -59,11 +59,13 @@ class CirclePlan:
 
 @dataclass(frozen=True)
 class ImageTargets:
-    """Image points of circular targets, of their ellipses' centres, first pixel's centre at (0, 0): centre_px (N, 2),
-    cov_px2 (N, 2, 2), semi_axes_px (N, 2) the major one first, axis_angle_rad (N,) of the major axis from x towards y,
-    contrast (N,) in grey levels, white (N,) where the dot is the lighter, family (N,) of code by number in the plan
-    and code (N,) itself, both -1 where there is none, confidence (N,) of the code from 0 to 1, blur_px (N,) standard
-    deviation; how many candidates were rejected for which reason; the image's noise."""
+    """Circular targets with the centres of their ellipses in image coordinates (first pixel's centre at (0, 0)).
+
+    centre_px (N, 2), cov_px2 (N, 2, 2), semi_axes_px (N, 2): major one first, axis_angle_rad (N,): major axis from x
+    towards y, contrast (N,) in grey levels, white (N,): dot lighter than its ground, family (N,) by number in the plan
+    and code (N,), both -1 without a code, confidence (N,) of the code from 0 to 1, blur_px (N,): standard deviation;
+    counts of rejected candidates by reason; noise of the image.
+    """
 
     centre_px: Array
     cov_px2: Array
@@ -81,17 +83,17 @@ class ImageTargets:
 
     @property
     def count(self) -> int:
-        """How many targets there are."""
+        """Number of targets."""
         return len(self.code)
 
     @property
     def kinds(self) -> list[str]:
-        """The kind of each target, by the segments of its ring; circle without a code."""
+        """Kind of each target, by the number of segments of its ring; circle without a code."""
         return [f"ring{self.codes[k].bits}" if k >= 0 else "circle" for k in self.family]
 
     @property
     def names(self) -> list[str]:
-        """The name of each coded target, as in ring12-17; empty without a code."""
+        """Name of each coded target, such as ring12-17; empty without a code."""
         coded = zip(self.family, self.code, strict=True)
         return [f"{self.codes[family].family}-{code}" if code >= 0 else "" for family, code in coded]
 
@@ -118,7 +120,7 @@ def measure_circles(grey: NDArray, plan: CirclePlan, noise: ImageNoise | None = 
 
 
 def _with_clear_sides(grey: NDArray, found: EllipseCandidates, least: float, rejected: Counter[str]) -> Array:
-    """Return the unknowns (N, 10) from which the fit starts, of candidates that are even inside and stand free."""
+    """Return start values (N, 10) for candidates with an even inside and free surroundings."""
     A = unit_matrices(found.semi_axes_px, found.axis_angle_rad)
     inside = sample_ellipses(grey, found.centre_px, A, _INSIDE, 24).reshape(len(A), 24 * len(_INSIDE))
     beside = sample_ellipses(grey, found.centre_px, A, _BESIDE, 24).mean(1)
@@ -136,7 +138,7 @@ def _with_clear_sides(grey: NDArray, found: EllipseCandidates, least: float, rej
 
 
 def _fitted(grey: NDArray, start: Array, noise: ImageNoise, outer: Array, ring: Array | None, held: float) -> Array:
-    """Return the fits (N, RESULTS) of the pictures of ellipses, from start (N, UNKNOWNS), out to outer (N,) radii."""
+    """Return the fits (N, RESULTS) of blurred ellipses, from start (N, UNKNOWNS), out to outer (N,) radii."""
     results = np.zeros((len(start), edge.RESULTS))
     if len(start):
         rings = np.zeros((len(start), 1)) if ring is None else ring
@@ -151,12 +153,12 @@ def _fitted(grey: NDArray, start: Array, noise: ImageNoise, outer: Array, ring: 
 
 
 def _top(grey: NDArray) -> float:
-    """Return the highest grey level there is: that of the whole bits which the image needs, 8 at least."""
+    """Return the highest grey level for the number of bits that the image uses, at least 8."""
     return float((1 << max(8, int(grey.max(initial=0)).bit_length())) - 1)
 
 
 def _faults(fit: Array, plan: CirclePlan, noise: ImageNoise, least: float, top: float) -> NDArray[np.str_]:
-    """Return why each fit (N, RESULTS) is no target, the first reason that holds; empty where it is one."""
+    """Return the first reason to reject each fit (N, RESULTS); empty if accepted."""
     axes, _ = axes_of(fit)
     contrast = visible_contrast(fit, top)
     light = fit[:, edge.GROUND] + np.maximum(fit[:, edge.CONTRAST], 0)
@@ -178,7 +180,7 @@ def _faults(fit: Array, plan: CirclePlan, noise: ImageNoise, least: float, top: 
 
 
 def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[RingReading, Array]:
-    """Read the rings about dots (N, RESULTS); and the radii (N,) out to which all light is known."""
+    """Return the readings of rings around dots (N, RESULTS), and the radii (N,) within which all light is modelled."""
     from scipy.special import erf
 
     A, centre, top = matrices(fit), fit[:, :2], _top(grey)
@@ -188,19 +190,19 @@ def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[RingRead
         light = np.where(seen < _CLIPPED * top, np.clip(1 + np.mean(radii) * slope, 0.5, 2.0), 1.0)
         return unclipped(seen / light, fit, top, left)
 
-    # the light's slope, from the centre to the edge
+    # gradient of the light, from the centre to the edge
     turn = (np.arange(ROUND) + 0.5) * 2 * np.pi / ROUND
     to_edge = np.linalg.inv(A) @ np.stack([np.cos(turn), np.sin(turn)]) * np.sqrt(np.linalg.det(A))[:, None, None]
     slope = np.einsum("ni,nik->nk", fit[:, [SLOPE_X, SLOPE_Y]], to_edge)
-    # of a narrow ring the blur leaves this much
+    # share of a narrow ring's contrast that blur leaves
     width = axes_of(fit)[0].prod(1) ** 0.5
     whole_light = np.ones(len(fit))
     ring = levels(_RING, np.maximum(erf(width / 2 / np.sqrt(2) / fit[:, edge.BLUR]), 0.5))
-    # an edge across the ring, at its middle: its blur in samples
+    # an edge across the middle of the ring: its blur in samples
     soft = fit[:, edge.BLUR] / (2.5 * width) * ROUND / (2 * np.pi)
     reading = read_rings(ring, plan.codes, soft)
     beyond = np.abs(levels(_BEYOND, whole_light))
-    # a ring stands on ground; what covers a part of it seldom ends there
+    # a ring stands on clear ground; an object covering part of it rarely ends there
     whole, ground = (beyond < _GROUND).mean(1) > 1 - _COVERED, np.median(beyond, axis=1) < _GROUND
     if (reading.number >= 0).any():
         whole &= are_open(np.stack([levels((rim,), whole_light) for rim in _RIMS], 1), reading.ring)
@@ -217,7 +219,7 @@ def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[RingRead
 
 
 def _code_faults(grey: NDArray, fit: Array, reading: RingReading, plan: CirclePlan) -> NDArray[np.str_]:
-    """Return why dots (N, RESULTS) are none of those looked for, by what is around them; empty where they are."""
+    """Return the reason to reject dots (N, RESULTS) by their surroundings; empty if accepted."""
     coded = reading.number >= 0
     tests = {
         "at border": ~inside_image(grey, fit[:, :2], matrices(fit), 3.0) & bool(plan.codes),
@@ -260,12 +262,10 @@ def _targets(
 
 
 def _noise_factor(fit: Array, noise: ImageNoise) -> Array:
-    """Factors (N,) by which the covariances of centres (N, RESULTS) are larger than pixels alone would have it.
-
-    Neighbouring pixels share noise, and edges are not quite ellipses: arcs of the edges scatter about them by so much
-    more than independent pixels. All targets of an image together say so, and one that is worse for itself. Where no
-    flat part of the image shows its noise alone, what targets leave tells that it is less.
-    """
+    """Return factors (N,) for the covariances of centres (N, RESULTS). Neighbouring pixels share noise, and edges are
+    not exact ellipses, so arcs of the edges scatter more than independent pixels. The factor comes from all targets of
+    an image, or from a target that is worse itself. If no flat part of the image shows the noise, the residuals of the
+    targets may lower it."""
     arcs, freedom = fit[:, edge.ARC_CHI2], fit[:, edge.ARC_FREEDOM]
     usual = noise.correlation
     if len(fit) >= _SEVERAL:
@@ -276,13 +276,13 @@ def _noise_factor(fit: Array, noise: ImageNoise) -> Array:
 
 
 def _kept(faults: NDArray[np.str_], rejected: Counter[str]) -> Index:
-    """Return the numbers of candidates without a fault, and count the others by theirs."""
+    """Return the numbers of candidates without a fault, and count the others by fault."""
     rejected.update(faults[faults != ""].tolist())
     return np.flatnonzero(faults == "")
 
 
 def unit_matrices(semi_axes: Array, angle: Array) -> Array:
-    """Return symmetric A (N, 2, 2), with |A (x - centre)| = 1 on ellipses of semi-axes (N, 2), angle (N,) in rad."""
+    """Return symmetric A (N, 2, 2) with |A (x - centre)| = 1 on ellipses of semi-axes (N, 2), angle (N,) in rad."""
     c, s = np.cos(angle), np.sin(angle)
     R = np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], -2)
     return (R / semi_axes[:, None, :]) @ R.swapaxes(1, 2)
@@ -291,7 +291,7 @@ def unit_matrices(semi_axes: Array, angle: Array) -> Array:
 def sample_ellipses(grey: NDArray, centre: Array, A: Array, radii: tuple[float, ...], count: int) -> Array:
     """Return grey levels (N, len(radii), count), bilinear, clockwise from the x axis of the circle's plane.
 
-    Samples lie at the middles of `count` equal arcs. Beyond the image its outermost pixels go on.
+    Samples lie at the middles of `count` equal arcs. Outside the image, the nearest border pixel counts.
     """
     import cv2
 
@@ -306,7 +306,7 @@ def sample_ellipses(grey: NDArray, centre: Array, A: Array, radii: tuple[float, 
 
 
 def inside_image(grey: NDArray, centre: Array, A: Array, radius: float) -> Mask:
-    """Mask (N,) of ellipses of so many times the target's size that lie in the image whole."""
+    """Return the mask (N,) of targets whose ellipse, enlarged by `radius`, lies inside the image."""
     x, y = _places(centre, A, (radius,), 32)
     rows, columns = grey.shape
     return ((x >= 0) & (y >= 0) & (x <= columns - 1) & (y <= rows - 1)).all((1, 2))
@@ -322,7 +322,7 @@ def _places(centre: Array, A: Array, radii: tuple[float, ...], count: int) -> tu
 
 
 def matrices(fit: Array) -> Array:
-    """Return the matrices (N, 2, 2) that turn the ellipses into unit circles."""
+    """Return the matrices (N, 2, 2) that map the ellipses to unit circles."""
     return fit[:, [[edge.AXX, edge.AXY], [edge.AXY, edge.AYY]]]
 
 
@@ -342,23 +342,22 @@ def visible_contrast(fit: Array, top: float) -> Array:
 
 
 def unclipped(grey: Array, fit: Array, top: float, left: Array) -> Array:
-    """Return levels (N, K) in units of the dots' contrast, of grey levels (N, K) about dots (N, RESULTS): 0 the ground,
-    1 what the blur leaves (N,) of the contrast, as both are seen below the top of the range.
+    """Return grey levels (N, K) about dots (N, RESULTS) in units of the dots' contrast.
 
-    An edge is where half of the light is: near the top of the range where the light is more than the range, and there
-    as far as it can be told from clipped levels.
+    0 is the ground and 1 the contrast that blur leaves (N,), both clipped at the top of the range. An edge is at half
+    of the light, which is near the top of the range if the light exceeds it; clipped levels limit how well it is known.
     """
     ground, contrast = fit[:, edge.GROUND], fit[:, edge.CONTRAST]
     low, high = np.minimum(ground, top), np.minimum(ground + contrast * left, top)
-    half = np.minimum(ground + contrast * left / 2, low + _TOLD * (high - low))
-    half = np.where(contrast > 0, half, np.minimum(ground + contrast * left / 2, high + _TOLD * (low - high)))
+    half = np.minimum(ground + contrast * left / 2, low + _HIGHEST_EDGE * (high - low))
+    half = np.where(contrast > 0, half, np.minimum(ground + contrast * left / 2, high + _HIGHEST_EDGE * (low - high)))
     safe = [np.where(np.abs(span) < 1e-6, 1e-6, span)[:, None] for span in (half - low, high - half)]
     above = (grey - half[:, None]) / safe[1]
     return 0.5 + 0.5 * np.where(above > 0, above, (grey - half[:, None]) / safe[0])
 
 
 def doubles(fit: Array, axes: Array) -> Mask:
-    """Mask (N,) of fits that lie on another one that fits better."""
+    """Return the mask (N,) of fits that coincide with another, better one."""
     from scipy.spatial import cKDTree
 
     double = np.zeros(len(fit), bool)
@@ -376,7 +375,7 @@ def doubles(fit: Array, axes: Array) -> Mask:
 
 
 def on_rings(fit: Array, ringed: Mask) -> Mask:
-    """Mask (N,) of dots that lie on the ring of another, where those have any (N,)."""
+    """Return the mask (N,) of dots on the ring of another dot that has a ring (N,)."""
     from scipy.spatial import cKDTree
 
     owner = np.flatnonzero(ringed)
@@ -392,7 +391,7 @@ def on_rings(fit: Array, ringed: Mask) -> Mask:
 
 
 def about_others(fit: Array) -> Mask:
-    """Mask (N,) of dots that have another at their middle: what a target is printed on."""
+    """Return the mask (N,) of dots with another one at their centre: the carrier of a target."""
     from scipy.spatial import cKDTree
 
     size, about = axes_of(fit)[0][:, 1], np.zeros(len(fit), bool)

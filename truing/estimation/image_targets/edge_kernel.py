@@ -1,17 +1,17 @@
-"""Edges of circles fitted in a photograph, compiled: one target after the other.
+"""Compiled fit of circle edges in a photograph, one target after the other.
 
-Pixels are gathered about each edge, the picture of a blurred ellipse is fitted to them, pixels far from it are left
-out, and what is left tells how much like an ellipse the edge is. A pixel at x shows
+Pixels around each edge are collected, a blurred ellipse is fitted to them, outlying pixels are excluded, and the
+residuals show how elliptic the edge is. A pixel at x has the grey value
 
     I = (ground + contrast (M + T)) (1 + slope . (x - x_start) / size),        M = Phi(-(d + s^2 k / 2) / s)
 
 with d the distance of x from the ellipse |A (x - centre)| = 1 (outside positive), s the standard deviation of the blur
-(optics, and the pixel's own area with 1/12 px^2), and k the curvature there: a blurred edge recedes towards its hollow
-side. T is the light of the code's ring, where its word is known (both: `edge_picture`). Every pixel counts once, with
-its own noise, so that the inverse normal equations are the covariance. Above the top of the range the picture is
-clipped, and says nothing.
+(optics, and the pixel's own area with 1/12 px^2), and k the curvature there: blur shifts an edge towards its concave
+side. T is the light of the code's ring, if its word is known (both: `edge_picture`). Each pixel counts once with its
+own noise, so the inverse normal equations are the covariance. At the top of the range the image is clipped; such pixels
+carry no information.
 
-Ours, because libraries of image processing give centres without a covariance. Importing this module imports numba.
+Written here because image processing libraries give centres without a covariance. Importing this module imports numba.
 """
 
 from __future__ import annotations
@@ -42,30 +42,30 @@ from truing.estimation.simd_arithmetic import LANES, compiled, inner, summing
 # Unknowns: centre x, y; A xx, xy, yy; blur s; ground; contrast; slope x, y
 UNKNOWNS = 10
 CX, CY, AXX, AXY, AYY, BLUR, GROUND, CONTRAST, SLOPE_X, SLOPE_Y = range(UNKNOWNS)
-# Registers after the edge's own: derivatives by all unknowns begin at BY; level, what the photograph has more, weight,
-# and a row of the normal equations
+# Registers after the edge's own: derivatives by all unknowns begin at BY; level, residual, weight, and a row of the
+# normal equations
 LEVEL, LEFT, WEIGHT, WEIGHTED, REGISTERS = range(BY + UNKNOWNS, BY + UNKNOWNS + 5)
 _MIN_BLUR, _MAX_BLUR = 0.3, 6.0
 _STEPS = 16
-# Illumination changes by so much of itself from one pixel to the next, one sigma: what is known of it beforehand. The
-# picture of a small blurred target cannot tell a slope from a shift.
+# Prior of the illumination gradient: relative change from one pixel to the next, one sigma. The picture of a small
+# blurred target cannot separate gradient and shift.
 _SLOPE_SIGMA = 0.001
-# What a fit leaves after its unknowns: covariance xx xy yy of the centre; mean square of weighted residuals and its
-# degrees of freedom, the same of arcs of the edge; by how much the worst arc lies outside the ellipse, px; share of
-# outlying pixels inside and outside the edge; rms of residuals over the contrast; settled
+# Results of a fit after its unknowns: covariance xx xy yy of the centre; mean square of weighted residuals and its
+# degrees of freedom, the same of arcs of the edge; distance of the worst arc outside the ellipse, px; share of
+# outlying pixels inside and outside the edge; rms of residuals over the contrast; converged
 RESULTS = UNKNOWNS + 12
 C_XX, C_XY, C_YY, CHI2, FREEDOM, ARC_CHI2, ARC_FREEDOM, DENT, HIDDEN, MERGED, MISFIT, SETTLED = range(UNKNOWNS, RESULTS)
-# px: a step of the centre after which the next is far below the best scatter there is; and where another fit follows.
+# px, step of the centre after which the next one is negligible; and the same if another fit follows
 _SMALL_STEP, _COARSE_STEP = 1e-3, 2e-2
-_RELAID, _BRIGHT = 2, 0.01  # times; where the light of a ring is more than this share of the contrast
-_ARC, _ARCS_LEAST, _ARCS_MOST = 3.0, 8, 24  # px, length of an arc; how many there are
+_RELAID, _BRIGHT = 2, 0.01  # repetitions if the light of a ring exceeds this share of the contrast
+_ARC, _ARCS_LEAST, _ARCS_MOST = 3.0, 8, 24  # px, length of an arc; least and largest number of arcs
 _DENT_SIGMAS = 4.0
-_HELD_BLUR = 0.5  # px, where levels are held: a narrow strip cannot tell blur, levels and size apart
-# Of the contrast: least and largest limit beyond which a pixel is left out; what sharpens a picture in a camera
-# overshoots by up to 0.2.
+_HELD_BLUR = 0.5  # px, while levels are held: a narrow strip cannot separate blur, levels and size
+# Relative to the contrast: least and largest limit beyond which a pixel is excluded; sharpening in a camera overshoots
+# by up to 0.2.
 _OUTLYING_LEAST, _OUTLYING = 0.03, 0.25
-# What makes a picture out of a mosaic of colours leaves pixels off by a small share of the contrast, which shows no
-# other thing; inside, where small dots have few pixels, one or two may be off by more.
+# Share of pixels slightly off, due to demosaicing, that indicates no other object; inside small dots with few pixels,
+# one or two may be further off.
 _FEW, _OTHER = 2, 0.1
 _OUTLYING_SIGMAS = 5.0
 
@@ -99,9 +99,9 @@ def solve(normal, rhs, step, n):  # type: ignore[no-untyped-def]
 
 @inner
 def lay(p, origin, size, n, pixels, first, nodes, count, lane):  # type: ignore[no-untyped-def]
-    """Fill the level that a block of pixels from the first should have, not clipped, and its derivatives.
+    """Fill in the unclipped level of a block of pixels from the first, and its derivatives.
 
-    Return how many there are, with those that fill the lanes.
+    Returns the number of pixels, including padding to full SIMD lanes.
     """
     many = min(BLOCK, n - first + -n % LANES)
     cx, cy, ground, contrast, slope_x, slope_y = p[CX], p[CY], p[GROUND], p[CONTRAST], p[SLOPE_X], p[SLOPE_Y]
@@ -139,7 +139,7 @@ def _product(lane, row, other, many):  # type: ignore[no-untyped-def]
 
 @inner
 def _add_products(pixels, first, many, top, lane, normal, rhs):  # type: ignore[no-untyped-def]
-    """Add what a block of pixels tells to normal equations; return its weighted square sum."""
+    """Add a block of pixels to the normal equations; return its weighted square sum."""
     for j in range(many):
         lane[WEIGHT * BLOCK + j], lane[LEFT * BLOCK + j] = pixels[3, first + j], pixels[2, first + j]
     for j in range(many):
@@ -160,7 +160,8 @@ def _add_products(pixels, first, many, top, lane, normal, rhs):  # type: ignore[
 
 @inner
 def _evaluate(p, origin, size, n, pixels, top, held, nodes, count, lane, normal, rhs):  # type: ignore[no-untyped-def]
-    """Return the weighted square sum at p over pixels (5, n): x, y, grey, weight, ring light; fill normal and rhs."""
+    """Return the weighted square sum at p over pixels (5, n): x, y, grey, weight, ring light; fill in normal and
+    rhs."""
     for i in range(UNKNOWNS):
         rhs[i] = 0.0
         for j in range(UNKNOWNS):
@@ -183,7 +184,7 @@ def _evaluate(p, origin, size, n, pixels, top, held, nodes, count, lane, normal,
 
 @inner
 def _take_over(p, normal, rhs, trial, trial_normal, trial_rhs):  # type: ignore[no-untyped-def]
-    """Copy a trial to where the descent stands; copies of slices would take five seconds longer to compile."""
+    """Copy a trial to the current state; copies of slices would take five seconds longer to compile."""
     for i in range(UNKNOWNS):
         p[i], rhs[i] = trial[i], trial_rhs[i]
         for j in range(UNKNOWNS):
@@ -192,7 +193,7 @@ def _take_over(p, normal, rhs, trial, trial_normal, trial_rhs):  # type: ignore[
 
 @inner
 def descend(p, origin, size, n, pixels, top, held, small, work):  # type: ignore[no-untyped-def]
-    """Improve p by damped Gauss-Newton; return the weighted square sum, -1 where it comes to nothing."""
+    """Improve p by damped Gauss-Newton; return the weighted square sum, -1 on failure."""
     normal, rhs, factor, trial_normal, trial_rhs, step, trial, nodes, lane = work
     count = count_nodes(p)
     cost = _evaluate(p, origin, size, n, pixels, top, held, nodes, count, lane, normal, rhs)
@@ -224,10 +225,8 @@ def descend(p, origin, size, n, pixels, top, held, small, work):  # type: ignore
 
 @inner
 def _gather(grey, p, ring, coded, outer, noise, pixels):  # type: ignore[no-untyped-def]
-    """Fill pixels (5, most) with those about the edge, out to `outer` radii; return how many there are.
-
-    After them follow as many as fill the lanes, without weight.
-    """
+    """Fill in pixels (5, most) around the edge, out to `outer` radii, padded to full SIMD lanes with zero weight;
+    return their number."""
     det = p[AXX] * p[AYY] - p[AXY] * p[AXY]
     reach = 3.0 * p[BLUR] + 1.0
     half_x = math.hypot(p[AYY], p[AXY]) / det + reach
@@ -272,7 +271,7 @@ def _is_lit(pixels, n):  # type: ignore[no-untyped-def]
 
 @inner
 def _drop_outlying(p, origin, size, n, pixels, top, first, work, result):  # type: ignore[no-untyped-def]
-    """Take the weight from pixels far from the picture; set shares of them inside and outside. Return what is left."""
+    """Exclude outlying pixels and set their shares inside and outside; return the number of pixels left."""
     inside = outside = hidden = merged = 0
     left = n
     (nodes, lane), count = work[-2:], count_nodes(p)
@@ -283,7 +282,7 @@ def _drop_outlying(p, origin, size, n, pixels, top, first, work, result):  # typ
         if m % BLOCK == 0:
             lay(p, origin, size, n, pixels, m, nodes, count, lane)
         off[m] = abs(pixels[2, m] - min(lane[LEVEL * BLOCK + m % BLOCK], top))
-    # five sigmas of what is usual, by the mean of absolute values
+    # five sigmas, from the mean of absolute values
     usual = _OUTLYING if first else min(max(6.25 * off.mean() / abs(p[CONTRAST]), _OUTLYING_LEAST), _OUTLYING)
     for m in range(n):
         out = off[m] > usual * abs(p[CONTRAST]) and off[m] * math.sqrt(pixels[3, m]) > _OUTLYING_SIGMAS
@@ -304,12 +303,10 @@ def _drop_outlying(p, origin, size, n, pixels, top, first, work, result):  # typ
 
 
 @inner
-def _set_dents(p, origin, size, n, pixels, top, work, arcs, result):  # type: ignore[no-untyped-def]
-    """Set how far arcs of the edge lie off the ellipse: mean square in sigmas, its freedom, and the worst in px.
-
-    Return how many pixels are not clipped, and the sum of their weights. Sharpening, or a blur that is no Gaussian,
-    leaves the same on all of an edge, and dents none of its arcs.
-    """
+def _set_arc_distances(p, origin, size, n, pixels, top, work, arcs, result):  # type: ignore[no-untyped-def]
+    """Set the distances of arcs from the ellipse: mean square in sigmas, its freedom, and the worst in px. Returns the
+    number of unclipped pixels and the sum of their weights. Sharpening or a non-Gaussian blur affects the whole edge
+    alike and dents no single arc."""
     (nodes, lane), count = work[-2:], count_nodes(p)
     if count:
         set_nodes(p, nodes, count)
@@ -348,7 +345,7 @@ def _set_dents(p, origin, size, n, pixels, top, work, arcs, result):  # type: ig
 
 @inner
 def _set_covariance(work, result):  # type: ignore[no-untyped-def]
-    """Set the covariance of the centre, of the normal equations where the descent ended; return whether it has one."""
+    """Set the covariance of the centre from the final normal equations; return whether it exists."""
     normal, factor, step, unit = work[0], work[2], work[5], work[6]
     good = True
     for axis in range(2):
@@ -364,7 +361,7 @@ def _set_covariance(work, result):  # type: ignore[no-untyped-def]
 
 @inner
 def _fit(grey, ring, coded, outer, noise, top, held_share, pixels, held, arcs, work, result):  # type: ignore[no-untyped-def]
-    """Fit one result, which begins with the unknowns to start from; return whether it settled."""
+    """Fit one result, starting from the unknowns at its beginning; return whether it converged."""
     p, first = result[:UNKNOWNS], held_share > 0
     origin, size = (p[CX], p[CY]), 1.0 / math.sqrt(p[AXX] * p[AYY] - p[AXY] ** 2)
     n = _gather(grey, p, ring, coded, outer, noise, pixels)
@@ -373,7 +370,7 @@ def _fit(grey, ring, coded, outer, noise, top, held_share, pixels, held, arcs, w
         held[3], held[4] = 1.0 / _HELD_BLUR**2, 1.0 / (held_share * p[CONTRAST]) ** 2
         held[5] = held[4]
     cost = descend(p, origin, size, n, pixels, top, held, _COARSE_STEP, work) if n > 2 * UNKNOWNS else -1.0
-    # the light of a ring is laid where the dot is thought to be: that is repeated
+    # the light of a ring depends on the position of the dot, so it is repeated
     for _ in range(_RELAID):
         if cost >= 0 and coded and _is_lit(pixels, n):
             n = _gather(grey, p, ring, coded, outer, noise, pixels)
@@ -389,7 +386,7 @@ def _fit(grey, ring, coded, outer, noise, top, held_share, pixels, held, arcs, w
         cost = descend(p, origin, size, n, pixels, top, held, _COARSE_STEP if first else _SMALL_STEP, work)
     if cost < 0:
         return False
-    seen, weights = _set_dents(p, origin, size, n, pixels, top, work, arcs, result)
+    seen, weights = _set_arc_distances(p, origin, size, n, pixels, top, work, arcs, result)
     if seen <= UNKNOWNS:
         return False
     visible = abs(min(p[GROUND] + p[CONTRAST], top) - min(p[GROUND], top))
@@ -400,9 +397,12 @@ def _fit(grey, ring, coded, outer, noise, top, held_share, pixels, held, arcs, w
 
 @compiled(__file__, edge_picture.__file__, simd_arithmetic.__file__)
 def fit_edges(grey, start, ring, coded, outer, noise, top, held_share, most, results):  # type: ignore[no-untyped-def]
-    """Fill results (N, RESULTS): grey (h, w) uint16; start (N, UNKNOWNS); ring (N, S) of those `coded` (N,); pixels out
-    to `outer` (N,) radii; noise (2,): variance of a black pixel and per grey level; top of the range; levels held to a
-    share of the contrast, 0: free; most pixels."""
+    """Fill in results (N, RESULTS) of all fits.
+
+    grey (h, w) uint16; start (N, UNKNOWNS); ring (N, S) of those `coded` (N,); pixels out to `outer` (N,) radii; noise
+    (2,): variance of a black pixel and per grey level; top of the range; held_share: levels held to a share of the
+    contrast, 0: free; most pixels.
+    """
     shape = (UNKNOWNS, UNKNOWNS)
     normal, factor, spare = np.empty(shape), np.empty(shape), np.empty(shape)
     rhs, spare_rhs, step, trial = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS)

@@ -1,9 +1,9 @@
-"""The picture of a blurred ellipse, pixel by pixel, with its derivatives: what `edge_kernel` fits. Compiled code only.
+"""Compiled image model of a blurred ellipse with derivatives, per pixel, as fitted by `edge_kernel`.
 
 M is the share of the inside's light in a pixel, T that of the segments of its code's ring. The first six unknowns are
 centre x and y, A xx, xy and yy with |A (x - centre)| = 1 on the edge, and the standard deviation of the blur. M is
-computed for a block of pixels at once, loop by loop, in registers of one flat array: such loops become vector
-instructions. Importing this module imports numba.
+computed for a block of pixels at once, loop by loop, in registers of one flat array: the compiler vectorises such
+loops. Importing this module imports numba.
 """
 
 from __future__ import annotations
@@ -12,28 +12,29 @@ import math
 
 from truing.estimation.simd_arithmetic import LANES, inner, summing
 
-BLOCK = 8 * LANES  # length of a register: what is computed for so many pixels stays at the processor's hand
+BLOCK = 8 * LANES  # length of a register: a block of pixels that fits the processor's cache
 CX, CY, AXX, AXY, AYY, BLUR = range(6)
-# Registers: the place of a pixel from the centre, M, and its derivatives by the first six unknowns
+# Registers: pixel position relative to the centre, M, and its derivatives by the first six unknowns
 DX, DY, SHARE, BY = range(4)
-# An edge is bent where curvature times blur exceeds this, below which the thin edge is right to 0.5 % of the contrast:
-# its picture is then integrated round the ellipse, at so many points per semi-major axis over blur (a step of 1.3 sigma
-# gives five digits), but for very long ellipses.
+# An edge is curved if curvature times blur exceeds this; below, the thin edge is accurate to 0.5 % of the contrast.
+# The picture of a curved edge is integrated around the ellipse, at this many points per semi-major axis over blur (a
+# step
+# of 1.3 sigma gives five digits), except for very long ellipses.
 _BENT, _NODES, MOST_NODES = 0.4, 4.8, 64
-_REACH = 3.5  # blurs: from further away comes no light
+_REACH = 3.5  # blurs: light from further away is neglected
 _ONE_IN = (1 / 12, 1 / 11, 1 / 10, 1 / 9, 1 / 8, 1 / 7, 1 / 6, 1 / 5, 1 / 4, 1 / 3, 1 / 2, 1.0)
 _INV_SQRT2, INV_SQRT2PI = 0.7071067811865476, 0.3989422804014327
 
 
 @inner
 def _foot(axx, axy, ayy, dx, dy):  # type: ignore[no-untyped-def]
-    """Return distance, normal (2), foot from the centre (2), length of the gradient and curvature, of a pixel."""
+    """Return distance, normal (2), foot from the centre (2), length of the gradient and curvature, for a pixel."""
     ux, uy = axx * dx + axy * dy, axy * dx + ayy * dy
     per = 1.0 / max(math.sqrt(ux * ux + uy * uy), 1e-6)
     wx, wy = dx * per, dy * per
     gx, gy = (axx * ux + axy * uy) * per, (axy * ux + ayy * uy) * per
     ahead = (gx * (dx - wx) + gy * (dy - wy)) / max(gx * gx + gy * gy, 1e-30)
-    # the foot on the tangent is taken back to the curve, along the ray from the centre
+    # move the foot from the tangent back to the curve, along the ray from the centre
     wx, wy = dx - gx * ahead, dy - gy * ahead
     ux, uy = axx * wx + axy * wy, axy * wx + ayy * wy
     per = 1.0 / max(math.sqrt(ux * ux + uy * uy), 1e-6)
@@ -47,7 +48,7 @@ def _foot(axx, axy, ayy, dx, dy):  # type: ignore[no-untyped-def]
 
 @inner
 def decay(t):  # type: ignore[no-untyped-def]
-    """Return exp(-t) of t >= 0, right to 1e-10 of itself up to 40 and constant from there: loops can do several."""
+    """Return exp(-t) of t >= 0 to a relative 1e-10 up to 40, constant beyond; loops with it vectorise."""
     y = min(t, 40.0) * -0.015625
     e = 1.0
     for one_in in _ONE_IN:
@@ -62,7 +63,7 @@ def decay(t):  # type: ignore[no-untyped-def]
 
 @inner
 def upper_tail(z, bell):  # type: ignore[no-untyped-def]
-    """Return 1 - Phi(z), right to 1e-7, from bell = exp(-z^2 / 2): Abramowitz and Stegun, 7.1.26."""
+    """Return 1 - Phi(z) to 1e-7, from bell = exp(-z^2 / 2): Abramowitz and Stegun, 7.1.26."""
     x = abs(z) * _INV_SQRT2
     t = 1.0 / (1.0 + 0.3275911 * x)
     poly = t * (0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429))))
@@ -72,7 +73,7 @@ def upper_tail(z, bell):  # type: ignore[no-untyped-def]
 
 @inner
 def _thin_edge(axx, axy, ayy, s, lane, many):  # type: ignore[no-untyped-def]
-    """Fill M of pixels at an edge of little curvature, and its derivatives."""
+    """Fill in M of pixels at an edge of little curvature, and its derivatives."""
     for j in range(many):
         d, nx, ny, wx, wy, g, k = _foot(axx, axy, ayy, lane[DX * BLOCK + j], lane[DY * BLOCK + j])
         bend = k / (1 + 0.5 * max(k * d, -1.0))
@@ -90,7 +91,8 @@ def _thin_edge(axx, axy, ayy, s, lane, many):  # type: ignore[no-untyped-def]
 
 @inner
 def set_nodes(p, nodes, count):  # type: ignore[no-untyped-def]
-    """Fill nodes (6, count): of points round the ellipse cos, sin, x, y from the centre, and normal times length."""
+    """Fill in nodes (6, count): cos, sin, x, y of points around the ellipse from the centre, and normal times
+    length."""
     det = p[AXX] * p[AYY] - p[AXY] * p[AXY]
     turn = 2 * math.pi / count
     for j in range(count):
@@ -102,11 +104,9 @@ def set_nodes(p, nodes, count):  # type: ignore[no-untyped-def]
 
 @inner
 def _whole_edge(axx, axy, ayy, s, nodes, count, lane, many):  # type: ignore[no-untyped-def]
-    """Fill M of pixels exactly, as an integral round the ellipse, and its derivatives.
-
-    The Gaussian of the blur is the divergence of r (1 - exp(-r^2 / 2 s^2)) / (2 pi r^2): the light from the inside is
-    the flux through the edge. The trapezoidal rule on a closed smooth curve converges faster than any power.
-    """
+    """Fill in M of pixels, as an exact integral around the ellipse, and its derivatives. The Gaussian of the blur is
+    the divergence of r (1 - exp(-r^2 / 2 s^2)) / (2 pi r^2), so the light from the inside is a flux through the edge.
+    The trapezoidal rule on a closed smooth curve converges faster than any power."""
     narrow = 0.5 / (s * s)
     for j in range(SHARE * BLOCK, (BY + 6) * BLOCK):
         lane[j] = 0.0
@@ -139,7 +139,7 @@ def _whole_edge(axx, axy, ayy, s, nodes, count, lane, many):  # type: ignore[no-
 
 @inner
 def edge_light(p, nodes, count, lane, many):  # type: ignore[no-untyped-def]
-    """Fill M of pixels at DX, DY from the centre, exactly where there are nodes, and its derivatives."""
+    """Fill in M of pixels at DX, DY from the centre and its derivatives; exact if there are nodes."""
     if count:
         _whole_edge(p[AXX], p[AXY], p[AYY], p[BLUR], nodes, count, lane, many)
     else:
@@ -148,7 +148,7 @@ def edge_light(p, nodes, count, lane, many):  # type: ignore[no-untyped-def]
 
 @inner
 def count_nodes(p):  # type: ignore[no-untyped-def]
-    """Number of points round the ellipse that its exact picture takes, 0 where a thin edge will do."""
+    """Return the number of points around the ellipse for its exact picture, 0 if the thin edge is accurate enough."""
     half, skew = (p[AXX] + p[AYY]) / 2, math.hypot((p[AXX] - p[AYY]) / 2, p[AXY])
     a, inverse_b = 1 / max(half - skew, 1e-9), half + skew
     count = math.ceil(_NODES * a / p[BLUR])
@@ -157,8 +157,10 @@ def count_nodes(p):  # type: ignore[no-untyped-def]
 
 @inner
 def set_spokes(p, ring, spokes):  # type: ignore[no-untyped-def]
-    """Fill spokes (4, 2 S), twice round: where the middles of S equal arcs of the unit circle lie, from the centre,
-    clockwise, x and y; one over their squared length; whether there is light, ring (S,) 0 or 1."""
+    """Fill in spokes (4, 2 S), twice around, at the middles of S equal arcs of the unit circle.
+
+    Rows: x and y from the centre, clockwise; one over their squared length; light, from ring (S,) 0 or 1.
+    """
     count, det = len(ring), p[AXX] * p[AYY] - p[AXY] * p[AXY]
     for j in range(2 * count):
         c, s = math.cos((j + 0.5) * 2 * math.pi / count), math.sin((j + 0.5) * 2 * math.pi / count)
@@ -168,7 +170,7 @@ def set_spokes(p, ring, spokes):  # type: ignore[no-untyped-def]
 
 @inner
 def ring_light(p, dx, dy, spokes):  # type: ignore[no-untyped-def]
-    """Share of the ring's blurred light that falls on a pixel."""
+    """Return the share of the ring's blurred light in a pixel."""
     ux, uy = p[AXX] * dx + p[AXY] * dy, p[AXY] * dx + p[AYY] * dy
     q = math.sqrt(ux * ux + uy * uy)
     gx, gy = p[AXX] * ux + p[AXY] * uy, p[AXY] * ux + p[AYY] * uy
@@ -176,7 +178,7 @@ def ring_light(p, dx, dy, spokes):  # type: ignore[no-untyped-def]
     if (2.0 - q) * q > _REACH * s * math.sqrt(gx * gx + gy * gy):
         return 0.0
     count = spokes.shape[1] // 2
-    # a spoke at an angle t from the pixel's passes it at a distance of b q sin t at least
+    # a spoke at angle t from the pixel's direction passes it at a distance of at least b q sin t
     b = 2.0 / (p[AXX] + p[AYY] + math.hypot(p[AXX] - p[AYY], 2.0 * p[AXY]))
     sine = min(_REACH * s / (b * q), 1.0)
     half = int(math.asin(sine) * count / (2 * math.pi)) + 1

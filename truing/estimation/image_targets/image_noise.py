@@ -1,4 +1,4 @@
-"""The noise of a photograph, from itself: read noise, photon noise, and how far neighbouring pixels share theirs."""
+"""Noise of a photograph estimated from the image: read noise, photon noise, correlation of neighbouring pixels."""
 
 from __future__ import annotations
 
@@ -10,35 +10,37 @@ from numpy.typing import NDArray
 from truing.arrays import Array
 
 _TILE = 8
-_TILES = 6000  # of those that cover the picture, so many are looked at
+_TILES = 6000  # largest number of tiles that are evaluated
 _BINS = 8  # of grey levels
-_QUIETEST = 0.25  # share of the tiles of a bin that is taken to show nothing
-# In the quietest tiles of white noise of variance one: the mean of the second difference's power, and the sum of
+_QUIETEST = 0.25  # share of the tiles of a bin that are assumed to show no object
+# In the quietest tiles of white noise of variance one: mean power of the second difference, and sum of
 # autocorrelations.
 _QUIET_POWER, _WHITE_SUM = 0.781, 0.666
 _AGREEING = 1.35  # factor between the variance of a range of grey levels and the line
-_ROUNDING = 1 / 12  # variance of a whole number that was a real one, grey levels^2
+_ROUNDING = 1 / 12  # variance of rounding to whole grey levels, grey levels^2
 
 
 @dataclass(frozen=True)
 class ImageNoise:
-    """Variance of a pixel, read_var + gain * grey level, in grey levels^2; correlation: by which factor the variance
-    of a mean over many pixels exceeds that of independent ones (1: white noise)."""
+    """Variance of a pixel, read_var + gain * grey level, in grey levels^2.
+
+    correlation: variance of a mean over many pixels relative to independent pixels (1: white noise).
+    """
 
     read_var: float
     gain: float
     correlation: float = 1.0
 
     def variance(self, grey: Array) -> Array:
-        """Return the variance of pixels of grey levels of any shape."""
+        """Return the variance of pixels for grey levels of any shape."""
         return self.read_var + self.gain * np.maximum(grey, 0.0)
 
 
 def estimate_noise(grey: NDArray) -> ImageNoise:
     """Return the noise of a grey image (h, w), from the quietest tiles of every range of grey levels.
 
-    The second mixed difference takes away what is linear in either direction (Immerkaer, Computer Vision and Image
-    Understanding 64 (1996) 300). Tiles with a pixel at either end of the range are left out: clipping hides noise.
+    The second mixed difference removes linear gradients (Immerkaer, Computer Vision and Image Understanding 64 (1996)
+    300). Tiles with a pixel at either end of the range are excluded: clipping hides noise.
     """
     tiles = _sample(grey)
     low, high = tiles.min((1, 2)), tiles.max((1, 2))
@@ -59,7 +61,7 @@ def estimate_noise(grey: NDArray) -> ImageNoise:
 
 
 def _sample(grey: NDArray) -> Array:
-    """Return tiles (n, 8, 8), evenly over the image; none of an image smaller than a tile."""
+    """Return tiles (n, 8, 8) spread evenly over the image; none if the image is smaller than a tile."""
     rows, columns = grey.shape[0] // _TILE, grey.shape[1] // _TILE
     stride = max(1, -(-rows * columns // _TILES))
     row, column = np.divmod(np.arange(0, rows * columns, stride), max(columns, 1))
@@ -69,11 +71,9 @@ def _sample(grey: NDArray) -> Array:
 
 
 def _line(level: Array, variance: Array) -> tuple[float, float]:
-    """Return read variance and gain, neither negative, of variances (B,) over levels (B,).
-
-    What a picture shows adds to its noise in some ranges of grey levels: the line, through one or two of the ranges,
-    that most agree with is taken, and of those the lowest.
-    """
+    """Return read variance and gain, neither negative, of variances (B,) over levels (B,). Objects in the image raise
+    the variance of some ranges of grey levels. The line through one or two ranges that most ranges agree with is taken,
+    and of those the lowest."""
     i, j = np.triu_indices(len(level))
     rise = np.where(i == j, 1.0, level[j] - level[i])
     gain = np.where(i == j, 0.0, (variance[j] - variance[i]) / np.where(rise == 0, 1.0, rise))
@@ -92,7 +92,7 @@ def _line(level: Array, variance: Array) -> tuple[float, float]:
 
 
 def _without_planes(tiles: Array) -> Array:
-    """Return tiles (n, 8, 8) less their means and slopes."""
+    """Return tiles (n, 8, 8) minus their means and slopes."""
     centred = np.arange(_TILE) - (_TILE - 1) / 2
     norm = _TILE * np.square(centred).sum()
     flat = tiles - tiles.mean((1, 2), keepdims=True)

@@ -1,4 +1,4 @@
-"""Codes of square markers: what stands in the cells of quadrangles, compared with all codes of their families."""
+"""Codes of square markers: read the cells of quadrangles and compare them with all codes of their families."""
 
 from __future__ import annotations
 
@@ -19,22 +19,21 @@ _DICTIONARIES = {
     **{f"apriltag{size}": f"DICT_APRILTAG_{size}" for size in ("16h5", "25h9", "36h10", "36h11")},
 }
 FAMILIES = tuple(_DICTIONARIES)
-_CORRECTED = 0.3  # of the bits that a family could correct: chance makes a code of anything if all of them are
-_BORDER_ERRORS = 0.35  # cells of the border that may be light, as a share of the cells within
-_IN_CELL = np.array([0.25, 0.5, 0.75], np.float32)  # where in a cell, along each axis, its grey value is taken
-_FLAT = 5.0  # grey levels of standard deviation, below which cells are all alike
-# Cells of another size than the marker's, which give a code by chance, leave half of the variance unexplained; the
-# right ones of the smallest markers that are found, two or three pixels wide, up to 0.36.
+_CORRECTED = 0.3  # share of the bits that a family could correct; correcting all would turn chance patterns into codes
+_BORDER_ERRORS = 0.35  # light cells tolerated in the border, as a share of the inner cells
+_IN_CELL = np.array([0.25, 0.5, 0.75], np.float32)  # sample positions in a cell along each axis
+_FLAT = 5.0  # standard deviation in grey levels below which all cells are alike
+# Limit of unexplained variance: cells of a wrong size that give a code by chance leave one half; correct cells of the
+# smallest detectable markers, two or three pixels wide, up to 0.36.
 _UNCLEAR = 0.4
-_MOST_ROWS = 32767  # of a picture that OpenCV makes of points
-_ROUNDS = 10  # of dividing cells into dark and light
+_MOST_ROWS = 32767  # rows of a point image in OpenCV
+_ROUNDS = 10  # iterations of the split into dark and light cells
 
 
 @dataclass(frozen=True)
 class Codes:
-    """What quadrangles were read as: quadrangle (N,), family (N,) by number, code (N,), wrong bits (N,), which of the
-    corners is the marker's first one (N,), and which share of the variance of grey values is not that between dark
-    and light cells (N,)."""
+    """Quadrangles read as codes: quadrangle (N,), family (N,) by number, code (N,), wrong bits (N,), index (N,) of the
+    marker's first corner, and share (N,) of the grey variance that dark and light cells do not explain."""
 
     quad: NDArray[np.intp]
     family: Index
@@ -45,25 +44,25 @@ class Codes:
 
 
 def dictionary(family: str) -> Any:
-    """The OpenCV dictionary of a family of ``FAMILIES``."""
+    """Return the OpenCV dictionary of a family of ``FAMILIES``."""
     import cv2
 
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, _DICTIONARIES[family]))
 
 
 def codes_of(family: str) -> int:
-    """How many codes a family has, counted from 0."""
+    """Return the number of codes of a family, counted from 0."""
     return len(dictionary(family).bytesList)
 
 
 @cache
 def cells_across(family: str) -> int:
-    """Cells along the edge of a family's markers, with the border."""
+    """Return the number of cells along the edge of a family's markers, including the border."""
     return int(dictionary(family).markerSize) + 2
 
 
 def read_codes(plain: NDArray[np.uint8], corners: Array, families: tuple[str, ...]) -> Codes:
-    """Read quadrangles with corners (Q, 4, 2) in px, clockwise as seen, in an image (h, w), as markers of families."""
+    """Return the codes of quadrangles with corners (Q, 4, 2) in px, clockwise as seen, in an image (h, w)."""
     bits = {cells: _bits(plain, corners, cells) for cells in sorted({cells_across(name) for name in families})}
     found = [_of_family(*bits[cells_across(name)], name, number) for number, name in enumerate(families)]
     return Codes(*(np.concatenate([getattr(part, name) for part in found]) for name in Codes.__dataclass_fields__))
@@ -72,9 +71,9 @@ def read_codes(plain: NDArray[np.uint8], corners: Array, families: tuple[str, ..
 def _of_family(
     quad: NDArray[np.intp], bits: NDArray[np.float32], unclear: NDArray[np.float32], family: str, number: int
 ) -> Codes:
-    """Those of the quadrangles (B,) with bits (B, n), +1 or -1, that are codes of one family."""
-    table, correctable = _table(family)
-    # Of n bits n - d agree and d differ: the product of two words of +1 and -1 is n - 2 d.
+    """Return the quadrangles (B,) with bits (B, n), +1 or -1, that are codes of one family."""
+    table, correctable = _code_bits(family)
+    # If d of n bits differ, the product of two words of +1 and -1 is n - 2 d.
     product = bits @ table
     best = product.argmax(1) if len(bits) else np.empty(0, np.intp)
     errors = np.rint(0.5 * (bits.shape[1] - product[np.arange(len(bits)), best])).astype(np.int64)
@@ -84,9 +83,9 @@ def _of_family(
 
 
 @cache
-def _table(family: str) -> tuple[NDArray[np.float32], int]:
-    """Bits (n, 4 K), +1 or -1, of K codes, each as it looks after 0 to 3 quarter turns to the left; and how many wrong
-    bits are let pass."""
+def _code_bits(family: str) -> tuple[NDArray[np.float32], int]:
+    """Return the bits (n, 4 K), +1 or -1, of K codes after 0 to 3 quarter turns to the left, and the number of wrong
+    bits tolerated."""
     import cv2
 
     source = dictionary(family)
@@ -103,10 +102,10 @@ def _table(family: str) -> tuple[NDArray[np.float32], int]:
 def _bits(
     plain: NDArray[np.uint8], corners: Array, cells: int
 ) -> tuple[NDArray[np.intp], NDArray[np.float32], NDArray[np.float32]]:
-    """Those quadrangles (B,) that have a dark border and clear cells; what is in their cells within (B, n), +1 where
-    light, else -1; and which share of the variance of grey values is not that between dark and light cells (B,)."""
+    """Return the quadrangles (B,) with a dark border and clear cells, their inner cells (B, n), +1 if light, else -1,
+    and the share (B,) of grey variance that dark and light cells do not explain."""
     grey, variance = _cell_greys(plain, corners, cells)
-    light = _light(grey)
+    light = _light_cells(grey)
     inner = light.reshape(-1, cells, cells)[:, 1:-1, 1:-1]
     border = light.sum(1) - inner.sum((1, 2))
     quad = np.flatnonzero((variance > _FLAT**2) & (border <= int(_BORDER_ERRORS * (cells - 2) ** 2)))
@@ -117,7 +116,7 @@ def _bits(
 
 
 def _between(grey: NDArray[np.float32], light: Mask) -> NDArray[np.float32]:
-    """Variance (Q,) between the two kinds of cells (Q, n)."""
+    """Return the variance (Q,) between the two classes of cells (Q, n)."""
     share = light.mean(1, dtype=np.float32)
     apart = grey.mean(1, where=light) - grey.mean(1, where=~light)
     return np.asarray(share * (np.float32(1.0) - share) * apart**2, np.float32)
@@ -126,8 +125,8 @@ def _between(grey: NDArray[np.float32], light: Mask) -> NDArray[np.float32]:
 def _cell_greys(
     plain: NDArray[np.uint8], corners: Array, cells: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Mean grey values (Q, cells * cells) of the inner parts of cells, above the quadrangle's own mean, row by row as
-    seen from the first corner; and the variance (Q,) of what they are the means of."""
+    """Return the mean grey values (Q, cells * cells) of the cells' inner parts minus the quadrangle's mean, row by row
+    from the first corner, and the variance (Q,) of the samples."""
     import cv2
 
     parts = len(_IN_CELL)
@@ -146,8 +145,8 @@ def _cell_greys(
 
 
 def _of_unit_square(corners: Array, at: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Columns and rows (Q * m, m) in px, in quadrangles (Q, 4, 2), of a grid of m x m points of the unit square, by the
-    homography that has its corners in theirs (closed form: Heckbert, Fundamentals of Texture Mapping, 1989, 2.2.3)."""
+    """Return columns and rows (Q * m, m) in px of a grid of m x m points of the unit square, mapped to quadrangles (Q,
+    4, 2) by homography (closed form: Heckbert, Fundamentals of Texture Mapping, 1989, 2.2.3)."""
     p0, p1, p2, p3 = np.moveaxis(corners, 1, 0)
     one, two, rest = p1 - p2, p3 - p2, p0 - p1 + p2 - p3
     area = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
@@ -164,8 +163,8 @@ def _of_unit_square(corners: Array, at: NDArray[np.float32]) -> tuple[NDArray[np
     return x.reshape(-1, len(at)), y.reshape(-1, len(at))
 
 
-def _light(grey: NDArray[np.float32]) -> Mask:
-    """Which cells (Q, n) are light: above the middle between the means of dark and light."""
+def _light_cells(grey: NDArray[np.float32]) -> Mask:
+    """Return the mask of light cells (Q, n): above the middle between the means of dark and light."""
     total, count = grey.sum(1), grey.shape[1]
     light = grey > 0.5 * (grey.min(1) + grey.max(1))[:, None]
     for _ in range(_ROUNDS):

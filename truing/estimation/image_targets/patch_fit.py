@@ -1,4 +1,4 @@
-"""Small patches of a picture, each fitted with what should be seen there: many at once, every pixel with its noise."""
+"""Least-squares fit of image models to many small patches at once, with the noise of each pixel."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Equations = Callable[[Array, NDArray[np.intp]], tuple[Array, Array, Array]]
 """Sum of squares (n,), normal matrices (n, U, U) and right-hand sides (n, U) at unknowns (n, U) of the patches (n,)."""
 
 _STEPS = 25
-# A patch is settled when its sum of squares falls by no more: a thirtieth of a standard deviation, or its rounding.
+# Convergence: the sum of squares falls by less than a thirtieth of a standard deviation, or than its rounding.
 _SMALL, _ROUNDING = 1e-3, 1e-6
 SHARPEST, SOFTEST = 0.15, 8.0
 _DAMPING, _MOST_DAMPING = 1e-3, 1e6
@@ -24,8 +24,8 @@ _DAMPING, _MOST_DAMPING = 1e-3, 1e6
 
 @dataclass(frozen=True)
 class PatchFit:
-    """Unknowns (P, U) and their covariance (P, U, U) from the noise of pixels; sum of squares (P,) over noise, its
-    degrees of freedom (P,), and whether the patch settled (P,)."""
+    """Unknowns (P, U) with covariance (P, U, U) from pixel noise; sum of squares (P,) over noise, its degrees of
+    freedom (P,), and whether the patch converged (P,)."""
 
     values: Array
     covariance: Array
@@ -35,14 +35,16 @@ class PatchFit:
 
     @property
     def enlarged(self) -> Array:
-        """Factors (P,) of the covariance where a patch leaves more than its noise, beyond chance; 1 elsewhere."""
+        """Factors (P,) of the covariance for patches with residuals beyond their noise and chance; 1 elsewhere."""
         ratio = self.chi2 / np.maximum(self.freedom, 1.0)
         return np.where(ratio > 1.0 + 4.0 * np.sqrt(2.0 / np.maximum(self.freedom, 1.0)), ratio, 1.0)
 
 
 def fit_patches(equations: Equations, start: Array, pixels: Index) -> PatchFit:
-    """Fit the unknowns (P, U) of P patches with so many pixels (P,), by Levenberg-Marquardt: each patch is damped by
-    itself, and done with when it is settled."""
+    """Return the fit of the unknowns (P, U) of P patches with pixels (P,) each, by Levenberg-Marquardt.
+
+    Each patch has its own damping and stops at its own convergence.
+    """
     values = start.copy()
     cost, normal, gradient = equations(values, np.arange(len(start)))
     damping = np.full(len(start), _DAMPING)
@@ -67,13 +69,15 @@ def fit_patches(equations: Equations, start: Array, pixels: Index) -> PatchFit:
 
 
 def bounded_blur(blur: Array) -> tuple[Array, Array]:
-    """The blur of a model, px, and its derivative: what is sharper than this, pixels no longer tell."""
+    """Return the blur of a model, px, and its derivative, limited from below: pixels do not resolve sharper images."""
     return np.clip(blur, SHARPEST, SOFTEST), ((blur > SHARPEST) & (blur < SOFTEST)).astype(float)
 
 
 def equations_of(model: Model, grey: Array, weight: Array, prior: Array) -> Equations:
-    """Return the equations of a model of grey values (P, M) with weights (P, M), 1 / variance of a pixel; 0: none
-    there. ``prior`` (U,) is 1 / variance of what is known of each unknown beforehand: that it is zero."""
+    """Return the equations of a model of grey values (P, M) with weights (P, M), 1 / variance of a pixel, 0 for unused.
+
+    ``prior`` (U,): 1 / variance of the prior of each unknown, with mean zero.
+    """
 
     def equations(values: Array, patches: NDArray[np.intp]) -> tuple[Array, Array, Array]:
         picture, jacobian = model(values, patches)
@@ -100,7 +104,7 @@ def _step(normal: Array, gradient: Array, damping: Array) -> Array:
 
 
 def _inverse(normal: Array) -> Array:
-    """Inverses (P, U, U) of normal matrices, scaled before; NaN where one is singular."""
+    """Return inverses (P, U, U) of normal matrices after scaling; NaN for singular ones."""
     diagonal = np.einsum("nuu->nu", normal)
     scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, np.nan))
     scaled = normal * scale[:, :, None] * scale[:, None, :]

@@ -1,4 +1,4 @@
-"""All targets of one photograph, of every kind that is looked for: names, image points with covariance, rejections."""
+"""All targets of one photograph, of all requested kinds: names, image points with covariance, rejections."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from truing.estimation.image_targets.square_markers import measure_markers
 
 @dataclass(frozen=True)
 class TargetPlan:
-    """What is looked for: families of ring codes, circles without a code, families of markers, boards; circles lighter
+    """Requested targets: families of ring codes, circles without a code, families of markers, boards; circles lighter
     than their ground (white), darker or both, least semi-minor and largest semi-major axis in px."""
 
     rings: tuple[str, ...]
@@ -34,8 +34,8 @@ class TargetPlan:
 @dataclass(frozen=True)
 class PhotographTargets:
     """Image points: names (N,) (empty: uncoded), kinds (N,), xy_px (N, 2), cov_px2 (N, 2, 2), ellipse (N, 3) of circles
-    (semi-axes in px, direction in rad; NaN of others), contrast (N,) over the noise; and how many candidates were
-    rejected, by kind and reason."""
+    (semi-axes in px, direction in rad; NaN of others), contrast (N,) over the noise; and counts of rejected candidates
+    by kind and reason."""
 
     names: NDArray[np.object_]
     kinds: NDArray[np.object_]
@@ -47,8 +47,10 @@ class PhotographTargets:
 
 
 def measure_targets(grey: NDArray, plan: TargetPlan) -> PhotographTargets:
-    """Measure all targets of a grey image (h, w) of 8 or 16 bits. A name that stands in it twice tells of neither which
-    it is: both are rejected."""
+    """Return all targets of a grey image (h, w) of 8 or 16 bits.
+
+    If a name occurs twice, both targets are rejected, since either may be wrong.
+    """
     noise = estimate_noise(grey)
     parts = [_part([], [], np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0), noise)]
     if plan.rings or plan.uncoded:
@@ -75,7 +77,7 @@ def _part(
     noise: ImageNoise,
     ellipse: Array | None = None,
 ) -> PhotographTargets:
-    """Image points of one kind, without ellipses where none are given; contrast (N,) in grey levels."""
+    """Return image points of one kind, without ellipses if none are given; contrast (N,) in grey levels."""
     over_noise = contrast / np.sqrt(np.maximum(noise.variance(0.5 * contrast), 1e-12))
     ellipse = np.full((len(xy), 3), np.nan) if ellipse is None else ellipse
     words = np.array(names, dtype=object), np.array(kinds, dtype=object)

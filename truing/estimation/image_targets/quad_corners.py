@@ -1,11 +1,12 @@
-"""Corners of dark quadrangles on a light ground: edges fitted to their pixels, corners where edges meet.
+"""Corners of dark quadrangles on a light ground, as intersections of edges fitted to their pixels.
 
-A pixel at t along an edge (0 to 1), d across it (outside positive) and a share a of the band's half width aside shows
+A pixel at t along an edge (0 to 1), d across it (outside positive), and a, the same in units of the band's half width,
+has the grey value
 
     I = (ground + contrast Phi(z)) (1 + along (t - 1/2) + across a),        z = (d - (1 - t) first - t last) / blur,
 
-the blur with the pixel's own area. The pixels near a corner are left out: two edges are seen there at once. Lens
-distortion bends a long edge: only what lies within `_REACH` of a corner speaks for it. Importing this module imports
+with the blur including the pixel's own area. Pixels near a corner are excluded, since two edges appear there. Lens
+distortion bends a long edge, so only the part within `_REACH` of a corner is used for it. Importing this module imports
 numba.
 """
 
@@ -27,12 +28,12 @@ from truing.estimation.image_targets.patch_fit import SHARPEST, SOFTEST, PatchFi
 from truing.estimation.simd_arithmetic import compiled, inner, summing
 
 _REACH = 48.0  # px
-_CLEAR = 3.0  # blurs that a pixel keeps from the other edges
+_CLEAR = 3.0  # blurs between a pixel and the other edges
 _NARROWEST, _WIDEST = 2.5, 6.0  # half width of the band about an edge, px
-_SHORTEST = 6.0  # px of an edge that are left to look at
-_LEAST_MODULE = 4.0  # blurs: below, what lies next to an edge shifts it by more than a fiftieth of a pixel
-_CHUNK = 24  # edges fitted at once: what the processor keeps at hand
-# Of a sharp picture the blur is not known any more; light changes little over a marker, by a twentieth as one sigma.
+_SHORTEST = 6.0  # px of an edge that must remain
+_LEAST_MODULE = 4.0  # blurs; at a smaller distance, neighbouring cells shift an edge by more than a fiftieth of a pixel
+_CHUNK = 24  # edges fitted at once, to fit the processor's cache
+# Priors: a sharp picture does not determine the blur; light changes over a marker by a twentieth as one sigma.
 _PRIOR = np.array([0.0, 0.0, 0.01, 0.0, 0.0, 400.0, 400.0])
 UNKNOWNS = 7
 FIRST, LAST, BLUR, GROUND, CONTRAST, ALONG, ACROSS = range(UNKNOWNS)
@@ -40,8 +41,8 @@ FIRST, LAST, BLUR, GROUND, CONTRAST, ALONG, ACROSS = range(UNKNOWNS)
 
 @dataclass(frozen=True)
 class QuadCorners:
-    """Corners (Q, 4, 2) in px with covariance (Q, 4, 2, 2) in px^2, contrast (Q,) in grey levels, and why a quadrangle
-    is refused (Q,): empty where it is not."""
+    """Corners (Q, 4, 2) in px with covariance (Q, 4, 2, 2) in px^2, contrast (Q,) in grey levels, and the reason (Q,)
+    to reject a quadrangle, empty if accepted."""
 
     xy: Array
     covariance: Array
@@ -51,8 +52,8 @@ class QuadCorners:
 
 @dataclass(frozen=True)
 class _Edges:
-    """Edges from ``start`` (E, 2) to ``end`` (E, 2), their unit normals (E, 2) outwards, half widths (E,) of the bands;
-    normals (E, 2) of the neighbours at start and end, zero where there is none."""
+    """Edges from ``start`` (E, 2) to ``end`` (E, 2): unit normals (E, 2) outwards, half widths (E,) of the bands,
+    normals (E, 2) of the neighbours at start and end, zero without a neighbour."""
 
     start: Array
     end: Array
@@ -63,15 +64,16 @@ class _Edges:
 
 
 def refine_quads(grey: NDArray, corners: Array, module_px: Array, noise: ImageNoise) -> QuadCorners:
-    """Refine corners (Q, 4, 2), in order round their quadrangles, to 1.5 px of the truth, in a grey image (h, w).
+    """Return refined corners (Q, 4, 2), in order around their quadrangles, in a grey image (h, w), starting within 1.5
+    px of the truth.
 
-    ``module_px`` (Q,): how far from an edge the next one may be, inside or outside.
+    ``module_px`` (Q,): least distance of another edge, inside or outside.
     """
     count = len(corners)
     refused = np.zeros(count, dtype="U40")
     xy, covariance = corners.astype(float), np.full((count, 4, 2, 2), np.nan)
     contrast, blur = np.zeros(count), np.ones(count)
-    for _ in range(2):  # the second time about the right lines, and clear of the corners by the blur that was found
+    for _ in range(2):  # the second time around the fitted lines, and clear of the corners by the fitted blur
         good = np.flatnonzero(refused == "")
         if not len(good):
             break
@@ -87,12 +89,12 @@ def refine_quads(grey: NDArray, corners: Array, module_px: Array, noise: ImageNo
 def _refined(
     grey: NDArray, corners: Array, module_px: Array, blur: Array, noise: ImageNoise
 ) -> tuple[QuadCorners, Array]:
-    """Corners after one fit of their edges, and the blur (Q,) in px that these show."""
+    """Return the corners after one fit of their edges, and the blur (Q,) in px of these."""
     edges, quad, at_start, at_end = _edges_of(corners, module_px)
     fit = _fit_edges(grey, edges, blur[quad], noise)
     usable = _usable(fit, edges, noise)
     variance = np.einsum("euu->eu", fit.covariance) * fit.enlarged[:, None] * noise.correlation
-    # A corner lies on the edge that begins there and on the one that ends there.
+    # A corner lies on the edge that starts there and on the one that ends there.
     offset = np.stack([fit.values[at_start[..., 0], at_start[..., 1]], fit.values[at_end[..., 0], at_end[..., 1]]], -1)
     spread = np.stack([variance[at_start[..., 0], at_start[..., 1]], variance[at_end[..., 0], at_end[..., 1]]], -1)
     normals = np.stack([edges.normal[at_start[..., 0]], edges.normal[at_end[..., 0]]], -2)
@@ -111,8 +113,8 @@ def _refined(
 
 
 def _edges_of(corners: Array, module_px: Array) -> tuple[_Edges, NDArray, NDArray, NDArray]:
-    """Edges of quadrangles (Q, 4, 2): whole ones, or their two ends where they are long; the quadrangle of each; and
-    for every corner (Q, 4) edge and end of what begins and of what ends there, (Q, 4, 2)."""
+    """Return the edges of quadrangles (Q, 4, 2), whole or only both ends of long ones; the quadrangle of each; and edge
+    and end at each corner (Q, 4, 2), for the starting and the ending edge."""
     following = np.roll(corners, -1, axis=1)
     side = following - corners
     length = np.linalg.norm(side, axis=2)
@@ -139,7 +141,7 @@ def _edges_of(corners: Array, module_px: Array) -> tuple[_Edges, NDArray, NDArra
 
 
 def _fit_edges(grey: NDArray, edges: _Edges, blur: Array, noise: ImageNoise) -> PatchFit:
-    """Fit every edge, in chunks of like lengths."""
+    """Return the fit of all edges, in chunks of similar lengths."""
     length = np.linalg.norm(edges.end - edges.start, axis=1)
     order = np.argsort(length)
     extremes = float(grey.min()), float(grey.max())
@@ -161,8 +163,8 @@ def _fit_chunk(
     start = np.zeros((len(chosen), UNKNOWNS))
     start[:, BLUR] = blur[chosen]
     dark, light = usable & (d < -0.5 * width[:, None]), usable & (d > 0.5 * width[:, None])
-    start[:, GROUND] = _mean(picture, dark, bottom)
-    start[:, CONTRAST] = _mean(picture, light, top) - start[:, GROUND]
+    start[:, GROUND] = _masked_mean(picture, dark, bottom)
+    start[:, CONTRAST] = _masked_mean(picture, light, top) - start[:, GROUND]
     expected = start[:, GROUND, None] + start[:, CONTRAST, None] * ndtr(d / blur[chosen][:, None])
     weight = np.where(usable, 1.0 / np.maximum(noise.variance(expected), 1e-12), 0.0)
     across = d / width[:, None]
@@ -177,21 +179,21 @@ def _fit_chunk(
     return fit_patches(equations, start, (weight > 0.0).sum(1))
 
 
-def _mean(picture: Array, mask: Mask, otherwise: float) -> Array:
+def _masked_mean(picture: Array, mask: Mask, otherwise: float) -> Array:
     count = mask.sum(1)
     return np.where(count > 0, (picture * mask).sum(1) / np.maximum(count, 1), otherwise)
 
 
 def _pixels(grey: NDArray, edges: _Edges, chosen: NDArray, blur: Array) -> tuple[Array, Array, Array, Mask]:
-    """Grey values (n, M) in the bands, how far along the edge (0..1) and across it (px, outside positive) they lie, and
-    which of them count."""
+    """Return grey values (n, M) in the bands, positions along the edge (0..1) and across it (px, outside positive), and
+    the mask of valid ones."""
     start, side = edges.start[chosen], edges.end[chosen] - edges.start[chosen]
     steep = np.abs(side[:, 1]) > np.abs(side[:, 0])
     lead = np.where(steep, 1, 0)
     each = np.arange(len(chosen))
     span = side[each, lead]
     longest = int(np.ceil(np.abs(span).max())) + 1
-    # Columns of pixels across the edge, one for every pixel along the axis that the edge runs nearer to.
+    # Columns of pixels across the edge, one for every pixel along the image axis nearer to the edge.
     first = np.floor(np.minimum(start[each, lead], start[each, lead] + span)).astype(int)
     main = first[:, None] + np.arange(longest + 1)
     middle = (
@@ -212,7 +214,7 @@ def _pixels(grey: NDArray, edges: _Edges, chosen: NDArray, blur: Array) -> tuple
 
 
 def _usable(fit: PatchFit, edges: _Edges, noise: ImageNoise) -> Mask:
-    """Edges (E,) that are there: dark inside, light outside, clear of noise, and much like the picture of an edge."""
+    """Return the mask (E,) of usable edges: dark inside, light outside, clear of noise, and similar to the model."""
     values = fit.values
     contrast, ground = values[:, CONTRAST], values[:, GROUND]
     quiet = np.sqrt(noise.variance(np.maximum(ground, 0.0)))
@@ -227,7 +229,7 @@ def _usable(fit: PatchFit, edges: _Edges, noise: ImageNoise) -> Mask:
 
 @inner
 def _fill_rows(u: NDArray, blur: tuple[float, float], pixels: tuple, rows: NDArray) -> None:
-    """Fill rows (8, M) with derivatives and residual over the noise; blur: what counts of it, and whether it moves."""
+    """Fill in rows (8, M) with derivatives and residual over the noise; blur: effective value and derivative."""
     grey, weight, t, d, across = pixels
     first, last, ground, contrast, along, aside = u[FIRST], u[LAST], u[GROUND], u[CONTRAST], u[ALONG], u[ACROSS]
     sharp, moves = 1.0 / blur[0], blur[1]
@@ -267,8 +269,10 @@ def add_edges(
     normal: NDArray,
     gradient: NDArray,
 ) -> None:
-    """Add to cost (n,), normal matrices (n, 7, 7) and right sides (n, 7) what the pixels of n edges tell at values
-    (n, 7): pixels (P, M) by number of their patches (n,); the blur counts within its bounds, px."""
+    """Add the pixels of n edges to cost (n,), normal matrices (n, 7, 7) and right sides (n, 7), at values (n, 7).
+
+    Pixels (P, M) are selected by patch number (n,); the blur is limited to its bounds, px.
+    """
     rows = np.empty((UNKNOWNS + 1, grey.shape[1]))
     for n in range(len(values)):
         p, u = patches[n], values[n]
@@ -287,7 +291,7 @@ def add_edges(
 
 @inner
 def _depth(x: float, y: float, corner: NDArray, normal: NDArray) -> float:
-    """How far a point lies within the edge through a corner."""
+    """Return the distance of a point inside the edge through a corner."""
     return -((x - corner[0]) * normal[0] + (y - corner[1]) * normal[1])
 
 
@@ -312,10 +316,13 @@ def pixels_beside(
     d: NDArray,
     count: NDArray,
 ) -> None:
-    """Fill columns, rows, t and d (n, M), and how many (n,), with the pixels of an image of a shape (h, w) in the bands
-    of half widths (n,) px along n edges, a margin (n,) px clear of the neighbours with normals before and after (n, 2),
-    zero where there is none. ``middle`` (n, L): where an edge is in column (row, where steep) first (n,) and those that
-    follow; up to ``height`` px aside is looked."""
+    """Fill in columns, rows, t and d (n, M), and their number (n,), of the pixels in bands along n edges of an image
+    (h, w).
+
+    Bands have half widths (n,) px and a margin (n,) px to the neighbours with normals before and after (n, 2), zero
+    without one. ``middle`` (n, L): position of an edge in column (row, if steep) first (n,) and those that follow;
+    pixels up to ``height`` px aside are tested.
+    """
     for n in range(len(start)):
         length = math.sqrt(side[n, 0] ** 2 + side[n, 1] ** 2)
         has_before, has_after = np.any(before[n] != 0.0), np.any(after[n] != 0.0)

@@ -1,9 +1,10 @@
-"""Ring codes: which words a ring of segments may say, and reading them from a photograph.
+"""Ring codes of photogrammetric targets: valid code words, and decoding of rings in a photograph.
 
 A coded target is a dot of radius 1, a gap to radius 2 and a ring of n equal segments from radius 2 to 3. Segment k
 covers the angles 2 pi k/n to 2 pi (k+1)/n, counted clockwise as seen from the front (in the image of an upright target
 from x towards y, which points down). The word is read clockwise, the most significant bit first; a segment in the dot's
-colour is a one. A turn of the target turns the word around: all turns are the same code, named by the smallest of them.
+colour is a one. A rotation of the target rotates the word: all rotations are the same code, named by the smallest of
+them.
 """
 
 from __future__ import annotations
@@ -17,31 +18,32 @@ import numpy as np
 from truing.arrays import Array, Index, Mask
 
 _ANY = "_any"
-ROUND = 168  # samples round a ring: each segment of 8, 12 and 14 has a whole number of them
-# Of a segment, the share read: neighbours shine into the rest.
+ROUND = 168  # samples around a ring: a whole number per segment for 8, 12 and 14 segments
+# Share of a segment that is read: near its ends, neighbours contribute light.
 _CORE = 0.6
 # Levels are in units of the dot's contrast: 0 the ground, 1 the dot.
-_UNCLEAR = 0.25  # how far the mean of a segment may be from its bit
-_ROUGH = 0.22  # rms of the cores of segments about the word they were read as
-_STRAY = 0.035  # mean square of all samples about the word, less what the blur of edges explains
-_EDGE_SQUARE = 0.234  # what the blur of an edge leaves: the integral of Phi(-|t|)^2 over t
-_SOMETHING = 0.6  # where no sample is lighter there is no ring
-# What stands before a part of a ring is seldom as light as its ground: by how much the middles of segments that are not
-# set may differ, beside what set neighbours shine into them, if it and _UNCLEAR's measure exceed _DOUBTFUL together (a
-# shadow over clear segments does not); and which share of a segment its middle is.
+_UNCLEAR = 0.25  # distance of a segment's mean from its bit, at most
+_ROUGH = 0.22  # rms of the cores of segments about the word that was read
+_STRAY = 0.035  # mean square of all samples about the word, minus the part due to the blur of edges
+_EDGE_SQUARE = 0.234  # residual of a blurred edge: the integral of Phi(-|t|)^2 over t
+_SOMETHING = 0.6  # without a sample lighter than this there is no ring
+# Test for an object that hides part of a ring: an object is rarely as light as the ground. Limits for the difference
+# between the middles of unset segments, without light from set neighbours, if it and the measure of _UNCLEAR together
+# exceed _DOUBTFUL (a shadow over clear segments does not); and the share of a segment that counts as its middle.
 _UNEVEN, _DOUBTFUL, _MIDDLE = 0.1, 0.3, 0.4
-# What is left of a segment that something hides, near the rims of the ring: how much lighter than the ground three
-# samples may be; and from how many samples an edge between segments keeps others.
+# Visible slivers of a hidden segment near the rims of the ring: how much lighter than the ground three samples may be;
+# and the distance in samples from edges between segments.
 _LEFT_OVER, _NEAR_EDGE = 0.2, 4
-_APART = 0.003  # by how much of the mean square another number of segments must be worse at explaining the ring
+_APART = 0.003  # relative excess of the mean square by which another number of segments must fit worse
 
 
 @dataclass(frozen=True)
 class RingCode:
-    """The codes of a ring of so many segments: words (W,), each the smallest of its turns, and numbers (W,) they name.
+    """The codes of a ring with some number of segments: words (W,), each the smallest of its rotations, and their
+    numbers (W,).
 
-    Vendors number differently: with `RingCode.of_table` another table takes the place of `ring_code`'s. The name of the
-    family tells it from others of as many segments.
+    Vendors number differently: `RingCode.of_table` accepts another table than that of `ring_code`. The family name
+    distinguishes codes with equal numbers of segments.
     """
 
     bits: int
@@ -51,7 +53,8 @@ class RingCode:
 
     @classmethod
     def of_table(cls, bits: int, table: Mapping[int, int], family: str) -> RingCode:
-        """Return the codes of a table from word (any of its turns) to number; ValueError where words or turns clash."""
+        """Return the codes of a table from word (any of its rotations) to number; ValueError if words or rotations
+        clash."""
         words = [smallest_turn(word, bits) for word in table]
         if len(set(words)) != len(words):
             raise ValueError(f"two words of a table of {bits} bits are turns of one another")
@@ -59,23 +62,23 @@ class RingCode:
 
 
 def smallest_turn(word: int, bits: int) -> int:
-    """Return the smallest of the turns of a word of so many bits; ValueError where the word has more."""
+    """Return the smallest rotation of a word of some bits; ValueError if the word has more bits."""
     if not 0 <= word < 1 << bits:
         raise ValueError(f"{word} is no word of {bits} bits")
     return min(_rotations_of_word(word, bits))
 
 
 def _rotations_of_word(word: int, bits: int) -> list[int]:
-    """Return a word of so many bits turned by each number of segments."""
+    """Return a word of some bits rotated by each number of segments."""
     mask = (1 << bits) - 1
     return [(word << k | word >> (bits - k)) & mask for k in range(bits)]
 
 
 def ring_code(bits: int) -> RingCode:
-    """Return the codes of industrial photogrammetry of 8, 12 or 14 bits, numbered from 1 by ascending word.
+    """Return the 8, 12 or 14 bit codes of industrial photogrammetry, numbered from 1 by ascending word.
 
-    A word has an even number of ones, a pair of opposite segments that both are ones, and a zero: 13, 147 and 516 of
-    them. DE 197 33 466 A1 (1997).
+    A word has an even number of ones, a pair of opposite segments that both are ones, and a zero: 13, 147 and 516
+    words. DE 197 33 466 A1 (1997).
     """
     if bits not in (8, 12, 14):
         raise ValueError(f"ring codes have 8, 12 or 14 bits, not {bits}")
@@ -89,9 +92,9 @@ def ring_code(bits: int) -> RingCode:
 
 
 def any_word(bits: int) -> RingCode:
-    """Return the codes of rings whose every word but the empty one may occur, as free programs print them.
+    """Return the codes of rings with any word except the empty one, as printed by free programs.
 
-    A number is the smallest of the values that its ring has when read clockwise, the least significant bit first.
+    The number is the smallest value of the ring when read clockwise, the least significant bit first.
     """
     words = (word for word in range(1, 1 << bits) if smallest_turn(word, bits) == word)
     return RingCode.of_table(bits, {_mirrored(word, bits): word for word in words}, f"ring{bits}{_ANY}")
@@ -99,7 +102,7 @@ def any_word(bits: int) -> RingCode:
 
 @cache
 def family_of_rings(name: str) -> RingCode:
-    """Return a family by its name: `ring12` as published, `ring12_any` of every word; ValueError of other names."""
+    """Return a family by its name: `ring12` as published, `ring12_any` with all words; ValueError for other names."""
     bits = name.removeprefix("ring").removesuffix(_ANY)
     if not bits.isdecimal():
         raise ValueError(f"{name} is no family of ring codes")
@@ -112,9 +115,12 @@ def _mirrored(word: int, bits: int) -> int:
 
 @dataclass(frozen=True)
 class RingReading:
-    """What rings say: family (N,) by number, -1 without; number (N,), -1 without; confidence (N,) from 0 to 1; ring
-    (N, ROUND) of the word read, 0 or 1 at every sample; unreadable (N,) where something is there that is no code, and
-    ambiguous (N,) where that is because it would be a code of another family as well."""
+    """Decoded rings: family (N,) and number (N,), -1 without a code; confidence (N,) from 0 to 1; ring (N, ROUND) of
+    the word, 0 or 1 at every sample.
+
+    unreadable (N,): something other than a code is there; ambiguous (N,): unreadable because the ring is a code of two
+    families.
+    """
 
     family: Index
     number: Index
@@ -125,12 +131,12 @@ class RingReading:
 
 
 def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = None) -> RingReading:
-    """Read rings whose levels (N, ROUND) were sampled clockwise at radius 2.5.
+    """Return the decoded rings from levels (N, ROUND) sampled clockwise at radius 2.5.
 
-    Levels are in units of the dot's contrast; soft (N,) is the blur of edges between segments, in samples. Every number
-    of segments at every phase is fitted; the best decides unless another number of them makes a code as well, a segment
-    is neither set nor unset, edges lie elsewhere than between segments, those that are not set differ as if something
-    hid a part, or the word is no code. A ring that is dark all round is none.
+    Levels are in units of the dot's contrast; soft (N,): blur of edges between segments, in samples. Every number of
+    segments is fitted at every phase, and the best one is read. A ring is unreadable if another number of segments also
+    gives a code, a segment is neither set nor unset, edges are not between segments, unset segments differ as if partly
+    hidden, or the word is no code. A uniformly dark ring is no ring.
     """
     n = len(levels)
     if not codes or not n:
@@ -140,7 +146,7 @@ def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = 
     fits = [_fit(levels, code.bits) for code in codes]
     numbers = np.stack([_look_up(code, fit.word) for code, fit in zip(codes, fits, strict=True)])  # (families, N)
     left = np.stack([fit.left for fit in fits])
-    # whoever explains the ring as well as the best, and as a code, might be meant
+    # families that explain the ring almost as well as the best one, with a valid code
     meant = (left < left.min(0) + _APART) & (numbers >= 0)
     best = np.where(meant, left, np.inf).argmin(0)
     bits = np.array([code.bits for code in codes])
@@ -151,7 +157,7 @@ def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = 
     edges = np.count_nonzero(ring != np.roll(ring, 1, axis=1), axis=1)
     soft = np.zeros(n) if soft is None else soft
     blurred = _EDGE_SQUARE * edges * soft / ROUND
-    uneven = uneven - _shone_in(ROUND / bits[best], soft)
+    uneven = uneven - _light_of_neighbours(ROUND / bits[best], soft)
     even = (uneven < _UNEVEN) | (off + uneven < _DOUBTFUL)
     stray = left[best, each] - np.minimum(blurred, 0.15)
     clear = there & meant.any(0) & (stray < _STRAY) & (off < _UNCLEAR) & (rough < _ROUGH) & even
@@ -168,8 +174,11 @@ def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = 
 
 
 def are_open(rims: Array, ring: Array) -> Mask:
-    """Mask (N,) of rings, read as ring (N, ROUND), that show nothing near their rims, by levels (N, R, ROUND), where
-    they are not set: what hides a segment in the colour of the ground seldom leaves no sliver of it."""
+    """Return the mask (N,) of rings whose unset parts, from ring (N, ROUND), are clear near the rims, by levels (N, R,
+    ROUND).
+
+    An object that hides a segment in the ground's colour usually leaves a sliver of it visible.
+    """
     smooth = (np.roll(rims, 1, axis=-1) + rims + np.roll(rims, -1, axis=-1)) / 3
     turns = range(-_NEAR_EDGE, _NEAR_EDGE + 1)
     unset = np.all([np.roll(ring, k, axis=1) < 0.5 for k in turns], axis=0)
@@ -178,9 +187,9 @@ def are_open(rims: Array, ring: Array) -> Mask:
 
 @dataclass(frozen=True)
 class _Fit:
-    """A ring taken for so many segments, at the phase that fits best: word (N,), the same as ring (N, ROUND); how far
-    the mean of a segment's core is off its bit at most, rms of cores about it, mean square of all samples about it, and
-    range of the middles of segments that are not set."""
+    """Fit of rings with some number of segments at the best phase: word (N,), the same as ring (N, ROUND), largest
+    distance of a core's mean from its bit, rms of cores, mean square of all samples, and range of the middles of unset
+    segments."""
 
     word: Index
     ring: Array
@@ -190,8 +199,8 @@ class _Fit:
     uneven: Array
 
 
-def _shone_in(wide: Array, soft: Array) -> Array:
-    """Return the mean light (N,) in the middle of an unset segment, so many samples wide, between two that are set."""
+def _light_of_neighbours(wide: Array, soft: Array) -> Array:
+    """Return the mean light (N,) in the middle of an unset segment, `wide` samples wide, between two set ones."""
     from scipy.special import ndtr
 
     near, far = ((0.5 + side * _MIDDLE / 2) * wide / np.maximum(soft, 1e-6) for side in (-1, 1))
@@ -200,13 +209,13 @@ def _shone_in(wide: Array, soft: Array) -> Array:
 
 
 def _fit(levels: Array, bits: int) -> _Fit:
-    """Return the best word of so many bits for rings of levels (N, ROUND)."""
+    """Return the best word with some number of bits for rings of levels (N, ROUND)."""
     wide = ROUND // bits
     skip = int(wide * (1 - _CORE) / 2)
     at = (np.arange(wide)[:, None, None] + np.arange(bits)[:, None] * wide + np.arange(wide)) % ROUND
     segments = levels[:, at]  # (N, phase, segment, sample)
     bit = segments[..., skip : wide - skip].mean(-1) > 0.5
-    # edges count as well: a phase is right where whole segments, not cores alone, are even
+    # edges count as well: at the right phase whole segments are even, not only their cores
     left = np.square(segments - bit[..., None]).mean((-1, -2))
     phase = left.argmin(1)
     each = np.arange(len(levels))
@@ -224,13 +233,13 @@ def _fit(levels: Array, bits: int) -> _Fit:
 
 
 def _look_up(code: RingCode, words: Index) -> Index:
-    """Return the numbers (N,) of words (N,) at any turn, -1 where a word is no code."""
+    """Return the numbers (N,) of words (N,) in any rotation, -1 if a word is no code."""
     table = _numbers_of_rotations(code)
     return np.array([table.get(word, -1) for word in words.tolist()], np.int64)
 
 
 @cache
 def _numbers_of_rotations(code: RingCode) -> dict[int, int]:
-    """Return the numbers of a code's words, by all their turns."""
+    """Return the numbers of a code's words, by all rotations."""
     named = zip(code.words, code.numbers, strict=True)
     return {turn: number for word, number in named for turn in _rotations_of_word(word, code.bits)}

@@ -1,4 +1,4 @@
-"""Square markers in photographs: which codes are there, and their four corners to fractions of a pixel."""
+"""Detection of square markers in photographs: their codes, and their four corners to fractions of a pixel."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from truing.estimation.image_targets.image_noise import ImageNoise, estimate_noi
 from truing.estimation.image_targets.marker_codes import Codes, cells_across, read_codes
 from truing.estimation.image_targets.quad_corners import refine_quads
 
-_LARGE = 6_000_000  # pixels; larger images are searched at half their size
-_LEAST_OUTLINE, _LEAST_SHARE = 80.0, 0.03  # px of an outline, or as a share of the image's longer side if that is less
-_MOST_CELLS = 10  # along a marker's edge
+_LARGE = 6_000_000  # pixels; larger images are searched at half size
+_LEAST_OUTLINE, _LEAST_SHARE = 80.0, 0.03  # px of an outline, or a share of the image's longer side if that is smaller
+_MOST_CELLS = 10  # along the edge of a marker
 _TWICE, _TWO_CODES = "code seen twice in one image", "read as a code of another family, too"
-_WINDOWS = (3, 13, 23)  # px over which the ground is averaged
-_DARKER = 7  # grey levels than the ground
-_SHORTEST_SHARE = 0.05  # of the outline, that every edge has at least
-_BENT_SHARE = 0.03  # of the outline, by which it may depart from straight edges
-_MARGIN = 3  # px to the rim of the image
+_WINDOWS = (3, 13, 23)  # px of the window that averages the ground
+_DARKER = 7  # grey levels below the ground
+_SHORTEST_SHARE = 0.05  # least share of the outline for each edge
+_BENT_SHARE = 0.03  # largest deviation of the outline from straight edges, relative to its length
+_MARGIN = 3  # px to the image border
 
 
 @dataclass(frozen=True)
 class MarkerCorners:
     """Corners of markers: family (N,) by number, code (N,), corner (N,) 0 to 3 from the marker's top left, clockwise as
-    seen; xy_px (N, 2), cov_px2 (N, 2, 2), contrast (N,) in grey levels; and how many markers were refused, why.
-    """
+    seen; xy_px (N, 2), cov_px2 (N, 2, 2), contrast (N,) in grey levels; and counts of rejected markers by family and
+    reason."""
 
     family: Index
     code: Index
@@ -40,14 +40,14 @@ class MarkerCorners:
 
 
 def measure_markers(grey: NDArray, families: tuple[str, ...], noise: ImageNoise | None = None) -> MarkerCorners:
-    """Find the markers of some families in a grey image (h, w) of 8 or 16 bits, and refine their corners.
+    """Return the refined corners of markers of some families in a grey image (h, w) of 8 or 16 bits.
 
-    A marker is dark on light, with a margin of one of its cells. What is refused is counted by family and reason. The
-    covariance is that of one corner: two corners of a marker share an edge, and with it a part of their errors.
+    A marker is dark on light, with a margin of one cell. The covariance is that of single corners: two corners of a
+    marker share an edge, and part of its error.
     """
     corners, read = _detected(grey, families)
     rejected: Counter[tuple[int, str]] = Counter()
-    keep = np.flatnonzero(_once(corners, read, rejected))
+    keep = np.flatnonzero(_unique_markers(corners, read, rejected))
     keep = keep[np.lexsort([read.code[keep], read.family[keep]])]
     corners, family, code = corners[keep], read.family[keep], read.code[keep]
     if not len(corners):
@@ -73,11 +73,11 @@ def measure_markers(grey: NDArray, families: tuple[str, ...], noise: ImageNoise 
 
 
 def _detected(grey: NDArray, families: tuple[str, ...]) -> tuple[Array, Codes]:
-    """Corners (Q, 4, 2) to about a pixel, from each marker's own first one, and what they were read as (Q,)."""
+    """Return corners (Q, 4, 2) to about a pixel, from each marker's first one, with the codes read (Q,)."""
     import cv2
 
     plain = eight_bits(grey)
-    coarse = plain.size > _LARGE  # a marker that is lost at half the size has cells too small to be measured
+    coarse = plain.size > _LARGE  # a marker lost at half size has cells too small to be measured
     if coarse:
         plain = cv2.resize(plain, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     share = min(_LEAST_SHARE, _LEAST_OUTLINE / max(grey.shape))
@@ -91,15 +91,15 @@ def _detected(grey: NDArray, families: tuple[str, ...]) -> tuple[Array, Codes]:
 
 
 def _best(read: Codes, corners: Array) -> NDArray[np.intp]:
-    """Of what was read (N,) about the same place, corners (N, 4, 2), for each family what has the fewest wrong bits, of
-    these the largest: one marker has several outlines."""
+    """Return, for each position and family, the reading with the fewest wrong bits and then the largest outline: one
+    marker has several outlines. corners (N, 4, 2) of all readings (N,)."""
     outline = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).sum(1)
     order = np.lexsort((-outline, read.errors))
     return np.flatnonzero(_first_at_its_place(corners, order, read.family))
 
 
 def _first_at_its_place(corners: Array, order: NDArray[np.intp], group: Index) -> Mask:
-    """Which of the quadrangles (N, 4, 2) have none about the same place, of their group (N,), before them in order."""
+    """Return the mask of quadrangles (N, 4, 2) without an earlier one of their group (N,) at the same position."""
     centre, size = corners.mean(1), np.linalg.norm(corners[:, 0] - corners[:, 2], axis=1)
     apart = np.linalg.norm(centre[:, None] - centre, axis=2)
     same = (apart < 0.25 * size[:, None]) & (group[:, None] == group)
@@ -112,7 +112,7 @@ def _first_at_its_place(corners: Array, order: NDArray[np.intp], group: Index) -
 
 
 def _at_full_size(grey: NDArray, corners: Array) -> Array:
-    """Corners (Q, 4, 2) that were found at half the size, to a part of a pixel in the whole image."""
+    """Return corners (Q, 4, 2), found at half size, refined to a fraction of a pixel in the full image."""
     import cv2
 
     whole = eight_bits(grey)
@@ -128,7 +128,7 @@ def _at_full_size(grey: NDArray, corners: Array) -> Array:
 
 
 def eight_bits(grey: NDArray) -> NDArray[np.uint8]:
-    """A grey image as detectors want it: contiguous, of 8 bits, over the range that it has."""
+    """Return a grey image for OpenCV's detectors: contiguous, 8 bits, stretched to its own range."""
     if grey.dtype == np.uint8:
         return np.ascontiguousarray(grey)
     low, high = float(grey.min()), float(grey.max())
@@ -136,9 +136,10 @@ def eight_bits(grey: NDArray) -> NDArray[np.uint8]:
     return np.ascontiguousarray(np.rint(stretched).astype(np.uint8))
 
 
-def _once(corners: Array, read: Codes, rejected: Counter[tuple[int, str]]) -> Mask:
-    """Markers (Q,) that are read as one code, the clearest, and whose code stands in the image once."""
-    # A code may belong to several families: then it is of the first that was asked for.
+def _unique_markers(corners: Array, read: Codes, rejected: Counter[tuple[int, str]]) -> Mask:
+    """Return the mask of markers (Q,): the clearest code of each position, and only codes that occur once in the
+    image."""
+    # a code in several families counts for the first requested one
     order = np.lexsort((read.family, read.unclear))
     keep = _first_at_its_place(corners, order, np.zeros(len(corners), np.int64))
     rejected.update((number, _TWO_CODES) for number in read.family[~keep].tolist())
@@ -153,14 +154,16 @@ def _once(corners: Array, read: Codes, rejected: Counter[tuple[int, str]]) -> Ma
 
 @dataclass(frozen=True)
 class Quadrangles:
-    """Corners (Q, 4, 2) in px, pixels of the outlines, clockwise as seen; and the outlines (Q,), each (n, 2) in px."""
+    """Corners (Q, 4, 2) in px, at pixels of the outlines, clockwise as seen; and the outlines (Q,), each (n, 2) in
+    px."""
 
     corners: Array
     outlines: list[NDArray[np.int32]]
 
 
 def find_quadrangles(plain: NDArray[np.uint8], shortest_px: int) -> Quadrangles:
-    """Quadrangles in an image (h, w) whose outline has at least ``shortest_px`` pixels; one may be found repeatedly."""
+    """Return the quadrangles in an image (h, w) with outlines of at least ``shortest_px`` pixels; one may occur
+    repeatedly."""
     import cv2
 
     found: list[NDArray[np.int32]] = []
@@ -187,36 +190,39 @@ def find_quadrangles(plain: NDArray[np.uint8], shortest_px: int) -> Quadrangles:
 
 
 def _clockwise(corners: Array) -> Array:
-    """Corners (Q, 4, 2) in the sense of the hands of a clock, as seen, the first one being kept."""
+    """Return corners (Q, 4, 2) in clockwise order as seen, with the same first corner."""
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     counter = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0] < 0.0
     return np.where(counter[:, None, None], corners[:, [0, 3, 2, 1]], corners)
 
 
 def where_edges_meet(corners: Array, outlines: list[NDArray[np.int32]]) -> Array:
-    """Corners (Q, 4, 2) to a part of a pixel: of lines fitted to what of the outlines (Q,) lies between the corners."""
+    """Return corners (Q, 4, 2) to a fraction of a pixel, as intersections of lines fitted to the outlines (Q,) between
+    the corners."""
     if not outlines:
         return np.empty((0, 4, 2))
     quad = np.repeat(np.arange(len(outlines)), [len(outline) for outline in outlines])
     points = np.concatenate(outlines)
-    at = _where(points, quad, corners)
-    order = np.argsort(at, axis=1)  # as the outline meets them
+    at = _corner_indices(points, quad, corners)
+    order = np.argsort(at, axis=1)  # in the order along the outline
     at = np.take_along_axis(at, order, axis=1)
     met = np.take_along_axis(corners, order[..., None], axis=1)
-    edge = ((np.arange(len(points))[:, None] >= at[quad]).sum(1) - 1) % 4  # before the first corner: of the last edge
+    # Points before the first corner belong to the last edge.
+    edge = ((np.arange(len(points))[:, None] >= at[quad]).sum(1) - 1) % 4
     middle = corners.mean(1)
     line = _lines(points - middle[quad], 4 * quad + edge, np.roll(met, -1, axis=1) - met)
     (a, b, c), (p, q, r) = (np.moveaxis(lines, 2, 0) for lines in (line, np.roll(line, 1, axis=1)))
     crossing = a * q - b * p
-    meet = np.abs(crossing) > 1e-3  # of three or four pixels lines may run anyhow: corners stay where they are
+    # Lines through three or four pixels are unreliable: such corners keep their position.
+    meet = np.abs(crossing) > 1e-3
     fitted = np.stack([c * q - b * r, a * r - c * p], 2) / np.where(meet, crossing, 1.0)[..., None] + middle[:, None]
     found = np.empty_like(corners)
     np.put_along_axis(found, order[..., None], np.where(meet[..., None], fitted, met), axis=1)
     return found
 
 
-def _where(points: NDArray[np.int32], quad: NDArray[np.intp], corners: Array) -> NDArray[np.intp]:
-    """Which of the points (P, 2) of quadrangles (P,) are the corners (Q, 4, 2): numbers (Q, 4)."""
+def _corner_indices(points: NDArray[np.int32], quad: NDArray[np.intp], corners: Array) -> NDArray[np.intp]:
+    """Return the indices (Q, 4) of the corners (Q, 4, 2) among the points (P, 2) of quadrangles (P,)."""
     at = np.empty(corners.shape[:2], dtype=np.intp)
     for corner in range(4):
         same = np.flatnonzero((points == corners[quad, corner]).all(1))
@@ -225,8 +231,8 @@ def _where(points: NDArray[np.int32], quad: NDArray[np.intp], corners: Array) ->
 
 
 def _lines(points: Array, edge: NDArray[np.intp], side: Array) -> Array:
-    """Normals and distances (Q, 4, 3) of lines through the points (P, 2) of edges (P,), fitted across the axis that
-    their sides (Q, 4, 2) run nearer to."""
+    """Return normals and distances (Q, 4, 3) of lines through the points (P, 2) of edges (P,), fitted across the axis
+    nearest to their sides (Q, 4, 2)."""
     x, y = points.T
     sums = [np.bincount(edge, weight, side.shape[0] * 4).reshape(-1, 4) for weight in (None, x, y, x * x, x * y, y * y)]
     count, mean_x, mean_y = sums[0], sums[1] / sums[0], sums[2] / sums[0]

@@ -1,1 +1,2 @@
-"""What interferometer logs say: fringes, readings, runs, displacements of a loaded platform, positioning of an axis."""
+"""Evaluation of interferometer logs: fringes, readings, runs, displacements of a loaded platform, positioning of an
+axis."""

@@ -1,6 +1,7 @@
-"""Approaches of an axis to its targets: what in their deviations is none of the axis.
+"""Plausibility of positioning tests: deviations that do not come from the axis (overflows, gross errors, copies,
+jumps).
 
-Deviations (P, 2, C): position less target at P targets, in two directions, in C cycles, any one unit of length.
+Deviations (P, 2, C): actual minus target position at P targets, in two directions, in C cycles, in any unit of length.
 """
 
 from __future__ import annotations
@@ -11,28 +12,28 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 
-_BITS = range(8, 41)  # no encoder counts further than 2^40, and 2^7 steps are no overflow but a reversal
-_ROUNDED = 1e-13  # of the positions: as near as their numbers tell two apart
-_ON_GRID = 0.02  # of a step: as near to whole steps as written decimals are
-_CLOSED = 0.02  # of an overflow: what may be left of the deviations once it is taken out
-_FEWEST_TOGETHER = 5  # deviations that make a group, from which others can stand apart
-_MOST_GROSS = 0.1  # of the approaches that are looked at one after the other
-_ALIKE = 0.25  # of the reversal: how far those of other cycles may differ where one is taken for turned round
+_BITS = range(8, 41)  # no encoder counts beyond 2^40; 2^7 steps may be a reversal
+_ROUNDED = 1e-13  # relative to the positions: rounding of their numbers
+_ON_GRID = 0.02  # of a step: closeness to whole steps of rounded decimals
+_CLOSED = 0.02  # share of an overflow that may remain in the deviations after its correction
+_FEWEST_TOGETHER = 5  # size of a group from which others can be separated
+_MOST_GROSS = 0.1  # share of the approaches that are tested one after the other
+_ALIKE = 0.25  # relative to the reversal: difference between the other cycles, if one is taken as exchanged
 _CLEAR = 6.0
-_PRIOR_PAIRS = 2.0  # pairs of series that the share of all targets counts for, beside those of one
-_MOST_STEPS = 2e6  # approaches times places of a step among them; of more, every second place is tried, or third
-# Targets in the larger group, and from which ratio on another target's place is no deviation of the axis any more.
+_PRIOR_PAIRS = 2.0  # weight of the rate over all targets, in pairs of series
+_MOST_STEPS = 2e6  # approaches times candidate jump positions; above, every second or third position is tried
+# Size of the larger group, and ratio from which a deviation equal to another target's distance is not the axis' own.
 _OF_TARGETS = ((4, 1.0), (3, 10.0))
 
 
 def resolution(position: Array) -> float:
-    """Return the step that all positions are whole multiples of, apart from a common offset; 0 where there is none."""
+    """Return the step of which all positions are whole multiples, apart from a common offset; 0 without a step."""
     steps = np.unique(np.diff(np.unique(position)))
     steps = steps[steps > _ROUNDED * float(np.abs(position).max(initial=0.0))]
     if not len(steps):
         return 0.0
     step = float(steps[0])
-    for one in steps.tolist():  # each larger one tells the step better, so that the next can be counted in it
+    for one in steps.tolist():  # each larger difference refines the step, so that the next one can be counted in it
         count = round(one / step)
         if abs(one / step - count) > _ON_GRID:
             return 0.0
@@ -50,13 +51,14 @@ class Overflow:
 
 
 def overflow(deviation: Array, step: float) -> Overflow | None:
-    """Return the overflow of a counter that counts steps; None where none closes the deviations up.
+    """Return the overflow of a counter with the given step; None if no overflow explains the deviations.
 
-    A reversal alone, of whatever size, is no overflow.
+    A difference between the directions alone, of any size, is no overflow.
     """
     if step <= 0.0:
         return None
-    middle = float(np.sort(deviation, axis=None)[(deviation.size - 1) // 2])  # one of them, and no mean of two
+    # An element of the deviations, not a mean of two.
+    middle = float(np.sort(deviation, axis=None)[(deviation.size - 1) // 2])
     for bits in reversed(_BITS):
         jump = step * 2.0**bits
         turns = np.round((deviation - middle) / jump)
@@ -69,15 +71,15 @@ def overflow(deviation: Array, step: float) -> Overflow | None:
 
 
 def _by_direction_alone(values: Array) -> bool:
-    """Whether values (P, 2, C) depend on the direction alone."""
+    """Return whether values (P, 2, C) depend on the direction alone."""
     return bool((values == values[:1, :, :1]).all())
 
 
 @dataclass(frozen=True)
 class Gap:
-    """Deviations in two groups far apart: the gap, the wider group's range, and the smaller group (P, 2, C).
+    """Deviations in two separate groups: the gap, the wider group's range, and the smaller group (P, 2, C).
 
-    ``weight``: by how much less the gap counts where whole targets stand apart, as an axis' own deviations may.
+    ``weight``: reduction of the gap if whole targets are separate, since the axis itself may cause that.
     """
 
     size: float
@@ -87,15 +89,15 @@ class Gap:
 
     @property
     def ratio(self) -> float:
-        """The gap over the range of the wider group, as it counts."""
+        """Weighted gap over the range of the wider group."""
         return self.size / self.spread / self.weight if self.spread > 0.0 else np.inf
 
 
 def widest_gap(deviation: Array, floor: float = 0.0) -> Gap | None:
-    """Return the widest gap between the deviations sorted by size, unless the two groups are the two directions.
+    """Return the widest gap between the sorted deviations, unless the two groups are the two directions.
 
-    ``floor``: the smallest spread that a group is taken to have, as the step of the readings. None for fewer than five
-    deviations in the larger group.
+    ``floor``: smallest spread of a group, such as the step of the readings. None for fewer than five deviations in the
+    larger group.
     """
     level = np.sort(deviation, axis=None)
     steps = np.diff(level)
@@ -114,8 +116,8 @@ def widest_gap(deviation: Array, floor: float = 0.0) -> Gap | None:
 
 @dataclass(frozen=True)
 class GrossErrors:
-    """Approaches far from the others of their target and direction: ``where`` (P, 2, C), the worst of them, how far it
-    is off, the scatter of all others, and the probability of the worst by chance."""
+    """Approaches far from the others of their target and direction: ``where`` (P, 2, C), the worst one, its distance,
+    the scatter of all others, and the p-value of the worst."""
 
     where: Mask
     worst: tuple[int, int, int]
@@ -125,10 +127,10 @@ class GrossErrors:
 
 
 def gross_errors(deviation: Array, limit: float, floor: float = 0.0) -> GrossErrors:
-    """Return approaches whose distance from the others of their group chance makes with a probability below ``limit``.
+    """Return the approaches whose distance from their group has a p-value below ``limit``.
 
-    Deleted residuals over the scatter of all other approaches within their groups, by Student's law, times the number
-    of approaches; the worst is taken out and the rest is judged anew. ``floor``: the smallest scatter, as the step of
+    Deleted residuals over the scatter of all other approaches within their groups, by Student's distribution, times the
+    number of approaches; the worst is removed and the test repeated. ``floor``: smallest scatter, such as the step of
     the readings.
     """
     out = np.zeros(deviation.shape, dtype=bool)
@@ -140,13 +142,13 @@ def gross_errors(deviation: Array, limit: float, floor: float = 0.0) -> GrossErr
             break
         out[worst] = True
     assert first is not None
-    if out.any():  # the scatter that the worst is told in is that of what is left in the end
+    if out.any():  # the scatter in the result is that of the approaches left at the end
         first = (first[0], first[1], _worst(deviation, out, floor)[2], first[3])
     return GrossErrors(out, *first)
 
 
 def _worst(deviation: Array, out: Mask, floor: float) -> tuple[tuple[int, int, int], float, float, float]:
-    """The worst approach that is not out: where, how far from the others of its group, their scatter, chance."""
+    """Return the worst approach not yet removed: its index, distance from its group, scatter of the others, p-value."""
     from scipy.special import stdtr
 
     count = (~out).sum(axis=-1, keepdims=True)
@@ -158,7 +160,7 @@ def _worst(deviation: Array, out: Mask, floor: float) -> tuple[tuple[int, int, i
     square = float(np.sum(residual**2))
     if freedom < 1.0:
         return (0, 0, 0), 0.0, floor, 1.0
-    # without an approach, the squares of its group are less by its own residual times the deleted one
+    # without an approach, its group's sum of squares drops by its residual times its deleted residual
     scatter = np.sqrt(np.maximum(square - residual * deleted, 0.0) / freedom)
     scatter = np.maximum(scatter, max(floor, 1e-12 * float(np.abs(deviation).max(initial=1e-300))))
     t = np.where(assessed, np.abs(deleted) / (scatter * np.sqrt(count / np.maximum(count - 1, 1))), 0.0)
@@ -169,10 +171,10 @@ def _worst(deviation: Array, out: Mask, floor: float) -> tuple[tuple[int, int, i
 
 def copied_series(position: Array) -> tuple[list[tuple[int, int]], float]:
     """Return pairs of series (P readings of one direction and cycle) that are equal in every digit, and the probability
-    that chance makes one of them so.
+    of one such pair by chance.
 
-    position (P, 2, C); a series is numbered by direction times C plus cycle. How often readings of other pairs agree at
-    each target, within a direction and across, says how likely a whole one does: often, where readings have few digits.
+    position (P, 2, C); a series is numbered by direction times C plus cycle. The chance follows from how often readings
+    of other pairs agree at each target, within and across directions: often, if readings have few digits.
     """
     series = position.reshape(len(position), -1).T
     i, j = np.triu_indices(len(series), 1)
@@ -187,7 +189,7 @@ def copied_series(position: Array) -> tuple[list[tuple[int, int]], float]:
 
 
 def _equal_by_chance(equal: Mask) -> float:
-    """Probability that all readings of a pair agree, from those of others (N, P)."""
+    """Return the probability that all readings of a pair agree, from the agreement of others (N, P)."""
     pooled = (equal.sum() + 1.0) / (equal.size + 2.0)
     single = (equal.sum(axis=0) + _PRIOR_PAIRS * pooled) / (len(equal) + _PRIOR_PAIRS)
     return float(np.prod(single))
@@ -195,8 +197,8 @@ def _equal_by_chance(equal: Mask) -> float:
 
 @dataclass(frozen=True)
 class RowJump:
-    """A step between two approaches in the order taken: its size, the first approach after it, the scatter beside it,
-    and the probability by chance."""
+    """A jump between two approaches in the order of measurement: size, first approach after it, scatter on each side,
+    and p-value."""
 
     size: float
     after: tuple[int, int, int]
@@ -205,10 +207,10 @@ class RowJump:
 
 
 def row_jump(deviation: Array, row_order: Index, floor: float = 0.0) -> RowJump | None:
-    """Return the step from some row on that explains most of what approaches of one target and direction differ by.
+    """Return the jump that best explains the differences between approaches of the same target and direction.
 
-    deviation and row_order (P, 2, C): the place of each in the order taken. ``floor``: the smallest scatter, as the
-    step of the readings. None where too few approaches are left to tell.
+    deviation and row_order (P, 2, C): position of each in the order of measurement. ``floor``: smallest scatter, such
+    as the step of the readings. None if there are too few approaches.
     """
     from scipy.special import fdtrc
 
@@ -217,7 +219,7 @@ def row_jump(deviation: Array, row_order: Index, floor: float = 0.0) -> RowJump 
     tried = np.unique(
         np.linspace(0, order.size - 2, min(order.size - 1, int(_MOST_STEPS / order.size) + 50)).astype(int)
     )
-    later = (np.arange(order.size)[:, None] > tried).astype(float)  # rows by place of the step
+    later = (np.arange(order.size)[:, None] > tried).astype(float)  # rows by position of the jump
     by_group = np.empty_like(later)
     by_group[order] = later
     by_group = by_group.reshape(-1, cycles, len(tried))
@@ -236,9 +238,9 @@ def row_jump(deviation: Array, row_order: Index, floor: float = 0.0) -> RowJump 
 
 
 def turned_cycles(deviation: Array) -> list[int]:
-    """Return cycles whose reversal is that of the others with the opposite sign: forward and backward are exchanged.
+    """Return the cycles whose reversal has the opposite sign of the others': forward and backward are exchanged.
 
-    Of two cycles with opposite reversals the second is returned. None where reversals are not clear of their scatter.
+    Of two cycles with opposite reversals the second is returned. None if reversals are not larger than their scatter.
     """
     reversal = deviation[:, 0] - deviation[:, 1]  # (P, C)
     cycles = reversal.shape[1]
@@ -260,8 +262,8 @@ def turned_cycles(deviation: Array) -> list[int]:
 
 @dataclass(frozen=True)
 class CycleDrift:
-    """By how much the deviations walked from the first cycle to the last, the probability of the cycles' means by
-    chance, and the share of their differences that a straight walk explains."""
+    """Change of the deviations from the first cycle to the last, p-value of the cycles' means, and the share of their
+    differences that a straight line explains."""
 
     walked: float
     p_value: float
@@ -269,7 +271,7 @@ class CycleDrift:
 
 
 def cycle_drift(deviation: Array) -> CycleDrift | None:
-    """Return the walk over the cycles of deviations (P, 2, C); None for fewer than four cycles."""
+    """Return the drift over the cycles of deviations (P, 2, C); None for fewer than four cycles."""
     from scipy.special import fdtrc
 
     cycles = deviation.shape[-1]

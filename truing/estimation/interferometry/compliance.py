@@ -1,4 +1,4 @@
-"""Compliance of a loaded platform from readings: made ready, fitted, held against the simulated one, and its budget."""
+"""Compliance of a loaded platform: fit to readings, comparison with the simulated one, and uncertainty budget."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, Rec
 from truing.estimation.response import ResponseFit, birge, fit_response
 from truing.estimation.uncertainty_budget import Budget, Source, beyond_declared, budget, linear_estimate
 
-_LOST = 1e-9  # share of an entry in directions that the loads leave open, above which it is unknown
+_LARGEST_OPEN_SHARE = 1e-9  # share of an entry along undetermined load directions, above which it is unknown
 BY_LOADS = Source("applied loads, as declared", "B")
 GEOMETRY = Source("geometry of the beams", "B")
 
 
 @dataclass(frozen=True)
 class Compliance:
-    """K of ``displacement = zero of the run + K wrench``; m/N, rad/N, m/(N m), rad/(N m).
+    """Compliance matrix K of ``displacement = zero of the run + K wrench``; m/N, rad/N, m/(N m), rad/(N m).
 
-    entries (6, 6) and sigma (6, 6): NaN and infinite where unknown, zero and zero where the model holds an entry at
-    zero; covariance (36, 36) row by row, zero beside what is unknown or held; known (6, 6), also where held. fit: the
-    response fit that it comes from.
+    entries (6, 6) and sigma (6, 6): NaN and infinite if unknown, both zero if the model fixes an entry at zero;
+    covariance (36, 36): row by row, zero for unknown or fixed entries; known (6, 6): includes fixed ones. fit:
+    underlying response fit.
     """
 
     entries: Array
@@ -44,12 +44,13 @@ def fit_compliance(
     zero_covariance: Array | None = None,
     beside: Array | None = None,
 ) -> Compliance:
-    """Fit displacements (N, 6), NaN where unknown, of wrenches (N, 6) in N and N m; covariance (N, 6, 6).
+    """Return the compliance from displacements (N, 6), NaN if unknown, under wrenches (N, 6) in N and N m, with
+    covariance (N, 6, 6).
 
-    run (N,): which zero 0 .. G-1 a step counts from, free in every run or of zero_covariance (6, 6). A channel that was
-    read alone is a displacement with five unknown components. beside (N, C), for the matrix alone: what every component
-    may follow beside the load (``platform_poses.drift_columns``, a temperature), fitted with it. Entries that
-    no run tells, or not from what is beside, are unknown.
+    run (N,): index 0 .. G-1 of the zero of each step, free in every run or with zero_covariance (6, 6). A
+    single-channel reading is a displacement with five unknown components. beside (N, C): further inputs of all
+    components, fitted together with the load, for the matrix model only (``platform_poses.drift_columns``, a
+    temperature). Entries that no run determines, or that these inputs imitate, are unknown.
     """
     u, y = np.asarray(wrench, float), np.asarray(displacement, float)
     if beside is not None:
@@ -72,7 +73,7 @@ def fit_compliance(
 
 
 def _determined(u: Array, seen: Mask, run: Index, form: str, free_zero: bool) -> Mask:
-    """Which entries (6, D) the drives determine: of each component, by the steps in which it was seen."""
+    """Return the entries (6, D) that the drives determine: for each component, from the steps in which it was read."""
     weight = seen.T.astype(float)  # (6, N)
     moved = np.broadcast_to(u, (len(weight), *u.shape))
     if free_zero:
@@ -82,22 +83,22 @@ def _determined(u: Array, seen: Mask, run: Index, form: str, free_zero: bool) ->
         moved = moved - np.einsum("ng,cgd->cnd", member, mean)
     moved = moved * weight[..., None]
     size = np.sqrt(np.sum(moved**2, axis=1))
-    touched = size > _LOST * np.max(np.abs(u), axis=0, initial=0.0)
+    touched = size > _LARGEST_OPEN_SHARE * np.max(np.abs(u), axis=0, initial=0.0)
     if form == "linear":
         return np.eye(6, dtype=bool) & touched
     scaled = moved / np.where(touched, size, np.inf)[:, None, :]
     values, vectors = np.linalg.eigh(np.swapaxes(scaled, 1, 2) @ scaled)
-    lost = np.einsum("cde,ce->cd", vectors**2, values < _LOST)
-    return touched & (lost < np.sqrt(_LOST))
+    lost = np.einsum("cde,ce->cd", vectors**2, values < _LARGEST_OPEN_SHARE)
+    return touched & (lost < np.sqrt(_LARGEST_OPEN_SHARE))
 
 
 def left_out_runs(
     wrench: ArrayLike, displacement: ArrayLike, variance: ArrayLike, run: Index, form: str = "matrix"
 ) -> Array:
-    """Return displacements (N, 6) less what all other runs predict, each run from a zero of its own.
+    """Return displacements (N, 6) minus the prediction from all other runs, each run with its own zero.
 
-    variance (N, 6). NaN where nothing was read, and where the other runs do not tell an entry that the run's loads ask
-    for: such a run alone says what it says.
+    variance (N, 6). NaN without a reading, and where the other runs do not determine an entry that the run's loads
+    need.
     """
     u, y, run = np.asarray(wrench, float), np.asarray(displacement, float), np.asarray(run)
     found = np.full(y.shape, np.nan)
@@ -109,7 +110,8 @@ def left_out_runs(
 
 
 def _by_others(u: Array, y: Array, variance: Array, run: Index) -> Array:
-    """Residuals (N,) of each run against the fit to all others, drives (N, D) and responses less their run's mean."""
+    """Return residuals (N,) of each run against the fit to all others; drives (N, D) and responses are relative to
+    their run's mean."""
     runs, number = np.unique(run, return_inverse=True)
     member = (number[:, None] == np.arange(len(runs))) / variance[:, None]
     share = member / member.sum(0)
@@ -120,23 +122,23 @@ def _by_others(u: Array, y: Array, variance: Array, run: Index) -> Array:
     size = np.sqrt(np.einsum("dd->d", normal.sum(0)))
     size = np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(rest / np.outer(size, size))
-    kept = values > _LOST
+    kept = values > _LARGEST_OPEN_SHARE
     inverse = np.einsum("rde,re,rfe->rdf", vectors, kept / np.where(kept, values, 1.0), vectors)
     entries = np.einsum("rdf,rf->rd", inverse, target / size) / size
-    # what a run's loads ask for beyond the directions that the others have
+    # load directions of the run that the others do not have
     asked = own_u / size / np.maximum(np.linalg.norm(own_u / size, axis=1, keepdims=True), 1e-300)
     missed = np.einsum("nd,nde->ne", asked, np.where(kept[:, None, :], 0.0, vectors)[number])
     blind = np.zeros(len(runs), bool)
-    np.logical_or.at(blind, number, np.sum(missed**2, axis=1) > np.sqrt(_LOST))
+    np.logical_or.at(blind, number, np.sum(missed**2, axis=1) > np.sqrt(_LARGEST_OPEN_SHARE))
     return np.where(blind[number], np.nan, own_y - np.einsum("nd,nd->n", own_u, entries[number]))
 
 
 @dataclass(frozen=True)
 class ComplianceComparison:
-    """A measured compliance less the simulated one.
+    """A measured compliance compared with the simulated one.
 
-    difference (6, 6) and z (6, 6), NaN where unknown or held; chi_square and dof of all entries together, p_value of
-    the two being the same; ratio (6, 6) measured over simulated.
+    difference (6, 6) and z (6, 6): NaN if unknown or fixed; chi_square and dof of all entries together, p_value of
+    their being equal; ratio (6, 6): measured over simulated.
     """
 
     difference: Array
@@ -150,7 +152,7 @@ class ComplianceComparison:
 def compare(
     measured: Compliance, simulated: ArrayLike, simulated_covariance: ArrayLike | None = None
 ) -> ComplianceComparison:
-    """Compare entry by entry with a simulated compliance (6, 6), its covariance (36, 36) row by row, or none of it."""
+    """Return the comparison with a simulated compliance (6, 6), with covariance (36, 36) row by row, or exact."""
     from scipy.special import chdtrc
 
     model = np.asarray(simulated, float)
@@ -174,10 +176,10 @@ def compare(
 
 @dataclass(frozen=True)
 class AxisCurve:
-    """What a figure of load against displacement along the same axis needs, step by step (M,).
+    """Load and displacement along the same axis, step by step (M,), for a figure.
 
-    load in N or N m; measured, its sigma, and simulated with its sigma in m or rad, from the zero of the run; branch
-    as ``load_run.branches`` has it. Not a number where the component was not measured.
+    load in N or N m; measured with sigma, and simulated with sigma, in m or rad, from the zero of the run; branch as in
+    ``load_run.branches``. NaN if the component was not measured.
     """
 
     load: Array
@@ -188,12 +190,12 @@ class AxisCurve:
 
     @property
     def largest(self) -> float:
-        """The measured value farthest on the positive side; NaN where none was measured."""
+        """Largest measured value; NaN if none was measured."""
         return float(np.max(self.measured, where=np.isfinite(self.measured), initial=-np.inf))
 
     @property
     def smallest(self) -> float:
-        """The measured value farthest on the negative side."""
+        """Smallest measured value; NaN if none was measured."""
         return float(np.min(self.measured, where=np.isfinite(self.measured), initial=np.inf))
 
 
@@ -205,9 +207,9 @@ def axis_curve(
     simulated: ArrayLike,
     simulated_covariance: ArrayLike | None = None,
 ) -> AxisCurve:
-    """Return the curve of one axis (0 .. 5) over the steps whose load is along that axis alone, or none.
+    """Return the curve of one axis (0 .. 5) over the steps with zero load or a load along that axis alone.
 
-    Arguments as ``fit_compliance`` and ``compare`` take them.
+    Arguments as in ``fit_compliance`` and ``compare``.
     """
     u, y, cov = np.asarray(wrench, float), np.asarray(displacement, float), np.asarray(covariance, float)
     alone = (np.delete(u, axis, axis=1) == 0.0).all(1) & np.isfinite(y[:, axis])
@@ -222,10 +224,10 @@ def axis_curve(
 
 @dataclass(frozen=True)
 class Loaded:
-    """Readings (B, 6), NaN where there is none or it was kept out; variance (B, 6); drifts taken out of how many.
+    """Readings (B, 6), NaN if missing or excluded, with variance (B, 6), and the number of drifts removed.
 
-    spread (6, 6): one sigma of the compliance's entries that the geometry of beams leaves open. by_loads (6,): the part
-    of the variance that stems from errors of the loads.
+    spread (6, 6): standard deviation of the compliance's entries due to the uncertain geometry of beams. by_loads (6,):
+    part of the variance due to errors of the loads.
     """
 
     steps: RecordedSteps
@@ -237,25 +239,28 @@ class Loaded:
 
     @property
     def fitted(self) -> Mask:
-        """Which steps (B,) models may be fitted to."""
+        """Mask (B,) of steps that models are fitted to."""
         return ~self.steps.held_out
 
     @property
     def data(self) -> tuple[Array, Array, Array, Index]:
-        """Loads (N, 6), readings (N, 6), their covariance (N, 6, 6) and runs (N,) of these steps."""
+        """Loads (N, 6), readings (N, 6), covariance (N, 6, 6) and runs (N,) of these steps."""
         rows = self.fitted
         covariance = np.where(np.eye(6, dtype=bool), self.variance[rows][:, None, :], 0.0)
         return self.steps.load[rows], self.reading[rows], covariance, self.steps.run[rows]
 
 
 def fitted_compliance(loaded: Loaded, form: Literal["linear", "matrix"]) -> Compliance:
-    """The compliance of a model, its zeros free in every run."""
+    """Return the compliance of a model with a free zero in every run."""
     return fit_compliance(*loaded.data, form=form)
 
 
 def reference_fits(loaded: Loaded, simulated: Array | None) -> dict[str, ResponseFit]:
-    """What readings scatter without any load's effect (none), and without the simulated one (6, 6) where there is one:
-    a zero for every run is all that is fitted."""
+    """Return the fits of only a zero per run: without any load effect (none), and without the simulated one (6, 6) if
+    given.
+
+    Their residuals are the scatter that a model has to explain.
+    """
     load, reading, covariance, run = loaded.data
     fits = {"none": fit_response(load, reading, covariance, form="none", group=run)}
     if simulated is not None:
@@ -265,7 +270,7 @@ def reference_fits(loaded: Loaded, simulated: Array | None) -> dict[str, Respons
 
 @dataclass(frozen=True)
 class AcceptedReadings:
-    """Which readings (B, 6) were not rejected, their sigma; what geometry adds to them, and one sigma of that; SI."""
+    """Accepted readings (B, 6) with sigma, the correction for beam geometry, and its standard deviation; SI."""
 
     kept: Mask
     sigma: Array
@@ -274,23 +279,24 @@ class AcceptedReadings:
 
 
 def geometry_spread(load: Array, added_sigma: Array) -> Array:
-    """One sigma (6, 6) of a compliance's entries by what the geometry of beams leaves open, SI.
+    """Return the standard deviation (6, 6) of a compliance's entries due to the uncertain geometry of beams, SI.
 
-    added_sigma (B, 6) of readings under loads (B, 6): it goes with the load, so no number of readings makes it less.
+    added_sigma (B, 6): of readings under loads (B, 6); it is proportional to the load, so more readings do not reduce
+    it.
     """
     squares = np.linalg.lstsq(load**2, added_sigma**2, rcond=None)[0]
     return np.sqrt(np.maximum(squares.T, 0.0))
 
 
 def with_spread(found: Compliance, spread: Array) -> Compliance:
-    """A compliance whose entries are known to no better than a spread (6, 6)."""
+    """Return a compliance with standard deviations of at least a spread (6, 6)."""
     own = np.where(found.known & np.isfinite(found.sigma) & found.fit.free[:, :6], spread, 0.0)
     covariance = found.covariance + np.diag(own.ravel() ** 2)
     return replace(found, sigma=np.hypot(found.sigma, own), covariance=covariance)
 
 
 def from_own_zero(residual: Array, run: Index) -> Array:
-    """Return residuals (N, 6) less the mean of their own run, which no model can predict."""
+    """Return residuals (N, 6) minus the mean of their run, which no model can predict."""
     left = np.array(residual)
     for one in np.unique(run):
         rows = run == one
@@ -300,17 +306,18 @@ def from_own_zero(residual: Array, run: Index) -> Array:
 
 
 def r_squared(nothing: ResponseFit, fit: ResponseFit, k: int) -> float:
-    """Return the share of the variation of one component, about its zero per run, that the loads explain."""
+    """Return the share of one component's variation about its zero per run that the loads explain."""
     before, after = nothing.residuals[:, k], fit.residuals[:, k]
     total = float(np.nansum(before**2))
     return float(1.0 - np.nansum(after**2) / total) if total > 0.0 else float("nan")
 
 
 def compliance_budgets(loaded: Loaded, declared: bool) -> list[Budget] | None:
-    """Return the budget of the entries (6,) of each of the six components; None where the readings leave some open.
+    """Return the uncertainty budget of the entries (6,) of each of the six components; None if readings do not
+    determine all.
 
-    declared: whether the noise of readings was declared, and not found from their scatter. By the model in which every
-    load may act on every component. Raises LinAlgError where a component is not determined by its own readings.
+    declared: whether the noise of readings was declared, not estimated from their scatter. In the model every load may
+    act on every component. Raises LinAlgError if a component is not determined by its own readings.
     """
     one = fitted_compliance(loaded, "matrix")
     if not one.known.all():
@@ -337,7 +344,7 @@ def compliance_budgets(loaded: Loaded, declared: bool) -> list[Budget] | None:
 
 
 def budget_of_entries(found: list[Budget], loaded: Loaded, places: list[tuple[int, int]]) -> Budget:
-    """Return the budgets of some entries (response, load) together, the geometry's part with them."""
+    """Return the joint budget of some entries (response, load), including the part of beam geometry."""
     sources = tuple(dict.fromkeys(source for one in found for source in one.sources))
     table = np.zeros((len(sources), len(places)))
     for n, (i, j) in enumerate(places):

@@ -1,6 +1,7 @@
-"""Positioning of a linear axis by ISO 230-2: reversal, repeatability, systematic deviation, accuracy, and how sure.
+"""Positioning of a linear axis by ISO 230-2: reversal, repeatability, systematic deviation, accuracy, with
+uncertainties.
 
-Deviations x (..., P, D, C): actual less target position at P positions, in D directions (forward, backward) and C
+Deviations x (..., P, D, C): actual minus target position at P positions, in D directions (forward, backward) and C
 cycles. Scatter s with C - 1; uncertainties by Monte Carlo (JCGM 101), because most of the quantities are maxima.
 """
 
@@ -20,7 +21,7 @@ FORWARD, BACKWARD = 0, 1
 class Positioning:
     """Quantities of ISO 230-2, clause 3, in the unit of the deviations; leading dimensions (...) are kept.
 
-    At positions: mean (..., P, 2) of each direction, scatter (..., P, 2), reversal_at (..., P), forward less backward,
+    At positions: mean (..., P, 2) of each direction, scatter (..., P, 2), reversal_at (..., P): forward minus backward,
     repeatability_at (..., P, 2) and bidirectional_at (..., P). Of the axis: reversal B, mean_reversal, repeatability
     (..., 2) and bidirectional_repeatability R, systematic (..., 2) and bidirectional_systematic E, mean_deviation M,
     accuracy (..., 2) and bidirectional_accuracy A.
@@ -43,7 +44,8 @@ class Positioning:
 
 
 def positioning(deviation: ArrayLike) -> Positioning:
-    """Evaluate deviations (..., P, 2, C) of a test in both directions; raises ValueError for fewer than two cycles."""
+    """Return the quantities for deviations (..., P, 2, C) in both directions; raises ValueError for fewer than two
+    cycles."""
     x = np.asarray(deviation, float)
     if x.ndim < 3 or x.shape[-2] != 2 or x.shape[-1] < 2:
         raise ValueError(f"deviation {x.shape}: expected (..., positions, 2 directions, at least 2 cycles)")
@@ -77,12 +79,11 @@ def _positioning(mean: Array, scatter: Array) -> Positioning:
 
 @dataclass(frozen=True)
 class InstrumentUncertainty:
-    """What the instrument and its surroundings leave uncertain, one sigma each.
+    """Standard uncertainties of the instrument and its surroundings.
 
-    scale: relative, common to the whole test (wavelength, device); expansion_sigma (1/K) with warmer_by (K from 20
-    degrees), temperature_sigma (K) with expansion (1/K): both stretch the axis; misalignment (rad): the beam is
-    off by up to that angle, which reads too little; drift: of a reading since the start of its cycle, in the
-    deviations' unit.
+    scale: relative, common to the whole test (wavelength, device); expansion_sigma (1/K) with warmer_by (K above 20
+    degrees), temperature_sigma (K) with expansion (1/K): both stretch the axis; misalignment (rad): largest angle of
+    the beam, which shortens readings; drift: of a reading since the start of its cycle, in the deviations' unit.
     """
 
     scale: float = 0.0
@@ -102,7 +103,7 @@ class InstrumentUncertainty:
 
 @dataclass(frozen=True)
 class Uncertain:
-    """A quantity: value, standard uncertainty, and the interval of 95 %."""
+    """A quantity: value, standard uncertainty, and 95 % interval."""
 
     value: float
     sigma: float
@@ -128,20 +129,20 @@ def positioning_uncertainty(
 ) -> dict[str, Uncertain]:
     """Return B, R, E, M and A of one test with their uncertainties.
 
-    deviation (P, 2, C), target (P,) in the same unit. Drawn are the means and scatters that so few cycles leave open,
-    of each position and direction by itself, and what the instrument leaves open. Values are those of
-    ``positioning``: maxima of noisy numbers lie above the truth, which the intervals allow for.
+    deviation (P, 2, C), target (P,) in the same unit. Draws vary the means and scatters of each position and direction,
+    uncertain with few cycles, and the errors of the instrument. Values are those of ``positioning``: maxima of noisy
+    numbers are too large on average, which the intervals allow for.
     """
     x, at = np.asarray(deviation, float), np.asarray(target, float)
     own = positioning(x)
     cycles = x.shape[-1]
     freedom = cycles - 1
-    # what repetitions of the same test would give, its truth being what was found: their spread, and their bias
+    # simulated repetitions with the found values as truth show spread and bias
     scatter = own.scatter * np.sqrt(rng.chisquare(freedom, (draws, *own.scatter.shape)) / freedom)
     off = own.scatter / np.sqrt(cycles) * rng.standard_normal(scatter.shape)
     by_instrument = _by_instrument(at, instrument or InstrumentUncertainty(), rng, draws, cycles)
     drawn = _positioning(own.mean + off + by_instrument, scatter)
-    # the scatter that spreads the means is itself known from few cycles: Student's law instead of the normal one
+    # the scatter of the means is estimated from few cycles: Student's distribution
     wider = off / np.sqrt(rng.chisquare(freedom, scatter.shape) / freedom)
     apart = _positioning(own.mean + wider + by_instrument, scatter)
     out = {}
@@ -156,7 +157,7 @@ def positioning_uncertainty(
 def _by_instrument(
     at: Array, instrument: InstrumentUncertainty, rng: np.random.Generator, draws: int, cycles: int
 ) -> Array:
-    """Errors (draws, P, 2) of mean deviations: of the axis' length, of the beam's angle, and of the drift."""
+    """Return errors (draws, P, 2) of mean deviations: from the axis' length, the beam's angle, and drift."""
     along = at - at[0]
     stretch = instrument.stretch * rng.standard_normal((draws, 1))
     angle = instrument.misalignment * rng.standard_normal((draws, 1))

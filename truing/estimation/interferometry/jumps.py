@@ -1,4 +1,4 @@
-"""Jumps in series of readings, and those by whole quanta: fringes that slipped."""
+"""Jumps in series of readings, and jumps by whole quanta (slipped fringes)."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from truing.arrays import Array, Index
 
 @dataclass(frozen=True)
 class Jump:
-    """The likeliest jump in each of G series: before which sample, how large, its sigma, and the p-value.
+    """The likeliest jump in each of G series: sample after it, size, sigma, and p-value.
 
-    p_value (G,): over all onsets; left (G, N): what the design does not explain, with the jump taken out.
+    p_value (G,): corrected for all onsets; left (G, N): residuals of the design with the jump removed.
     """
 
     onset: Index
@@ -25,10 +25,10 @@ class Jump:
 
 
 def find_jump(values: Array, sigma: ArrayLike, design: Array, shortest: int = 2) -> Jump:
-    """Find the likeliest jump in series (G, N), beside the columns of a design (N, P) or (G, N, P) that each follows.
+    """Return the likeliest jump in series (G, N), fitted together with a design (N, P) or (G, N, P).
 
-    sigma one number or (G, N). The jump is fitted together with the design at every onset that leaves
-    ``shortest`` samples on either side; Bonferroni over the onsets. NaN values take no part.
+    sigma: one number or (G, N). Every onset with ``shortest`` samples on either side is tried; Bonferroni over the
+    onsets. NaN values are ignored.
     """
     from scipy.special import chdtrc
 
@@ -64,11 +64,10 @@ def find_jump(values: Array, sigma: ArrayLike, design: Array, shortest: int = 2)
 
 @dataclass(frozen=True)
 class SlippedFringes:
-    """Fringes slipped in each of G series: from which sample on, and how many quanta; zero where none did.
+    """Slipped fringes in each of G series: first sample after the slip, and number of quanta, zero without a slip.
 
-    size and sigma (G,) of the likeliest jump; p_value (G,) of there being no jump at all; off (G,): how far the jump is
-    from a whole number of quanta, in its sigmas; detectable (G,): the fewest quanta that would be found in half of
-    such series.
+    size and sigma (G,) of the likeliest jump; p_value (G,) of no jump; off (G,): distance of the jump from a whole
+    number of quanta, in its sigmas; detectable (G,): smallest number of quanta found with probability one half.
     """
 
     onset: Index
@@ -83,9 +82,9 @@ class SlippedFringes:
 def find_slips(
     values: Array, sigma: ArrayLike, design: Array, quantum: float, false_alarm: float = 0.01, largest_off: float = 3.0
 ) -> SlippedFringes:
-    """Find a jump by a whole number of quanta (half a wavelength over the passes) in each series, as ``find_jump``.
+    """Return jumps by a whole number of quanta (half a wavelength over the passes) in each series, as ``find_jump``.
 
-    The count is zero where there is no jump at ``false_alarm`` per series, or one that is no whole number.
+    The count is zero without a jump at ``false_alarm`` per series, or if the jump is no whole number of quanta.
     """
     from scipy.special import ndtri
 

@@ -1,9 +1,9 @@
-"""One run of a channel: where it begins, and under one load that goes up and down its zero, drift and response.
+"""Runs of a channel: their zeros, and the fit of zero, drift and response to one load that goes up and down.
 
-A bench that was not set to zero before each run begins elsewhere, and so do coordinates.
+If a bench was not set to zero before a run, the run starts elsewhere; coordinates do so always.
 
-Columns have the forms of the effects of a campaign (F the load, F_max its largest value), so that what is fitted here
-is what an effect's parameters mean.
+Columns have the same form as the effects of a campaign (F the load, F_max its largest value), so that fitted values are
+comparable with an effect's parameters.
 """
 
 from __future__ import annotations
@@ -18,17 +18,18 @@ from numpy.typing import ArrayLike
 from truing.arrays import Array, Index, Mask
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
 
-_FAR = 6.0  # sigmas of a reading from zero at which a run cannot have begun, were it to count from its own start
-_BY_CHANCE = 1e-4  # that the starts of a channel's runs scatter as they do
+_FAR_SIGMAS = 6.0  # sigmas of a reading from zero, above which a run does not count from its own start
+_BY_CHANCE = 1e-4  # probability of the scatter of the starts of a channel's runs
 _FEWEST = 6  # runs whose starts a column may explain
-_MOST = 3.0  # sigmas that one start counts for: of one run alone nothing follows for the others
+_MOST = 3.0  # sigmas that one start counts for, so that a single run does not decide for the others
 Term = Literal["zero", "drift", "response", "asymmetry", "cubic", "hysteresis", "material", "air"]
 PLAIN: tuple[Term, ...] = ("zero", "drift", "response")
-_OPEN = 1e-8  # share of a column, squared, that the others have to leave of it
+_OPEN = 1e-8  # share of a column's square that the others have to leave
 
 
 def start_rows(steps: RecordedSteps) -> Index:
-    """(R, 6) the row of the first reading of each run and channel; -1 where it was taken under load, or none was."""
+    """Return the row (R, 6) of the first reading of each run and channel; -1 if it was under load, or if there is
+    none."""
     found = np.full((len(steps.runs), 6), -1)
     empty = np.asarray(~steps.load.any(axis=1))
     for k in range(6):
@@ -39,20 +40,21 @@ def start_rows(steps: RecordedSteps) -> Index:
 
 
 def at_starts(values: Array, rows: Index) -> Array:
-    """Values (B, 6) of the rows (R, 6) that runs begin with; NaN where there is none."""
+    """Return values (B, 6) at the first rows (R, 6) of runs; NaN without one."""
     return np.where(rows < 0, np.nan, values[rows, np.arange(6)])
 
 
 def begun_far(start: Array, sigma: Array) -> Mask:
-    """Which runs (R, 6) begin so far from zero that they cannot count from there; sigma (6,) or (R, 6) of a reading."""
+    """Return the mask (R, 6) of runs that begin too far from zero to count from there; sigma (6,) or (R, 6) of a
+    reading."""
     with np.errstate(invalid="ignore"):
-        return np.abs(start) > _FAR * sigma
+        return np.abs(start) > _FAR_SIGMAS * sigma
 
 
 @dataclass(frozen=True)
 class RunZeros:
-    """Where runs (R, 6) begin without load, m and rad, NaN where they do not; of which channels (6,) these scatter more
-    than noise lets them; and which runs (R, 6) begin far off by themselves."""
+    """Unloaded starts of runs (R, 6), m and rad, NaN without one; mask of channels (6,) whose starts scatter more than
+    noise; mask of single runs (R, 6) that begin far from zero."""
 
     start: Array
     scatter: Mask
@@ -60,13 +62,15 @@ class RunZeros:
 
     @property
     def wrong(self) -> Mask:
-        """Channels (6,) with a run that cannot count from its own start."""
+        """Mask (6,) of channels with a run that does not count from its own start."""
         return np.asarray(self.scatter | self.far.any(axis=0))
 
     def spread(self, sigma: Array) -> Array:
-        """(R, 6) one standard deviation of where runs count from: a reading's noise (6,), and what starts show more.
+        """Return the standard deviation (R, 6) of the zeros of runs: a reading's noise (6,), and the excess scatter of
+        starts.
 
-        Of a channel whose starts scatter, all runs are as uncertain as these; a run far off by itself as it is off.
+        If the starts of a channel scatter, all its runs have this uncertainty; a single run far from zero has its own
+        distance.
         """
         own = np.where(self.far, np.abs(self.start), sigma)
         for k in np.flatnonzero(self.scatter):
@@ -75,9 +79,10 @@ class RunZeros:
 
 
 def zeros_of_runs(steps: RecordedSteps, reading: Array, sigma: Array) -> RunZeros:
-    """Hold the starts of runs among readings (B, 6), NaN to leave one out, against the noise (6,) of a reading.
+    """Return a test of the starts of runs among readings (B, 6), NaN to exclude one, against the noise (6,) of a
+    reading.
 
-    Starts that follow a recorded column, time apart, are no matter of setting zeros: what moved them is to be found.
+    Starts that follow a recorded column other than time are not attributed to zero setting: the cause must be found.
     """
     rows = start_rows(steps)
     start = at_starts(reading, rows)
@@ -85,37 +90,37 @@ def zeros_of_runs(steps: RecordedSteps, reading: Array, sigma: Array) -> RunZero
     for k in range(6):
         there = np.flatnonzero(np.isfinite(start[:, k]))
         z = start[there, k] / (np.sqrt(2.0) * sigma[k])
-        scatter[k] = _by_chance(np.minimum(z**2, _MOST**2), len(z)) < _BY_CHANCE
+        scatter[k] = _p_value(np.minimum(z**2, _MOST**2), len(z)) < _BY_CHANCE
         if (scatter[k] or far[:, k].any()) and _is_linear_in(z, steps, rows[there, k]):
             scatter[k] = far[:, k] = False
     return RunZeros(start, scatter, far)
 
 
-def _by_chance(squares: Array, freedom: int) -> float:
-    """The chance of squares (N,) of standard normals as large, so many of them free."""
+def _p_value(squares: Array, freedom: int) -> float:
+    """Return the probability of a sum of squares (N,) at least as large, for standard normals with some freedom."""
     from scipy.special import chdtrc
 
     return float(chdtrc(freedom, squares.sum())) if freedom > 0 else 1.0
 
 
 def _is_linear_in(z: Array, steps: RecordedSteps, rows: Index) -> bool:
-    """Whether a straight line in a column of the steps' rows (N,) leaves no more than chance of so many sigmas (N,)."""
+    """Return whether a line in a column of the steps' rows (N,) explains all but the expected scatter of z (N,)."""
     if len(z) < _FEWEST:
         return False
     for values in (column[rows] for column in steps.covariates.values()):
         if np.isfinite(values).all() and np.ptp(values) > 0.0:
             off = values - values.mean()
             left = z - z.mean() - off * (off @ z) / (off @ off)
-            if _by_chance(left**2, len(z) - 2) > _BY_CHANCE:
+            if _p_value(left**2, len(z) - 2) > _BY_CHANCE:
                 return True
     return False
 
 
 def branches(load: ArrayLike) -> Index:
-    """Return for steps (N,) in the order in which they were taken: 1 where the load grew away from zero (or changed
-    its sign), -1 where it came back, and the branch before where it stayed; 0 until it first moves.
+    """Return the branch of steps (N,) in the order of measurement: 1 for increasing load (or a change of its sign), -1
+    for decreasing, and the branch before for held load; 0 until it first changes.
 
-    Of several loads at once (N, A), in comparable units, the largest decides; its sign is their direction's.
+    Of several loads at once (N, A), in comparable units, the largest decides; its sign is that of their direction.
     """
     load = np.asarray(load, float)
     load = load[:, None] if load.ndim == 1 else load
@@ -137,7 +142,7 @@ def run_columns(
     """Return the columns (N, P) of a run's terms at steps (N,).
 
     zero; drift per second since the first step; response per unit of load; asymmetry and cubic as ``F sign F / 2`` and
-    ``F (F / F_max)^2``; hysteresis: ``4 f (1 - f) sign F`` with ``f = |F| / F_max`` on the way back, its widest
+    ``F (F / F_max)^2``; hysteresis: ``4 f (1 - f) sign F`` with ``f = |F| / F_max`` for decreasing load, its widest
     point one; material and air: temperatures in K since the first step.
     """
     load, time = np.asarray(load, float), np.asarray(time_s, float)
@@ -161,9 +166,9 @@ def run_columns(
 
 @dataclass(frozen=True)
 class RunFit:
-    """What a run says of its terms (P,): values, covariance (P, P); NaN and infinite variance where ``open``.
+    """Fitted terms (P,) of a run: values, covariance (P, P); NaN and infinite variance if ``open``.
 
-    residuals (N,) NaN where nothing was read; chi_square of them, dof their freedom.
+    residuals (N,): NaN without a reading; chi_square of them, dof their freedom.
     """
 
     terms: tuple[Term, ...]
@@ -176,16 +181,16 @@ class RunFit:
 
     @property
     def noise_ratio(self) -> float:
-        """Scatter found over that declared; NaN where nothing is left over."""
+        """Observed scatter over the declared noise; NaN without freedom."""
         return float(np.sqrt(self.chi_square / self.dof)) if self.dof > 0 else float("nan")
 
     def value(self, term: Term) -> tuple[float, float]:
-        """Value and standard deviation of a term."""
+        """Return value and standard deviation of a term."""
         at = self.terms.index(term)
         return float(self.values[at]), float(np.sqrt(self.covariance[at, at]))
 
     def p_value(self, term: Term) -> float:
-        """Two-sided p-value of a term being nothing, at the declared noise; NaN where it is open."""
+        """Return the two-sided p-value of a term being zero, at the declared noise; NaN if it is open."""
         from scipy.special import ndtr
 
         value, sigma = self.value(term)
@@ -193,9 +198,9 @@ class RunFit:
 
 
 def fit_run(reading: ArrayLike, sigma: ArrayLike, columns: Array, terms: tuple[Term, ...]) -> RunFit:
-    """Fit readings (N,) with noise sigma by columns (N, P); terms that the run cannot tell from others are open.
+    """Return the fit of readings (N,) with noise sigma by columns (N, P); inseparable terms are open.
 
-    Time and load are told apart only by a load that comes back: a run that only goes up leaves drift and response open.
+    Only a load that comes back separates time and load: a run that only goes up leaves drift and response open.
     """
     y = np.asarray(reading, float)
     seen = np.isfinite(y)
@@ -230,7 +235,7 @@ def fit_run(reading: ArrayLike, sigma: ArrayLike, columns: Array, terms: tuple[T
 
 @dataclass(frozen=True)
 class BranchGap:
-    """How much more a channel reads on the way back than on the way out, at loads (M,) met on both ways."""
+    """Difference between readings at decreasing and increasing load, at loads (M,) met on both branches."""
 
     load: Array
     gap: Array
@@ -238,9 +243,9 @@ class BranchGap:
 
 
 def branch_gap(load: ArrayLike, reading: ArrayLike, sigma: float) -> BranchGap:
-    """Return the gap between the branches, away from zero being positive; equal loads of a branch are averaged.
+    """Return the gap between the branches, positive away from zero; equal loads of a branch are averaged.
 
-    A drift that was not taken out first is part of it.
+    It includes drift, unless that was removed first.
     """
     load, reading = np.asarray(load, float), np.asarray(reading, float)
     seen = np.isfinite(reading)
@@ -258,10 +263,9 @@ def branch_gap(load: ArrayLike, reading: ArrayLike, sigma: float) -> BranchGap:
 
 
 def widest_gaps(load: Array, run: Index, reading: Array, sigma: Array) -> dict[tuple[int, int], tuple[float, float]]:
-    """By axis of load and channel: the widest mean gap over the runs that load this axis alone, and the probability of
-    such gaps by chance.
+    """Return the widest mean gap and its p-value by axis of load and channel, over the runs that load this axis alone.
 
-    load, reading and sigma (B, 6), SI, NaN where there is none; run (B,) counts from 0.
+    load, reading and sigma (B, 6), SI, NaN if missing; run (B,) counts from 0.
     """
     loaded = np.stack([np.any(load[run == r] != 0.0, axis=0) for r in range(int(run.max(initial=-1)) + 1)])
     found = {}

@@ -1,4 +1,4 @@
-"""What may be wrong with a log of loads and readings: questions to arrays, each answered by where and how much."""
+"""Faults in a log of loads and readings: functions of arrays that return affected rows or runs with their size."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from truing.estimation.interferometry.jumps import Jump, find_jump
 from truing.estimation.interferometry.load_run import RunFit
 from truing.estimation.quality import Scatter
 
-_SAME_SIZE = 0.5  # of the logarithm of a factor: within a factor of 1.6, responses are of a size
+_SAME_SIZE = 0.5  # of the logarithm of a factor: within a factor of 1.6, responses have the same size
 _FEWEST_AT_WALL, _FEWEST_AT_DRIVES = 8, 3
-_MOST_NEIGHBOURS = 4.0  # a value that is limited comes so many times as often as the one beside it
+_MOST_NEIGHBOURS = 4.0  # a clipped value occurs this many times as often as its neighbour
 
 
 @dataclass(frozen=True)
 class LogFaults:
-    """Where (F,) something is wrong, as indices of rows or of runs, and how much (F,), against a limit."""
+    """Faulty rows or runs (F,) as indices, with the size (F,) of the fault and its limit."""
 
     where: Index
     size: Array
@@ -35,20 +35,19 @@ def _found(wrong: Mask, size: ArrayLike, limit: float) -> LogFaults:
 
 
 def loads_beyond(load: ArrayLike, limit: ArrayLike) -> LogFaults:
-    """Return rows whose load (N,) lies beyond its range (N,) or one number; size: load over range, NaN where it is no
-    number."""
+    """Return rows whose load (N,) exceeds its range, (N,) or one number; size: load over range, NaN if the load is
+    NaN."""
     with np.errstate(invalid="ignore"):
         share = np.abs(np.asarray(load, float)) / np.asarray(limit, float)
     return _found(~(share <= 1.0), share, 1.0)
 
 
 def signs_flipped(slope: ArrayLike, sigma: ArrayLike, alike: Index, false_alarm: float = 0.01) -> LogFaults:
-    """Return runs whose response has the sign opposite to that of most runs of the same load axis and channel.
+    """Return runs whose response has the opposite sign of most runs of the same load axis and channel.
 
-    slope (G,): response per load of each run, with sigma (G,); alike (G,): the same number for the same axis and
-    channel, the simulated response being one of them where there is one. Size: slope over the median of its
-    kind. Only sizes that agree but for the sign count; where two runs contradict each other and no third decides, both
-    are returned.
+    slope (G,): response per load of each run, with sigma (G,); alike (G,): equal numbers for the same axis and channel;
+    a simulated response may be one of them. Size: slope over the median of its kind. Only runs of similar absolute size
+    count; if two runs contradict each other and no third one decides, both are returned.
     """
     value = np.asarray(slope, float)
     _, kind = np.unique(alike, return_inverse=True)
@@ -66,7 +65,7 @@ def signs_flipped(slope: ArrayLike, sigma: ArrayLike, alike: Index, false_alarm:
 
 
 def signs_sure(slope: ArrayLike, sigma: ArrayLike, false_alarm: float = 0.01) -> Mask:
-    """Return which responses (G,) with sigma (G,) have a sign beyond chance, false_alarm for all of them together."""
+    """Return the responses (G,) with sigma (G,) whose sign is significant, at false_alarm for all of them together."""
     value = np.asarray(slope, float)
     return np.isfinite(value) & (np.abs(value) > _sigmas(len(value), false_alarm) * np.asarray(sigma, float))
 
@@ -78,7 +77,7 @@ def _sigmas(count: int, false_alarm: float) -> float:
 
 
 def _typical(size: Array, kind: Index) -> Array:
-    """Median (G,) of sizes (G,) over those of the same kind; NaN where there is none."""
+    """Return the median (G,) of sizes (G,) of the same kind; NaN without one."""
     out = np.full(len(size), np.nan)
     for one in np.unique(kind[np.isfinite(size)]):
         out[kind == one] = np.nanmedian(size[kind == one])
@@ -89,11 +88,11 @@ UNIT_FACTORS = (1e3, 1e-3, 1e6, 1e-6, 206264.806, 1.0 / 206264.806, 3600.0, 1.0 
 
 
 def units_mistaken(slope: ArrayLike, sigma: ArrayLike, expected: ArrayLike, tolerance: float = 0.3) -> LogFaults:
-    """Return runs whose response is that expected times a factor between units: mm for um, degrees or rad for arcsec.
+    """Return runs whose response is the expected one times a unit factor: mm for um, degrees or rad for arcsec.
 
-    slope (G,), expected (G,): of the simulation, or the median of the like runs; sigma (G,): of the slope by the run's
-    own scatter (``RunFit.noise_ratio``), as noise comes in the wrong unit too; tolerance: how far off the
-    expectation may be, relative. Size: the factor by which the readings are too large.
+    slope (G,); expected (G,): of the simulation, or the median of similar runs; sigma (G,): of the slope from the run's
+    own scatter (``RunFit.noise_ratio``), since noise has the wrong unit too; tolerance: relative uncertainty of the
+    expectation. Size: factor by which the readings are too large.
     """
     value = np.asarray(slope, float)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -107,8 +106,10 @@ def units_mistaken(slope: ArrayLike, sigma: ArrayLike, expected: ArrayLike, tole
 
 
 def steps_missing(run: Index, step: Index) -> LogFaults:
-    """Return rows after which steps are missing; size: how many. Steps of a run count up by one, in whatever order the
-    rows stand; the first of every run is the lowest first of all."""
+    """Return rows after which steps are missing; size: their number.
+
+    Steps of a run count up by one, in any order of rows; every run starts with the lowest first step of all runs.
+    """
     order = np.lexsort((step, run))
     same = np.diff(run[order]) == 0
     gap = np.where(same, np.diff(step[order]) - 1, 0)
@@ -122,7 +123,8 @@ def steps_missing(run: Index, step: Index) -> LogFaults:
 
 
 def runs_cut_short(run: Index, step: Index, alike: Index) -> LogFaults:
-    """Return the last rows of runs that have fewer steps than most of the same kind, alike (N,); size: how many."""
+    """Return the last rows of runs with fewer steps than most of the same kind, alike (N,); size: number of missing
+    steps."""
     runs, at = np.unique(run, return_inverse=True)
     last = np.full(len(runs), -1)
     np.maximum.at(last, at, step)
@@ -134,7 +136,7 @@ def runs_cut_short(run: Index, step: Index, alike: Index) -> LogFaults:
 
 
 def channels_twice(run: Index, step: Index, channel: Index, reading: ArrayLike) -> LogFaults:
-    """Return rows that repeat the run, step and channel of an earlier row; size: by how much their readings differ."""
+    """Return rows that repeat run, step and channel of an earlier row; size: difference of their readings."""
     value = np.asarray(reading, float)
     keys = np.stack([run, step, channel], -1)
     _, first, at = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -144,11 +146,11 @@ def channels_twice(run: Index, step: Index, channel: Index, reading: ArrayLike) 
 
 
 def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> LogFaults:
-    """Return samples (N,) that stand at an end of a signal's range which it meets as a wall; size: the value there.
+    """Return samples (N,) at a clipped end of a signal's range; size: the value there.
 
-    A value is a wall where it is the largest or the smallest of all, comes many times as often as the values next to it
-    (a signal that turns there of itself comes close nearly as often), and eight times at least; with the drive
-    (N,) that the signal follows, three times and at different drives, which a load held or repeated is not.
+    An end is clipped if its value is the largest or smallest, occurs at least eight times, and many times as often as
+    the neighbouring values (a signal that turns there also comes close often). With the drive (N,) of the signal, three
+    times at different drives are enough, which excludes a held or repeated load.
     """
     value = np.asarray(signal, float)
     levels, count = np.unique(value[np.isfinite(value)], return_counts=True)
@@ -167,14 +169,14 @@ def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> LogFaults:
 
 
 def _differ(drive: ArrayLike, there: Mask) -> bool:
-    """Whether drives (N,) differ among some samples by more than a hundredth of their range."""
+    """Return whether drives (N,) differ among some samples by more than a hundredth of their range."""
     level = np.asarray(drive, float)
     return bool(np.ptp(level[there]) > 0.01 * np.ptp(level))
 
 
 @dataclass(frozen=True)
 class JumpFound:
-    """Runs (F,) with a jump, the step before which it is, its size and sigma, and its p-value."""
+    """Runs (F,) with a jump: step after the jump, size, sigma, and p-value."""
 
     where: Index
     onset: Index
@@ -184,7 +186,7 @@ class JumpFound:
 
 
 def jumps(reading: Array, sigma: ArrayLike, columns: Array, false_alarm: float = 0.01) -> JumpFound:
-    """Return runs of readings (G, N) with a jump beside their columns (N, P) or (G, N, P).
+    """Return runs of readings (G, N) with a jump in addition to their columns (N, P) or (G, N, P).
 
     false_alarm: for all runs together.
     """
@@ -194,7 +196,7 @@ def jumps(reading: Array, sigma: ArrayLike, columns: Array, false_alarm: float =
 
 
 def drifting(fits: list[RunFit], duration_s: ArrayLike, false_alarm: float = 0.01) -> LogFaults:
-    """Return runs whose zero drifts; size: over the duration of the run, in the unit of its readings."""
+    """Return runs with a drifting zero; size: drift over the duration of the run, in the unit of its readings."""
     p = np.array([fit.p_value("drift") for fit in fits])
     rate = np.array([fit.value("drift")[0] for fit in fits])
     limit = false_alarm / max(len(fits), 1)
@@ -203,14 +205,15 @@ def drifting(fits: list[RunFit], duration_s: ArrayLike, false_alarm: float = 0.0
 
 
 def noise_of_runs(fits: list[RunFit]) -> Scatter:
-    """Scatter of runs about their own fits, in units of the declared noise: ``ratio``, ``p_above`` and ``p_below``."""
+    """Return the scatter of runs about their own fits, in units of the declared noise: ``ratio``, ``p_above`` and
+    ``p_below``."""
     return Scatter(np.array([fit.chi_square for fit in fits]), np.array([float(fit.dof) for fit in fits]))
 
 
 @dataclass(frozen=True)
 class RunSurroundings:
-    """How a quantity of the surroundings went in each run (G,): first value, span, largest change from the first, and
-    the share of rows without a value."""
+    """Quantity of the surroundings per run (G,): first value, span, largest change from the first, and share of rows
+    without a value."""
 
     first: Array
     span: Array
@@ -219,7 +222,7 @@ class RunSurroundings:
 
 
 def surroundings(value: ArrayLike, run: Index) -> RunSurroundings:
-    """Follow a temperature, pressure or humidity (N,) through the runs 0 .. G-1 of its rows (N,), in their order."""
+    """Return the course of a temperature, pressure or humidity (N,) in the runs 0 .. G-1 of its rows (N,), in order."""
     value = np.asarray(value, float)
     count = int(run.max(initial=-1)) + 1
     seen = np.isfinite(value)
@@ -239,19 +242,21 @@ def surroundings(value: ArrayLike, run: Index) -> RunSurroundings:
 
 
 def air_effect_m(index_change: ArrayLike, dead_path: ArrayLike, displacement: ArrayLike) -> Array:
-    """Return how far (m) an uncompensated reading is off by a change of the index, over dead path and displacement."""
+    """Return the error (m) of an uncompensated reading by a change of the index, over dead path and displacement."""
     return np.abs(np.asarray(index_change, float)) * (
         np.abs(np.asarray(dead_path, float)) + np.abs(np.asarray(displacement, float))
     )
 
 
 def temperatures_out_of_reach(value_c: ArrayLike) -> LogFaults:
-    """Return rows whose temperature no laboratory has: other units, or a sensor that is off; size: the value."""
+    """Return rows with a temperature outside of any laboratory: wrong units or a sensor that is off; size: the
+    value."""
     return _out_of_reach(value_c, -10.0, 50.0)
 
 
 def pressures_out_of_reach(value_pa: ArrayLike) -> LogFaults:
-    """Return rows whose air pressure no laboratory has: other units, or a sensor that is off; size: the value."""
+    """Return rows with an air pressure outside of any laboratory: wrong units or a sensor that is off; size: the
+    value."""
     return _out_of_reach(value_pa, 6e4, 1.1e5)
 
 

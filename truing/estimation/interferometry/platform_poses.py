@@ -1,4 +1,4 @@
-"""Where loads move the platform: six components per load case, from readings of one channel at a time."""
+"""Displacements of a platform under load: six components per load case, from readings of single channels."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from truing.estimation.interferometry.load_run import at_starts, begun_far, bran
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.estimation.interferometry.run_curves import RunCurves, run_curves
 
-_RELATIVE = 1e-10  # eigenvalue of the information, its diagonal scaled to one, below which a direction is unknown
+_RELATIVE = 1e-10  # least eigenvalue of the scaled information for a determined direction
 BRANCHES = ("unloading", "unloaded", "loading")
-# Of the largest load of its axis: loads that differ by less are the same.
+# Relative to the largest load of its axis: loads with a smaller difference are equal.
 _SAME = 1e-6
 
 
@@ -23,10 +23,9 @@ _SAME = 1e-6
 class PlatformDisplacement:
     """Displacements of K load cases: dx, dy, dz in m and the rotation vector in rad.
 
-    value (K, 6) NaN where unknown; covariance (K, 6, 6), infinite on the diagonal where unknown and zero beside it;
-    known (K, 6). shared (Z,) and shared_covariance (Z, Z): the errors that cases share, as found; gain (K, 6, Z): how
-    they move a case.
-    chi_square and dof of readings that say the same thing twice.
+    value (K, 6): NaN if unknown; covariance (K, 6, 6): infinite diagonal and zero elsewhere if unknown; known (K, 6).
+    shared (Z,) and shared_covariance (Z, Z): estimated errors common to cases; gain (K, 6, Z): their effect on each
+    case. chi_square and dof of redundant readings.
     """
 
     value: Array
@@ -39,12 +38,12 @@ class PlatformDisplacement:
     dof: int
 
     def between(self, first: int, second: int) -> Array:
-        """Covariance (6, 6) of two different cases: that of the errors which both share; zero where unknown."""
+        """Return the covariance (6, 6) between two different cases, due to shared errors; zero if unknown."""
         return self.gain[first] @ self.shared_covariance @ self.gain[second].T
 
 
 def zero_columns(run: Index) -> Array:
-    """Return columns (N, G) of the zeros that readings of runs 0 .. G-1 count from."""
+    """Return columns (N, G) of the zeros of runs 0 .. G-1."""
     return (np.asarray(run)[:, None] == np.arange(int(np.max(run, initial=-1)) + 1)).astype(float)
 
 
@@ -64,18 +63,19 @@ def platform_displacement(
     shared: Array,
     shared_sigma: ArrayLike,
 ) -> PlatformDisplacement:
-    """Join readings (N,) with noise sigma (N,) to displacements of the cases 0 .. K-1 that they belong to (N,).
+    """Return the displacements of cases 0 .. K-1 from readings (N,) with noise sigma (N,), each belonging to one case
+    (N,).
 
-    rows (N, 6): how a reading follows the displacement (``recorded_steps.linear_rows``, ``angular_rows``); shared (N,
-    Z): the errors that readings of several cases have in common (``zero_columns``, ``drift_columns``), with the
-    standard deviations shared_sigma (Z,) that are known of them, infinite where nothing is. What the channels of a case
-    do not determine stays unknown; nothing is taken from other cases. NaN readings take no part. Raises ValueError for
-    shapes that do not agree, and for shared errors of which neither readings nor their sigma say anything.
+    rows (N, 6): derivative of a reading by the displacement (``recorded_steps.linear_rows``, ``angular_rows``); shared
+    (N, Z): errors common to readings of several cases (``zero_columns``, ``drift_columns``), with known standard
+    deviations shared_sigma (Z,), infinite if unknown. Components that the channels of a case do not determine stay
+    unknown; other cases contribute nothing. NaN readings are ignored. Raises ValueError for shapes that do not agree,
+    and for shared errors that neither readings nor their sigma determine.
     """
     rows, y, shared = np.asarray(rows, float), np.asarray(reading, float), np.asarray(shared, float)
     if rows.shape != (len(y), 6) or len(case) != len(y) or shared.ndim != 2 or len(shared) != len(y):
         raise ValueError(
-            f"rows {rows.shape}, case {case.shape} and shared {shared.shape} of {len(y)} readings: "
+            f"found rows {rows.shape}, case {case.shape} and shared {shared.shape} of {len(y)} readings: "
             f"expected (N, 6), (N,) and (N, Z)"
         )
     seen = np.isfinite(y)
@@ -88,7 +88,7 @@ def platform_displacement(
     np.add.at(coupling, case, white[:, :, None] * common[:, None, :])
     np.add.at(right, case, white * measured[:, None])
     inverse, known, rank = _inverse_where_known(information)
-    # the shared errors are eliminated last: what tells of them is what the cases leave over, and what is known before
+    # shared errors are eliminated last: residuals of the cases and prior knowledge determine them
     held = inverse @ coupling
     prior = np.broadcast_to(np.asarray(shared_sigma, float), shared.shape[1:]) ** -2.0
     shared_information = common.T @ common + np.diag(prior) - np.einsum("kiz,kiy->zy", coupling, held)
@@ -112,16 +112,18 @@ def platform_displacement(
 
 
 def _inverse_of_shared(information: Array) -> Array:
-    """Inverse (Z, Z) of the information on the shared errors."""
+    """Return the inverse (Z, Z) of the information on the shared errors."""
     scale = np.sqrt(np.where(np.diag(information) > 0.0, np.diag(information), 1.0))
     scaled = information / np.outer(scale, scale)
     if len(information) and np.linalg.eigvalsh(scaled)[0] < _RELATIVE:
-        raise ValueError("shared errors: found some that no reading tells of, expected a finite shared_sigma for them")
+        raise ValueError(
+            "shared errors: found some that no reading determines, expected a finite shared_sigma for them"
+        )
     return np.linalg.inv(scaled) / np.outer(scale, scale)
 
 
 def _inverse_where_known(information: Array) -> tuple[Array, Mask, Index]:
-    """Pseudo-inverses (K, 6, 6), which components (K, 6) lie wholly in what is known, and its rank (K,)."""
+    """Return pseudo-inverses (K, 6, 6), the mask of determined components (K, 6), and the rank (K,)."""
     size = np.sqrt(np.einsum("kii->ki", information))
     scale = np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(information / (scale[:, :, None] * scale[:, None, :]))
@@ -134,8 +136,8 @@ def _inverse_where_known(information: Array) -> tuple[Array, Mask, Index]:
 
 @dataclass(frozen=True)
 class EstimatedMotion:
-    """Motions (K, 6), NaN where unknown, with covariance (K, 6, 6), infinite there; what the geometry of the beams adds
-    to readings (K, 6), and one sigma of that, which goes with the load as it does itself: NaN where unknown."""
+    """Motions (K, 6), NaN if unknown, with covariance (K, 6, 6), infinite if unknown; correction of readings (K, 6) for
+    beam geometry, and its standard deviation, proportional to the load, NaN if unknown."""
 
     value: Array
     covariance: Array
@@ -144,18 +146,18 @@ class EstimatedMotion:
 
 
 class DeclaredBeams(Protocol):
-    """How beams see the platform as declared."""
+    """Declared geometry of the beams on the platform."""
 
     def solved(self, load: Array, read: Array, covariance: Array) -> EstimatedMotion:
-        """Return the motions of cases under loads (K, 6) by what their channels read (K, 6), NaN where nothing was."""
+        """Return the motions of cases under loads (K, 6) from readings of their channels (K, 6), NaN without one."""
 
 
 @dataclass(frozen=True)
 class PlatformPoses:
-    """Displacements of K cases, and the runs' terms that they are counted from.
+    """Displacements of K cases, and the zeros and drifts of the runs.
 
-    zero, drift (R, 6) and their sigmas, NaN where a run did not read a channel, or did not tell its drift; drift per s.
-    geometry: what the declared geometry of beams made of the cases; None without any.
+    zero, drift (R, 6) and their sigmas: NaN if a run did not read a channel, or did not determine its drift; drift per
+    s. geometry: motions of the cases by the declared beam geometry; None without one.
     """
 
     steps: RecordedSteps
@@ -171,10 +173,10 @@ class PlatformPoses:
 
 
 def find_poses(steps: RecordedSteps, beams: DeclaredBeams | None, kept: Mask) -> PlatformPoses:
-    """Return displacements from readings joined, each channel by itself: their errors have nothing in common.
+    """Return displacements from readings, each channel separately: their errors are independent.
 
-    What channels read are the platform's components, but for the declared geometry of their beams. ``kept`` (B, 6)
-    are no gross errors, for a person says so.
+    Readings are components of the platform's motion, unless the geometry of their beams is declared. ``kept`` (B, 6):
+    readings that a person marked as valid.
     """
     cases = load_cases(steps)
     curves = run_curves(steps.load, steps.time_s, steps.run, steps.reading, steps.sigma)
@@ -189,7 +191,7 @@ def find_poses(steps: RecordedSteps, beams: DeclaredBeams | None, kept: Mask) ->
         covariance[:, k, k] = np.inf
         if not len(rows):
             continue
-        one, met, drifting = _of_channel(counted, cases, curves.sigma[rows, k], rows, k)
+        one, met, drifting = _from_channel(counted, cases, curves.sigma[rows, k], rows, k)
         value[: len(one.value), k], covariance[: len(one.value), k, k] = one.value[:, k], one.covariance[:, k, k]
         sigma = np.sqrt(np.diag(one.shared_covariance))
         terms[0, met, k], terms[1, met, k] = origin[met, k] + one.shared[: len(met)], sigma[: len(met)]
@@ -202,19 +204,18 @@ def find_poses(steps: RecordedSteps, beams: DeclaredBeams | None, kept: Mask) ->
 
 
 def _origins(steps: RecordedSteps, curves: RunCurves) -> Array:
-    """Where runs (R, 6) count from, m and rad: zero, but for what begins unloaded far from it, as coordinates do."""
+    """Return the zeros of runs (R, 6), m and rad: zero, or the unloaded start of runs that begin far from zero, such as
+    coordinates."""
     rows = start_rows(steps)
     start = at_starts(np.where(curves.rejected, np.nan, steps.reading), rows)
     return np.where(begun_far(start, at_starts(curves.sigma, rows)), start, 0.0)
 
 
-def _of_channel(
+def _from_channel(
     steps: RecordedSteps, cases: LoadCases, sigma: Array, rows: Index, k: int
 ) -> tuple[PlatformDisplacement, Index, Mask]:
-    """Displacements by one channel, its runs, and which of them tell their own drift: they came back to a load.
-
-    The zero of a run is one reading. Nothing is known of its drift before.
-    """
+    """Return displacements from one channel, its runs, and the mask of runs that determine their own drift by returning
+    to a load. The zero of a run is one reading; its drift has no prior."""
     met, run = np.unique(steps.run[rows], return_inverse=True)
     time, case = steps.time_s[rows], cases.of_step[rows]
     zeros, drifts = zero_columns(run), drift_columns(run, time)
@@ -236,7 +237,7 @@ def _rescaled(found: PlatformDisplacement, factor: Array) -> PlatformDisplacemen
 
 
 def _revisits_a_case(case: Index, time: Array) -> bool:
-    """Whether a run visits a load case at two times at least."""
+    """Return whether a run visits a load case at two or more times."""
     visits = np.unique(case, return_inverse=True)[1]
     low, high = np.full(visits.max() + 1, np.inf), np.full(visits.max() + 1, -np.inf)
     np.minimum.at(low, visits, time)
@@ -246,8 +247,11 @@ def _revisits_a_case(case: Index, time: Array) -> bool:
 
 @dataclass(frozen=True)
 class LoadCases:
-    """K load cases: which one each of B steps belongs to, the loads (K, 6), the branch (K,) of BRANCHES, and whether
-    nothing may be fitted to it (K,). ``branch_of_step`` (B,)."""
+    """K load cases: case of each of B steps, loads (K, 6), branch (K,) from BRANCHES, mask (K,) of cases excluded from
+    fits.
+
+    branch_of_step (B,): branch of each step.
+    """
 
     of_step: Index
     load: Array
@@ -257,7 +261,7 @@ class LoadCases:
 
 
 def load_cases(steps: RecordedSteps) -> LoadCases:
-    """The load cases in order of appearance; without load there is but one, whatever came before."""
+    """Return the load cases in order of appearance; without load there is only one, on any branch."""
     scale = np.abs(steps.load).max(axis=0, initial=0.0)
     share = np.round(steps.load / np.where(scale > 0.0, scale, 1.0) / _SAME)
     way = np.zeros(len(share), np.int64)

@@ -1,7 +1,7 @@
-"""From quadrature signals of an interferometer to phase and length: the ellipse that they trace, fringes.
+"""Quadrature signals of an interferometer: ellipse fit, phase correction, fringe counting, and length.
 
-Signals are ``x = x0 + a cos p, y = y0 + b sin(p + lag)``: offsets, unequal gains, and a lag from quadrature make the
-plain arctangent err once or twice a fringe. P. L. M. Heydemann, Appl. Opt. 20 (1981) 3382.
+Signals are ``x = x0 + a cos p, y = y0 + b sin(p + lag)``: offsets, unequal gains and a lag from quadrature cause errors
+of the plain arctangent with one or two periods per fringe. P. L. M. Heydemann, Appl. Opt. 20 (1981) 3382.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from truing.arrays import Array, Mask
 from truing.estimation.least_squares.solver import SolverStatus, least_squares
 
 PARAMETERS = ("x0", "y0", "a", "b", "lag")
-_NEAREST_STEPS = 6  # of Newton, to the nearest point of the ellipse
-_MOST_ITERATIONS = 40  # an arc that fixes the ellipse needs some ten
-_FEWEST = 10  # samples, twice the ellipse's numbers
+_NEAREST_STEPS = 6  # Newton steps to the nearest point of the ellipse
+_MOST_ITERATIONS = 40  # an arc that determines the ellipse needs about ten
+_FEWEST = 10  # samples, twice the number of parameters
 _ROUND = np.linspace(0.0, 2.0 * np.pi, 96, endpoint=False)
 _CONSTRAINT = np.array([[0.0, 0.0, 0.5], [0.0, -1.0, 0.0], [0.5, 0.0, 0.0]])  # inverse of that of 4ac - b^2 = 1
 _TURN = 2.0 * np.pi
 
 
 class EllipseStatus(StrEnum):
-    """What became of the fit, and ``remedy`` says what to do about it."""
+    """Status of an ellipse fit, with the remedy."""
 
     OK = "ok"
     SHORT_ARC = "short-arc"
@@ -34,7 +34,7 @@ class EllipseStatus(StrEnum):
 
     @property
     def remedy(self) -> str:
-        """One sentence for the person who reads the status."""
+        """Advice for the reader of the status, in one sentence."""
         return _REMEDIES[self]
 
 
@@ -51,9 +51,9 @@ _REMEDIES = {
 class EllipseFit:
     """Ellipses of B channels.
 
-    values (B, 5): x0, y0, a, b in the unit of the signals, lag in rad; covariance (B, 5, 5) of them, sigma (B,) the
-    noise of one signal, both from the scatter about the ellipse; arc (B,) rad of the ellipse that the signals
-    trace; phase_sigma (B,) rad: the largest error, one sigma, that the correction itself makes anywhere on the circle.
+    values (B, 5): x0, y0, a, b in the unit of the signals, lag in rad; covariance (B, 5, 5), and sigma (B,): noise of
+    one signal, both from the scatter about the ellipse; arc (B,) rad of the ellipse with signals; phase_sigma (B,) rad:
+    largest standard error of the correction on the circle.
     """
 
     values: Array
@@ -65,15 +65,15 @@ class EllipseFit:
 
     @property
     def ok(self) -> Mask:
-        """(B,) where the correction is known everywhere on the circle."""
+        """Mask (B,) of channels with a reliable correction everywhere on the circle."""
         return np.asarray(self.status == str(EllipseStatus.OK), bool)
 
 
 def fit_ellipse(signals: Array, used: Mask | None = None, largest_phase_sigma: float = 0.05) -> EllipseFit:
-    """Fit ellipses by the distances of the samples from them (maximum likelihood for equal noise of both signals).
+    """Return ellipses with least distances of the samples (maximum likelihood for equal noise of both signals).
 
-    signals (B, N, 2) or (N, 2); used (B, N), by default all that is finite. A fit whose correction is not known to
-    ``largest_phase_sigma`` rad (one sigma) all round the circle is a ``short-arc``, as is one without a minimum.
+    signals (B, N, 2) or (N, 2); used (B, N): by default all finite ones. The status is ``short-arc`` if the correction
+    is less certain than ``largest_phase_sigma`` rad (one sigma) anywhere on the circle, or without a minimum.
     """
     signals = np.asarray(signals, float)
     signals = signals[None] if signals.ndim == 2 else signals
@@ -96,7 +96,7 @@ def fit_ellipse(signals: Array, used: Mask | None = None, largest_phase_sigma: f
 
 
 def _positive(values: Array) -> Array:
-    """The same ellipses with both amplitudes positive, and the lag nearest to zero."""
+    """Return the same ellipses with positive amplitudes and the lag nearest to zero."""
     out = values.copy()
     out[:, 4] += np.pi * ((values[:, 2] < 0.0) ^ (values[:, 3] < 0.0))
     out[:, 2:4] = np.abs(values[:, 2:4])
@@ -105,7 +105,7 @@ def _positive(values: Array) -> Array:
 
 
 def _distances(values: Array, signals: Array, weight: Array) -> tuple[Array, Array]:
-    """Signed distances (B, N) of the samples from their ellipses, and the derivatives (B, N, 5)."""
+    """Return signed distances (B, N) of the samples from their ellipses, and the derivatives (B, N, 5)."""
     p = corrected_phase(signals, values)
     for _ in range(_NEAREST_STEPS):
         point, first, second = _curve(values, p)
@@ -120,7 +120,7 @@ def _distances(values: Array, signals: Array, weight: Array) -> tuple[Array, Arr
 
 
 def _curve(values: Array, p: Array) -> tuple[Array, Array, Array]:
-    """Points (B, N, 2) at phases (B, N), and their first and second derivatives."""
+    """Return points (B, N, 2) at phases (B, N), and their first and second derivatives."""
     x0, y0, a, b, lag = values.T[..., None]
     turn = p + lag
     point = np.stack([x0 + a * np.cos(p), y0 + b * np.sin(turn)], -1)
@@ -129,7 +129,7 @@ def _curve(values: Array, p: Array) -> tuple[Array, Array, Array]:
 
 
 def _by_value(values: Array, p: Array) -> Array:
-    """Derivatives (B, N, 2, 5) of the points at fixed phases."""
+    """Return the derivatives (B, N, 2, 5) of the points at fixed phases."""
     b, lag = values[:, 3, None], values[:, 4, None]
     out = np.zeros((*p.shape, 2, 5))
     out[..., 0, 0] = out[..., 1, 1] = 1.0
@@ -139,7 +139,7 @@ def _by_value(values: Array, p: Array) -> Array:
 
 
 def corrected(signals: Array, values: Array) -> Array:
-    """Return cos p, sin p (..., N, 2) of signals (..., N, 2) by ellipses (..., 5): a unit circle but for noise."""
+    """Return cos p, sin p (..., N, 2) of signals (..., N, 2) by ellipses (..., 5): a unit circle apart from noise."""
     x0, y0, a, b, lag = np.moveaxis(np.asarray(values, float), -1, 0)[..., None]
     cosine = (signals[..., 0] - x0) / a
     sine = ((signals[..., 1] - y0) / b - cosine * np.sin(lag)) / np.cos(lag)
@@ -159,7 +159,8 @@ def residual_radius(signals: Array, values: Array, used: Mask | None = None) -> 
 
 
 def phase_sigma(fit: EllipseFit, phase: Array) -> Array:
-    """Return the standard deviation (B, N) in rad of corrected phases (B, N): noise of the sample, and of the fit."""
+    """Return the standard deviation (B, N) in rad of corrected phases (B, N), from the noise of the sample and of the
+    fit."""
     _, _, a, b, lag = fit.values.T[..., None]
     by_noise = (np.sin(phase + lag) / a) ** 2 + (np.cos(phase) / b) ** 2
     by_noise = fit.sigma[:, None] ** 2 * by_noise / np.cos(lag) ** 2
@@ -167,7 +168,7 @@ def phase_sigma(fit: EllipseFit, phase: Array) -> Array:
 
 
 def _correction_variance(values: Array, covariance: Array, phase: Array) -> Array:
-    """Variance (B, N) in rad^2 that uncertain ellipses give to corrected phases (N,) or (B, N)."""
+    """Return the variance (B, N) in rad^2 of corrected phases (N,) or (B, N) due to uncertain ellipses."""
     _, _, a, b, lag = values.T[..., None]
     p = np.broadcast_to(phase, (len(values), np.shape(phase)[-1]))
     sine, cosine = np.sin(p + lag), np.cos(p)
@@ -177,14 +178,14 @@ def _correction_variance(values: Array, covariance: Array, phase: Array) -> Arra
 
 
 def uncorrected_error(values: Array, phase: Array) -> Array:
-    """Return what the plain arctangent errs (B, N) in rad at phases (N,), about its mean: the periodic error."""
+    """Return the periodic error (B, N) in rad of the plain arctangent at phases (N,), about its mean."""
     point = _curve(values, np.broadcast_to(phase, (len(values), np.shape(phase)[-1])))[0]
     off = np.exp(1j * (np.arctan2(point[..., 1], point[..., 0]) - phase))
     return np.angle(off / off.mean(-1, keepdims=True))
 
 
 def traced_arc(phase: Array, used: Mask) -> Array:
-    """Return how much of the circle (B,) phases (B, N) reach, in rad: a turn less the widest gap between them."""
+    """Return the part of the circle (B,) covered by phases (B, N), in rad: a turn minus the widest gap between them."""
     within = phase % (2.0 * np.pi)
     last = np.max(np.where(used, within, -np.inf), axis=-1, keepdims=True, initial=-np.inf)
     turned = np.sort(np.where(used, within, np.where(used.any(-1, keepdims=True), last, 0.0)), axis=-1)
@@ -194,10 +195,10 @@ def traced_arc(phase: Array, used: Mask) -> Array:
 
 
 def ellipse_start(signals: Array, weight: Array) -> Array:
-    """Return x0, y0, a, b, lag (B, 5) of ``x = x0 + a cos p, y = y0 + b sin(p + lag)``; NaN where nothing fits.
+    """Return start values x0, y0, a, b, lag (B, 5) of ``x = x0 + a cos p, y = y0 + b sin(p + lag)``; NaN without a fit.
 
-    signals (B, N, 2), weight (B, N) 0 or 1. A. Fitzgibbon, M. Pilu and R. Fisher (1999), solved as R. Halíř and
-    J. Flusser (1998) do. It shrinks short arcs, so it is no more than a start.
+    signals (B, N, 2), weight (B, N) 0 or 1. A. Fitzgibbon, M. Pilu and R. Fisher (1999), solved as R. Halíř and J.
+    Flusser (1998). Biased towards small ellipses on short arcs, so it is only a start.
     """
     total = np.maximum(weight.sum(-1), 1.0)[:, None]
     centre = np.einsum("bn,bnk->bk", weight, signals) / total
@@ -240,10 +241,10 @@ def _shape(conic: Array) -> Array:
 
 @dataclass(frozen=True)
 class Count:
-    """Phases (..., N) followed through whole turns, in rad.
+    """Phases (..., N) unwrapped to whole turns, in rad.
 
-    risk (..., N): the probability that the step to a sample, and so everything after it, is a turn off, if the motion
-    itself stays below half a turn.
+    risk (..., N): probability that the step to a sample, and so all later ones, is wrong by a turn, if the motion stays
+    below half a turn per sample.
     """
 
     phase: Array
@@ -251,23 +252,23 @@ class Count:
 
     @property
     def doubtful(self) -> Mask:
-        """(..., N) steps of which more than one in a thousand such is wrong."""
+        """Mask (..., N) of steps with a risk above one in a thousand."""
         return self.risk > 1e-3
 
 
 def count_fringes(phase: ArrayLike, sigma: ArrayLike, *, steady: bool = False) -> Count:
-    """Follow phases (..., N), known within a turn to sigma rad (..., N) or one number, through whole turns.
+    """Return phases (..., N), known within a turn to sigma rad (..., N) or one number, unwrapped to whole turns.
 
-    Each step is taken as the shortest one; where ``steady``, as the one nearest to the step before, so that
-    motion of more than half a turn a sample is followed while its speed changes by less than that. A sample that is
-    missing (NaN) loses the count: what follows is missing too.
+    Each step is taken as the shortest one; if ``steady``, as the one nearest to the step before, which follows motion
+    of more than half a turn per sample while its speed changes by less than that. A missing sample (NaN) loses the
+    count: all later ones are missing too.
     """
     phase = np.asarray(phase, float)
     sigma = np.broadcast_to(np.asarray(sigma, float), phase.shape)
     step = _nearest(np.diff(phase, axis=-1))
     noise = np.hypot(sigma[..., 1:], sigma[..., :-1])
     left = step
-    if steady:  # the changes of the step are followed like a phase, and their sum is the step
+    if steady:  # the changes of the step are unwrapped like a phase, and summed
         left = np.concatenate([step[..., :1], _nearest(np.diff(step, axis=-1))], axis=-1)
         step = np.cumsum(left, axis=-1)
         noise = _noise_of_changes(sigma)
@@ -277,20 +278,21 @@ def count_fringes(phase: ArrayLike, sigma: ArrayLike, *, steady: bool = False) -
 
 
 def _nearest(step: Array) -> Array:
-    """Steps less the whole turns in them: from -pi to pi."""
+    """Return steps minus their whole turns: from -pi to pi."""
     return step - _TURN * np.round(step / _TURN)
 
 
 def _noise_of_changes(sigma: Array) -> Array:
-    """Standard deviation (..., N - 1) of the change from one step to the next; of the first step, its own."""
+    """Return the standard deviation (..., N - 1) of the change from one step to the next; for the first step, its
+    own."""
     first = np.hypot(sigma[..., 1:2], sigma[..., :1])
     later = np.sqrt(sigma[..., 2:] ** 2 + 4.0 * sigma[..., 1:-1] ** 2 + sigma[..., :-2] ** 2)
     return np.concatenate([first, later], axis=-1)
 
 
 def _risk(left: Array, noise: Array) -> Array:
-    """Probability that noise took a step over half a turn, so that it was found as ``left``: all true steps up to half
-    a turn being as likely."""
+    """Return the probability that noise moved a step over half a turn, so that it was found as ``left``, for equally
+    likely true steps up to half a turn."""
     from scipy.special import ndtr
 
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -299,7 +301,7 @@ def _risk(left: Array, noise: Array) -> Array:
 
 
 def misstep_probability(step: ArrayLike, sigma: ArrayLike) -> Array:
-    """Return the probability that a true step in rad is counted wrong, sigma rad the noise of each phase."""
+    """Return the probability that a true step in rad is counted wrong; sigma rad: noise of each phase."""
     from scipy.special import ndtr
 
     step, noise = np.asarray(step, float), np.sqrt(2.0) * np.asarray(sigma, float)
@@ -307,14 +309,14 @@ def misstep_probability(step: ArrayLike, sigma: ArrayLike) -> Array:
 
 
 def length_per_turn(wavelength_m: ArrayLike, index: ArrayLike = 1.0, passes: int = 2) -> Array:
-    """Return the length in m that a turn of phase stands for.
+    """Return the length in m per turn of phase.
 
-    Light goes the way to the mirror ``passes`` times, back and forth: 2 for a plain interferometer, 4 for one with
+    Light travels the way to the mirror ``passes`` times, back and forth: 2 for a plain interferometer, 4 for one with
     plane mirrors.
     """
     return np.asarray(wavelength_m, float) / np.asarray(index, float) / passes
 
 
 def length_from_phase(phase: ArrayLike, wavelength_m: ArrayLike, index: ArrayLike = 1.0, passes: int = 2) -> Array:
-    """Return lengths in m of followed phases in rad, the index of air being that of each sample."""
+    """Return lengths in m of unwrapped phases in rad, with the index of air of each sample."""
     return np.asarray(phase, float) / _TURN * length_per_turn(wavelength_m, index, passes)

@@ -1,6 +1,6 @@
-"""Load steps of a bench as arrays in SI, and what a reading of an interferometer is: air, dead path, material, zero.
+"""Load steps of a bench as arrays in SI, and corrections of interferometer readings: air, dead path, material, zero.
 
-SI throughout: m and rad, temperatures in degrees C. The index of air comes from outside (``truing.simulation.air``).
+SI throughout: m and rad, temperatures in degrees C. The caller gives the index of air (``truing.simulation.air``).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from truing.arrays import Array, Index, Mask
 LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
 CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz")
 ARCSECOND = np.pi / 180.0 / 3600.0
-# What one unit of a channel's readings is in SI.
+# One unit of a channel's readings in SI.
 READING_SI = np.array([1e-6] * 3 + [ARCSECOND] * 3)
 READING_UNITS = ("um",) * 3 + ("arcsec",) * 3
 REFERENCE_C = 20.0  # ISO 1
@@ -24,11 +24,11 @@ REFERENCE_C = 20.0  # ISO 1
 
 @dataclass(frozen=True)
 class RecordedSteps:
-    """The load steps of a campaign in the order taken: B steps of R runs.
+    """The load steps of a campaign in the order of measurement: B steps of R runs.
 
-    ``reading`` (B, 6) in m and rad, NaN where a channel was not read; ``sigma`` (B, 6) one standard deviation, NaN
-    where none is declared; ``load`` (B, 6) in N and N m; ``signal`` (B, S) in V, NaN where there is none. ``run`` (B,)
-    counts in ``runs``. ``covariates`` (B,) are surroundings and further columns, in the units of their names.
+    ``reading`` (B, 6) in m and rad, NaN if a channel was not read; ``sigma`` (B, 6): standard deviation, NaN if not
+    declared; ``load`` (B, 6) in N and N m; ``signal`` (B, S) in V, NaN if missing. ``run`` (B,): index into ``runs``.
+    ``covariates`` (B,): surroundings and further columns, in the units of their names.
     """
 
     runs: tuple[int | str, ...]
@@ -44,18 +44,18 @@ class RecordedSteps:
 
     @property
     def signals(self) -> tuple[str, ...]:
-        """The names of the signal channels: v1, v2, .."""
+        """Names of the signal channels: v1, v2, .."""
         return tuple(f"v{number + 1}" for number in range(self.signal.shape[1]))
 
     def chosen(self, rows: Mask) -> RecordedSteps:
-        """Some of the steps; runs keep their numbers."""
+        """Return some of the steps; runs keep their numbers."""
         own = ("run", "step", "time_s", "load", "reading", "sigma", "signal", "held_out")
         covariates = {name: values[rows] for name, values in self.covariates.items()}
         return replace(self, **{name: getattr(self, name)[rows] for name in own}, covariates=covariates)
 
 
 def repeated_runs(steps: RecordedSteps) -> list[Index]:
-    """Rows (R, S) of runs of the same loads in the same order, group by group."""
+    """Return rows (R, S) of runs with the same loads in the same order, one array per group."""
     alike: dict[bytes, list[Index]] = {}
     for run in range(len(steps.runs)):
         rows = np.flatnonzero((steps.run == run) & ~steps.held_out)
@@ -67,11 +67,11 @@ def repeated_runs(steps: RecordedSteps) -> list[Index]:
 def displacement_in_air(
     vacuum_length: ArrayLike, index: ArrayLike, index_at_zero: ArrayLike, dead_path: ArrayLike
 ) -> Array:
-    """Return displacements of the mirror in m since the zero, of lengths counted in wavelengths of vacuum.
+    """Return displacements of the mirror in m since the zero, from lengths counted in vacuum wavelengths.
 
     index: of the air at each reading, index_at_zero: at the zero; dead_path in m: between beam splitter and mirror at
-    the zero, which the changing air stretches too. ``n (D + d) - n0 D = counted length``. Where lengths count positive
-    as the path gets shorter, D is negative.
+    the zero, whose optical length also changes with the air. ``n (D + d) - n0 D = counted length``. If lengths count
+    positive for a shorter path, D is negative.
     """
     n, n0 = np.asarray(index, float), np.asarray(index_at_zero, float)
     return (np.asarray(vacuum_length, float) - (n - n0) * np.asarray(dead_path, float)) / n
@@ -80,10 +80,10 @@ def displacement_in_air(
 def displacement_sigma(
     displacement: ArrayLike, dead_path: ArrayLike, index_sigma: ArrayLike, drift_sigma: ArrayLike
 ) -> Array:
-    """Return what the air leaves uncertain in displacements, one sigma in m.
+    """Return the standard deviation in m of displacements due to the air.
 
-    index_sigma: of the index itself (common to the run, it scales the displacement); drift_sigma: of its change since
-    the zero (it moves the dead path as well).
+    index_sigma: of the index itself (common to the run, scales the displacement); drift_sigma: of its change since the
+    zero (also acts on the dead path).
     """
     d, D = np.asarray(displacement, float), np.asarray(dead_path, float)
     return np.hypot(d * np.asarray(index_sigma, float), (D + d) * np.asarray(drift_sigma, float))
@@ -91,7 +91,7 @@ def displacement_sigma(
 
 @dataclass(frozen=True)
 class Corrected:
-    """Values (...) in m, and the standard deviation (...) that the correction itself has."""
+    """Values (...) in m, and the standard deviation (...) of the correction."""
 
     value: Array
     sigma: Array
@@ -105,7 +105,7 @@ def at_reference_temperature(
     expansion_sigma: float = 0.0,
     temperature_sigma: ArrayLike = 0.0,
 ) -> Corrected:
-    """Return lengths in m of a part as they are at 20 degrees C, from lengths at its temperature."""
+    """Return lengths in m of a part at 20 degrees C, from lengths at its temperature."""
     measured, warmer = np.asarray(length, float), np.asarray(temperature_c, float) - REFERENCE_C
     value = measured / (1.0 + expansion_per_k * warmer)
     relative = np.hypot(warmer * expansion_sigma, expansion_per_k * np.asarray(temperature_sigma, float))
@@ -122,10 +122,10 @@ def less_growth(
     expansion_sigma: float = 0.0,
     temperature_sigma: ArrayLike = 0.0,
 ) -> Corrected:
-    """Return displacements in m less what the frame between mirror and point of interest grew since the zero.
+    """Return displacements in m minus the growth since the zero of the frame between mirror and point of interest.
 
-    frame_length in m, positive where growth moves the mirror in the direction that counts as positive.
-    temperature_sigma: of the difference of the two temperatures.
+    frame_length in m, positive if growth moves the mirror in the positive direction. temperature_sigma: of the
+    difference of the two temperatures.
     """
     warmer = np.asarray(temperature_c, float) - np.asarray(temperature_at_zero_c, float)
     value = np.asarray(displacement, float) - frame_length * expansion_per_k * warmer
@@ -134,11 +134,12 @@ def less_growth(
 
 
 def linear_rows(beam: ArrayLike, arm: ArrayLike) -> Array:
-    """Return rows (..., 6) by which linear readings follow displacement and rotation vector of the platform's origin.
+    """Return rows (..., 6), the derivatives of linear readings by displacement and rotation vector of the platform's
+    origin.
 
     beam (..., 3): direction in which the reading counts positive, of any length but zero; arm (..., 3) in m: from the
-    origin to the point that the beam meets. ``reading = beam . (d + r x arm)``: what is not along the axis is the
-    cosine error, what the arm brings is Abbe's.
+    origin to the point where the beam meets the platform. ``reading = beam . (d + r x arm)``: a wrong direction causes
+    the cosine error, the arm Abbe's.
     """
     direction = np.asarray(beam, float)
     direction = direction / np.linalg.norm(direction, axis=-1, keepdims=True)

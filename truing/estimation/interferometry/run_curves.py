@@ -1,7 +1,7 @@
-"""A smooth curve of load and time through every run of a channel, and readings far off theirs: gross errors.
+"""Gross errors of readings, as outliers from a smooth curve of load and time through every run of a channel.
 
-The curves bend as elastic sensors may (asymmetry, hysteresis, a clearance), so that what they do not follow is no
-property of the sensor. A jump that lasts is none of a single reading either, and stays in.
+The curves include asymmetry, hysteresis and clearance of elastic sensors, so that outliers are no property of the
+sensor. A lasting jump is not a single gross error, and stays in.
 """
 
 from __future__ import annotations
@@ -13,21 +13,22 @@ import numpy as np
 from truing.arrays import Array, Index, Mask
 from truing.estimation.interferometry.load_run import branches
 
-_FALSE_REJECTIONS = 0.05  # expected in a whole campaign
+_FALSE_REJECTIONS = 0.05  # expected number in a whole campaign
 _NORMAL_MEDIAN = 0.6745
 _L1_ROUNDS, _FIXPOINT_ROUNDS = 30, 20
-_CLOSE = 0.05  # residuals nearer than that, in sigmas, gain no more weight
-_SPARE = 4  # readings of a run beyond the terms of its curve, at least
-_LASTS = 3  # so many readings on one side, one after the other, are a jump
-_MOST = 6  # gross errors of a run that are looked for one after the other
+_CLOSE = 0.05  # sigmas; smaller residuals gain no more weight
+_SPARE = 4  # least number of readings of a run beyond the terms of its curve
+_LASTS = 3  # consecutive readings on one side that form a jump
+_MOST = 6  # gross errors of a run that are searched one after the other
 _RIDGE = 1e-10
 
 
 @dataclass(frozen=True)
 class RunCurves:
-    """Of steps (B, K channels): residual, NaN where there was no reading or too few for a curve; which are rejected.
+    """Residuals of steps (B, K channels), NaN without a reading or with too few for a curve, and the mask of rejected
+    ones.
 
-    sigma (B, K): declared, or the scatter about the curves where none was.
+    sigma (B, K): declared, or else the scatter about the curves.
     """
 
     residual: Array
@@ -36,9 +37,9 @@ class RunCurves:
 
 
 def run_curves(load: Array, time_s: Array, run: Index, reading: Array, sigma: Array) -> RunCurves:
-    """Fit a curve to every run and channel of readings (B, K) under loads (B, 6); sigma NaN where undeclared.
+    """Return a curve for every run and channel of readings (B, K) under loads (B, 6); sigma NaN if not declared.
 
-    Of at most 0.05 good readings in a campaign it is expected that they are rejected.
+    The expected number of good readings rejected in a campaign is at most 0.05.
     """
     pieces = [(np.flatnonzero(run == r), k) for r in np.unique(run) for k in range(reading.shape[1])]
     pieces = [(rows[np.isfinite(reading[rows, k])], k) for rows, k in pieces]
@@ -58,10 +59,10 @@ def run_curves(load: Array, time_s: Array, run: Index, reading: Array, sigma: Ar
 
 
 def curve_columns(load: Array, time_s: Array) -> Array:
-    """Return the columns (N, P) of a run's curve: as many kinds of terms as its readings (N,) leave room for.
+    """Return the columns (N, P) of a run's curve, with as many kinds of terms as its readings (N,) allow.
 
-    A zero; then of each axis that was loaded F; then time; |F| and F^3; sign F and the loop of hysteresis. (N, 0) where
-    there are too few readings even for zero and load.
+    In this order: zero; load F of each loaded axis; time; |F| and F^3; sign F and hysteresis loop. (N, 0) if there are
+    too few readings for zero and load.
     """
     moved = np.flatnonzero(np.ptp(load, axis=0) > 0.0)
     F = load[:, moved] / np.abs(load[:, moved]).max(axis=0, initial=0.0)
@@ -116,11 +117,11 @@ class _Batch:
 
     @property
     def has_curve(self) -> Mask:
-        """(M,) which pieces have a curve."""
+        """Mask (M,) of pieces with a curve."""
         return self.terms > 0
 
     def solved(self, weight: Array) -> tuple[Array, Array]:
-        """Residuals (M, N) of weighted fits, and what a reading's error of one moves its own curve by (M, N)."""
+        """Return residuals (M, N) of weighted fits, and the leverage (M, N) of each reading."""
         weighted = self.columns * weight[..., None]
         normal = np.swapaxes(weighted, 1, 2) @ self.columns
         size = np.maximum(np.einsum("mpp->mp", normal).max(1, initial=0.0), 1e-300)
@@ -131,7 +132,7 @@ class _Batch:
         return left, np.einsum("mnp,mpq,mnq->mn", self.columns, inverse, self.columns, optimize=True)
 
     def robust(self, sigma: Array) -> Array:
-        """Residuals (M, N) of least absolute deviation, over sigma (M, N)."""
+        """Return residuals (M, N) of least absolute deviations, over sigma (M, N)."""
         weight = self.seen / sigma**2
         far = np.abs(self.solved(weight)[0]) / sigma
         for _ in range(_L1_ROUNDS):
@@ -139,7 +140,8 @@ class _Batch:
         return far
 
     def scatter(self, far: Array) -> Array:
-        """Robust scatter (M,) of residuals: of each piece, but for as many of the smallest as its curve can meet."""
+        """Return the robust scatter (M,) of each piece's residuals, without as many of the smallest as its curve can
+        interpolate."""
         rest = np.sort(np.where(self.seen, far, np.inf), axis=1)
         spare = np.maximum(self.seen.sum(1) - self.terms, 1)
         middle = np.minimum(self.terms + spare // 2, self.seen.sum(1) - 1)
@@ -147,7 +149,7 @@ class _Batch:
 
 
 def _noise(batch: _Batch, reading: Array, sigma: Array) -> Array:
-    """Declared sigma, and the median scatter of a channel's runs about their curves where none is declared."""
+    """Return the declared sigma, or the median scatter of a channel's runs about their curves."""
     open_channels = np.isfinite(reading) & ~np.isfinite(sigma)
     noise = np.array(sigma, float)
     if not open_channels.any():
@@ -168,7 +170,7 @@ def _noise(batch: _Batch, reading: Array, sigma: Array) -> Array:
 def _with_estimated_noise(
     batch: _Batch, left: Array, rejected: Mask, reading: Array, sigma: Array, first: Array
 ) -> Array:
-    """The noise with what was not declared taken from all runs of a channel, gross errors left out."""
+    """Return the noise, with undeclared values estimated from all runs of a channel without gross errors."""
     noise, kept = np.array(first), batch.seen & ~rejected & batch.has_curve[:, None]
     spare = np.where(batch.has_curve, np.maximum(kept.sum(1) - batch.terms, 0), 0)
     squares = np.sum(np.where(kept, left, 0.0) ** 2, axis=1)
@@ -181,11 +183,9 @@ def _with_estimated_noise(
 
 
 def _rejected(batch: _Batch, sigma: Array) -> Mask:
-    """Which readings (M, N) are far off: of two ways to find them, the one that explains a run with fewer or better.
-
-    From least absolute deviation, which many gross errors do not bend; and one after the other by what a curve gains
-    from leaving each out, which finds them where the curve would follow them, at its ends.
-    """
+    """Return the mask of outlying readings (M, N) by two methods; per run, the one with fewer or a better fit wins.
+    Least absolute deviations resist many gross errors; stepwise exclusion by gain also finds errors at the ends, where
+    the curve would follow them."""
     from scipy.special import ndtri
 
     limit = float(-ndtri(0.5 * _FALSE_REJECTIONS / max(int(batch.seen.sum()), 1)))
@@ -206,7 +206,8 @@ def _rejected(batch: _Batch, sigma: Array) -> Mask:
 
 
 def _with_a_jump(batch: _Batch, sigma: Array, piece: int) -> float:
-    """Chi-square of all readings of a run once its curve may jump between any two of them, with some on either side."""
+    """Return the chi-square of all readings of a run if its curve may jump between any two of them, with a least number
+    on either side."""
     at = np.flatnonzero(batch.seen[piece])
     if len(at) < 2 * _LASTS:
         return float("inf")
