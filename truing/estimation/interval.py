@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Interval:
-    """A value with the bounds that it lies between with a probability of 95 %, all in its own unit."""
+    """A value with the bounds of its 95 % interval, all in its own unit."""
 
     value: float
     lower: float

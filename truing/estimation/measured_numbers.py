@@ -1,4 +1,4 @@
-"""Numbers measured in a pose, by the names that tables of joint covariances give them."""
+"""Names and joint errors of the numbers measured in a pose, as used in tables of joint covariances."""
 
 from __future__ import annotations
 
@@ -10,32 +10,34 @@ from numpy.typing import NDArray
 
 
 def pose_numbers(body: str) -> NDArray[np.object_]:
-    """What the six numbers of a body's pose, (p, theta), are called in tables of joint covariances."""
+    """Return the names of the six numbers of a body's pose, (p, theta), in tables of joint covariances."""
     return np.array([f"{body} {name}" for name in ("px", "py", "pz", "rx", "ry", "rz")], dtype=object)
 
 
 def shift_number(leg: int) -> str:
-    """What the shift of an attachment, legs from 1, is called in tables of joint covariances."""
+    """Return the name of the shift of an attachment, legs from 1, in tables of joint covariances."""
     return f"shift {leg}"
 
 
 @dataclass(frozen=True)
 class NetworkErrors:
-    """Errors of the numbers measured (Q) in each of B poses, SI: covariance (B, Q, Q) of those of one pose, NaN where
-    it is not told; effects (B, Q, K) of K errors common to all poses, independent and of one standard deviation each,
-    which are in the covariance."""
+    """Errors of the numbers measured (Q) in each of B poses, SI.
+
+    covariance (B, Q, Q): within one pose, NaN if unknown; effects (B, Q, K): of K independent unit-variance errors
+    common to all poses, which the covariance includes.
+    """
 
     numbers: tuple[str, ...]
     covariance: NDArray
     effects: NDArray
 
     def chosen(self, rows: NDArray) -> NetworkErrors:
-        """Return those of some poses."""
+        """Return the errors of some poses."""
         return NetworkErrors(self.numbers, self.covariance[rows], self.effects[rows])
 
     def of(self, numbers: Sequence[str], is_measured: NDArray) -> tuple[NDArray, NDArray]:
-        """Return covariance (B, n, n), NaN where not told, and effects (B, n, K), zero there, of the numbers named, as
-        far as they are told (B, n)."""
+        """Return covariance (B, n, n), NaN if unknown, effects (B, n, K), zero if unknown, and the mask (B, n) of known
+        values, for the named numbers."""
         known = {name: n for n, name in enumerate(self.numbers)}
         place = np.array([known.get(name, -1) for name in numbers])
         covariance = self.covariance[:, place[:, None], place]

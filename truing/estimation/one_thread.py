@@ -1,7 +1,7 @@
-"""One thread for every product of matrices.
+"""Run matrix products on one thread.
 
-Matrices are small here. Threads that share one product wait for each other longer than they compute, on a busy machine
-tens of times as long, and change its last bits.
+Matrices are small here. Threads that share one product wait for each other longer than they compute (tens of times as
+long on a busy machine), and change its last bits.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ _Found = TypeVar("_Found")
 
 @cache
 def _libraries() -> ThreadpoolController:
-    """Return the libraries of linear algebra that are loaded."""
+    """Return the loaded linear algebra libraries."""
     from threadpoolctl import ThreadpoolController
 
     return ThreadpoolController()
 
 
 def on_one_thread(function: Callable[_Given, _Found]) -> Callable[_Given, _Found]:
-    """Return a function whose products of matrices take one thread each, whatever the process allows others."""
+    """Return a function whose matrix products use one thread each; other code of the process is not limited."""
 
     @wraps(function)
     def limited(*given: _Given.args, **named: _Given.kwargs) -> _Found:

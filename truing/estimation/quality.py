@@ -1,4 +1,4 @@
-"""Statistics of a campaign's quality: noise, steps, drift, exchanged labels, repeats; arrays in SI."""
+"""Statistics for quality checks: noise, steps, drift, exchanged labels, repeats; arrays in SI."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from truing.estimation.rotation import rigid_motions
 
 @dataclass(frozen=True)
 class Scatter:
-    """Sum of squares of standardised residuals and its degrees of freedom, per group; ratio estimated / declared."""
+    """Sum of squares of standardised residuals with its degrees of freedom, per group; ratio estimated / declared."""
 
     chi_square: Array
     dof: Array
 
     @property
     def ratio(self) -> Array:
-        """Estimated over declared standard deviation; NaN where nothing is left to estimate it from."""
+        """Estimated over declared standard deviation; NaN without freedom."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.sqrt(np.where(self.dof > 0.0, self.chi_square / self.dof, np.nan))
 
@@ -29,14 +29,16 @@ class Scatter:
         return Scatter(self.chi_square.sum(keepdims=True), self.dof.sum(keepdims=True))
 
     def p_above(self, tolerated_ratio: float) -> Array:
-        """p-value of a noise no larger than ``tolerated_ratio`` times the declared (chi-square, one-sided)."""
+        """Return the p-value of a noise of at most ``tolerated_ratio`` times the declared one (chi-square,
+        one-sided)."""
         from scipy.special import chdtrc
 
         safe = np.maximum(self.dof, 1e-9)
         return np.where(self.dof > 0.0, chdtrc(safe, self.chi_square / tolerated_ratio**2), 1.0)
 
     def p_below(self, tolerated_ratio: float) -> Array:
-        """p-value of a noise no smaller than ``tolerated_ratio`` times the declared (chi-square, one-sided)."""
+        """Return the p-value of a noise of at least ``tolerated_ratio`` times the declared one (chi-square,
+        one-sided)."""
         from scipy.special import chdtr
 
         safe = np.maximum(self.dof, 1e-9)
@@ -44,12 +46,11 @@ class Scatter:
 
 
 def residual_scatter(residuals: Array, sigma: Array, redundancy: Array, covariates: Array) -> Scatter:
-    """Scatter per axis of what follows neither a covariate nor a constant of its target.
+    """Return the scatter per axis of residuals without their dependence on covariates and constants per target.
 
-    residuals (B, T, 3) in m, sigma (B, T, 3) of the measurement alone (the survey's error is a constant of its
-    target), redundancy (B, T, 3) of the pose fits, zero where not used, covariates (B, C). A deforming body is
-    no noisy one: what follows the drives, time or temperature is taken out first, target by target. Degrees of
-    freedom: the redundancy that the regressions leave.
+    residuals (B, T, 3) in m; sigma (B, T, 3) of the measurement alone (a survey error is a constant of its target);
+    redundancy (B, T, 3) of the pose fits, zero if unused; covariates (B, C). Regression on drives, time or temperature
+    removes deformation, target by target. Degrees of freedom: redundancy left by the regressions.
     """
     kept = redundancy > 0.0
     design = np.column_stack([np.ones(len(covariates)), covariates])
@@ -59,8 +60,8 @@ def residual_scatter(residuals: Array, sigma: Array, redundancy: Array, covariat
 
 
 def _regress_out(values: Array, weight: Array, design: Array) -> tuple[Array, Array]:
-    """Residuals (B, T, 3) after a weighted regression of each coordinate on the design, and the share of each
-    value's own error that is left in them."""
+    """Return residuals (B, T, 3) of a weighted regression of each coordinate on the design, and the share of each
+    value's own error in them."""
     normal = np.einsum("bi,bta,bj->taij", design, weight, design, optimize=True)
     right = np.einsum("bi,bta,bta->tai", design, weight, values, optimize=True)
     inverse = np.linalg.pinv(normal, rcond=1e-10, hermitian=True)
@@ -71,8 +72,8 @@ def _regress_out(values: Array, weight: Array, design: Array) -> tuple[Array, Ar
 
 @dataclass(frozen=True)
 class TargetStep:
-    """The best step of each target: before which pose (index), its size (T, 3) in m, sigma, and p-value over
-    all onsets."""
+    """The best step of each target: index of the pose after it, size (T, 3) in m, sigma, and p-value over all
+    onsets."""
 
     onset: Index
     size: Array
@@ -81,10 +82,10 @@ class TargetStep:
 
 
 def find_steps(values: Array, sigma: Array, kept: Mask, shortest: int = 3) -> TargetStep:
-    """The most significant step in each target's residuals over poses in time order.
+    """Return the most significant step in each target's residuals over poses in time order.
 
-    values, sigma (B, T, 3), kept (B, T). The chi-square (3 degrees of freedom) of the difference of weighted
-    means after and before, maximised over onsets with at least ``shortest`` poses on either side, with
+    values, sigma (B, T, 3), kept (B, T). The statistic is the chi-square (3 degrees of freedom) of the difference of
+    weighted means after and before, maximised over onsets with at least ``shortest`` poses on either side, with
     Bonferroni over the onsets.
     """
     from scipy.special import chdtrc
@@ -108,17 +109,17 @@ def find_steps(values: Array, sigma: Array, kept: Mask, shortest: int = 3) -> Ta
 
 @dataclass(frozen=True)
 class Drift:
-    """Smooth motion in time: p-value of no order in time, and the span of the smoothed positions (per target, m)."""
+    """Smooth motion in time: p-value of no trend, and the span of the smoothed positions (per target, m)."""
 
     p_value: float
     span: Array
 
 
 def find_drift(positions: Array, kept: Mask) -> Drift:
-    """Whether positions (B, T, 3), in time order, drift: von Neumann's ratio of successive differences, pooled.
+    """Return whether positions (B, T, 3), in time order, drift: von Neumann's ratio of successive differences, pooled.
 
-    The span is that of a running median over a twentieth of the poses (at least five), the largest over the
-    targets' axes being the size of the drift.
+    The span is that of a running median over a twentieth of the poses (at least five); the largest over a target's axes
+    is the size of the drift.
     """
     from scipy.special import ndtr
 
@@ -130,7 +131,8 @@ def find_drift(positions: Array, kept: Mask) -> Drift:
     centred = series - series.mean(axis=0)
     variance = (centred**2).mean(axis=0)
     moving = variance > 0.0
-    ratio = (np.diff(series, axis=0)[:, moving] ** 2).sum(axis=0) / (n * variance[moving])  # 2 without any order
+    # 2 for values without any trend.
+    ratio = (np.diff(series, axis=0)[:, moving] ** 2).sum(axis=0) / (n * variance[moving])
     z = (ratio - 2.0) / np.sqrt(4.0 * (n - 2) / (n**2 - 1))
     p = float(min(1.0, max(moving.sum(), 1) * ndtr(z).min())) if moving.any() else 1.0
     smooth = running_median(positions[complete], max(5, n // 20))
@@ -138,15 +140,15 @@ def find_drift(positions: Array, kept: Mask) -> Drift:
 
 
 def running_median(series: Array, width: int) -> Array:
-    """Median over a window of ``width`` rows, only where the window is whole."""
+    """Return the median over a window of ``width`` rows, for complete windows only."""
     return np.median(np.lib.stride_tricks.sliding_window_view(series, min(width, len(series)), axis=0), axis=-1)
 
 
 def exchanged_pairs(fitted_from: Array, measured: Array, gross: Mask, limit: Array) -> list[tuple[int, int, int]]:
-    """(pose, target, target) whose measured points fall on each other's places: exchanged labels.
+    """Return (pose, target, target) for points at each other's places: exchanged labels.
 
-    fitted_from (B, T, 3) the survey moved by each pose, measured (B, T, 3), gross (B, T) targets off their own
-    place, limit (B, T) in m within which a point is taken for another's place.
+    fitted_from (B, T, 3): survey moved by each pose; measured (B, T, 3); gross (B, T): targets away from their place;
+    limit (B, T) in m: distance within which a point is at another target's place.
     """
     found = []
     for pose in np.nonzero(gross.sum(axis=1) >= 2)[0]:
@@ -161,16 +163,15 @@ def exchanged_pairs(fitted_from: Array, measured: Array, gross: Mask, limit: Arr
 
 @dataclass(frozen=True)
 class BodyShape:
-    """Geometry of one body: root mean square extents along its principal axes (m, descending), leverage of
-    each target."""
+    """Geometry of one body: rms extents along its principal axes (m, descending), leverage of each target."""
 
     extents: Array
     leverage: Array
 
 
 def body_shape(points: Array) -> BodyShape:
-    """How well points (T, 3) fix a frame: principal extents, and the share of the fit that hangs on each
-    target (0..1)."""
+    """Return the geometry of points (T, 3): principal extents, and the leverage (0..1) of each target in a fit of the
+    frame."""
     centred = points - points.mean(axis=0)
     extents = np.linalg.svd(centred, compute_uv=False) / np.sqrt(len(points))
     design = rigid_motions(centred)
@@ -179,7 +180,7 @@ def body_shape(points: Array) -> BodyShape:
 
 
 def repeated_groups(settings: Array, tolerance: Array) -> list[Index]:
-    """Groups of poses (indices) whose settings (B, D) agree within tolerance (D,), each with at least two.
+    """Return groups of poses (indices) with settings (B, D) that agree within tolerance (D,), each with at least two.
 
     An unknown setting (NaN) agrees with none.
     """
@@ -191,8 +192,8 @@ def repeated_groups(settings: Array, tolerance: Array) -> list[Index]:
 
 
 def successive_sigma(values: Array, kept: Mask) -> Array:
-    """(T, 3) robust scatter of each target's values (B, T, 3) from successive differences: blind to steps and
-    slow drift."""
+    """Return the robust scatter (T, 3) of each target's values (B, T, 3) from successive differences, which ignores
+    steps and slow drift."""
     sigma = np.zeros(values.shape[1:])
     for target in range(values.shape[1]):
         series = values[kept[:, target], target]
@@ -202,7 +203,8 @@ def successive_sigma(values: Array, kept: Mask) -> Array:
 
 
 def isolated(values: Array, sigma: Array, kept: Mask, limit: float = 10.0) -> Mask:
-    """(B, T) values further than ``limit`` deviations from the running median of five neighbours in time."""
+    """Return the mask (B, T) of values further than ``limit`` deviations from the running median of five neighbours in
+    time."""
     far = np.zeros(kept.shape, bool)
     for target in range(values.shape[1]):
         rows = np.nonzero(kept[:, target])[0]
@@ -214,7 +216,7 @@ def isolated(values: Array, sigma: Array, kept: Mask, limit: float = 10.0) -> Ma
 
 
 def holm_adjusted(p_value: Array) -> Array:
-    """P-values (N,) adjusted so that none of many true nulls falls below a level but at that level (Holm 1979)."""
+    """Return p-values (N,) with Holm's correction (1979), which controls the family-wise error rate."""
     order = np.argsort(p_value, kind="stable")
     scaled = np.minimum(np.maximum.accumulate(p_value[order] * np.arange(len(order), 0, -1)), 1.0)
     adjusted = np.empty_like(scaled)

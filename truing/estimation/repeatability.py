@@ -1,4 +1,4 @@
-"""What repeating alone leaves: pure error with its degrees of freedom, lack of fit, and repeatability by ISO 9283."""
+"""Statistics of repetitions: pure error, lack of fit, and repeatability by ISO 9283."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from truing.arrays import Array, Index, Mask
 from truing.estimation.rotation import log_so3
 
-_LEAST = 1e-6  # of the common variance: repeats that agree in every digit scatter no less
-FEWEST = 5  # attained poses: of fewer, the scatter of distances says too little
+_LEAST = 1e-6  # relative to the common variance: floor for repeats that agree in every digit
+FEWEST = 5  # attained poses: with fewer, the scatter of distances is too uncertain
 _DRAWS, _MANY = 2000, 20000
 _COVERED = (0.025, 0.975)
 _FAR_RAD = 0.2
@@ -20,18 +20,18 @@ _FAR_RAD = 0.2
 
 @dataclass(frozen=True)
 class Squares:
-    """Sums of squared deviations (C,) of C quantities, and their degrees of freedom (C,)."""
+    """Sums of squared deviations (C,) of C quantities, with their degrees of freedom (C,)."""
 
     square: Array
     freedom: Array
 
     @property
     def sigma(self) -> Array:
-        """Standard deviation of one measurement (C,); NaN without a degree of freedom."""
+        """Standard deviation of one measurement (C,); NaN without freedom."""
         return np.sqrt(np.where(self.freedom > 0, self.square, np.nan) / np.maximum(self.freedom, 1))
 
     def interval(self, level: float = 0.95) -> tuple[Array, Array]:
-        """The interval of the standard deviation (C,) each, by the chi-square distribution."""
+        """Return the interval of each standard deviation (C,), by the chi-square distribution."""
         from scipy.special import chdtri
 
         tail, safe = 0.5 * (1.0 - level), np.maximum(self.freedom, 1)
@@ -40,7 +40,8 @@ class Squares:
 
 
 def within_groups(values: ArrayLike, groups: Sequence[Index]) -> Squares:
-    """Deviations from the mean of each group, of values (N, C) with NaN where there is none; groups are rows."""
+    """Return the deviations from the mean of each group, for values (N, C) with NaN if missing; groups are arrays of
+    rows."""
     values = np.asarray(values, float)
     square, freedom = np.zeros((2, values.shape[1]))
     for rows in groups:
@@ -54,9 +55,9 @@ def within_groups(values: ArrayLike, groups: Sequence[Index]) -> Squares:
 
 
 def within_runs(values: ArrayLike, groups: Sequence[Index]) -> Squares:
-    """The same of runs that repeat each other step by step, each from its own zero; groups are rows (R, S).
+    """Return the same for runs that repeat each other step by step, each from its own zero; groups are rows (R, S).
 
-    A step that one of the runs did not read tells nothing.
+    Steps that one of the runs did not read are ignored.
     """
     values = np.asarray(values, float)
     square, freedom = np.zeros((2, values.shape[1]))
@@ -73,9 +74,10 @@ def within_runs(values: ArrayLike, groups: Sequence[Index]) -> Squares:
 
 
 def left_by_lines(values: Array, drives: Array, run: Index, fitted: Mask) -> tuple[Array, Squares]:
-    """What a zero per run (B,) and a line in every drive (B, D) leave of values (B, C), where they may be fitted (B,).
+    """Return the residuals of values (B, C) from a zero per run (B,) and a line in every drive (B, D), over rows fitted
+    (B,).
 
-    NaN where nothing was fitted, or was recorded; and the squares of what is left with their freedom.
+    NaN if not fitted or not recorded; also returns their squares and freedom.
     """
     left = np.full_like(values, np.nan)
     square, freedom = np.zeros((2, values.shape[1]))
@@ -92,7 +94,7 @@ def left_by_lines(values: Array, drives: Array, run: Index, fitted: Mask) -> tup
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """Whether a model leaves more than pure error (C,): ratio F, the two degrees of freedom, p-value."""
+    """Test of a model's residuals against pure error (C,): ratio F, the two degrees of freedom, p-value."""
 
     ratio: Array
     of_fit: Array
@@ -101,7 +103,8 @@ class LackOfFit:
 
 
 def lack_of_fit(left: Squares, pure: Squares) -> LackOfFit:
-    """The F test of what a model leaves, ``left``, against the pure error within it; NaN where one has no freedom."""
+    """Return the F test of a model's residuals, ``left``, against the pure error contained in them; NaN without
+    freedom."""
     from scipy.special import fdtrc
 
     freedom = left.freedom - pure.freedom
@@ -115,9 +118,9 @@ def lack_of_fit(left: Squares, pure: Squares) -> LackOfFit:
 
 @dataclass(frozen=True)
 class EqualScatter:
-    """Whether groups scatter alike: probability of their differences by chance, and the group that scatters most.
+    """Test of equal scatter in groups: p-value, and the group that scatters most.
 
-    ``others``: standard deviation of all other groups together; NaN where there are none.
+    ``others``: standard deviation of all other groups together; NaN without any.
     """
 
     p_value: float
@@ -126,7 +129,7 @@ class EqualScatter:
 
 
 def equal_scatter(square: ArrayLike, freedom: ArrayLike) -> EqualScatter | None:
-    """Test sums of squared deviations (G,) with their degrees of freedom (G,) for one common scatter (Bartlett).
+    """Return Bartlett's test of sums of squared deviations (G,) with degrees of freedom (G,) for one common scatter.
 
     None for fewer than two groups with a degree of freedom. Source: Bartlett, Proc. R. Soc. A 160 (1937) 268.
     """
@@ -149,9 +152,9 @@ def equal_scatter(square: ArrayLike, freedom: ArrayLike) -> EqualScatter | None:
 
 
 def at_one_reading(values: Array, readings: Array, groups: Sequence[Index]) -> Array:
-    """Values (B, C), those of each group brought to its mean reading by a line in the readings (B, D) of all.
+    """Return values (B, C), each group moved to its mean reading by a common line in the readings (B, D).
 
-    Repeats that are declared need not stand at one and the same place. Too few values stay as they are.
+    Declared repeats may differ slightly in their readings. Too few values are not changed.
     """
     known = np.asarray(np.isfinite(np.column_stack([values, readings])).all(axis=1), bool)
     design = np.column_stack([np.ones(len(readings)), readings])
@@ -166,7 +169,7 @@ def at_one_reading(values: Array, readings: Array, groups: Sequence[Index]) -> A
 
 
 def known_mean(values: Array) -> Array:
-    """The mean (C,) of what is known of values (N, C); NaN where nothing is."""
+    """Return the mean (C,) of known values (N, C); NaN without any."""
     known = np.isfinite(values)
     total = np.where(known, values, 0.0).sum(axis=0)
     return np.where(known.any(axis=0), total / np.maximum(known.sum(axis=0), 1), np.nan)
@@ -174,7 +177,7 @@ def known_mean(values: Array) -> Array:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure with its interval of 95 %."""
+    """A characteristic value with its 95 % interval."""
 
     value: float
     low: float
@@ -184,7 +187,7 @@ class Figure:
 def position_sigma(points: Array) -> Figure:
     """Return the standard deviation of one coordinate of repeated positions (N, 3), in their unit.
 
-    N of at least 2. The interval holds where errors are normal and as large in all directions.
+    N of at least 2. The interval assumes normal errors of equal size in all directions.
     """
     found = within_groups(points.reshape(-1, 3) - points.mean(axis=0), [np.arange(len(points))])
     return _interval(float(found.square.sum()), 3.0 * (len(points) - 1.0), 1.0)
@@ -193,8 +196,8 @@ def position_sigma(points: Array) -> Figure:
 def position_repeatability(points: Array, rng: np.random.Generator) -> Figure:
     """Return RP = mean + 3 S of the distances of repeated positions (N, 3) from their mean, in their unit.
 
-    N of at least FEWEST. The interval is drawn: normal errors with the covariance that was found (JCGM 101), so that it
-    holds what a long test of the same machine would give. Source: ISO 9283:1998, equation for RP_l.
+    N of at least FEWEST. The interval comes from draws of normal errors with the estimated covariance (JCGM 101), and
+    refers to the value of a long test of the same machine. Source: ISO 9283:1998, equation for RP_l.
     """
     n = len(points)
     if n < FEWEST:
@@ -227,7 +230,7 @@ def orientation_repeatability(angles: Array) -> tuple[Figure, ...]:
 
 
 def _interval(square: float, freedom: float, times: float) -> Figure:
-    """A multiple of a standard deviation with the interval of the chi-square distribution."""
+    """Return a multiple of a standard deviation with its chi-square interval."""
     from scipy.special import chdtri
 
     value, ends = np.sqrt(square / freedom), [np.sqrt(square / chdtri(freedom, p)) for p in _COVERED]
@@ -235,7 +238,8 @@ def _interval(square: float, freedom: float, times: float) -> Figure:
 
 
 def turned_from_first(R: Array, rows: Index, groups: Sequence[Index]) -> Array:
-    """Rotation vectors (K, 3) of rotations (K, 3, 3) of these rows, from the first or from the first of their group."""
+    """Return rotation vectors (K, 3) of rotations (K, 3, 3) of these rows relative to the first, or to the first of
+    their group."""
     turned = log_so3(R @ R[0].T)
     if np.linalg.norm(turned, axis=1).max() < _FAR_RAD:
         return turned

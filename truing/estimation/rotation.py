@@ -1,9 +1,8 @@
 """Rotations: exponential, logarithm and left Jacobian of SO(3).
 
-A rotation is a matrix (..., 3, 3) inside the code and a rotation vector (..., 3), in rad, in tables. The
-tangent is that of the parent frame: ``R <- exp(theta) R``. All functions take any batch shape, real or
-complex input: they avoid norms and ``arctan2``, so that a complex step differentiates
-them wherever they are smooth.
+A rotation is a matrix (..., 3, 3) inside the code and a rotation vector (..., 3), in rad, in tables. The tangent is
+that of the parent frame: ``R <- exp(theta) R``. All functions accept any batch shape, real or complex. They avoid norms
+and ``arctan2``, so that complex steps can differentiate them.
 """
 
 from __future__ import annotations
@@ -13,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-# Taylor coefficients in x = |theta|^2, used below x = 1/4, where the last term left out is under 1e-16.
+# Taylor coefficients in x = |theta|^2, used below x = 1/4, with a truncation error under 1e-16.
 _SERIES_BELOW = 0.25
 _SINC = (1.0, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800, 1 / 6227020800)
 _COSC = (1 / 2, -1 / 24, 1 / 720, -1 / 40320, 1 / 3628800, -1 / 479001600, 1 / 87178291200)
@@ -33,7 +32,8 @@ def skew(v: NDArray) -> NDArray:
 
 
 def rigid_motions(points: NDArray) -> NDArray:
-    """Return how points (..., 3) follow a small motion (t, theta) of their body about the origin, (..., 3, 6)."""
+    """Return the derivative (..., 3, 6) of points (..., 3) by a small motion (t, theta) of their body about the
+    origin."""
     return np.concatenate([np.broadcast_to(np.eye(3), (*points.shape, 3)), -skew(points)], -1)
 
 
@@ -65,8 +65,9 @@ def inverse_left_jacobian_so3(theta: NDArray) -> NDArray:
 
 
 def euler_axes(angles: NDArray, order: str) -> NDArray:
-    """(N, 3, 3) axes, in the parent frame, about which three Euler angles (N, 3), rad, turn: one column per angle."""
-    inner = order if order.isupper() else order[::-1]  # about turned axes, the first angle turns the others
+    """Return the rotation axes (N, 3, 3), in the parent frame, of three Euler angles (N, 3), rad: one column per
+    angle."""
+    inner = order if order.isupper() else order[::-1]  # intrinsic angles: the first one rotates the axes of the others
     own = angles if order.isupper() else angles[:, ::-1]
     R = np.broadcast_to(np.eye(3), (len(angles), 3, 3))
     axes = []
@@ -81,9 +82,8 @@ def euler_axes(angles: NDArray, order: str) -> NDArray:
 def log_so3(R: NDArray) -> NDArray:
     """Return the rotation vector (..., 3), in rad and not longer than pi, of rotations R (..., 3, 3).
 
-    Passes through the unit quaternion, taken from the largest of its four products (Shepperd, J. Guidance and
-    Control 1 (1978) 223), which keeps full precision near 0 and near pi. At pi one of the two vectors is
-    returned.
+    Uses the unit quaternion from the largest of its four products (Shepperd, J. Guidance and Control 1 (1978) 223),
+    which keeps full precision near 0 and near pi. At pi one of the two vectors is returned.
     """
     q = _quaternion(_floating(R))
     w, v = q[..., 0], q[..., 1:]

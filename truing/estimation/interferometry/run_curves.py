@@ -229,7 +229,7 @@ def _left(batch: _Batch, kept: Mask, sigma: Array) -> Array:
 
 
 def _wide(batch: _Batch, left: Array, sigma: Array, kept: Mask, limit: float) -> Array:
-    """The limit (M, 1) in sigmas, wider where what is kept scatters more than its noise."""
+    """Return the limit (M, 1) in sigmas, larger if the kept residuals scatter more than their noise."""
     far = np.where(kept, np.abs(left) / sigma, np.inf)
     spare = np.maximum(kept.sum(1) - batch.terms, 1)
     middle = np.clip(batch.terms + spare // 2, 0, np.maximum(kept.sum(1) - 1, 0))
@@ -265,14 +265,14 @@ def _one_by_one(batch: _Batch, sigma: Array, limit: float, assessed: Mask) -> Ma
 
 
 def _standardised(batch: _Batch, kept: Mask, sigma: Array) -> Array:
-    """Residuals (M, N) over their own deviation: of what is kept, and of what is not, which the fit has not seen."""
+    """Return residuals (M, N) over their own standard deviation, for readings inside and outside the fit."""
     left, reach = batch.solved(np.where(kept, 1.0 / sigma**2, 0.0))
     own = reach / sigma**2
     return np.abs(left) / (sigma * np.sqrt(np.where(kept, np.maximum(1.0 - own, 1e-3), 1.0 + own)))
 
 
 def _around(left: Array) -> Array:
-    """Median (M, N) of the two residuals before and the two after: what a curve that bends too little misses there."""
+    """Return the median (M, N) of the two residuals before and after: the local misfit of a curve that is too stiff."""
     beside = np.full((4, *left.shape), np.nan)
     for k, shift in enumerate((-2, -1, 1, 2)):
         moved = np.roll(left, shift, axis=1)
@@ -283,7 +283,7 @@ def _around(left: Array) -> Array:
 
 
 def _in_long_runs(side: Array) -> Mask:
-    """Which of signs (M, N) stand in a row of several alike that are not 0."""
+    """Return the mask of signs (M, N) in a series of several equal ones other than 0."""
     found = np.zeros(side.shape, bool)
     for shift in range(_LASTS):
         first = np.roll(side, shift, axis=1)

@@ -1,1 +1,1 @@
-"""Which point is which target."""
+"""Labels of measured points: assignment of unlabelled points to targets, exchanged labels, gross errors."""

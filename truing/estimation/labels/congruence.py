@@ -1,8 +1,8 @@
-"""Where a body can lie in a cloud of unlabelled points: every motion that explains enough of them.
+"""Search for a body in a cloud of unlabelled points: all motions that explain enough of them.
 
-Three targets fix a motion, and three points can only be they if their distances agree. So triples of the smaller set
-are looked up among all pairs of the other, each hit gives a motion, and the motion is judged by how many
-targets it lays onto points. Motions are proper: a mirror image is no hit.
+Three targets determine a motion, and three points can only be these targets if their distances agree. Triples of the
+smaller set are therefore looked up among all pairs of the other set. Each hit gives a motion, which is rated by the
+number of targets that it moves onto points. Motions are proper: a mirror image is no hit.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from truing.estimation.rigid_poses.umeyama import umeyama
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-# A target is beyond 5 sigma (three coordinates) once in 65,000; losing it to the gate costs nothing else.
+# A target is beyond 5 sigma (three coordinates) once in 65,000; the gate then loses it, without further harm.
 GATE = 5.0
-# Probability with which a rival at least as good as the best may stay unseen.
+# Probability that a rival at least as good as the best is missed.
 _UNSEEN = 1e-9
 _MAX_SEEDS = 3000
-# Motions judged in full per batch, the best on a sample of targets first: a grid of targets offers thousands.
-_MAX_JUDGED = 96
+# Motions rated in full per batch, preselected on a sample of targets: a grid of targets offers thousands.
+_MOST_RATED = 96
 _SAMPLE = 32
 _ROLL_WEIGHT = 1e-6
 _MAX_ELEMENTS = 4_000_000
@@ -36,7 +36,7 @@ _MAX_ELEMENTS = 4_000_000
 
 @dataclass(frozen=True)
 class Constellation:
-    """Points (N, 3) in m, and the variance (N,) in m^2 of each coordinate of each."""
+    """Points (N, 3) in m with the variance (N,) in m^2 of their coordinates."""
 
     points: NDArray
     variance: NDArray
@@ -47,7 +47,7 @@ class Constellation:
     @cached_property
     def distances(self) -> NDArray:
         """Distances (N, N) in m."""
-        # About the centroid: a difference of squares loses digits in a cloud far from its frame's origin.
+        # Relative to the centroid: far from the origin, a difference of squares loses digits.
         centred = self.points - self.points.mean(0)
         square = np.sum(centred**2, -1)
         product = square[:, None] + square - 2 * centred @ centred.T
@@ -55,7 +55,7 @@ class Constellation:
 
     @cached_property
     def pairs(self) -> tuple[NDArray, NDArray, NDArray]:
-        """Distances of all ordered pairs in ascending order, and their first and second points."""
+        """Distances of all ordered pairs in ascending order, with their first and second points."""
         first, second = np.nonzero(~np.eye(len(self), dtype=bool))
         length = self.distances[first, second]
         order = np.argsort(length, kind="stable")
@@ -63,14 +63,14 @@ class Constellation:
 
     @cached_property
     def extents(self) -> NDArray:
-        """Ranges (3,) in m along the principal axes, longest first, none below the width of a gate."""
+        """Ranges (3,) in m along the principal axes, longest first, at least the width of a gate."""
         _, axes = np.linalg.eigh(np.cov(self.points.T))
         ranges = np.ptp(self.points @ axes[:, ::-1], axis=0)
         return np.maximum(ranges, 2 * GATE * np.sqrt(self.variance.max()))
 
     @cached_property
     def on_a_line(self) -> bool:
-        """Whether no point stands out from the principal axis by more than a gate."""
+        """Whether all points are within a gate of the principal axis."""
         centred = self.points - self.points.mean(0)
         axis = np.linalg.svd(centred, full_matrices=False)[2][0]
         across = np.linalg.norm(centred - np.outer(centred @ axis, axis), axis=1)
@@ -83,11 +83,11 @@ class Constellation:
 
 
 def log_expected_accidents(cloud: Constellation, survey: Constellation, n_consistent: int) -> float:
-    """Return the log of the number of ways in which n_consistent targets are expected to fit by pure accident.
+    """Return the log of the number of ways in which n_consistent targets are expected to fit by chance.
 
-    It counts every choice of targets and points, times the probability that points strewn evenly over the
-    cloud's box lie in their gates: the first anywhere, the second on a shell, the third on a ring, the rest in a box.
-    Moisan and Stival, Int. J. Computer Vision 57 (2004) 201, carried over from images to rigid bodies.
+    It counts every choice of targets and points, times the probability that points spread uniformly over the cloud's
+    box lie in their gates: the first anywhere, the second on a shell, the third on a ring, the rest in a box. Moisan
+    and Stival, Int. J. Computer Vision 57 (2004) 201, adapted from images to rigid bodies.
     """
     N, M, k = len(cloud), len(survey), n_consistent
     width = 2 * GATE * np.sqrt(cloud.variance.max() + survey.variance.max())
@@ -103,17 +103,17 @@ def log_expected_accidents(cloud: Constellation, survey: Constellation, n_consis
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One motion of the survey into the cloud, and what it explains."""
+    """One motion of the survey into the cloud, with the points that it explains."""
 
-    match: NDArray  # (M,) point of each target, -1 where it lays none
+    match: NDArray  # (M,) point of each target, -1 without one
     R: NDArray  # (3, 3) R_measurement_survey
     t: NDArray  # (3,) m
-    gain: NDArray  # (N,) log-odds by which each point speaks for it, against being there by accident; 0 elsewhere
+    gain: NDArray  # (N,) log-odds of each point for this motion against chance; 0 for points not explained
     rms: float  # m, of the consistent points
 
     @property
     def n_consistent(self) -> int:
-        """Number of points that lie where a target should."""
+        """Number of points at the place of a target."""
         return int(np.count_nonzero(self.match >= 0))
 
     @property
@@ -123,7 +123,7 @@ class Hypothesis:
 
     @property
     def assignment(self) -> NDArray:
-        """Target (N,) of each point, -1 where it has none."""
+        """Target (N,) of each point, -1 without one."""
         labels = np.full(len(self.gain), -1)
         seen = self.match >= 0
         labels[self.match[seen]] = np.flatnonzero(seen)
@@ -131,10 +131,9 @@ class Hypothesis:
 
 
 def contradict(cloud: Constellation, survey: Constellation, best: Hypothesis, other: Hypothesis) -> bool:
-    """Whether two hypotheses label differently, or the other explains a point that is out of the best one's reach.
+    """Return whether two hypotheses assign different labels, or the other explains a point out of the best one's reach.
 
-    Hypotheses that differ by a point at the edge of its gate are the same statement, and so are two motions that label
-    the same points alike.
+    Hypotheses that differ only by a point at the edge of its gate agree, and so do two motions with equal labels.
     """
     mine, theirs = best.assignment, other.assignment
     both = (best.match >= 0) & (other.match >= 0)
@@ -146,9 +145,9 @@ def contradict(cloud: Constellation, survey: Constellation, best: Hypothesis, ot
 
 
 def find_hypotheses(cloud: Constellation, survey: Constellation, keep: int = 24) -> list[Hypothesis]:
-    """Return up to ``keep`` motions, best first, that lay at least three targets of the survey onto points.
+    """Return up to ``keep`` motions, best first, that move at least three targets of the survey onto points.
 
-    A motion as good as the best is missed with a probability below 1e-9, unless the search ran out of seeds.
+    The probability to miss a motion as good as the best is below 1e-9, unless the search ran out of seeds.
     """
     from scipy.spatial import cKDTree
 
@@ -175,14 +174,14 @@ def _rank(hypothesis: Hypothesis) -> tuple[float, bytes]:
 
 
 def _chance_of_unseen(n_consistent: int, n_base: int, tried: int, order: int) -> float:
-    """Probability that none of the seeds tried lies within a set of n_consistent of the n_base."""
+    """Return the probability that no tried seed lies within a set of n_consistent of the n_base points."""
     if n_consistent <= order:
         return 1.0
     return float((1.0 - comb(n_consistent - 1, order) / comb(n_base, order) * (1 - 1e-12)) ** tried)
 
 
 def _seed_batches(cloud: Constellation, survey: Constellation) -> Iterator[tuple[int, NDArray, NDArray]]:
-    """Yield how many seeds were looked up, and the targets (B, k) and points (B, k) of every hit."""
+    """Yield the number of seeds looked up, and the targets (B, k) and points (B, k) of every hit."""
     base, other = (survey, cloud) if len(survey) <= len(cloud) else (cloud, survey)
     seeds = _seeds(base, 2 if survey.on_a_line else 3)
     start, step = 0, 8
@@ -195,7 +194,7 @@ def _seed_batches(cloud: Constellation, survey: Constellation) -> Iterator[tuple
 
 
 def _seeds(base: Constellation, order: int) -> NDArray:
-    """Return seeds (S, order) of the base in an order that is the same at every call; the longest edge comes first."""
+    """Return seeds (S, order) of the base in a reproducible order, each with its longest edge first."""
     n = len(base)
     rng = np.random.default_rng(0)
     if comb(n, order) <= _MAX_SEEDS:
@@ -204,12 +203,12 @@ def _seeds(base: Constellation, order: int) -> NDArray:
         seeds = np.sort(np.argsort(rng.random((_MAX_SEEDS, n)), axis=1)[:, :order], axis=1)
     if order == 2:
         return seeds
-    longest_first = _turned(base.distances, seeds)
+    longest_first = _longest_edge_first(base.distances, seeds)
     solid = _altitude(base.distances, longest_first) > 2 * GATE * np.sqrt(base.variance.max())
     return longest_first[solid] if np.any(solid) else longest_first
 
 
-def _turned(D: NDArray, triples: NDArray) -> NDArray:
+def _longest_edge_first(D: NDArray, triples: NDArray) -> NDArray:
     """Return the triples with their longest edge between the first two."""
     turns = np.array([[0, 1, 2], [1, 2, 0], [2, 0, 1]])
     edge = np.stack([D[triples[:, a], triples[:, b]] for a, b, _ in turns], axis=1)
@@ -224,7 +223,7 @@ def _altitude(D: NDArray, triples: NDArray) -> NDArray:
 
 
 def _congruent(base: Constellation, other: Constellation, seeds: NDArray) -> tuple[NDArray, NDArray]:
-    """Return seed numbers (B,) and the points of the other set (B, k) whose distances agree with that seed's."""
+    """Return seed numbers (B,) and the points of the other set (B, k) with the distances of that seed."""
     row, i, j = _agreeing_pairs(base, other, seeds)
     if seeds.shape[1] == 2 or len(row) == 0:
         return row, np.stack([i, j], -1) if seeds.shape[1] == 2 else np.empty((0, 3), np.intp)
@@ -268,7 +267,8 @@ def _third_points(
 def _motions(
     cloud: Constellation, survey: Constellation, targets: NDArray, points: NDArray, roll: NDArray | None = None
 ) -> tuple[NDArray, NDArray]:
-    """Return R (B, 3, 3), t (B, 3) of targets (B, k) onto points (B, k), -1 being no point; a line's roll is held."""
+    """Return R (B, 3, 3), t (B, 3) of targets (B, k) onto points (B, k), -1 for no point; a line's roll is fixed
+    arbitrarily."""
     seen = points >= 0
     weight = np.where(seen, 1.0 / (cloud.variance[points] + survey.variance[targets]), 0.0)
     source, target = survey.points[targets], cloud.points[points]
@@ -281,10 +281,8 @@ def _motions(
 def _with_roll(
     source: NDArray, target: NDArray, weight: NDArray, roll: NDArray | None
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """Append one pair of points beside the line, so light that it fixes the roll, which is free, and nothing else.
-
-    Where a rotation (B, 3, 3) is known already (``roll``) the pair keeps to it.
-    """
+    """Append one pair of points next to the line, with a tiny weight that fixes only the free roll. A known rotation
+    (B, 3, 3), ``roll``, determines the pair."""
     along_s, along_t = source[:, 1] - source[:, 0], target[:, 1] - target[:, 0]
     beside_s = _perpendicular(along_s)
     beside_t = _perpendicular(along_t) if roll is None else np.einsum("bij,bj->bi", roll, beside_s)
@@ -299,7 +297,7 @@ def _with_roll(
 
 
 def _perpendicular(v: NDArray) -> NDArray:
-    """Return vectors (B, 3) of the length of v, at right angles to it."""
+    """Return vectors (B, 3) of the length of v, perpendicular to it."""
     axis = np.eye(3)[np.argmin(np.abs(v), axis=1)]
     side = np.cross(v, axis)
     return side / np.linalg.norm(side, axis=1, keepdims=True) * np.linalg.norm(v, axis=1, keepdims=True)
@@ -308,13 +306,13 @@ def _perpendicular(v: NDArray) -> NDArray:
 def _strongest(
     tree: cKDTree, cloud: Constellation, survey: Constellation, targets: NDArray, points: NDArray
 ) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Return the seeds (targets, points) with their motions, at most _MAX_JUDGED, chosen by a sample of targets."""
+    """Return the best seeds (targets, points) with their motions, at most _MOST_RATED, by a sample of targets."""
     if len(targets) == 0:
         return targets, points, np.empty((0, 3, 3)), np.empty((0, 3))
     R, t = _motions(cloud, survey, targets, points)
     valid = np.isfinite(t).all(1)
     targets, points, R, t = targets[valid], points[valid], R[valid], t[valid]
-    if len(targets) > _MAX_JUDGED:
+    if len(targets) > _MOST_RATED:
         sample = np.unique(np.linspace(0, len(survey) - 1, _SAMPLE).astype(int))
         count = np.zeros(len(targets), int)
         for s in range(0, len(targets), 2000):
@@ -322,7 +320,7 @@ def _strongest(
             seed = _seed_match(targets[part], points[part], len(survey))
             match = _nearest(tree, cloud, survey, R[part], t[part], seed, sample)
             count[part] = np.count_nonzero(match >= 0, axis=1)
-        best = np.sort(np.argsort(-count, kind="stable")[:_MAX_JUDGED])
+        best = np.sort(np.argsort(-count, kind="stable")[:_MOST_RATED])
         targets, points, R, t = targets[best], points[best], R[best], t[best]
     return targets, points, R, t
 
@@ -342,7 +340,7 @@ def _explained_by(
     R: NDArray,
     t: NDArray,
 ) -> Iterator[Hypothesis]:
-    """Yield what each motion explains, after refits to all that it explains."""
+    """Yield the hypothesis of each motion, after refits to all points that it explains."""
     match = _seed_match(targets, points, len(survey))
     everything = np.arange(len(survey))
     for _ in range(3):
@@ -361,10 +359,8 @@ def _explained_by(
 def _nearest(
     tree: cKDTree, cloud: Constellation, survey: Constellation, R: NDArray, t: NDArray, match: NDArray, chosen: NDArray
 ) -> NDArray:
-    """Return the point (B, m) of each chosen target under each motion, -1 where none is in its gate.
-
-    The gate is widened by what the motion itself, fitted to the current match, leaves uncertain at that target.
-    """
+    """Return the point (B, m) of each chosen target under each motion, -1 if none is in its gate. The gate includes the
+    uncertainty at that target of the motion fitted to the current match."""
     predicted = survey.points[chosen] @ np.swapaxes(R, 1, 2) + t[:, None]
     gate = GATE * np.sqrt(cloud.variance.max() + survey.variance[chosen] + _pose_variance(cloud, survey, match, chosen))
     distance, point = tree.query(predicted, distance_upper_bound=gate.max())
@@ -388,7 +384,7 @@ def _pose_variance(cloud: Constellation, survey: Constellation, match: NDArray, 
 
 
 def _one_to_one(point: NDArray, relative: NDArray) -> NDArray:
-    """Return the match (B, m) where a point that several targets claim is left to the nearest of them."""
+    """Return the match (B, m) with each point that several targets claim assigned to the nearest of them."""
     b, m = np.nonzero(point >= 0)
     order = np.lexsort((relative[b, m], point[b, m], b))
     b, m = b[order], m[order]
@@ -401,7 +397,7 @@ def _one_to_one(point: NDArray, relative: NDArray) -> NDArray:
 
 
 def hypothesis_at(cloud: Constellation, survey: Constellation, match: NDArray, R: NDArray, t: NDArray) -> Hypothesis:
-    """Return the hypothesis of one match (M,) under one motion, with its log-odds point by point."""
+    """Return the hypothesis of one match (M,) under one motion, with the log-odds of each point."""
     seen = np.flatnonzero(match >= 0)
     square = np.sum((cloud.points[match[seen]] - survey.points[seen] @ R.T - t) ** 2, axis=1)
     variance = cloud.variance[match[seen]] + survey.variance[seen]
@@ -412,7 +408,7 @@ def hypothesis_at(cloud: Constellation, survey: Constellation, match: NDArray, R
 
 
 def _exchanged_neighbours(cloud: Constellation, survey: Constellation, best: Hypothesis) -> Iterator[Hypothesis]:
-    """Yield what is left of the best hypothesis when a point goes to a neighbouring target whose gate it is in too."""
+    """Yield variants of the best hypothesis in which a point goes to a neighbouring target with an overlapping gate."""
     predicted = survey.points @ best.R.T + best.t
     labels = best.assignment
     labelled = np.flatnonzero(labels >= 0)

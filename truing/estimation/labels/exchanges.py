@@ -1,4 +1,4 @@
-"""Labels that were exchanged: two points of a body in one pose that are right once each bears the other's label."""
+"""Exchanged labels: pairs of points of a body in one pose that fit once their labels are swapped."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 
 from truing.estimation.rigid_poses.umeyama import umeyama
 
-# A point is at another's place if it misses that by less than this share of the distance between the two places.
+# A point is at another target's place if its distance is less than this share of that between the two places.
 _SHARE = 0.1
-# It is also nearer to it than so many sigma: among many points that are metres off, some come near another's place.
+# It is also within this many sigma: among many points that are metres off, some come near another place by chance.
 _NEAR = 40.0
-# Residuals of less than so many sigma are no reason to look for an exchange.
+# Residuals below this many sigma are no reason to search for an exchange.
 _WORTH_LOOKING = 12.0
-# In a body of few targets no consensus survives an exchange: every exchange is tried, and must beat all others.
+# A body of few targets has no consensus after an exchange: every exchange is tried, and must beat all others.
 _FEW, _FEWEST = 6, 3
 _BETTER_THAN_OTHERS = 5.0
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """Two targets of a body, by index, whose labels are exchanged in a pose, by index."""
+    """Two targets of a body, by index, with exchanged labels in a pose, by index."""
 
     pose: int
     first: int
@@ -33,9 +33,8 @@ class Exchange:
 def exchanges(residual: NDArray, points: NDArray, seen: NDArray, shape: NDArray, sigma: float) -> list[Exchange]:
     """Return the exchanges among a body's targets.
 
-    residual (B, T, 3): measured less surveyed places along the body's axes, m, from a fit that gross errors do not
-    bend; NaN where there is none. points (B, T, 3) as measured, seen (B, T), shape (T, 3) the survey, sigma of a
-    point, m.
+    residual (B, T, 3): measured minus surveyed places along the body's axes, m, from a robust fit; NaN if missing.
+    points (B, T, 3) as measured, seen (B, T), shape (T, 3) the survey, sigma of a point, m.
     """
     found = [] if len(shape) < _FEWEST else _at_each_others_place(residual, seen, shape, sigma)
     count = seen.sum(1)
@@ -51,8 +50,9 @@ def exchanges(residual: NDArray, points: NDArray, seen: NDArray, shape: NDArray,
 def residuals_once_exchanged(
     residual: NDArray, points: NDArray, seen: NDArray, shape: NDArray, found: list[Exchange]
 ) -> tuple[NDArray, NDArray]:
-    """Return the residuals (B, T, 3) as they are once exchanged labels are put right, and in which poses (B,) by a fit
-    of its own: a body of few targets is fitted anew, since no fit of it could be right before. Arguments as above.
+    """Return the residuals (B, T, 3) after correcting exchanged labels, and the mask (B,) of poses fitted anew.
+
+    A body of few targets is fitted anew, since its first fit could not be right. Arguments as in `exchanges`.
     """
     right, anew = residual.copy(), np.zeros(len(residual), bool)
     for one in found:
@@ -67,7 +67,7 @@ def residuals_once_exchanged(
 
 
 def _off(places: NDArray, seen: NDArray, shape: NDArray) -> NDArray:
-    """Return a pose's points (T, 3) less the survey, along the body's axes; by a fit without one of the points, where
+    """Return a pose's points (T, 3) minus the survey, along the body's axes; from a fit without one of the points if
     that agrees far better than any other."""
     weights = np.repeat(seen[None].astype(float), len(shape) + 1, 0)
     weights[np.arange(len(shape)), np.arange(len(shape))] = 0.0
@@ -80,7 +80,7 @@ def _off(places: NDArray, seen: NDArray, shape: NDArray) -> NDArray:
 
 
 def _at_each_others_place(residual: NDArray, seen: NDArray, shape: NDArray, sigma: float) -> list[Exchange]:
-    """Return pairs of which each lies where the other should be, of bodies whose other targets tell the pose."""
+    """Return pairs of targets that lie at each other's places, for bodies whose other targets determine the pose."""
     off = np.sqrt(np.sum(np.nan_to_num(residual) ** 2, -1))
     found = []
     for pose in np.flatnonzero((seen & (off > _WORTH_LOOKING * sigma)).sum(1) >= 2):
@@ -94,7 +94,7 @@ def _at_each_others_place(residual: NDArray, seen: NDArray, shape: NDArray, sigm
 
 
 def _best_of_few(points: NDArray, seen: NDArray, shape: NDArray, sigma: float, pose: int) -> Exchange | None:
-    """Return the one exchange that lets a pose's few points (T, 3) agree with the survey, if there is one."""
+    """Return the one exchange, if any, with which a pose's few points (T, 3) agree with the survey."""
     present = np.flatnonzero(seen)
     pairs = list(combinations(present, 2))
     tried = np.repeat(points[None], len(pairs) + 1, 0)

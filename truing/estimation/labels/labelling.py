@@ -1,8 +1,8 @@
-"""Which point is which target: labels for unlabelled points, from the survey of one or several bodies.
+"""Labels for unlabelled points from the survey of one or several bodies.
 
-A labelling is accepted only if it is no accident (the number of ways in which so many points were expected to fit by
-chance is below one in a thousand) and if it beats every labelling that contradicts it by odds of a million to one.
-Otherwise it is refused, with its rivals named.
+A labelling is accepted only if it is no accident (fewer than 0.001 fits with as many points are expected by chance),
+and if it beats every contradicting labelling by odds of a million to one. Otherwise it is refused, and its rivals are
+named.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _SHOWN = 4
 
 
 class LabellingStatus(StrEnum):
-    """How a labelling ended; ``remedy`` says what to do about it."""
+    """Status of a labelling, with the remedy."""
 
     OK = "ok"
     AMBIGUOUS = "ambiguous"
@@ -38,7 +38,7 @@ class LabellingStatus(StrEnum):
 
     @property
     def remedy(self) -> str:
-        """One sentence for the person who reads the status."""
+        """Advice for the reader of the status, in one sentence."""
         return _REMEDIES[self]
 
 
@@ -56,33 +56,33 @@ _REMEDIES = {
 class Rival:
     """A labelling that contradicts the best one."""
 
-    assignment: NDArray  # (N,) survey index of each point, -1 where it has none
+    assignment: NDArray  # (N,) survey index of each point, -1 without one
     n_consistent: int
-    log_odds: float  # by which the best labelling is more probable than this one
-    name: str  # what it exchanges, in the survey's names
+    log_odds: float  # of the best labelling against this one
+    name: str  # the labels that it exchanges, in the survey's names
 
 
 @dataclass(frozen=True)
 class Labelling:
-    """The labels of N points against a survey of M targets; m.
+    """Labels of N points against a survey of M targets; m.
 
-    Where the status is AMBIGUOUS a point keeps its label only if all near rivals agree on it. What is certain is the
-    labels: of a body whose targets lie on a line the roll is arbitrary, of one nearly so its half turn may be.
+    If the status is AMBIGUOUS, a point keeps its label only if all near rivals agree on it. Labels are certain, the
+    motion may not be: of a body with targets on a line the roll is arbitrary, and nearly on a line the half turn.
     """
 
-    assignment: NDArray  # (N,) survey index of each point, -1 for one that is not this body's
+    assignment: NDArray  # (N,) survey index of each point, -1 for a point that is not on this body
     missing: NDArray  # survey indices without a point
     status: LabellingStatus
     rivals: tuple[Rival, ...]  # of the best labelling, most probable first
-    n_consistent: int  # points that lie where a target should
-    expected_accidental: float  # labellings with as many consistent points that chance alone would offer
-    log_odds: float  # of the labelling against its best rival; inf where it has none
-    rms: float  # m, of the consistent points; 0 where there is none
-    T_measurement_survey: NDArray | None  # (4, 4), None where the status is not OK
+    n_consistent: int  # points at the place of a target
+    expected_accidental: float  # expected number of labellings with as many consistent points by chance
+    log_odds: float  # of the labelling against its best rival; inf without one
+    rms: float  # m, of the consistent points; 0 without any
+    T_measurement_survey: NDArray | None  # (4, 4), None unless the status is OK
 
     @property
     def remedy(self) -> str:
-        """What to do about the status."""
+        """Advice on the status."""
         return self.status.remedy
 
 
@@ -94,11 +94,11 @@ def label_points(
     *,
     survey_sigma: ArrayLike | None = None,
 ) -> Labelling:
-    """Return the labels of points (N, 3) against a survey (M, 3), in m, any rigid motion lying between them.
+    """Return the labels of points (N, 3) from a survey (M, 3), in m, moved by any rigid motion.
 
-    sigma is the standard deviation of a coordinate of a point, ``survey_sigma`` (scalar or (M,), absent: sigma) that
-    of a target about the rigid body, its deformation included. Points may be missing and there may be others.
-    Raises ValueError for shapes, values and names that cannot be.
+    sigma: standard deviation of a coordinate of a point; ``survey_sigma`` (scalar or (M,), default sigma): that of a
+    target on the rigid body, including deformation. Points may be missing, and further points may exist. Raises
+    ValueError for invalid shapes, values and names.
     """
     named = None if names is None else {"": names}
     sigmas = None if survey_sigma is None else {"": survey_sigma}
@@ -113,11 +113,11 @@ def label_bodies(
     *,
     survey_sigma: Mapping[str, ArrayLike] | None = None,
 ) -> dict[str, Labelling]:
-    """Return a labelling per body of points (N, 3), each body moving on its own and no point belonging to two.
+    """Return a labelling per body of points (N, 3); each body moves on its own, and no point belongs to two.
 
-    surveys: body to (M, 3) in that body's frame; names: body to the names of its targets, for the rivals' sake.
-    The bodies compete: of all choices of one motion per body the most probable is taken, and a body whose motion can be
-    exchanged at little cost (identical bodies, for one) is ambiguous. Without surveys there is none. Otherwise as
+    surveys: body to (M, 3) in that body's frame; names: body to the names of its targets, to name rivals. Of all
+    choices of one motion per body the most probable is taken. A body with another motion of similar probability is
+    ambiguous, for example one of two identical bodies. Without surveys the result is empty. Otherwise as
     `label_points`.
     """
     cloud = _checked(points, sigma, None, "points")
@@ -128,7 +128,7 @@ def label_bodies(
     if not bodies:
         return {}
     known = {body: _names_of(body, len(survey), names) for body, survey in bodies.items()}
-    offers = {body: _offers(cloud, survey) for body, survey in bodies.items()}
+    offers = {body: _plausible_hypotheses(cloud, survey) for body, survey in bodies.items()}
     best_total, best = _best_choice(list(offers.values()), len(cloud))
     owners = _owners(best, list(bodies), len(cloud))
     labellings = {}
@@ -153,7 +153,9 @@ def _checked(points: ArrayLike, sigma: float, own_sigma: ArrayLike | None, name:
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise ValueError(f"{name}: found shape {cloud.shape}, expected (N, 3)")
     if not np.all(np.isfinite(cloud)):
-        raise ValueError(f"{name}: found a non-finite coordinate, expected points that were seen")
+        raise ValueError(
+            f"{name}: found a non-finite coordinate, expected finite ones: remove points that were not seen"
+        )
     deviation = np.broadcast_to(np.asarray(sigma if own_sigma is None else own_sigma, np.float64), len(cloud))
     if not np.all(np.isfinite(deviation) & (deviation > 0)):
         raise ValueError(f"{name}: found a standard deviation that is not positive, expected one in m")
@@ -168,11 +170,11 @@ def _names_of(body: str, n: int, names: Mapping[str, Sequence[str]] | None) -> l
     return [str(name) for name in names[body]]
 
 
-def _offers(cloud: Constellation, survey: Constellation) -> list[Hypothesis]:
+def _plausible_hypotheses(cloud: Constellation, survey: Constellation) -> list[Hypothesis]:
     if len(cloud) < 3 or len(survey) < 3:
         return []
     offers = [h for h in find_hypotheses(cloud, survey) if h.score > 0]
-    # Every triangle of a mirror image fits, and sometimes a fourth point: no accident, and no label.
+    # Every triangle fits a mirror image, and sometimes a fourth point: not by chance, but not a label either.
     if offers and 2 * offers[0].n_consistent < min(len(cloud), len(survey)):
         mirrored = find_hypotheses(cloud, Constellation(survey.points * [1, 1, -1], survey.variance), keep=1)
         better = mirrored and mirrored[0].score > offers[0].score + MARGIN_LOG_ODDS
@@ -181,11 +183,9 @@ def _offers(cloud: Constellation, survey: Constellation) -> list[Hypothesis]:
 
 
 def _best_choice(offers: list[list[Hypothesis]], n_points: int) -> tuple[float, list[Hypothesis | None]]:
-    """Return the log-odds of the most probable choice of one hypothesis (or none) per body, and the choice.
-
-    A point counts for the body that explains it best. Depth first, cut off where even without conflicts the rest cannot
-    reach what is known.
-    """
+    """Return the log-odds of the most probable choice of one hypothesis (or none) per body, and the choice. A point
+    counts for the body that explains it best. Depth-first search, pruned where the rest cannot beat the best known
+    choice even without conflicts."""
     reach = np.append(np.cumsum([max((h.score for h in offer), default=0.0) for offer in offers][::-1])[::-1], 0.0)
     best: list = [-1.0, [None] * len(offers)]
 
@@ -205,7 +205,7 @@ def _best_choice(offers: list[list[Hypothesis]], n_points: int) -> tuple[float, 
 
 
 def _owners(chosen: list[Hypothesis | None], bodies: list[str], n_points: int) -> NDArray:
-    """Return the body (N,) that explains each point best, None for a point that none does."""
+    """Return the body (N,) that explains each point best, None without one."""
     gains = np.array([np.zeros(n_points) if h is None else h.gain for h in chosen])
     owners = np.array(bodies, object)[gains.argmax(0)]
     owners[gains.max(0) <= 0] = None

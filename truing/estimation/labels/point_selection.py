@@ -1,7 +1,7 @@
-"""Which measured points of a body are gross errors, and which labels were exchanged, before anything is diagnosed.
+"""Gross errors and exchanged labels among a body's measured points, before the diagnosis.
 
-A fit of poses rejects whatever does not fit a pose; but a target that was moved, or two labels that were exchanged,
-are causes to be found and told, and their points are kept.
+A fit of poses rejects every point that does not fit. A moved target and exchanged labels are causes that the diagnosis
+must find, so their points are kept.
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ from truing.inference.screening import alone_in_time
 
 @dataclass(frozen=True)
 class PointSelection:
-    """Which points (B, T) of a body are kept, and the exchanges of labels among them."""
+    """Mask (B, T) of a body's kept points, and the exchanges of labels among them."""
 
     kept: NDArray
     exchanges: list[Exchange]
 
 
 def select_points(residuals: PointResiduals, found: PosePoints, shape: NDArray, order: NDArray) -> PointSelection:
-    """Judge a body's points (B, T) by their residuals; shape (T, 3) m, order (B,) rank of the poses in time."""
+    """Return the selection of a body's points (B, T) from their residuals; shape (T, 3) m, order (B,): rank of the
+    poses in time."""
     seen = found.seen & ~residuals.excluded
     sigma = _typical_sigma(found, residuals.values, seen)
     swapped = exchanges(residuals.values, found.points, seen, shape, sigma)
@@ -40,7 +41,7 @@ def select_points(residuals: PointResiduals, found: PosePoints, shape: NDArray, 
 
 
 def _typical_sigma(found: PosePoints, values: NDArray, seen: NDArray) -> float:
-    """One standard deviation of a point, m: as declared, or as most residuals are where that is more."""
+    """Return the standard deviation of a point, m: as declared, or that of most residuals if larger."""
     declared = np.sqrt(np.median(np.trace(found.cov[seen], axis1=-2, axis2=-1)) / 3) if seen.any() else 0.0
     length = np.sqrt(np.sum(values[seen & np.isfinite(values).all(-1)] ** 2, -1))
     scatter = np.median(length) / 1.538 if len(length) else 0.0  # the median length of three unit normals

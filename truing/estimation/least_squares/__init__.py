@@ -1,1 +1,1 @@
-"""Non-linear least squares, damped, one problem or many abreast."""
+"""Non-linear least squares with damping, for one problem or batches of problems."""

@@ -1,9 +1,9 @@
-"""The trust-region steps of `least_squares` for compiled code: sixteen small problems abreast, by normal equations.
+"""Compiled trust-region steps of `least_squares` for sixteen small problems at once, by normal equations.
 
-A caller fills `ROW` and `RESIDUAL` for one observation of all lanes after the other. Squaring the Jacobian costs half
-of the digits, so a lane whose scaled normal matrix has a pivot below `_CLEAR_PIVOT` is left unclear, and is for the QR
-of `least_squares` to solve. Importing this module imports numba. It is the solver of `recalibration_kernel`, whose head
-says how much faster that is than a general one.
+A caller fills `ROW` and `RESIDUAL` with one observation of all lanes after the other. Normal equations lose half of the
+digits, so a lane whose scaled normal matrix has a pivot below `_CLEAR_PIVOT` is marked as unclear, for the QR of
+`least_squares`. Importing this module imports numba. Used by `recalibration_kernel`, whose docstring compares its speed
+with a general solver.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from truing.estimation.simd_arithmetic import LANES, inner
 
 MOST = 12  # parameters
 _PACKED = MOST * (MOST + 1) // 2
-# Registers: values, trial values, step, column norms, gradient here and at the trial, one row of the Jacobian;
+# Registers: values, trial values, step, column norms, gradient at the values and at the trial, one row of the Jacobian;
 X, TRIAL, STEP, SCALE, GRADIENT, GRADIENT_THERE, ROW = (i * MOST for i in range(7))
-# normal matrix here and at the trial, its root, all lower triangles, row after row;
+# normal matrix at the values and at the trial, its root, all lower triangles, row after row;
 NORMAL, NORMAL_THERE, ROOT = (7 * MOST + i * _PACKED for i in range(3))
 # and one register each.
 RESIDUAL, COST, COST_THERE, RADIUS, DAMPING, LENGTH, PROMISED, STATE = range(
@@ -63,7 +63,7 @@ def add_row(lane: NDArray, size: int) -> None:
 
 @inner
 def start(lane: NDArray, size: int) -> None:
-    """Take the sums at the first values as they are, and where there is no radius one of the size of the parameters."""
+    """Accept the sums at the first values, and initialise missing radii from the size of the parameters."""
     for j in range(LANES):
         lane[STATE * LANES + j] = MOVING if np.isfinite(lane[COST_THERE * LANES + j]) else UNCLEAR
         for i in range(size):
@@ -78,7 +78,7 @@ def start(lane: NDArray, size: int) -> None:
 
 @inner
 def move(lane: NDArray, size: int, j: int) -> None:
-    """Move one lane to its trial, and let its scales grow with the columns there."""
+    """Move one lane to its trial, and enlarge its scales to the columns there."""
     at = 0
     for i in range(size):
         lane[(X + i) * LANES + j] = lane[(TRIAL + i) * LANES + j]
@@ -95,7 +95,7 @@ def move(lane: NDArray, size: int, j: int) -> None:
 
 @inner
 def accept_trials(lane: NDArray, size: int) -> int:
-    """Keep the trials that help, adapt every radius, and return how many lanes still move."""
+    """Accept trials with a decrease, adapt every radius, and return the number of lanes that still move."""
     moving = 0
     for j in range(LANES):
         state = lane[STATE * LANES + j]
@@ -117,7 +117,7 @@ def accept_trials(lane: NDArray, size: int) -> int:
 
 @inner
 def take_root(lane: NDArray, size: int) -> None:
-    """Fill the Cholesky root of the scaled normal matrix with its damping; lanes that are too flat turn unclear."""
+    """Fill in the Cholesky root of the damped scaled normal matrix; nearly singular lanes become unclear."""
     for i in range(size):
         for k in range(i + 1):
             at, row, column = i * (i + 1) // 2 + k, i * (i + 1) // 2, k * (k + 1) // 2
@@ -173,7 +173,7 @@ def square_of(lane: NDArray, size: int, vector: int, j: int) -> float:
 
 @inner
 def damped_step(lane: NDArray, size: int) -> None:
-    """Fill the step in scaled parameters, and its length, for the damping there is."""
+    """Fill in the step in scaled parameters, and its length, for the present damping."""
     take_root(lane, size)
     for i in range(size):
         for j in range(LANES):
@@ -186,7 +186,8 @@ def damped_step(lane: NDArray, size: int) -> None:
 
 @inner
 def raise_damping(lane: NDArray, size: int) -> int:
-    """Take a step of Hebden's towards the damping that ends on the radius; return how many lanes are outside of it."""
+    """Take a step of Hebden's method towards the damping whose step ends on the radius; return the number of lanes
+    outside."""
     outside = 0
     for i in range(size):
         for j in range(LANES):
@@ -203,7 +204,7 @@ def raise_damping(lane: NDArray, size: int) -> int:
 
 @inner
 def fill_promise(lane: NDArray, size: int) -> None:
-    """Fill the decrease of the sum of squares that a linear problem would have from the step."""
+    """Fill in the decrease of the sum of squares that the linear problem predicts for the step."""
     for j in range(LANES):
         promised = lane[DAMPING * LANES + j] * lane[LENGTH * LANES + j] ** 2
         for i in range(size):
@@ -214,7 +215,7 @@ def fill_promise(lane: NDArray, size: int) -> None:
 
 @inner
 def mark_last_steps(lane: NDArray, size: int) -> None:
-    """Mark the lanes whose undamped step promises less than the sum of squares can tell."""
+    """Mark the lanes whose undamped step promises less than the resolution of the sum of squares."""
     fill_promise(lane, size)
     for j in range(LANES):
         effect = 0.0
@@ -228,7 +229,7 @@ def mark_last_steps(lane: NDArray, size: int) -> None:
 
 @inner
 def propose(lane: NDArray, size: int) -> None:
-    """Fill the trials: the minimum of the linear problem, or where it is outside of the radius the one on it."""
+    """Fill in the trials: the minimum of the linear problem, within the radius."""
     lane[DAMPING * LANES : (DAMPING + 1) * LANES] = 0.0
     damped_step(lane, size)
     mark_last_steps(lane, size)
@@ -245,14 +246,14 @@ def propose(lane: NDArray, size: int) -> None:
 
 @inner
 def prepare_covariance(lane: NDArray, size: int) -> None:
-    """Fill the root of the normal matrix where the lanes have arrived, undamped."""
+    """Fill in the undamped root of the normal matrix of converged lanes."""
     lane[DAMPING * LANES : (DAMPING + 1) * LANES] = 0.0
     take_root(lane, size)
 
 
 @inner
 def covariance_column(lane: NDArray, size: int, column: int) -> None:
-    """Fill `STEP` with a column of the inverse of the normal matrix."""
+    """Fill in `STEP` with a column of the inverse normal matrix."""
     for i in range(size):
         for j in range(LANES):
             lane[(STEP + i) * LANES + j] = 1.0 / lane[(SCALE + i) * LANES + j] if i == column else 0.0

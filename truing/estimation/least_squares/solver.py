@@ -1,10 +1,10 @@
-"""Non-linear least squares, damped: one problem, or many independent ones of equal shape at once.
+"""Non-linear least squares with damping: one problem, or many independent ones of equal shape at once.
 
-Everything comes from the singular values of the Jacobian with its columns scaled, found by QR and then SVD: nothing is
-squared, so no digits are lost where parameters are nearly dependent. B problems at once, independent of each other.
+All quantities come from the singular values of the Jacobian with scaled columns, by QR and SVD. Nothing is squared, so
+nearly dependent parameters lose no digits.
 
-Each problem of a batch is damped, accepted and finished by itself, and leaves the batch when it is finished: when its
-residual has no part along the columns of its Jacobian any more, as far as rounding lets one see.
+Each problem of a batch has its own damping and acceptance, and leaves the batch at convergence: when its residual is
+orthogonal to the columns of its Jacobian, within rounding.
 """
 
 from __future__ import annotations
@@ -18,52 +18,52 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 EPS = float(np.finfo(float).eps)
-# A linear model is trusted further above the one, less below the other (Moré 1978).
+# Above the first gain the linear model is trusted further, below the second less (Moré 1978).
 _GOOD, _POOR = 0.75, 0.25
-# What rounding leaves of a singular value that is zero.
+# Rounding of a singular value that is zero.
 _ROUNDED = 10.0 * EPS
-# Square of the share of a parameter in an undetermined direction from which on it is not determined itself.
+# Squared share of a parameter in an undetermined direction, above which the parameter is undetermined.
 _TAKES_PART = 1e-10
 _FIRST_DAMPING = 1e-3
 _SECULAR_STEPS = 12
 Method = Literal["levenberg-marquardt", "trust-region"]
 Residuals = Callable[..., tuple[NDArray, NDArray]]
-# The sum of squares no longer tells two points apart that differ by so little of it.
+# Relative resolution of the sum of squares.
 _BLIND = 1e-14
-# Nor may it, where residuals are small differences of large numbers, if so little of it is left to remove.
+# The same for residuals that are small differences of large numbers: the share that is still to be removed.
 _NEARLY_BLIND = 1e-8
-# What rounding may do to a residual, in units of the parameters' own effect on it.
+# Rounding of a residual, relative to the parameters' effect on it.
 _ROUNDING = 10.0 * EPS
-# A change of the sum of squares so many times the promised one has another cause.
+# A change of the sum of squares this many times the predicted one has another cause.
 _DOMINATED = 10.0
-# Whatever is not that many times the noise of the sum of squares is lost in it.
+# Changes below this multiple of the noise of the sum of squares cannot be seen.
 _LOST = 1e4
-# While only the gradient can tell, a further step has to take so much of it away.
+# While only the gradient decides, a further step has to reduce it to this share.
 _STILL_FALLING = 0.9
-# Two ends are one minimum if moving from one to the other changes the residuals by no more than this share of them,
+# Two results are the same minimum if moving between them changes the residuals by at most this share of them,
 _SAME_RESIDUAL = 1e-3
-# or than this share of what the parameters do to the residuals altogether (for residuals that vanish).
+# or than this share of the parameters' total effect on the residuals (for residuals that vanish).
 _SAME_EFFECT = 1e-8
 
 
 @dataclass
 class LinearResiduals:
-    """``residual + jacobian step`` in scaled parameters: singular values, their directions, the residual along them."""
+    """``residual + jacobian step`` in scaled parameters: singular values, directions, and the residual along them."""
 
     scale: NDArray  # (B, P) largest norm so far of each column of the Jacobian
     column: NDArray  # (B, P) norm of each column here
     singular: NDArray  # (B, K) singular values of the scaled Jacobian, zero where it is deficient
     direction: NDArray  # (B, K, P) orthonormal rows, scaled parameters
-    along: NDArray  # (B, K) components of the residual that the parameters can change
+    along: NDArray  # (B, K) components of the residual in the column space
 
     @property
     def offset(self) -> NDArray:
-        """Return the norm (B,) of what a linear problem would remove of the residual."""
+        """Norm (B,) of the residual's part in the column space."""
         return np.sqrt(np.sum(np.where(self.singular > 0.0, self.along, 0.0) ** 2, -1))
 
     @property
     def rank(self) -> NDArray:
-        """Return how many directions (B,) the residuals determine."""
+        """Number of directions (B,) that the residuals determine."""
         return np.sum(self.singular > 0.0, -1)
 
     def __getitem__(self, rows: NDArray) -> LinearResiduals:
@@ -71,14 +71,15 @@ class LinearResiduals:
         return LinearResiduals(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def put(self, rows: NDArray, other: LinearResiduals) -> None:
-        """Exchange some of the problems."""
+        """Replace some of the problems."""
         for field in fields(self):
             getattr(self, field.name)[rows] = getattr(other, field.name)
 
     def step(self, damping: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-        """Return the step (B, P), its length (B,) in scaled parameters, and the decrease (B,) that it promises.
+        """Return the step (B, P), its length (B,) in scaled parameters, and the predicted decrease (B,) of the sum of
+        squares.
 
-        damping (B,) is added to the squares of the singular values; the decrease is that of the sum of squares.
+        damping (B,) is added to the squares of the singular values.
         """
         square = self.singular**2 + damping[:, None]
         part = _ratio(self.singular * self.along, np.where(self.singular > 0.0, square, 0.0))
@@ -88,7 +89,7 @@ class LinearResiduals:
         return step, np.sqrt(np.sum(part**2, -1)), promised
 
     def covariance(self) -> NDArray:
-        """Return the inverse of J^T J (B, P, P), NaN where an undetermined direction takes part."""
+        """Return the inverse of J^T J (B, P, P), NaN for parameters in undetermined directions."""
         inverse = _ratio(np.ones_like(self.singular), self.singular)
         root = inverse[..., None] * self.direction / self.scale[:, None, :]
         touched = np.sum(np.where(self.singular[..., None] > 0.0, self.direction**2, 0.0), 1) < 1.0 - _TAKES_PART
@@ -99,7 +100,8 @@ class LinearResiduals:
 def linearise(
     residual: NDArray, jacobian: NDArray, scale: NDArray | float = 0.0, tolerance: float = _ROUNDED
 ) -> LinearResiduals:
-    """Return the linear problem for residual (B, N) and jacobian (B, N, P), columns scaled by scale (B, P) or more.
+    """Return the linear problem for residual (B, N) and jacobian (B, N, P), with columns scaled by at least scale (B,
+    P).
 
     Singular values below ``tolerance`` of the largest count as zero.
     """
@@ -120,20 +122,20 @@ def _ratio(above: NDArray, below: NDArray) -> NDArray:
 
 
 class StepRule(Protocol):
-    """How a method limits its steps; its memory is an array (B, 2)."""
+    """Step limit of a method; its memory is an array (B, 2)."""
 
     def start(self, linear: LinearResiduals, x: NDArray) -> NDArray:
         """Return the memory (B, 2) before the first step from x (B, P)."""
 
     def damping(self, linear: LinearResiduals, memory: NDArray) -> NDArray:
-        """Return what is to be added to the squares of the singular values (B,)."""
+        """Return the damping (B,), which is added to the squares of the singular values."""
 
     def learn(self, memory: NDArray, gain: NDArray, length: NDArray) -> NDArray:
-        """Return the memory after a step of a length (B,) that brought ``gain`` (B,) of the promised decrease."""
+        """Return the memory after a step of a length (B,) that achieved ``gain`` (B,) of the predicted decrease."""
 
 
 class LevenbergMarquardt:
-    """A damping per problem: ten times less after a step as promised, ever faster more after one that failed."""
+    """A damping per problem: ten times smaller after a good step, growing ever faster after failed steps."""
 
     def start(self, linear: LinearResiduals, x: NDArray) -> NDArray:
         """Return the first damping, and the first factor of its growth."""
@@ -144,7 +146,7 @@ class LevenbergMarquardt:
         return memory[:, 0]
 
     def learn(self, memory: NDArray, gain: NDArray, length: NDArray) -> NDArray:
-        """Nielsen (1999) for failures, Marquardt (1963) for successes."""
+        """Return the new damping: Nielsen (1999) for failures, Marquardt (1963) for successes."""
         damping, growth = memory.T
         changed = np.select([gain > _GOOD, gain > _POOR, gain > 0.0], [0.1, 0.5, 2.0], growth)
         return np.stack([damping * changed, np.where(gain > 0.0, 2.0, 2.0 * growth)], 1)
@@ -154,12 +156,12 @@ class TrustRegion:
     """A radius per problem in scaled parameters, and the exact minimum of the linear problem inside (Moré 1978)."""
 
     def start(self, linear: LinearResiduals, x: NDArray) -> NDArray:
-        """Return a first radius that lets every parameter change by its own size, and the first damping."""
+        """Return a first radius that allows each parameter a change of its own size, and the first damping."""
         size = np.sqrt(np.sum((linear.scale * x) ** 2, -1))
         return np.stack([np.where(size > 0.0, size, 1.0), np.zeros(len(x))], 1)
 
     def damping(self, linear: LinearResiduals, memory: NDArray) -> NDArray:
-        """Return the damping that ends the step on the radius, zero where the free step ends inside."""
+        """Return the damping whose step ends on the radius, zero if the undamped step ends inside."""
         radius, s, c = memory[:, 0], linear.singular, linear.along
         damping = np.zeros(len(radius))
         outside = linear.step(damping)[1] > 1.1 * radius
@@ -168,12 +170,13 @@ class TrustRegion:
             part = _ratio(s * c, np.where(s > 0.0, square, 0.0))
             length = np.sqrt(np.sum(part**2, -1))
             slope = np.sum(_ratio(part**2, square), -1)
-            more = _ratio(length**2 * (length / radius - 1.0), slope)  # Hebden's step, from below, never past the root
+            # Hebden's step approaches the root from below, and never passes it.
+            more = _ratio(length**2 * (length / radius - 1.0), slope)
             damping = np.where(outside, np.maximum(damping + more, 0.0), 0.0)
         return damping
 
     def learn(self, memory: NDArray, gain: NDArray, length: NDArray) -> NDArray:
-        """Return a quarter of the step after a poor one, twice the step after a good one."""
+        """Return the new radius: a quarter of the step after a poor one, twice the step after a good one."""
         radius = memory[:, 0]
         wider = np.where(gain > _GOOD, np.maximum(radius, 2.0 * length), radius)
         return np.stack([np.where(gain < _POOR, 0.25 * length, wider), memory[:, 1]], 1)
@@ -183,7 +186,7 @@ RULES: dict[str, StepRule] = {"levenberg-marquardt": LevenbergMarquardt(), "trus
 
 
 class SolverStatus(StrEnum):
-    """How a fit ended, and ``remedy`` says what to do about it."""
+    """Status of a fit, with the remedy."""
 
     CONVERGED = "converged"
     RANK_DEFICIENT = "rank-deficient"
@@ -193,7 +196,7 @@ class SolverStatus(StrEnum):
 
     @property
     def remedy(self) -> str:
-        """One sentence for the person who reads the status."""
+        """Advice for the reader of the status, in one sentence."""
         return _REMEDIES[self]
 
 
@@ -208,22 +211,22 @@ _REMEDIES = {
 
 @dataclass(frozen=True)
 class Solution:
-    """Where B problems ended; numbers of a problem that is not ``ok`` are where it stood, no minimum."""
+    """Results of B problems; for a problem that is not ``ok``, the last point, which is no minimum."""
 
     x: NDArray  # (B, P)
     cost: NDArray  # (B,) sum of squared residuals
-    covariance: NDArray  # (B, P, P) for residuals of variance one; NaN for what the residuals do not determine
+    covariance: NDArray  # (B, P, P) for residuals of variance one; NaN for undetermined parameters
     rank: NDArray  # (B,) directions of the parameters that the residuals determine
     status: NDArray  # (B,) of SolverStatus values (str)
     iterations: NDArray  # (B,) evaluations after the first
 
     @property
     def ok(self) -> NDArray:
-        """Return which problems (B,) stand at a minimum, where all parameters are determined."""
+        """Mask (B,) of problems at a minimum that determines all parameters."""
         return self.status == SolverStatus.CONVERGED
 
     def put(self, problems: NDArray, other: Solution) -> None:
-        """Exchange some of the problems."""
+        """Replace some of the problems."""
         for field in fields(self):
             getattr(self, field.name)[problems] = getattr(other, field.name)
 
@@ -235,16 +238,16 @@ def join_solutions(parts: Sequence[Solution]) -> Solution:
 
 @dataclass
 class _Walk:
-    """The problems that still move."""
+    """The problems that have not converged."""
 
-    problem: NDArray  # (b,) which of the batch
+    problem: NDArray  # (b,) index in the batch
     data: tuple[NDArray, ...]
     x: NDArray  # (b, P)
     cost: NDArray  # (b,)
     linear: LinearResiduals
     memory: NDArray  # (b, 2) of the rule
-    fine: NDArray  # (b,) whether the sum of squares is too coarse to judge a further step
-    noise: NDArray  # (b,) what rounding has been seen to do to the sum of squares
+    fine: NDArray  # (b,) whether the sum of squares is too coarse to assess a further step
+    noise: NDArray  # (b,) observed rounding of the sum of squares
 
     def take(self, rows: NDArray) -> _Walk:
         """Return some of the problems."""
@@ -263,19 +266,18 @@ def least_squares(
 ) -> Solution:
     """Return the minima of ``sum residual^2`` that B problems reach from their starts (B, P), or (P,) for one.
 
-    residuals: called as ``residuals(x, *data)`` with x (b, P) and the rows of every array of data (B, ...) that
-    belong to the b <= B problems still moving; returns residual (b, N) and jacobian (b, N, P), where values that are
-    not finite mean that the model has none there. Residuals in units of their standard deviation make
-    ``covariance`` that of x. Singular values of the Jacobian, its columns scaled, count as zero below
-    ``rank_tolerance`` of the largest. Steps end on a radius (Moré 1978) or are damped (Levenberg 1944, Marquardt
-    1963). Raises ValueError for an unknown method and for shapes that do not agree.
+    residuals: called as ``residuals(x, *data)`` with x (b, P) and the rows of every data array (B, ...) of the b <= B
+    active problems; returns residual (b, N) and jacobian (b, N, P); non-finite values mean that the model is undefined
+    there. With residuals in units of their standard deviation, ``covariance`` is that of x. Singular values of the
+    scaled Jacobian below ``rank_tolerance`` of the largest count as zero. Steps are limited by a radius (Moré 1978) or
+    damped (Levenberg 1944, Marquardt 1963). Raises ValueError for an unknown method and for shapes that do not agree.
     """
     if method not in RULES:
         raise ValueError(f"method: found {method!r}, expected one of {', '.join(RULES)}")
     x = np.array(np.atleast_2d(start), float)
     with np.errstate(all="ignore"):
         residual, jacobian = _evaluate(residuals, x, data)
-        solution, rows = _unsolved(x, residual, jacobian)
+        solution, rows = _empty_solution(x, residual, jacobian)
         if len(rows):
             linear = linearise(residual[rows], jacobian[rows])
             memory = RULES[method].start(linear, x[rows])
@@ -299,8 +301,8 @@ def _finite(residual: NDArray, jacobian: NDArray) -> NDArray:
     return np.isfinite(np.sum(residual**2, -1)) & np.isfinite(np.sum(jacobian**2, (1, 2)))
 
 
-def _unsolved(x: NDArray, residual: NDArray, jacobian: NDArray) -> tuple[Solution, NDArray]:
-    """Return a solution yet to be filled, and which problems can be."""
+def _empty_solution(x: NDArray, residual: NDArray, jacobian: NDArray) -> tuple[Solution, NDArray]:
+    """Return a solution to be filled in, and the mask of problems with a defined start."""
     count, size = x.shape
     status = np.full(count, str(SolverStatus.NOT_FINITE), np.array([str(s) for s in SolverStatus]).dtype)
     rank, iterations = np.zeros((2, count), np.int64)
@@ -312,7 +314,7 @@ def _unsolved(x: NDArray, residual: NDArray, jacobian: NDArray) -> tuple[Solutio
 def _steps(
     walk: _Walk, residuals: Residuals, rule: StepRule, max_iterations: int
 ) -> Iterator[tuple[_Walk, NDArray, int]]:
-    """Take steps until every problem is finished; yield problems as they finish, with their status and iteration."""
+    """Take steps until every problem has ended; yield problems as they end, with status and iteration."""
     for iteration in range(1, max_iterations + 1):
         status = _advance(walk, residuals, rule)
         finished = status != ""
@@ -325,8 +327,8 @@ def _steps(
 
 
 def _advance(walk: _Walk, residuals: Residuals, rule: StepRule) -> NDArray:
-    """Try one step of every problem, keep those that help, and return the status (b,) of the finished ones, else ''."""
-    fine = walk.fine | _flat(walk, _BLIND)
+    """Try one step of every problem, keep successful ones, and return the status (b,) of finished problems, else ''."""
+    fine = walk.fine | _no_decrease_left(walk, _BLIND)
     damping = np.where(fine, 0.0, rule.damping(walk.linear, walk.memory))
     step, length, promised = walk.linear.step(damping)
     trial = walk.x + step
@@ -338,23 +340,22 @@ def _advance(walk: _Walk, residuals: Residuals, rule: StepRule) -> NDArray:
     walk.memory = np.where(fine[:, None], walk.memory, rule.learn(walk.memory, gain, length))
     still = length <= EPS * np.sqrt(np.sum((walk.linear.scale * walk.x) ** 2, -1))
     stuck = ~fine & ~taken & (still | np.all(trial == walk.x, -1))
-    walk.fine = fine | (stuck & _flat(walk, _NEARLY_BLIND, walk.noise))
+    walk.fine = fine | (stuck & _no_decrease_left(walk, _NEARLY_BLIND, walk.noise))
     return np.select([fine & ~taken, stuck & ~walk.fine], [SolverStatus.CONVERGED, SolverStatus.STALLED], "")
 
 
-def _flat(walk: _Walk, share: float, noise: NDArray | float = 0.0) -> NDArray:
-    """Return where (b,) no more than a share of the sum of squares, or than its rounding or noise, can be removed."""
+def _no_decrease_left(walk: _Walk, share: float, noise: NDArray | float = 0.0) -> NDArray:
+    """Return the mask (b,) of problems where at most a share of the sum of squares, or its rounding or noise, can be
+    removed."""
     norm = np.sqrt(walk.cost)
     rounding = _ROUNDING * np.sqrt(np.sum((walk.linear.column * walk.x) ** 2, -1))
     return walk.linear.offset**2 <= norm * (share * norm + rounding) + _LOST * noise
 
 
 def _noise(walk: _Walk, cost: NDArray, promised: NDArray) -> NDArray:
-    """Return what rounding does to the sums of squares (b,), as far as failed steps have shown it.
-
-    A change far from the one promised is rounding or curvature; as steps get shorter curvature gives way to the
-    promise, or to its negative where derivatives are wrong, but rounding stays, or leaves no change at all.
-    """
+    """Return the rounding noise of the sums of squares (b,), as far as failed steps have shown it. A change far from
+    the predicted one is rounding or curvature. As steps get shorter, curvature disappears (or the change becomes the
+    negative of the prediction, if derivatives are wrong), while rounding remains."""
     off = np.abs(cost - walk.cost + promised)
     shown = np.isfinite(off) & ((off > _DOMINATED * promised) | (cost == walk.cost))
     return np.where(shown, np.maximum(off, walk.noise), 0.0)
@@ -363,7 +364,8 @@ def _noise(walk: _Walk, cost: NDArray, promised: NDArray) -> NDArray:
 def _accept(
     walk: _Walk, useful: NDArray, fine: NDArray, trial: NDArray, cost: NDArray, residual: NDArray, jacobian: NDArray
 ) -> NDArray:
-    """Move the useful problems to their trials, fine ones only where the gradient falls; return which (b,) moved."""
+    """Move the useful problems to their trials, fine ones only if the gradient decreases; return the mask (b,) of moved
+    ones."""
     rows = np.flatnonzero(useful)
     linear = linearise(residual[rows], jacobian[rows], walk.linear.scale[rows])
     falling = linear.offset < _STILL_FALLING * walk.linear.offset[rows]
@@ -377,10 +379,10 @@ def _accept(
 def _record(
     solution: Solution, walk: _Walk, residuals: Residuals, status: NDArray, iteration: int, rank_tolerance: float
 ) -> None:
-    """Write where the problems of a walk ended, judged by the Jacobian there alone."""
+    """Store the results of finished problems, assessed by the final Jacobian alone."""
     walk.linear = linear = linearise(*_evaluate(residuals, walk.x, walk.data), tolerance=rank_tolerance)
     arrived = status == SolverStatus.CONVERGED
-    status = np.where(arrived & ~_flat(walk, _NEARLY_BLIND, walk.noise), SolverStatus.STALLED, status)
+    status = np.where(arrived & ~_no_decrease_left(walk, _NEARLY_BLIND, walk.noise), SolverStatus.STALLED, status)
     deficient = (linear.rank < walk.x.shape[1]) & (status == SolverStatus.CONVERGED)
     solution.x[walk.problem], solution.cost[walk.problem] = walk.x, walk.cost
     solution.covariance[walk.problem], solution.rank[walk.problem] = linear.covariance(), linear.rank
@@ -390,24 +392,24 @@ def _record(
 
 @dataclass(frozen=True)
 class Minima:
-    """Different minima of one problem, the lowest first."""
+    """Distinct minima of one problem, the lowest first."""
 
     x: NDArray  # (M, P)
     cost: NDArray  # (M,)
-    reached: NDArray  # (M,) how many starts led there
-    failed: int  # how many starts did not end at a minimum
+    reached: NDArray  # (M,) number of starts that led there
+    failed: int  # number of starts that did not reach a minimum
 
     @property
     def agree(self) -> bool:
-        """Return whether every start led to one and the same minimum."""
+        """Whether every start led to the same minimum."""
         return len(self.x) == 1 and self.failed == 0
 
 
 def distinct_minima(solution: Solution) -> Minima:
-    """Return the different minima among fits of one and the same problem from many starts.
+    """Return the distinct minima among fits of the same problem from many starts.
 
-    Ends are told apart in the residuals' own measure: by the part of the residual, ``|J (x1 - x2)|``, that lies between
-    them. Only fits that are ``ok`` count as minima.
+    Two results are compared in the measure of the residuals, ``|J (x1 - x2)|``. Only fits that are ``ok`` count as
+    minima.
     """
     order = np.argsort(solution.cost, kind="stable")
     order = order[solution.ok[order]]
@@ -423,7 +425,7 @@ def distinct_minima(solution: Solution) -> Minima:
 
 
 def _same(solution: Solution, one: int, others: NDArray) -> NDArray:
-    """Return which of the others (n,) are at the same minimum as one of the fits."""
+    """Return the mask (n,) of other fits at the same minimum as one fit."""
     normal = np.linalg.inv(solution.covariance[one])
     gap = solution.x[others] - solution.x[one]
     distance = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", gap, normal, gap), 0.0))

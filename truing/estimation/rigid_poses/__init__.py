@@ -1,1 +1,1 @@
-"""Rigid motions between corresponding points: closed form, robust, by likelihood, of all poses at once."""
+"""Rigid motions between corresponding points: closed form, robust, by likelihood, for all poses at once."""

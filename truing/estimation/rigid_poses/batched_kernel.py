@@ -1,12 +1,12 @@
-"""The closed-form rigid motion compiled: sixteen poses abreast, one point after the other.
+"""Compiled closed-form rigid motion, sixteen poses at once, one point after the other.
 
-Same answer as `truing.estimation.rigid_poses.umeyama.umeyama` without scale. Rows of points are turned into lanes, one
-pose each, so that every step is the same arithmetic on all lanes: weighted moments, the largest eigenvalue of
-Davenport's matrix by Newton's method, the rotation from it in closed form, two Newton steps on the rotation
-group and one on orthogonality. A stationary rotation with a positive definite Hessian is the global optimum, so
-each lane proves its own answer; where the proof fails (degenerate, nearly so, broken input) the plain closed
-form decides. Importing this module imports numba; compiled code is kept in numba's cache on disk. Own code, for it fits
-100,000 poses about 30 times as fast as NumPy and 9 times as fast as the fastest library (`python -m benchmarks.pose`).
+Same result as `truing.estimation.rigid_poses.umeyama.umeyama` without scale. Points are rearranged into SIMD lanes, one
+pose each, and every step is the same arithmetic on all lanes: weighted moments, the largest eigenvalue of Davenport's
+matrix by Newton's method, the rotation from it in closed form, two Newton steps on the rotation group and one on
+orthogonality. A stationary rotation with a positive definite Hessian is the global optimum, so each lane verifies its
+own result. If the verification fails (degenerate or broken input), the plain closed form is used. Importing this module
+imports numba; compiled code is cached on disk. Written here because it fits 100,000 poses about 30 times as fast as
+NumPy and 9 times as fast as the fastest library (`python -m benchmarks.pose`).
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ FIELDS = 8  # per point and lane: source (3), target (3), weight, weight of its 
 ROWS = 83  # registers per lane, named below
 _POSES_PER_TASK = 2048
 _NEWTON_STEPS = 10
-# The gap between the two best attitudes, cubed over the spread: what is smaller is left to the SVD.
+# Gap between the two best attitudes, cubed over the spread, below which the SVD decides.
 _CLEAR_GAP = 1e-6
-_CLEAR_SPREAD = 1e-20  # of the squared distance from the origin
+_CLEAR_SPREAD = 1e-20  # relative to the squared distance from the origin
 _SETTLED = 1e-18  # rad^2, half the last Newton step, squared
 _ORTHOGONAL = 1e-14  # squared norm of R^T R - 1 before the last step, which squares it
 
@@ -80,7 +80,7 @@ _PP, _TP, _TT = 62, 68, 77  # covariance: position (6), theta x position (9), th
 
 @inner
 def prepare_roots(lane: NDArray) -> None:
-    """Fill the coefficients of the characteristic polynomial of C over the root of both spreads, and a start.
+    """Fill in the coefficients of the characteristic polynomial of C over the root of both spreads, and a start.
 
     ``(l^2 - norm)^2 - 8 det l - 4 cofactor_norm``: its largest root is at most 1, by Cauchy and Schwarz.
     """
@@ -96,14 +96,14 @@ def prepare_roots(lane: NDArray) -> None:
 
 @inner
 def scaled_product(lane: NDArray, j: int) -> Matrix:
-    """Return C over the root of both spreads: its singular values add up to 1 where the fit is perfect."""
+    """Return C over the root of both spreads: its singular values add up to 1 for a perfect fit."""
     S, C = get6(lane, _S, j), get9(lane, _C, j)
     return resized(1.0 / np.sqrt((S[0][0] + S[1][1] + S[2][2]) * lane[_E * LANES + j]), C)
 
 
 @inner
 def refine_roots(lane: NDArray) -> None:
-    """One step of Newton's method from above, which never passes the largest root."""
+    """Take one step of Newton's method from above, which never passes the largest root."""
     for j in range(LANES):
         root, norm, det = lane[_ROOT * LANES + j], lane[_NORM * LANES + j], lane[_DET * LANES + j]
         u = root * root - norm
@@ -114,7 +114,7 @@ def refine_roots(lane: NDArray) -> None:
 
 @inner
 def start_rotations(lane: NDArray) -> None:
-    """Fill the rotations that maximise ``tr(R^T C)``, up to rounding (Markley 1993, FOAM, eq. 15 and 16)."""
+    """Fill in the rotations that maximise ``tr(R^T C)``, up to rounding (Markley 1993, FOAM, eq. 15 and 16)."""
     for j in range(LANES):
         C, root, norm = scaled_product(lane, j), lane[_ROOT * LANES + j], lane[_NORM * LANES + j]
         kappa = 0.5 * (root * root - norm)
@@ -125,7 +125,7 @@ def start_rotations(lane: NDArray) -> None:
 
 @inner
 def orthogonalise(lane: NDArray) -> None:
-    """One step ``R (3 - R^T R) / 2``, which squares the squared norm of ``R^T R - 1`` that it leaves behind."""
+    """Take one step ``R (3 - R^T R) / 2``, which squares the error ``R^T R - 1``."""
     for j in range(LANES):
         R = get9(lane, ROTATION, j)
         G = rows_times(R, R)
@@ -136,7 +136,7 @@ def orthogonalise(lane: NDArray) -> None:
 
 @inner
 def climb(lane: NDArray) -> None:
-    """One Newton step on the rotation group; fill its square in rad^2 and the gap to the next best attitude."""
+    """Take one Newton step on the rotation group; fill in its square in rad^2 and the gap to the next best attitude."""
     for j in range(LANES):
         R, C = get9(lane, ROTATION, j), scaled_product(lane, j)
         P = rows_times(C, R)
@@ -157,7 +157,7 @@ def climb(lane: NDArray) -> None:
 
 @inner
 def certify_optimum(lane: NDArray) -> None:
-    """Fill whether the rotation is proven to be the optimum: at rest, Hessian positive, nothing degenerate."""
+    """Fill in whether the rotation is the verified optimum: converged, Hessian positive, nothing degenerate."""
     for j in range(LANES):
         S, R = get6(lane, _S, j), get9(lane, ROTATION, j)
         source, target = S[0][0] + S[1][1] + S[2][2], lane[_E * LANES + j]
@@ -172,7 +172,7 @@ def certify_optimum(lane: NDArray) -> None:
 
 @inner
 def solve_rotations(lane: NDArray) -> None:
-    """Fill every lane's rotation, the inverse of its information, and whether it is proven to be the optimum."""
+    """Fill in each lane's rotation, the inverse of its information, and whether the optimum is verified."""
     prepare_roots(lane)
     for _ in range(_NEWTON_STEPS):
         refine_roots(lane)
@@ -188,9 +188,9 @@ def solve_rotations(lane: NDArray) -> None:
 def load_block(
     x: NDArray, y: NDArray, w: NDArray, noise: NDArray, start: int, stop: int, points: NDArray, lane: NDArray
 ) -> None:
-    """Turn the poses from start into lanes and zero the registers; missing points become zeros.
+    """Rearrange poses into lanes and zero the registers; missing points become zeros.
 
-    Lanes past stop repeat the last pose. An empty noise means that the residuals' scatter is to be used.
+    Lanes past stop repeat the last pose. An empty noise means that the scatter of the residuals is used.
     """
     lane[:] = 0.0
     for j in range(LANES):
@@ -242,7 +242,7 @@ def add_centred(points: NDArray, n: int, lane: NDArray) -> None:
 
 @inner
 def accumulate_moments(points: NDArray, lane: NDArray) -> None:
-    """Fill the registers of all moments, in two passes so that nothing cancels."""
+    """Fill in all moments, in two passes to avoid cancellation."""
     for n in range(len(points)):
         add_sums(points, n, lane)
     for j in range(LANES):
@@ -265,7 +265,7 @@ def add_misfit(points: NDArray, n: int, lane: NDArray) -> None:
 
 @inner
 def propagate_noise(lane: NDArray, scatter: bool) -> None:
-    """Fill the covariance: ``A^-1 B A^-1`` about the centroid, moved to the source's origin, in target axes."""
+    """Fill in the covariance: ``A^-1 B A^-1`` about the centroid, moved to the source's origin, in target axes."""
     for j in range(LANES):
         per = 1.0 / lane[WEIGHT * LANES + j]
         A, R, c = get6(lane, TURN_INVERSE, j), get9(lane, ROTATION, j), get3(lane, SOURCE_CENTRE, j)
@@ -287,7 +287,7 @@ def propagate_noise(lane: NDArray, scatter: bool) -> None:
 def store(
     lane: NDArray, j: int, b: int, R: NDArray, t: NDArray, covariance: NDArray, rms: NDArray, used: NDArray
 ) -> None:
-    """Write lane j as pose b to the output arrays; used is -1 where the lane has no proven answer."""
+    """Write lane j as pose b to the output arrays; used is -1 for a lane without a verified result."""
     r, xc, yc = get9(lane, ROTATION, j), get3(lane, SOURCE_CENTRE, j), get3(lane, TARGET_CENTRE, j)
     moved = mix(1.0, yc, -1.0, apply(r, xc))
     pp, tp, tt = get6(lane, _PP, j), get9(lane, _TP, j), get6(lane, _TT, j)
@@ -336,10 +336,9 @@ def solve(
     sigma: ArrayLike | None = None,
     threads: int | None = None,
 ) -> RigidFit:
-    """Return what `umeyama` returns without scale, for large batches; arguments and errors are its own.
+    """Return the result of `umeyama` without scale, for large batches; same arguments and errors.
 
-    threads: how many of them share the poses, all processors that this process may use where not given. The answer
-    does not depend on it.
+    threads: number of threads, by default one per available processor; the result does not depend on it.
     """
     x, y, w, noise = _as_batches(source, target, weight, sigma)
     (count,) = np.broadcast_shapes(*((len(a),) for a in (x, y, w)), (len(noise) or 1,))
@@ -362,7 +361,7 @@ def solve(
 def _as_batches(
     source: ArrayLike, target: ArrayLike, weight: ArrayLike | None, sigma: ArrayLike | None
 ) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Return both clouds (B or 1, N, 3), weights (B or 1, N) and variances (B or 1, N or 1), none for no sigma."""
+    """Return both clouds (B or 1, N, 3), weights (B or 1, N) and variances (B or 1, N or 1), empty without sigma."""
     x, y = np.asarray(source, np.float64), np.asarray(target, np.float64)
     check_correspondences(x[:0] if x.ndim == 3 else x, y[:0] if y.ndim == 3 else y, None)
     w = np.ones(x.shape[-2]) if weight is None else np.asarray(weight, np.float64)
@@ -375,7 +374,7 @@ def _as_batches(
 
 
 def share_out(part: Callable[[int], None], starts: range, threads: int | None) -> None:
-    """Call part(start) for every start, in as many threads as given or as there are processors for this process."""
+    """Call part(start) for every start, in the given number of threads or one per available processor."""
     count = min(available_processors() if threads is None else threads, len(starts))
     if count < 2:
         for start in starts:
@@ -387,12 +386,12 @@ def share_out(part: Callable[[int], None], starts: range, threads: int | None) -
 
 
 def available_processors() -> int:
-    """Return how many processors this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _refit_unclear(fit: RigidFit, rows: NDArray, x: NDArray, y: NDArray, w: NDArray, noise: NDArray | None) -> None:
-    """Overwrite the rows (b,) of a fit by the plain closed form, which names what is degenerate or broken."""
+    """Overwrite the rows (b,) of a fit by the plain closed form, which reports degenerate or broken input."""
     x, y, w = (a[rows] if len(a) > 1 else a for a in (x, y, w))
     sigma = None if noise is None else np.sqrt(noise[rows] if len(noise) > 1 else noise)
     w = np.broadcast_to(w, (len(rows), x.shape[1]))

@@ -1,4 +1,4 @@
-"""Frames of bodies: what their fit does to residuals seen in them."""
+"""Covariance and redundancy of residuals in a body frame that was fitted to some of the same targets."""
 
 from __future__ import annotations
 
@@ -11,24 +11,23 @@ _FEWEST = 3
 
 
 def frame_covariance(points: Array, noise: Array, used: Mask) -> Array:
-    """(B, 6, 6) covariance of a frame (p, theta; body axes) fitted to the used targets.
+    """Return the covariance (B, 6, 6) of a frame (p, theta; body axes) fitted to the used targets.
 
-    points (T, 3) in the body frame; noise (B, T, 3, 3) per target in body axes; used (B, T). Directions that the
-    used targets leave free (fewer than three, or in line) come out as zero, not as infinite: check the fit's
-    status first.
+    points (T, 3) in the body frame; noise (B, T, 3, 3) per target in body axes; used (B, T). Undetermined directions
+    (fewer than three used targets, or all on one line) are zero, not infinite: check the fit's status first.
     """
     lever = rigid_motions(points)
-    weight = _inverse(noise) * used[:, :, None, None]
+    weight = _inverse_of_seen(noise) * used[:, :, None, None]
     information = np.einsum("tia,btij,tjc->bac", lever, weight, lever, optimize=True)
     return np.linalg.pinv(information, rcond=1e-12, hermitian=True)
 
 
 def residual_covariance(points: Array, noise: Array, used: Mask, seen: Mask) -> Array:
-    """(B, 3T, 3T) covariance of the residuals of all targets, those used for the frame and those judged in it.
+    """Return the covariance (B, 3T, 3T) of the residuals of all targets, both used and not used for the frame.
 
-    points (T, 3), noise (B, T, 3, 3) in body axes, used and seen (B, T). A residual is ``e_a - J_a delta``
-    with delta the frame's error; where a target was used its own error is in delta too, which takes out of the
-    residuals what the frame swallowed. Rows of targets not seen are zero.
+    points (T, 3), noise (B, T, 3, 3) in body axes, used and seen (B, T). A residual is ``e_a - J_a delta`` with delta
+    the frame's error; delta contains the errors of used targets, which reduces their residuals. Rows of targets not
+    seen are zero.
     """
     batch, count = used.shape
     lever = rigid_motions(points)
@@ -43,8 +42,10 @@ def residual_covariance(points: Array, noise: Array, used: Mask, seen: Mask) -> 
 
 
 def redundancy(points: Array, used: Mask) -> Array:
-    """(B, T, 3) share of each coordinate's own error that a fit to the used targets (B, T), equally weighted,
-    leaves in its residual (Baarda's redundancy number); zero where not used. Sums to 3 n - 6 per entry of the batch.
+    """Return the redundancy numbers (B, T, 3) (Baarda) of a fit to the used targets (B, T) with equal weights; zero if
+    not used.
+
+    A redundancy number is the share of a coordinate's own error in its residual. They sum to 3 n - 6 per batch entry.
     """
     lever = rigid_motions(points)
     information = np.einsum("tia,bt,tic->bac", lever, used.astype(float), lever, optimize=True)
@@ -52,8 +53,8 @@ def redundancy(points: Array, used: Mask) -> Array:
     return (1.0 - np.einsum("tia,bac,tic->bti", lever, frame, lever, optimize=True)) * used[:, :, None]
 
 
-def _inverse(noise: Array) -> Array:
-    """(..., 3, 3) inverses; zero where a target was not seen and its covariance is zero."""
+def _inverse_of_seen(noise: Array) -> Array:
+    """Return the inverses (..., 3, 3); zero for unseen targets with zero covariance."""
     seen = np.einsum("...ii->...", noise) > 0.0
     safe = np.where(seen[..., None, None], noise, np.eye(3))
     return np.linalg.inv(safe) * seen[..., None, None]

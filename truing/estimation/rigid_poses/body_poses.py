@@ -1,4 +1,5 @@
-"""One body's poses in the frame of the measurement, by every estimator that its targets allow, and their budget."""
+"""Poses of one body in the measurement frame, by every estimator that its targets allow, with their uncertainty
+budget."""
 
 from __future__ import annotations
 
@@ -21,24 +22,23 @@ from truing.estimation.uncertainty_budget import Source
 
 NOT_A_REFERENCE = "attachment: not part of the frame"
 NOT_SURVEYED = "not in the survey"
-# Share of the coordinates below which points are not told apart, where no noise was declared and none shows.
+# Share of the coordinates taken as noise of the points, if none was declared and none shows.
 _ROUNDING = 1e-9
-# Movement of a target of its own, in units of the noise, beyond which it is called moved and not flexing.
+# Own movement of a target, in units of the noise, above which it counts as moved instead of flexing.
 _LARGEST_MOVEMENT = 30.0
-_BY_CHANCE = 0.01  # a scatter that declared noise would exceed so often is not called larger
+_BY_CHANCE = 0.01  # p-value of a scatter below which it counts as larger than the declared noise
 
 
 @dataclass(frozen=True)
 class BodyPoses:
-    """One body over B poses and T targets: fits in the measurement's frame by method, and what became of its points.
+    """One body over B poses and T targets: fits in the measurement frame by method, and the state of its points.
 
-    residual (B, T, 3) in m, body frame, NaN where there is none; used, rejected and seen (B, T); reason (B, T) of str,
-    empty where a point was used; rejections (B,) by method; noise_ratio: scatter over declared noise. source (T, 3) in
-    m, zero where not known, and cov_source (T, 3, 3): what the fits are relative to; frame (T,): makes the body's
-    frame; kept and excluded (B, T): by a person. Where points have errors in common: cross (B, 6, 6) by method and
-    other body, covariance with that body's pose by the same method (by its default, where it lacks this one); effects
-    (B, 6, K) of one standard deviation of each parameter common to all poses on the default pose; weights as those of
-    `BodyFit`.
+    residual (B, T, 3) in m, body frame, NaN if missing; used, rejected and seen (B, T); reason (B, T) of str, empty if
+    used; rejections (B,) by method; noise_ratio: scatter over declared noise. source (T, 3) in m, zero if unknown, with
+    cov_source (T, 3, 3): reference of the fits; frame (T,): targets that define the body frame; kept and excluded (B,
+    T): by a person. For correlated point errors: cross (B, 6, 6) by method and other body, covariance with that body's
+    pose by the same method (or by its default); effects (B, 6, K): of one standard deviation of each parameter common
+    to all poses on the default pose; weights as in `BodyFit`.
     """
 
     name: str
@@ -68,14 +68,14 @@ class BodyPoses:
 
 @dataclass(frozen=True)
 class PointDecisions:
-    """Which points (B, T) a person decided on, and in which words (B, T)."""
+    """Points (B, T) with a decision by a person, and the reason given (B, T)."""
 
     chosen: Mask
     words: NDArray[np.object_]
 
     @classmethod
     def none(cls, shape: tuple[int, ...]) -> PointDecisions:
-        """No decision on any point."""
+        """Return no decision on any point."""
         return cls(np.zeros(shape, bool), np.full(shape, "", dtype=object))
 
 
@@ -87,11 +87,11 @@ def fit_body(
     keep: PointDecisions | None = None,
     own: Array | None = None,
 ) -> BodyPoses:
-    """Return poses of a body, relative to its survey, or to the shape that its poses share where it has none.
+    """Return the poses of a body relative to its survey, or to the shape common to its poses if it has none.
 
-    out, keep: points that a person left out, and those that a person says are no gross errors.
-    own (B, T, 3, 3): covariances without what is common to all poses. That shape is found with them: an error of scale,
-    alike in all poses, would else leave it open along the line to each point.
+    out, keep: points that a person excluded, or marked as valid. own (B, T, 3, 3): covariances without errors common to
+    all poses. They are used to find the common shape, since a common scale error would otherwise make it uncertain
+    along the line to each point.
     """
     nothing = PointDecisions.none(points.seen.shape)
     excluded, excluded_why = (out or nothing).chosen, (out or nothing).words
@@ -120,7 +120,7 @@ def fit_body(
 
 
 def _reasons(fit: RigidFit, residual: Array, fitted: BodyFit, used: Mask, rejected: Mask) -> NDArray[np.object_]:
-    """(B, T) why a point was not used, in words; empty where it was."""
+    """Return the reason (B, T) for not using a point, in words; empty if used."""
     off_mm = 1e3 * np.linalg.norm(np.nan_to_num(residual), axis=-1)
     gross = _each(lambda mm: f"gross error: {mm:.3f} mm off" if mm else "gross error", off_mm, rejected)
     no_pose = np.broadcast_to(np.array([f"no pose: {s}" for s in fit.status], dtype=object)[:, None], used.shape)
@@ -141,13 +141,12 @@ def _each(word: Callable[[float], str], values: Array, where: Mask) -> NDArray[n
 
 @dataclass(frozen=True)
 class BodyFit:
-    """Fits in the measurement's frame by method, the default last; what they are relative to, and which points agreed.
+    """Fits in the measurement frame by method, the default last, with their reference and the agreeing points.
 
-    source (T, 3) in m, NaN where not known, cov_source (T, 3, 3) of the survey; known, frame (T,): has a place, makes
-    the body's frame; agreed (B, T);
-    judged (B,): poses in which some points agree, so that the others stand out, whether or not a pose came of it;
-    weights (B, T) of the fits by methods that weigh points one by one and coordinates alike, by which factor (B,) such
-    a method scatters more than its weights say: of those beside the default.
+    source (T, 3) in m, NaN if unknown, cov_source (T, 3, 3) of the survey; known (T,): with reference position; frame
+    (T,): defines the body frame; agreed (B, T): agreeing points; has_consensus (B,): poses with agreeing points, in
+    which other points are gross errors even if there is no pose; weights: for methods other than the default with one
+    weight per point, (B, T), and the factor (B,) by which such a method scatters more than its weights imply.
     """
 
     fits: dict[str, RigidFit]
@@ -162,12 +161,12 @@ class BodyFit:
 
     @property
     def default(self) -> str:
-        """The method whose poses feed what follows."""
+        """The method whose poses are used further on."""
         return next(reversed(self.fits))
 
 
 def fit_to_survey(points: PosePoints, survey: SurveyPoints, allowed: Mask, keep: Mask) -> BodyFit:
-    """Fits relative to the survey, by the targets that make the body's frame; allowed, keep (B, T) by a person."""
+    """Return the fits relative to the survey, from the targets of the body frame; allowed, keep (B, T) by a person."""
     source, cov_source = _reference(points, survey)
     known: Mask = np.asarray(np.isfinite(source).all(axis=-1))
     frame = known & _in_frame(points, survey)
@@ -180,7 +179,7 @@ def fit_to_survey(points: PosePoints, survey: SurveyPoints, allowed: Mask, keep:
 
 
 def fit_by_itself(points: PosePoints, allowed: Mask, keep: Mask) -> BodyFit:
-    """Fits relative to the shape that the poses share, with poses and shape estimated together."""
+    """Return the fits relative to the shape common to the poses; poses and shape are estimated together."""
     usable = points.seen & allowed
     richest = int(usable.sum(axis=1).argmax())
     sigma = typical_sigma(_noise(points.points[richest], points, usable & usable[richest]), usable)
@@ -214,8 +213,8 @@ def _by_every_method(
     default: tuple[RigidFit, Mask],
     frame: Mask,
 ) -> tuple[dict[str, RigidFit], dict[str, tuple[Array, Array]]]:
-    """The plain, the reweighted and the default fit, each with its covariance in the survey's frame; default last. And
-    the weights of the first two."""
+    """Return the plain, the reweighted and the default fit (last), with covariances in the survey's frame, and the
+    weights of the first two."""
     spread = [np.sqrt(np.trace(C, axis1=-2, axis2=-1) / 3) for C in (cov_source, cov_target)]
     sigma = np.where(usable, np.hypot(spread[0], spread[1]), 1.0)
     reweighted, weight = haralick(
@@ -245,7 +244,8 @@ def _by_every_method(
 
 
 def _inverse_noise(fit: RigidFit, cov_source: Array, cov_target: Array, inlier: Mask) -> Array:
-    """Weights (B, T, 3, 3) of the maximum-likelihood fit: inverse noise of both clouds, in the measurement's axes."""
+    """Return the weights (B, T, 3, 3) of the maximum-likelihood fit: inverse noise of both clouds, in measurement
+    axes."""
     used = (inlier & fit.ok[:, None])[..., None, None]
     R = np.where(fit.ok[:, None, None], fit.R, np.eye(3))[:, None]
     noise = np.where(used, cov_target + R @ cov_source @ np.swapaxes(R, -1, -2), np.eye(3))
@@ -253,11 +253,9 @@ def _inverse_noise(fit: RigidFit, cov_source: Array, cov_target: Array, inlier: 
 
 
 def _movement(first: tuple[RigidFit, Mask, float], source: Array, target: Array, cov: Array, usable: Mask) -> Array:
-    """Movement of its own (T,), in m, of each target that flexes: without a survey, no one says which ones do.
-
-    Zero where the body as a whole is less rigid than its noise allows, and for a target that was moved far: there each
-    pose is judged for itself.
-    """
+    """Return each target's own movement (T,), in m, if it flexes; without a survey this is not known beforehand. Zero
+    if the whole body is less rigid than its noise allows, and for a target that moved far: then each pose is assessed
+    separately."""
     fit, _, ratio = first
     sigma = typical_sigma(cov, usable)
     tau = target_scatter(fit, source, target, cov, usable)
@@ -265,7 +263,7 @@ def _movement(first: tuple[RigidFit, Mask, float], source: Array, target: Array,
 
 
 def _reference(points: PosePoints, survey: SurveyPoints) -> tuple[Array, Array]:
-    """The survey (T, 3) with its covariance (T, 3, 3), in the order of the observed targets; NaN where not surveyed."""
+    """Return the survey (T, 3) with covariance (T, 3, 3) in the order of the observed targets; NaN if not surveyed."""
     place = {target: k for k, target in enumerate(survey.targets)}
     rows = np.array([place.get(target, -1) for target in points.targets], dtype=np.int64)
     known = rows >= 0
@@ -275,13 +273,13 @@ def _reference(points: PosePoints, survey: SurveyPoints) -> tuple[Array, Array]:
 
 
 def _in_frame(points: PosePoints, survey: SurveyPoints) -> Mask:
-    """(T,) which targets make the body's frame; of the survey those that `SurveyPoints.frame` names."""
+    """Return the mask (T,) of targets that define the body frame; with a survey those of `SurveyPoints.frame`."""
     frame = dict(zip(survey.targets, survey.frame, strict=True))
     return np.array([frame.get(target, True) for target in points.targets], dtype=bool)
 
 
 def _noise(source: Array, points: PosePoints, usable: Mask) -> Array:
-    """Covariances (B, T, 3, 3) of the points, with what the distances between them tell where none was declared."""
+    """Return the covariances (B, T, 3, 3) of the points, estimated from distances between them if none was declared."""
     undeclared = ~(np.trace(points.cov, axis1=-2, axis2=-1) > 0.0)
     if not (undeclared & usable).any():
         return np.where(undeclared[..., None, None], np.eye(3), points.cov)
@@ -293,9 +291,10 @@ def _noise(source: Array, points: PosePoints, usable: Mask) -> Array:
 def seen_from(
     base: BodyPoses, fit: RigidFit, method: str, cross: Array | None = None
 ) -> tuple[Any, Any, Any, NDArray[np.object_]]:
-    """R (B, 3, 3), p (B, 3), covariance (B, 6, 6) of a body seen from the base, and the status (B,) of the pair.
+    """Return R (B, 3, 3), p (B, 3), covariance (B, 6, 6) of a body relative to the base, and the status (B,) of the
+    pair.
 
-    cross (B, 6, 6): covariance of the body's motion and the base's, where their errors have something in common.
+    cross (B, 6, 6): covariance between the motions of body and base, if their errors are correlated.
     """
     other = base.fits.get(method, base.fit)
     if cross is None:
@@ -310,7 +309,7 @@ def seen_from(
 
 
 def without_targets(name: str, poses: tuple[int | str, ...], default: str) -> BodyPoses:
-    """A body that no target says anything of; ``default``: the method that its poses are to come from."""
+    """Return a body without any observed target; ``default``: the method of its poses."""
     count = len(poses)
     none = np.zeros((count, 0), bool)
     points = PosePoints(poses, (), np.zeros((count, 0, 3)), np.zeros((count, 0, 3, 3)), none)
@@ -321,18 +320,15 @@ def without_targets(name: str, poses: tuple[int | str, ...], default: str) -> Bo
 
 
 def largest_motion(body: BodyPoses, other: BodyPoses) -> Array:
-    """(B,) how far apart in m the two fits put the body at most, of the targets that were seen; NaN without both."""
+    """Return the largest difference (B,) in m between two fits at the targets seen; NaN without both."""
     places = [np.einsum("bij,bti->btj", fit.R, body.points.points - fit.t[:, None]) for fit in (body.fit, other.fit)]
     distance = np.linalg.norm(places[0] - places[1], axis=-1)
     return np.where(body.points.seen, distance, 0.0).max(axis=1)
 
 
 def _scatter(residual: Array, used: Mask, R: Array, points: PosePoints) -> tuple[float, float]:
-    """How much residuals scatter about their targets' means, over the declared noise of the points, and its freedom;
-    1 where it is no larger than chance makes it.
-
-    The error of the survey is the same in all poses, and goes with the means.
-    """
+    """Return the scatter of residuals about their targets' means over the declared noise, with its freedom; 1 if not
+    larger than by chance. Errors of the survey are the same in all poses, and are removed with the means."""
     from scipy.special import chdtrc
 
     kept = used & np.isfinite(residual).all(-1)
@@ -349,9 +345,9 @@ def _scatter(residual: Array, used: Mask, R: Array, points: PosePoints) -> tuple
 
 
 def body_parts(name: str, survey: SurveyPoints, found: FittedPoints) -> dict[Source, Array] | None:
-    """Covariances (B, 6, 6) of a body's poses by its points, its survey, and the scatter beyond them.
+    """Return covariances (B, 6, 6) of a body's poses due to its points, its survey, and excess scatter.
 
-    The points are those of the targets surveyed. None where no point was used, or the noise of one is not declared.
+    Only surveyed targets count. None if no point was used, or if the noise of one is not declared.
     """
     points, ok = found.points, np.asarray(np.isfinite(found.R).all((1, 2)))
     used = found.used & ok[:, None]

@@ -1,6 +1,6 @@
-"""The costly steps of a search for consensus with NumPy; `robust_kernel.py` has them compiled.
+"""Expensive steps of the consensus search in NumPy; `robust_kernel.py` has the compiled ones.
 
-A module of its own, for the compiled steps fall back on these, and small batches never load numba.
+Separate module, since the compiled steps fall back on these, and small batches never load numba.
 """
 
 from __future__ import annotations
@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from truing.estimation.rigid_poses.rigid import solve_weighted
 
-# Standard deviations that the distance within a pair may change by: one true pair in two million is lost.
+# Standard deviations by which a distance may change: one true pair in two million is lost.
 PAIR_LIMIT = 5.0
 ANCHORS = 4
-# Share of a point's noise that its residual keeps where it alone holds the pose in some direction.
+# Least share of a point's noise in its residual, if the point alone determines the pose in some direction.
 FLOOR = 1e-6
 
 
 @dataclass(frozen=True)
 class Clouds:
-    """A batch of poses under search: x, y (B, N, 3) in m, seen (B, N), sigma (B, N) in m, limit (B,) of chi-square."""
+    """A batch of poses in the search: x, y (B, N, 3) in m, seen (B, N), sigma (B, N) in m, limit (B,) of chi-square."""
 
     x: NDArray
     y: NDArray
@@ -34,15 +34,17 @@ class Clouds:
 
 
 def statuses(clouds: Clouds) -> NDArray:
-    """Return the statuses (B,) of plain fits to all points, which tell what no choice of points could mend."""
+    """Return the statuses (B,) of plain fits to all points, which show defects that no selection of points can
+    repair."""
     return solve_weighted(clouds.x, clouds.y, clouds.seen / clouds.sigma**2).status
 
 
 def squared_residuals(clouds: Clouds, members: NDArray) -> tuple[NDArray, NDArray]:
     """Return the squared residuals (B, N) of the fit to members, studentised and plain, in units of sigma.
 
-    The fit's own error takes from the residual of a member and adds to that of any other point, so that both say how
-    far the point is from what all others predict. Infinite where the members leave the pose free.
+    The fit's own error reduces the residual of a member and enlarges that of any other point. Studentised residuals
+    correct this and compare each point with the prediction from all others. Infinite if the members leave the pose
+    free.
     """
     weight = members / clouds.sigma**2
     fit = solve_weighted(clouds.x, clouds.y, weight)
@@ -78,9 +80,9 @@ def _mahalanobis(q: NDArray, A: NDArray, first: NDArray, r: NDArray, noise: NDAr
 
 
 def same_distances(clouds: Clouds) -> NDArray:
-    """Return the graph (B, N, N) of pairs as far apart in one cloud as in the other, 0 where they are not.
+    """Return the graph (B, N, N) of pairs with equal distances in both clouds, 0 for other pairs.
 
-    An edge weighs 1 and a little more the better it agrees, so that no choice hangs on the order of points.
+    An edge has weight 1 plus a small amount for better agreement, so that choices do not depend on the order of points.
     """
     a, b = _squared_distances(clouds.x, clouds.seen), _squared_distances(clouds.y, clouds.seen)
     change = np.square(a - b) / np.maximum(a + b + 2 * np.sqrt(a * b), np.finfo(float).tiny)  # (root a - root b)^2
@@ -102,9 +104,9 @@ def _squared_distances(points: NDArray, seen: NDArray) -> NDArray:
 
 
 def grow(graph: NDArray, seed: NDArray, taken: NDArray) -> NDArray:
-    """Return sets (B, N): anchors, beginning with the seed (B,), and every point joined to all of them.
+    """Return sets (B, N): anchors, beginning with the seed (B,), and every point connected to all of them.
 
-    Points taken (B, N) by the best set so far come last: another motion shares two of them at most.
+    Points taken (B, N) by the best set so far come last, since another motion shares at most two of them.
     """
     rows = np.arange(len(seed))
     anchors = np.zeros(graph.shape[:2], bool)

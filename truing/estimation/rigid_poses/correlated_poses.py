@@ -1,9 +1,9 @@
-"""Motions of several bodies at once from points whose errors are correlated, within a body and between bodies.
+"""Joint fit of several bodies to points with correlated errors, within a body and between bodies.
 
-Generalised least squares with ``S = cov_target + R cov_source R'`` of all points together. Where the points lie in a
-frame of their own (a free network), cov_target is singular along common motions of all points, and depends on the
-choice of that frame by terms ``J A + A' J'`` with J the motions of the bodies. Both leave the relative motions of
-bodies as they are: ``J K J'`` added to S changes no estimate (Rao and Mitra, Generalized Inverse of Matrices, 1971).
+Generalised least squares with ``S = cov_target + R cov_source R'`` of all points together. If the points have a frame
+of their own (a free network), cov_target is singular along common motions of all points, and depends on the choice of
+that frame by terms ``J A + A' J'`` with J the motions of the bodies. Neither affects relative motions: ``J K J'`` added
+to S changes no estimate (Rao and Mitra, Generalized Inverse of Matrices, 1971).
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from truing.estimation.rotation import exp_so3, skew
 _MOST_STEPS = 30
 # Squared length of the last step in units of its own covariance.
 _SETTLED = 1e-12
-# Share of a point's own weight that has to be controlled by others for a test of it.
+# Least share of a point's weight that other points must control for a test.
 _CONTROLLED = 1e-6
-# Share of the mean variance below which nothing is known.
+# Share of the mean variance below which there is no information.
 _EXACT = 1e-10
 _MEDIAN_TEST = float(chdtri(3, 0.5))
 _WORTH_A_RATIO = 1.2
@@ -38,8 +38,8 @@ _FEWEST = 3
 
 @dataclass(frozen=True)
 class PointsOfBodies:
-    """All points of a pose that are used: source and target (N, 3) in m, body (N,) by number, cov_source (N, 3, 3) in
-    the bodies' frames, cov_target (3N, 3N) of all together, in m^2."""
+    """All used points of a pose: source and target (N, 3) in m, body (N,) by number, cov_source (N, 3, 3) in the
+    bodies' frames, joint cov_target (3N, 3N), in m^2."""
 
     source: NDArray
     target: NDArray
@@ -48,7 +48,7 @@ class PointsOfBodies:
     cov_target: NDArray
 
     def without(self, row: int) -> PointsOfBodies:
-        """The same without one of the points."""
+        """Return a copy without one of the points."""
         keep = np.arange(len(self.source)) != row
         place = np.repeat(keep, 3)
         cov_target = self.cov_target[np.ix_(place, place)]
@@ -57,9 +57,12 @@ class PointsOfBodies:
 
 @dataclass(frozen=True)
 class JointMotions:
-    """Motions R (B, 3, 3) and t (B, 3) of B bodies; gain (6B, 3N): how the error of each point moves (t, theta) of each
-    body, R <- exp(theta) R; tests (N,): squared standardised size of each point's gross error, chi-square with 3
-    degrees without one, NaN where the others do not control it; converged."""
+    """Motions R (B, 3, 3) and t (B, 3) of B bodies.
+
+    gain (6B, 3N): derivative of (t, theta) of each body by the error of each point, R <- exp(theta) R; tests (N,): test
+    of a gross error in each point, chi-square with 3 degrees of freedom, NaN if the others do not control it;
+    converged.
+    """
 
     R: NDArray
     t: NDArray
@@ -68,9 +71,9 @@ class JointMotions:
     converged: bool
 
     def covariance(self, cov_target: NDArray) -> NDArray:
-        """What errors of the points with covariance (3N, 3N) leave in the motions together, (6B, 6B).
+        """Return the joint covariance (6B, 6B) of the motions for point errors with covariance (3N, 3N).
 
-        Nothing where the points' own frame is what the motions are told in; rounding is no variance below zero there.
+        Zero if the motions are relative to the points' own frame; rounding then causes no negative variance.
         """
         found = symmetric(self.gain @ cov_target @ self.gain.T)
         values, vectors = np.linalg.eigh(found)
@@ -80,7 +83,7 @@ class JointMotions:
 def joint_motions(points: PointsOfBodies, R: NDArray, t: NDArray) -> JointMotions:
     """Return the motions of the bodies of a pose from starts R (B, 3, 3), t (B, 3); three points or more of each.
 
-    The starts, not converged, where the points leave more than motions open: their common scale.
+    Returns the starts, not converged, if the points leave more than motions free: a common scale.
     """
     R, t = R.copy(), t.copy()
     each = points.body
@@ -112,7 +115,7 @@ def joint_motions(points: PointsOfBodies, R: NDArray, t: NDArray) -> JointMotion
 
 
 def _slopes(arm: NDArray, body: NDArray, bodies: int) -> NDArray:
-    """Return how points move with their bodies: (3N, 6B)."""
+    """Return the derivative (3N, 6B) of points by the motions of their bodies."""
     J = np.zeros((len(arm), 3, bodies, 6))
     rows = np.arange(len(arm))
     J[rows, :, body, :3] = np.eye(3)
@@ -121,7 +124,7 @@ def _slopes(arm: NDArray, body: NDArray, bodies: int) -> NDArray:
 
 
 def _factor(cov_target: NDArray, turned: NDArray, J: NDArray) -> tuple[NDArray, bool]:
-    """Return the Cholesky factor of S + J K J', K of the size that makes both alike."""
+    """Return the Cholesky factor of S + J K J', with K scaled so that both terms have the same size."""
     count = len(turned)
     S = symmetric(cov_target)
     rows = np.arange(count)
@@ -129,7 +132,7 @@ def _factor(cov_target: NDArray, turned: NDArray, J: NDArray) -> tuple[NDArray, 
     blocks[rows, :, rows, :] += turned
     size = np.einsum("ij,ij->j", J, J) / count
     variance = np.trace(S) / (3 * count)
-    # What else is exact, as the size of points without scale, has to leave the matrix regular.
+    # Other exact combinations, such as the size of points without scale, must not make the matrix singular.
     S[np.diag_indices(3 * count)] += _EXACT * variance
     return cho_factor(S + (J * (variance / size)) @ J.T, lower=True)
 
@@ -151,16 +154,17 @@ def _tests(factor: tuple[NDArray, bool], weighted: NDArray, gain: NDArray, r: ND
 def survey_part(
     source: NDArray, cov_source: NDArray, body: NDArray, frame: NDArray, gain: NDArray, R: NDArray
 ) -> NDArray:
-    """Return what the survey's errors leave in the motions (6B, 6B); cov_source (N, 3, 3), the rest as `by_survey`."""
+    """Return the covariance (6B, 6B) of the motions due to the survey; cov_source (N, 3, 3), other arguments as
+    `by_survey`."""
     moved = by_survey(source, body, frame, gain, R)
     return symmetric(np.einsum("pni,nij,qnj->pq", moved, cov_source, moved, optimize=True))
 
 
 def by_survey(source: NDArray, body: NDArray, frame: NDArray, gain: NDArray, R: NDArray) -> NDArray:
-    """Return how the motions follow the survey's errors, (6B, N, 3), their frames being those that the survey defines.
+    """Return the derivative (6B, N, 3) of the motions by the survey's errors, in frames defined by the survey.
 
-    As `survey_frame_covariance`: source (N, 3) of all surveyed points of all bodies, body (N,) by number, frame (N,)
-    those that make the frames; gain (6B, 3N), zero where a point was not used.
+    As `survey_frame_covariance`: source (N, 3) of all surveyed points of all bodies, body (N,) by number, frame (N,):
+    points that define the frames; gain (6B, 3N), zero for unused points.
     """
     own = np.zeros((len(R), 6, len(source), 3))
     for number, turn in enumerate(R):
@@ -176,8 +180,8 @@ def by_survey(source: NDArray, body: NDArray, frame: NDArray, gain: NDArray, R: 
 
 @dataclass(frozen=True)
 class _Pose:
-    """What of a pose is fitted together: bodies by number, and per point (N,) its body's place among them, target and
-    row of the observations."""
+    """Bodies of a pose in the joint fit, by number, and per point (N,) the index of its body among them, its target,
+    and its row of the observations."""
 
     number: int
     bodies: tuple[int, ...]
@@ -191,10 +195,10 @@ class _Pose:
 
 
 def with_correlations(bodies: Sequence[BodyPoses], rows: Sequence[Index], errors: PointErrors) -> list[BodyPoses]:
-    """The bodies with their default fits by generalised least squares; rows: per body (B, T) the rows of observations.
+    """Return the bodies with default fits by generalised least squares; rows: per body (B, T) the rows of observations.
 
-    What the robust fit kept is fitted; of that, what the correlations show to be off is rejected too. The other fits
-    stay as they are, and are told as uncertain as the correlations make them.
+    Points kept by the robust fit are fitted; those with gross errors by the correlated test are rejected too. The
+    estimates of other methods stay, with covariances from the correlations.
     """
     poses = [found for p in range(len(bodies[0].fit.ok)) if (found := _pose(p, bodies, rows)) is not None]
     first = [_motions(pose, bodies, errors) for pose in poses]
@@ -224,7 +228,8 @@ def _motions(pose: _Pose, bodies: Sequence[BodyPoses], errors: PointErrors) -> J
 
 
 def _limits(poses: Sequence[_Pose], found: Sequence[JointMotions], bodies: Sequence[BodyPoses]) -> Array:
-    """The largest test (B,) of each body that noise explains, with what the body scatters beyond it over all poses."""
+    """Return the limit (B,) of each body's tests that noise explains, including the body's excess scatter over all
+    poses."""
     ratio = np.ones(len(bodies))
     for b in range(len(bodies)):
         tests = [
@@ -243,8 +248,8 @@ def _limits(poses: Sequence[_Pose], found: Sequence[JointMotions], bodies: Seque
 def _cleaned(
     pose: _Pose, motions: JointMotions, bodies: Sequence[BodyPoses], errors: PointErrors, limit: Array
 ) -> tuple[_Pose, JointMotions]:
-    """A pose without the points that the correlations show to be off, the worst first, and without those of whom a body
-    would keep too few."""
+    """Return a pose without points that fail the correlated test, the worst first, and without bodies that keep too few
+    points."""
     while True:
         over = np.nan_to_num(motions.tests) / limit[np.array(pose.bodies)[pose.body]]
         spare = np.bincount(pose.body)[pose.body] > _FEWEST
@@ -278,7 +283,7 @@ def _replaced(
 
 
 def _covariance(pose: _Pose, motions: JointMotions, bodies: Sequence[BodyPoses], errors: PointErrors) -> Array:
-    """The covariance (6B, 6B) of the motions together: of the points' errors, and of the survey's."""
+    """Return the joint covariance (6B, 6B) of the motions, due to errors of points and survey."""
     measured = motions.covariance(errors.covariance(pose.row))
     own = [bodies[b] for b in pose.bodies]
     known = [np.flatnonzero(body.frame) for body in own]
@@ -295,7 +300,7 @@ def _covariance(pose: _Pose, motions: JointMotions, bodies: Sequence[BodyPoses],
 
 @dataclass
 class _Filled:
-    """One body's arrays over all poses, as they are filled pose by pose."""
+    """Arrays of one body over all poses, filled in pose by pose."""
 
     R: Array
     t: Array
@@ -321,11 +326,11 @@ class _Filled:
         )
 
     def with_other(self, body: str) -> Array:
-        """The covariances (B, 6, 6) with the poses of another body, to be filled."""
+        """Return the covariances (B, 6, 6) with the poses of another body, to be filled in."""
         return self.cross.setdefault(body, np.full((len(self.t), 6, 6), np.nan))
 
     def take(self, pose: _Pose, k: int, motions: JointMotions, covariance: Array, effects: Array) -> None:
-        """What the joint fit made of this body, the k-th of a pose."""
+        """Store the result of the joint fit for this body, the k-th of a pose."""
         p = pose.number
         self.R[p], self.t[p], self.covariance[p], self.effects[p] = motions.R[k], motions.t[k], covariance, effects
         stays = np.zeros(self.used.shape[1], bool)
@@ -333,7 +338,7 @@ class _Filled:
         self.dropped[p], self.used[p], self.n_used[p] = self.used[p] & ~stays, stays, stays.sum()
 
     def body_poses(self, body: BodyPoses) -> BodyPoses:
-        """The body with what was filled in; the residuals and reasons follow from it."""
+        """Return the body with the stored results, and the residuals and reasons that follow."""
         fit = replace(body.fit, R=self.R, t=self.t, covariance=self.covariance, n_used=self.n_used)
         there: Mask = np.asarray(np.isfinite(body.residual).all(axis=-1))
         residual = np.where(there[..., None], fit.residuals(body.source, body.points.points), np.nan)
@@ -358,7 +363,7 @@ class _Filled:
 
 @dataclass(frozen=True)
 class JointFit:
-    """The joint fit of the bodies of a pose, by number, to the points in rows (N,) of the observations."""
+    """Joint fit of the bodies of a pose, by number, to the points in rows (N,) of the observations."""
 
     bodies: tuple[int, ...]
     row: Index
@@ -368,9 +373,11 @@ class JointFit:
 def with_other_methods(
     bodies: Sequence[BodyPoses], rows: Sequence[Index], errors: PointErrors, joint: Mapping[int, JointFit]
 ) -> list[BodyPoses]:
-    """The bodies with the covariance of the fits beside their default: a pose is linear in the points' errors, with the
-    weights that it has, whatever these errors have in common. rows: per body (B, T) the rows of observations; joint: by
-    pose."""
+    """Return the bodies with covariances of the other methods for correlated point errors.
+
+    A pose is linear in the points' errors with its given weights, for any correlation. rows: per body (B, T) the rows
+    of observations; joint: by pose.
+    """
     filled = list(bodies)
     for method in dict.fromkeys(method for body in bodies for method in body.weights):
         gains = [_gain(body, method) for body in bodies]
@@ -385,13 +392,13 @@ def with_other_methods(
                 cov[b][p] = both[6 * i : 6 * i + 6, 6 * i : 6 * i + 6]
                 for k, other in enumerate(there):
                     cross[b][bodies[other].name][p] = both[6 * i : 6 * i + 6, 6 * k : 6 * k + 6]
-        filled = [_retold(*one, method) for one in zip(filled, cov, cross, strict=True)]
+        filled = [_with_measured_covariance(*one, method) for one in zip(filled, cov, cross, strict=True)]
     return filled
 
 
 def _gain(body: BodyPoses, method: str) -> Array | None:
-    """How the pose follows each point's error, (B, T, 6, 3), with what a robust fit scatters more than its weights say;
-    None where the body has no such fit."""
+    """Return the derivative (B, T, 6, 3) of the pose by each point's error, scaled by the excess scatter of a robust
+    fit; None if the body has no such fit."""
     if method not in body.weights:
         return None
     weight, factor = body.weights[method]
@@ -409,8 +416,8 @@ def _stacked(
     gains: Sequence[Array | None],
     joint: JointFit | None,
 ) -> tuple[list[int], Index, Array]:
-    """The bodies that a pose has by a method, by their default where they lack it; the rows (n,) of its points, and the
-    gain (6b, 3n) on these motions."""
+    """Return the bodies of a pose with a method, or their default if they lack it; the rows (n,) of their points, and
+    the gain (6b, 3n) of the motions."""
     row = np.concatenate([own[p][own[p] >= 0] for own in rows])
     place = {r: n for n, r in enumerate(row.tolist())}
     there, parts = [], []
@@ -430,7 +437,7 @@ def _stacked(
     return there, row, np.concatenate(parts) if parts else np.zeros((0, 3 * len(row)))
 
 
-def _retold(body: BodyPoses, measured: Array, cross: Mapping[str, Array], method: str) -> BodyPoses:
+def _with_measured_covariance(body: BodyPoses, measured: Array, cross: Mapping[str, Array], method: str) -> BodyPoses:
     updated = {(method, other): found for other, found in cross.items()}
     if method not in body.weights:
         return replace(body, cross={**body.cross, **updated})

@@ -1,9 +1,9 @@
-"""The robust pose of corresponding points by iteratively reweighted least squares, noise on both point sets.
+"""Robust pose of corresponding points by iteratively reweighted least squares, with noise on both point sets.
 
-Haralick, Joo, Lee, Zhuang, Vaidya and Kim, "Pose estimation from corresponding point data", IEEE Trans. Systems,
-Man and Cybernetics 19 (1989) 1426: the weighted singular value decomposition of the 3D-3D problem, its weights
-taken anew from the residuals by Tukey's biweight (Beaton and Tukey, Technometrics 16 (1974) 147) until they
-settle. The constant of the biweight and the scale of the residuals are chosen here for three dimensions.
+Haralick, Joo, Lee, Zhuang, Vaidya and Kim, "Pose estimation from corresponding point data", IEEE Trans. Systems, Man
+and Cybernetics 19 (1989) 1426: weighted singular value decomposition of the 3D-3D problem, with weights from the
+residuals by Tukey's biweight (Beaton and Tukey, Technometrics 16 (1974) 147), iterated to convergence. The constant of
+the biweight and the scale of the residuals are chosen for three dimensions.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from truing.estimation.rigid_poses.rigid import (
     solve_weighted,
 )
 
-# Of the length of a three-dimensional residual in units of its noise: 95 % efficiency under Gaussian noise.
+# Relative to the length of a three-dimensional residual in units of its noise: 95 % efficiency for Gaussian noise.
 TUNING = 5.4902
 # Median of the length of a standard normal vector in three dimensions.
 MEDIAN_LENGTH = 1.5381722544550522
 MAX_ITERATIONS = 200
-# Largest movement of a fitted point per iteration, in units of its noise, that counts as settled.
+# Largest movement of a fitted point per iteration, in units of its noise, at convergence.
 _SETTLED = 1e-6
 
 
@@ -38,13 +38,13 @@ def haralick(
     *,
     tuning: float = TUNING,
 ) -> tuple[RigidFit, NDArray]:
-    """Return the robust rigid motion ``target = R source + t`` and the weights (B, N), 0 to 1, it ended with.
+    """Return the robust rigid motion ``target = R source + t`` and its final weights (B, N), 0 to 1.
 
     source, target: (B, N, 3) or (N, 3) in m; sigma_source, sigma_target: standard deviation per coordinate in m
-    (scalar, (N,), (B, 1) or (B, N)); weight 0 marks a missing point. Starts from least squares, so that it breaks
-    down where gross errors rule that start; the scale of the residuals is their median, never below the declared
-    noise. The covariance holds for the points kept, at the efficiency of the biweight.
-    Raises ValueError as `umeyama`, and for noise that is not positive.
+    (scalar, (N,), (B, 1) or (B, N)); weight 0 marks a missing point. The start is the least-squares fit, so the method
+    fails if gross errors dominate it. The scale of the residuals is their median, at least the declared noise. The
+    covariance holds for the points kept, at the efficiency of the biweight. Raises ValueError as `umeyama`, and for
+    noise that is not positive.
     """
     x, y, w = check_correspondences(source, target, weight)
     noise = np.broadcast_to(np.hypot(sigma_source, sigma_target).astype(np.float64), w.shape)
@@ -74,9 +74,9 @@ def biweight_efficiency(tuning: float) -> float:
 
 
 def residual_scale(length: NDArray, used: NDArray) -> NDArray:
-    """Return the robust scale (B,) of residual lengths (B, N) of a rigid fit, 1 where they scatter as declared.
+    """Return the robust scale (B,) of residual lengths (B, N) of a rigid fit, 1 if they scatter as declared.
 
-    The median of the used (B, N) points against that of Gaussian noise, the six fitted parameters allowed for.
+    The median of the used (B, N) points relative to that of Gaussian noise, corrected for the six fitted parameters.
     """
     count = np.count_nonzero(used, axis=-1)
     ordered = np.sort(np.where(used, length, np.inf), axis=-1)
@@ -90,7 +90,7 @@ def residual_scale(length: NDArray, used: NDArray) -> NDArray:
 def _iterate_weights(
     x: NDArray, y: NDArray, base: NDArray, noise: NDArray, tuning: float
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """Return the weights (B, N), the number of iterations (B,) and whether the fits settled (B,)."""
+    """Return the weights (B, N), the number of iterations (B,) and the mask of converged fits (B,)."""
     start = solve_weighted(x, y, base)
     robust, fitted = (base > 0).astype(np.float64), start.apply(x)
     steps, converged = np.zeros(len(x), np.int64), ~start.ok

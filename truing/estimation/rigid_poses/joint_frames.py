@@ -1,4 +1,4 @@
-"""Frames of bodies whose points have errors in common: how residuals and poses follow these errors."""
+"""Frames of bodies with correlated point errors: derivatives of residuals and poses by these errors."""
 
 from __future__ import annotations
 
@@ -18,11 +18,13 @@ _FEWEST = 3
 
 @dataclass(frozen=True)
 class FramedBody:
-    """One body over all poses, and the parent that it is seen from: targets (T names), source (T, 3) and cov_source
-    (T, 3, 3) that its poses are relative to, frame (T,) those that make the frame of that, cov_shape (T, 3, 3) how well
-    that is known, which the poses of a body without a survey tell themselves; motion R (B, 3, 3), t
-    (B, 3), points (B, T, 3) as measured, used (B, T) for its frame, row (B, T) of the observations, -1 where not seen.
-    In m, NaN where a pose has none."""
+    """One body over all poses, with its parent.
+
+    targets (T names); source (T, 3) with cov_source (T, 3, 3): reference of its poses; frame (T,): targets that define
+    the frame; cov_shape (T, 3, 3): uncertainty of that reference, if the poses of a body without a survey define it;
+    motion R (B, 3, 3), t (B, 3); points (B, T, 3) as measured; used (B, T): for its frame; row (B, T): of the
+    observations, -1 if not seen. In m, NaN without a pose.
+    """
 
     name: str
     parent: str
@@ -40,8 +42,8 @@ class FramedBody:
 
 @dataclass(frozen=True)
 class FramedPoints:
-    """Bodies over all poses, what the errors of their points have in common, and the correlations (K, K) of parameters
-    common to all poses."""
+    """Bodies over all poses, the errors common to their points, and the correlations (K, K) of parameters common to all
+    poses."""
 
     bodies: Sequence[FramedBody]
     errors: PointErrors
@@ -50,8 +52,8 @@ class FramedPoints:
 
 @dataclass(frozen=True)
 class JointFrame:
-    """The bodies, by number, that were fitted together in a pose, and the points (N,), by body and target, that were
-    weighed: gain (6b, 3N) of their errors on the motions (t, theta), body by body."""
+    """Bodies of a pose in its joint fit, by number, and the points (N,) of the fit, by body and target: gain (6b, 3N)
+    of their errors on the motions (t, theta), body by body."""
 
     bodies: tuple[int, ...]
     body: Index
@@ -61,19 +63,19 @@ class JointFrame:
 
 @dataclass(frozen=True)
 class PointGain:
-    """How numbers (Q) of a pose follow the errors of points (n,), by body and target: gain (Q, 3n)."""
+    """Derivative (Q, 3n) of numbers (Q) of a pose by the errors of points (n,), by body and target."""
 
     body: Index
     target: Index
     gain: Array
 
     def rows(self, p: int, bodies: Sequence[FramedBody]) -> Index:
-        """The rows (n,) of the observations of a pose."""
+        """Return the rows (n,) of the observations of a pose."""
         return np.array([bodies[b].row[p, t] for b, t in zip(self.body, self.target, strict=True)], np.int64)
 
 
 def joint_frame(p: int, bodies: Sequence[FramedBody], errors: PointErrors) -> JointFrame | None:
-    """The joint fit of the bodies of a pose once more; None where there was none."""
+    """Return the joint fit of the bodies of a pose again; None if there was none."""
     fitted = [b for b, own in enumerate(bodies) if np.isfinite(own.t[p]).all() and own.used[p].sum() >= _FEWEST]
     if not fitted:
         return None
@@ -94,9 +96,10 @@ def joint_frame(p: int, bodies: Sequence[FramedBody], errors: PointErrors) -> Jo
 
 
 def residual_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body: int, weight: Array) -> PointGain:
-    """How sums of a body's residuals, weight (Q, T, 3) in the axes of the measurement, follow the errors of points.
+    """Return the derivative of sums of a body's residuals, with weight (Q, T, 3) in measurement axes, by the errors of
+    points.
 
-    A residual follows the error of its own point, and those of all points that made its frame.
+    A residual depends on the error of its own point, and on those of all points that define its frame.
     """
     own = bodies[body]
     assessed = np.flatnonzero(weight.any(axis=(0, 2)) & ~own.used[p])
@@ -112,13 +115,14 @@ def residual_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body:
 
 
 def sums_by_motion(p: int, body: FramedBody, weight: Array) -> Array:
-    """How sums of what lies at a body's targets, weight (Q, T, 3), follow its motion (t, theta), (Q, 6)."""
+    """Return the derivative (Q, 6) of weighted sums over a body's targets, weight (Q, T, 3), by its motion (t,
+    theta)."""
     return np.einsum("qti,tij->qj", weight, rigid_motions(apply_rotation(body.R[p], body.source)))
 
 
 def by_shapes(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body: int, weight: Array) -> Array:
-    """How such sums follow, through the frame, one standard deviation of each coordinate of the shapes of all bodies:
-    (Q, T, 3)."""
+    """Return the effect (Q, T, 3) on such sums, through the frame, of one standard deviation of each coordinate of all
+    bodies' shapes."""
     first = np.cumsum([0, *(len(one.targets) for one in bodies)])
     by_frame = (sums_by_motion(p, bodies[body], weight) @ _rows(frame.gain, frame, body)).reshape(len(weight), -1, 3)
     turned = by_frame[:, :, None] @ np.array([one.R[p] for one in bodies])[frame.body]
@@ -128,14 +132,14 @@ def by_shapes(p: int, bodies: Sequence[FramedBody], frame: JointFrame, body: int
 
 
 def _shape_roots(body: FramedBody) -> Array:
-    """Roots (T, 3, 3) of the covariances of a body's shape."""
+    """Return roots (T, 3, 3) of the covariances of a body's shape."""
     values, vectors = np.linalg.eigh(body.cov_shape)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))[:, None])
 
 
 def survey_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame) -> Array:
-    """How the motions (t, theta) of the bodies of a pose follow the errors of the survey of all targets of all bodies,
-    (6b, T, 3), as `by_survey` counts them."""
+    """Return the derivative (6b, T, 3) of the motions (t, theta) of the bodies of a pose by the survey errors of all
+    targets of all bodies, as in `by_survey`."""
     first = np.cumsum([0, *(len(body.targets) for body in bodies)])
     gain = np.zeros((len(frame.gain), first[-1], 3))
     gain[:, first[frame.body] + frame.target] = frame.gain.reshape(len(gain), -1, 3)
@@ -152,8 +156,8 @@ def survey_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame) -> Arra
 def relative_gain(
     p: int, bodies: Sequence[FramedBody], frame: JointFrame, gain: Array
 ) -> tuple[tuple[str, ...], Array]:
-    """The bodies of a pose but those that others are seen from, and how their poses (6 each), as their parents see
-    them, follow what the motions of the bodies follow by gain (6b, n): (6c, n)."""
+    """Return the bodies of a pose that have a parent, and the derivative (6c, n) of their poses relative to it, from
+    the gain (6b, n) of the motions."""
     place = {bodies[b].name: b for b in frame.bodies}
     parents = {bodies[b].parent for b in frame.bodies}
     names, rows = [], []
@@ -176,8 +180,11 @@ def _rows(gain: Array, frame: JointFrame, body: int) -> Array:
 
 
 def mean_shape(R: Array, t: Array, used: Mask, points: PosePoints, residual: Array) -> tuple[Array, Array]:
-    """Return where targets (T, 3) are in their body: as measured, less the residual (B, T, 3); zero for those that no
-    pose used. And the covariances (T, 3, 3) of means over the poses that used them (B, T)."""
+    """Return the positions (T, 3) of targets in their body, zero if never used: as measured, minus the residual (B, T,
+    3).
+
+    Also returns the covariances (T, 3, 3) of the means over the poses that used them (B, T).
+    """
     local = np.einsum("bji,btj->bti", R, points.points - t[:, None]) - residual
     reported = used & np.isfinite(local).all(axis=-1)
     count = np.maximum(reported.sum(axis=0), 1)

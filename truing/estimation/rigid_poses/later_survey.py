@@ -1,4 +1,5 @@
-"""Which targets of a body lie elsewhere in a later survey: the common motion taken out, the many tests corrected."""
+"""Comparison of two surveys of a body: targets that moved, relative to a common motion, with correction for many
+tests."""
 
 from __future__ import annotations
 
@@ -14,19 +15,19 @@ from truing.estimation.rigid_poses.robust import consensus
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import rigid_motions, skew
 
-FALSE_ALARM = 0.01  # of a body in which nothing moved: that any of its targets is said to have
-_CONTRADICTED = 0.01  # the others' scatter: rarer by chance, and it takes the place of the declared noise
-_FLOOR = 1e-6  # share of a target's noise that its residual keeps where it alone holds the frame in some direction
+FALSE_ALARM = 0.01  # probability that any target of an unchanged body is called moved
+_CONTRADICTED = 0.01  # p-value of the others' scatter, below which it replaces the declared noise
+_FLOOR = 1e-6  # least share of a target's noise in its residual, if it alone determines the frame in some direction
 _ROUNDS = 20
 
 
 @dataclass(frozen=True)
 class SurveyComparison:
-    """How T targets differ between two surveys, in the frame of the first, SI.
+    """Differences of T targets between two surveys, in the frame of the first, SI.
 
-    shift (T, 3): place in the later survey less that before, as the unmoved others have it; cov (T, 3, 3) of it;
-    p_value (T,) of each by itself, moved (T,) by all tests together. status: ok, or why nothing can be told. chi_square
-    and freedom of what the unmoved leave over. R (3, 3), t (3,): from the first frame to that of the later survey.
+    shift (T, 3): later minus earlier position, relative to the unmoved others, with cov (T, 3, 3); p_value (T,): of
+    each alone; moved (T,): by all tests together. status: ok, or the reason for no result. chi_square and freedom: of
+    the unmoved targets. R (3, 3), t (3,): from the first frame to that of the later survey.
     """
 
     shift: Array
@@ -41,8 +42,11 @@ class SurveyComparison:
     frame_cov: Array
 
     def place(self, points: ArrayLike, cov: ArrayLike) -> tuple[Array, Array]:
-        """Points (N, 3) of the later survey in the first frame, and their covariance (N, 3, 3) with that of the frame;
-        cov (N, 3, 3) of the points."""
+        """Return points (N, 3) of the later survey in the first frame, with covariance (N, 3, 3) including that of the
+        frame.
+
+        cov (N, 3, 3): of the points.
+        """
         at = (np.asarray(points, float) - self.t) @ self.R
         arm = rigid_motions(at)
         return at, self.R.T @ np.asarray(cov, float) @ self.R + arm @ self.frame_cov @ np.swapaxes(arm, 1, 2)
@@ -51,18 +55,18 @@ class SurveyComparison:
 def compare_surveys(
     before: ArrayLike, cov_before: ArrayLike, after: ArrayLike, cov_after: ArrayLike, known: ArrayLike, alarm: float
 ) -> SurveyComparison:
-    """Compare two surveys (T, 3) of one body in frames of their own; cov (T, 3, 3), known (T,): said to have moved.
+    """Compare two surveys (T, 3) of one body in different frames; cov (T, 3, 3), known (T,): declared as moved.
 
-    The unmoved are the largest set that follows one rigid motion. Each target is held against the motion of the unmoved
-    others, with three degrees of freedom; Holm's correction keeps it at ``alarm`` that any is said to have moved where
-    none has. The noise is the declared one, unless the unmoved others contradict it.
+    The unmoved targets are the largest set that follows one rigid motion. Each target is compared with the motion of
+    the unmoved others, with three degrees of freedom; Holm's correction keeps the probability of any false finding at
+    ``alarm``. The noise is the declared one, unless the unmoved others contradict it.
     """
     x, y = np.asarray(before, float), np.asarray(after, float)
     Vx, Vy, text = np.asarray(cov_before, float), np.asarray(cov_after, float), np.asarray(known, bool)
     worst = np.sqrt(np.linalg.eigvalsh(Vx + Vy)[:, -1])
     kept, status = _largest_set(x, y, ~text, worst)
     if status != FitStatus.OK:
-        return _untold(len(x), str(status))
+        return _without_result(len(x), str(status))
     for _ in range(_ROUNDS):
         found = _compared_with_others(x, Vx, y, Vy, kept, alarm, text)
         if found.status != FitStatus.OK or (~found.moved == kept).all():
@@ -78,7 +82,7 @@ def _largest_set(x: Array, y: Array, usable: Mask, sigma: Array) -> tuple[Mask, 
     return kept[0], str(status[0])
 
 
-def _untold(count: int, status: str) -> SurveyComparison:
+def _without_result(count: int, status: str) -> SurveyComparison:
     nothing, none = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
     return SurveyComparison(
         nothing, none, np.ones(count), np.zeros(count, bool), status, 0.0, 0, *(np.full(s, np.nan) for s in _SHAPES)
@@ -91,10 +95,10 @@ _SHAPES = ((3, 3), 3, (6, 6))
 def _compared_with_others(
     x: Array, Vx: Array, y: Array, Vy: Array, kept: Mask, alarm: float, is_stated: Mask
 ) -> SurveyComparison:
-    """Every target against the motion of the kept ones, itself left out."""
+    """Return the comparison of every target with the motion of the kept ones other than itself."""
     fit = umeyama(x[None], y[None], kept[None] / np.trace(Vx + Vy, axis1=1, axis2=2)[None])
     if not fit.ok[0]:
-        return _untold(len(x), str(fit.status[0]))
+        return _without_result(len(x), str(fit.status[0]))
     R, t = fit.R[0], fit.t[0]
     off = (y - t) @ R - x
     V = Vx + R.T @ Vy @ R
@@ -109,7 +113,7 @@ def _compared_with_others(
     chi_square = float(np.einsum("ti,tij,tj->", left, weight, left))
     freedom = 3 * int(kept.sum()) - 6
     p = _p_values(square, chi_square - np.where(kept, square, 0.0), freedom - 3 * kept)
-    # what the others predict of a kept target does not know of it: its own part of the residual is restored
+    # the prediction of a kept target must not use it: restore its own part of the residual
     restored = np.where(kept[:, None, None], V @ inverse, np.eye(3))
     shift = (restored @ left[..., None])[..., 0]
     cov = np.where(kept[:, None, None], V @ inverse @ V, own)
@@ -132,7 +136,7 @@ def _compared_with_others(
 
 
 def _p_values(square: Array, others: Array, freedom: Index) -> Array:
-    """(T,) by the declared noise, or by the scatter of the others where that contradicts it."""
+    """Return p-values (T,) by the declared noise, or by the scatter of the others if that contradicts it."""
     from scipy.special import chdtrc, fdtrc
 
     safe = np.maximum(freedom, 1)

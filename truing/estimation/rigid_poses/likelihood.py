@@ -1,4 +1,4 @@
-"""The maximum-likelihood rigid motion for anisotropic, correlated noise of each point, on both clouds.
+"""Maximum-likelihood rigid motion for anisotropic, correlated noise of each point in both clouds.
 
 ``target_k = R xi_k + t + f_k``, ``source_k = xi_k + e_k``, with cov(f_k) and cov(e_k) any 3x3 covariances and xi_k the
 true points, eliminated exactly: minimise ``sum r' S^-1 r``, ``r = target - R source - t``,
@@ -24,7 +24,7 @@ from truing.estimation.rotation import exp_so3, skew
 MAX_ITERATIONS = 60
 # Squared length of the last step in units of its own covariance: a millionth of a standard deviation.
 _SETTLED = 1e-12
-# Relative difference of a covariance from a multiple of the identity that is rounding.
+# Relative difference of a covariance from a multiple of the identity that counts as rounding.
 _ISOTROPIC = 1e-12
 
 
@@ -36,13 +36,13 @@ def maximum_likelihood(
     mask: ArrayLike | None = None,
     start: RigidFit | None = None,
 ) -> RigidFit:
-    """Return the maximum-likelihood motion ``target = R source + t`` with the covariance that accounts for both clouds.
+    """Return the maximum-likelihood motion ``target = R source + t`` with a covariance that includes both clouds.
 
-    source, target: (B, N, 3) or (N, 3) in m; cov_source in the source frame, cov_target in the target frame:
-    (3, 3), (N, 3, 3) or (B, N, 3, 3) in m^2, one of the two may be zero; mask: (B, N), False for a missing point.
-    ``start`` (its entries that are OK) replaces the isotropic closed form, with which an entry ends, without
-    iterating, where all its covariances are multiples of the identity. Raises ValueError as `umeyama`, and for a
-    noise that is not positive definite. Status NOT_CONVERGED where the iteration did not settle.
+    source, target: (B, N, 3) or (N, 3) in m; cov_source in the source frame, cov_target in the target frame: (3, 3),
+    (N, 3, 3) or (B, N, 3, 3) in m^2, one of the two may be zero; mask: (B, N), False for a missing point. ``start``
+    (its OK entries) replaces the isotropic closed form, which is the final result for entries whose covariances are all
+    multiples of the identity. Raises ValueError as `umeyama`, and for noise that is not positive definite. Status
+    NOT_CONVERGED if the iteration did not converge.
     """
     used = None if mask is None else np.asarray(mask, bool)
     x, y, w = check_correspondences(source, target, used)
@@ -60,7 +60,7 @@ def maximum_likelihood(
 
 
 def _covariances(cov_source: ArrayLike, cov_target: ArrayLike, used: NDArray) -> tuple[NDArray, NDArray]:
-    """Return both covariances as (B, N, 3, 3), those of unused points set to the identity."""
+    """Return both covariances as (B, N, 3, 3), with the identity for unused points."""
     out, smallest = [], np.zeros(used.shape)
     for name, given in (("cov_source", cov_source), ("cov_target", cov_target)):
         C = np.asarray(given, np.float64)
@@ -80,7 +80,7 @@ def _covariances(cov_source: ArrayLike, cov_target: ArrayLike, used: NDArray) ->
 
 
 def _all_isotropic(C_x: NDArray, C_y: NDArray, used: NDArray) -> NDArray:
-    """Return for which entries (B,) all used covariances are multiples of the identity."""
+    """Return the mask (B,) of entries whose used covariances are all multiples of the identity."""
     different = np.zeros(used.shape)
     for C in (C_x, C_y):
         mean = np.trace(C, axis1=-2, axis2=-1)[..., None, None] / 3
@@ -99,7 +99,7 @@ def _starting_motion(closed: RigidFit, start: RigidFit | None, rows: NDArray) ->
 def _damped_gauss_newton(
     x: NDArray, y: NDArray, C_x: NDArray, C_y: NDArray, used: NDArray, R: NDArray, t: NDArray
 ) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
-    """Return R, t, normal matrix (B, 6, 6), iterations (B,) and whether they settled (B,), by Levenberg-Marquardt."""
+    """Return R, t, normal matrix (B, 6, 6), iterations (B,) and convergence (B,) of Levenberg-Marquardt."""
     R, t = R.copy(), t.copy()
     H, g, cost = _normal_equations(x, y, C_x, C_y, used, R, t)
     damping, steps = np.zeros(len(R)), np.zeros(len(R), np.int64)
@@ -130,11 +130,9 @@ def _damped(H: NDArray, damping: NDArray) -> NDArray:
 def _normal_equations(
     x: NDArray, y: NDArray, C_x: NDArray, C_y: NDArray, used: NDArray, R: NDArray, t: NDArray
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """Return the normal matrix (B, 6, 6), the exact gradient (B, 6) and the cost (B,), ``sum r' S^-1 r / 2``.
-
-    The derivative of S with R enters through the estimated true points ``xi = x + cov_source R' S^-1 r``: the
-    gradient is ``sum J' S^-1 r`` with ``J = [-I, [R xi]x]``, without approximation.
-    """
+    """Return the normal matrix (B, 6, 6), the exact gradient (B, 6) and the cost (B,), ``sum r' S^-1 r / 2``. S depends
+    on R through the estimated true points ``xi = x + cov_source R' S^-1 r``: the gradient is ``sum J' S^-1 r`` with ``J
+    = [-I, [R xi]x]``, without approximation."""
     Rt = np.swapaxes(R, -1, -2)[:, None]
     turned = R[:, None] @ C_x @ Rt
     r = np.where(used[..., None], y - x @ Rt[:, 0] - t[:, None], 0.0)
@@ -155,7 +153,7 @@ def _merged(
     y: NDArray,
     used: NDArray,
 ) -> RigidFit:
-    """The closed-form fits with the iterated ones put in their rows."""
+    """Return the closed-form fits with iterated results in their rows."""
     R, t, H, steps, converged = solved
     distance = np.sum((y - x @ np.swapaxes(R, -1, -2) - t[:, None]) ** 2, axis=-1)
     rms = np.sqrt(np.sum(used * distance, axis=-1) / used.sum(-1))

@@ -1,8 +1,8 @@
-"""The position and direction of the straight line closest to points: a body known only to be long and thin.
+"""Position and direction of the straight line closest to points, for a body known only as long and thin.
 
 First algorithm of section 3.1 of the telescope report. A total-least-squares line passes through the barycentre, so
-that "the direction of the projection of the barycentre on the line" is a zero vector: a line has no roll, and none is
-made up here.
+"the direction of the projection of the barycentre on the line" is a zero vector. A line has no roll, so no roll is
+given.
 """
 
 from __future__ import annotations
@@ -20,27 +20,27 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class LineFit:
-    """A batch of B lines; numbers are masked with NaN where status is not OK."""
+    """A batch of B lines; numbers are NaN if the status is not OK."""
 
     position: NDArray  # (B, 3) m, barycentre of the points, which lies on the line
     direction: NDArray  # (B, 3) unit vector
-    covariance: NDArray  # (B, 6, 6) of (position, small rotation of the direction, none about it); m and rad
+    covariance: NDArray  # (B, 6, 6) of (position, small rotation of the direction, zero about it); m and rad
     rms: NDArray  # (B,) m, root of the mean squared distance from the line
     n_used: NDArray  # (B,)
     status: NDArray  # (B,) of FitStatus values
 
     @property
     def ok(self) -> NDArray:
-        """Return which entries (B,) hold numbers."""
+        """Mask (B,) of entries with numbers."""
         return self.status == FitStatus.OK
 
 
 def fit_line(points: ArrayLike, along: ArrayLike, weight: ArrayLike | None = None, *, sigma: float) -> LineFit:
     """Return the lines that minimise the sum of squared distances to points (B, N, 3) or (N, 3), in m.
 
-    along (3,) or (B, 3) tells which of the two ends the direction points to; weight: (B, N), 0 for a missing point;
-    sigma: standard deviation per coordinate in m. Two points make a line. Status COINCIDENT where the points have no
-    direction, AMBIGUOUS where they have more than one. Raises ValueError as `umeyama`.
+    along (3,) or (B, 3): selects the sense of the direction; weight: (B, N), 0 for a missing point; sigma: standard
+    deviation per coordinate in m. Two points determine a line. Status COINCIDENT if the points have no direction,
+    AMBIGUOUS if they have more than one. Raises ValueError as `umeyama`.
     """
     y, _, w = check_correspondences(points, points, weight)
     total = np.maximum(w.sum(-1), np.finfo(float).tiny)
@@ -72,11 +72,9 @@ def _status(used: NDArray, spread: NDArray, size: NDArray) -> NDArray:
 def _covariance(
     p: NDArray, w: NDArray, total: NDArray, axes: NDArray, spread: NDArray, ok: NDArray, sigma: float
 ) -> NDArray:
-    """Return (B, 6, 6): first-order perturbation of the mean and of the leading eigenvector of the scatter.
-
+    """Return the covariance (B, 6, 6) by first-order perturbation of the mean and of the scatter's leading eigenvector.
     An error e of one point turns the axis z towards a transverse axis a by ``w (p_z e_a + p_a e_z) / (l_z - l_a)``,
-    which is the rotation vector ``z x a`` times that.
-    """
+    with the rotation vector ``z x a`` times that."""
     z = axes[..., 2]
     C = np.zeros((len(p), 6, 6))
     along = np.einsum("bni,bi->bn", p, z)

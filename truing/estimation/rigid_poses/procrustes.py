@@ -1,9 +1,8 @@
-"""A body's poses and its shape from all poses at once: generalised Procrustes with covariances, and where it begins.
+"""Joint estimate of a body's poses and its shape: generalised Procrustes analysis with covariances, and start values.
 
 ``y_bk = R_b (xi_k + u_bk) + t_b + f_bk`` with cov(f) any 3x3 and u the deformation of target k, of unknown variance
-tau_k^2 per coordinate. The survey, where there is one, is an observation of the shape like any other and counts once;
-where there is none, inner constraints leave the shape where its first approximation lay (Baarda's S-transformation;
-Goodall, J. R. Stat. Soc. B 53 (1991) 285).
+tau_k^2 per coordinate. A survey is one observation of the shape. Without a survey, inner constraints keep the frame of
+the first approximation (Baarda's S-transformation; Goodall, J. R. Stat. Soc. B 53 (1991) 285).
 """
 
 from __future__ import annotations
@@ -20,27 +19,27 @@ from truing.estimation.rigid_poses.robust import consensus
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3, rigid_motions
 
-# Noise ratios at which poses are taken in: bodies may flex by more than their noise.
+# Noise ratios that are tried to include poses: bodies may flex by more than their noise.
 _RATIOS = (1.0, 3.0, 10.0, 30.0)
 _REFINEMENTS = 10
-_SHAPE_SETTLED = 0.01  # of the noise
+_SHAPE_SETTLED = 0.01  # relative to the noise
 _TURNS = 3
-# Distance, in standard deviations per coordinate of one point, up to which two noisy points are the same.
+# Distance, in standard deviations per coordinate of one point, up to which two noisy points are equal.
 _LIMIT = 6.0
 MAX_ITERATIONS = 50
 MAX_VARIANCE_ROUNDS = 100
 _SETTLED = 1e-10
-# Relative change of a target's standard deviation, noise included, that costs no efficiency worth a round.
+# Relative change of a target's standard deviation, noise included, that has no relevant effect on the efficiency.
 _VARIANCE_SETTLED = 1e-2
 
 
 def common_shape(points: NDArray, mask: NDArray, sigma: float) -> NDArray:
-    """Return the shape (N, 3), in m, of targets seen in poses that hang together; NaN for the others.
+    """Return the shape (N, 3), in m, of targets in connected poses; NaN for the others.
 
     points (B, N, 3) in m, mask (B, N), sigma: standard deviation per coordinate of a point, in m. Starts from the pose
-    that shares most targets with the others, takes the others in by consensus with the shape so far, those with most
-    targets in common first, and puts each target at its median over the poses: where most saw it, if it was moved. Axes
-    of the first pose's measurement frame, origin at the mean of its targets. All NaN where no pose has three targets.
+    that shares most targets with the others, adds the others by consensus with the shape, those with most common
+    targets first, and puts each target at its median over the poses, where most poses saw it if it was moved. Axes of
+    the first pose's measurement frame, origin at the mean of its targets. All NaN if no pose has three targets.
     """
     points = np.where(mask[..., None], points, 0.0)
     first = int(np.argmax((mask.astype(float) @ mask.T.astype(float)).sum(axis=1) * (mask.sum(axis=1) >= 3)))
@@ -48,17 +47,20 @@ def common_shape(points: NDArray, mask: NDArray, sigma: float) -> NDArray:
         return np.full(points.shape[1:], np.nan)
     known, needed = mask[first].copy(), sigma
     shape = np.where(known[:, None], points[first] - points[first][known].mean(axis=0), 0.0)
-    agreed = np.zeros_like(mask)  # which points of which poses agree with the shape
+    agreed = np.zeros_like(mask)  # points of each pose that agree with the shape
     agreed[first] = known
     for ratio in _RATIOS:
-        while _take_in(shape, known, points, mask, agreed, ratio * sigma):
+        while _add_agreeing_poses(shape, known, points, mask, agreed, ratio * sigma):
             needed = ratio * sigma
             shape, known = _renewed(shape, known, points, mask, agreed, needed)
     return np.where(known[:, None], _refined(shape, known, points, mask, agreed, needed), np.nan)
 
 
-def _take_in(shape: NDArray, known: NDArray, points: NDArray, mask: NDArray, agreed: NDArray, sigma: float) -> bool:
-    """Add to agreed (B, N) the poses that agree with at least half as many targets as the best; whether any do."""
+def _add_agreeing_poses(
+    shape: NDArray, known: NDArray, points: NDArray, mask: NDArray, agreed: NDArray, sigma: float
+) -> bool:
+    """Add to agreed (B, N) the poses with at least half as many agreeing targets as the best one; return whether any
+    were added."""
     rows = np.flatnonzero(~agreed.any(axis=1) & ((mask & known).sum(axis=1) >= 3))
     if not rows.size:
         return False
@@ -73,10 +75,8 @@ def _take_in(shape: NDArray, known: NDArray, points: NDArray, mask: NDArray, agr
 def _renewed(
     shape: NDArray, known: NDArray, points: NDArray, mask: NDArray, agreed: NDArray, sigma: float
 ) -> tuple[NDArray, NDArray]:
-    """Return the medians (N, 3) over the agreeing poses, on the frame of the shape so far, and which are known (N,).
-
-    Renews agreed (B, N) on the way.
-    """
+    """Return the medians (N, 3) over the agreeing poses in the frame of the shape, and the mask of known ones (N,).
+    Updates agreed (B, N)."""
     rows = np.flatnonzero(agreed.any(axis=1))
     fit, agreed[rows] = _agreeing_motions(shape, points[rows], mask[rows] & known, agreed[rows], sigma)
     seen = mask[rows] & fit.ok[:, None]
@@ -84,7 +84,7 @@ def _renewed(
     renewed = shape.copy()
     for k in np.flatnonzero(seen.any(axis=0)):
         values = back[seen[:, k], k]
-        # an odd number of values: the median is then one of them, not the middle between two places
+        # an odd number of values, so that the median is one of them, not the middle between two places
         renewed[k] = np.median(values[: len(values) - 1 + len(values) % 2], axis=0)
     onto, _ = _agreeing_motions(renewed, shape[None], known[None], known[None], sigma)
     return (onto.apply(renewed)[0] if onto.ok[0] else renewed), known | seen.any(axis=0)
@@ -93,7 +93,7 @@ def _renewed(
 def _agreeing_motions(
     shape: NDArray, points: NDArray, usable: NDArray, agreed: NDArray, sigma: float
 ) -> tuple[RigidFit, NDArray]:
-    """Return the motions of the agreeing points, and which points (B, N) agree with them, taken in turns."""
+    """Return the motions of the agreeing points, and the mask (B, N) of these, by turns."""
     for _ in range(_TURNS):
         fit = umeyama(shape, points, agreed)
         off = np.linalg.norm(points - fit.apply(shape), axis=-1)
@@ -102,7 +102,7 @@ def _agreeing_motions(
 
 
 def _refined(shape: NDArray, known: NDArray, points: NDArray, mask: NDArray, agreed: NDArray, sigma: float) -> NDArray:
-    """Return the shape (N, 3) renewed until it stays."""
+    """Return the shape (N, 3) after updates to convergence."""
     for _ in range(_REFINEMENTS):
         renewed, _ = _renewed(shape, known, points, mask, agreed, sigma)
         change = np.median(np.linalg.norm((renewed - shape)[known], axis=-1))
@@ -114,11 +114,11 @@ def _refined(shape: NDArray, known: NDArray, points: NDArray, mask: NDArray, agr
 
 @dataclass(frozen=True)
 class ProcrustesFit:
-    """Poses of B measurements and the shape of N targets; targets and poses that nothing determines are NaN."""
+    """Poses of B measurements and the shape of N targets; undetermined targets and poses are NaN."""
 
     poses: RigidFit
     shape: NDArray  # (N, 3) m, body frame
-    shape_covariance: NDArray  # (3N, 3N) m^2, zero for targets that nothing determines
+    shape_covariance: NDArray  # (3N, 3N) m^2, zero for undetermined targets
     deformation: NDArray  # (N,) m, standard deviation tau of each target's own movement, per coordinate
     status: FitStatus
     iterations: int
@@ -126,7 +126,7 @@ class ProcrustesFit:
 
 @dataclass(frozen=True)
 class _ObservedPoints:
-    """What is observed: y (B, N, 3) with cov (B, N, 3, 3) where seen (B, N), and the survey's weight (N, 3, 3)."""
+    """Observations: y (B, N, 3) with cov (B, N, 3, 3) if seen (B, N), and the survey's weight (N, 3, 3)."""
 
     y: NDArray
     cov: NDArray
@@ -136,7 +136,7 @@ class _ObservedPoints:
     surveyed: NDArray
 
     def weights(self, tau: NDArray) -> tuple[NDArray, NDArray]:
-        """Return inverse covariances (B, N, 3, 3) and (N, 3, 3), zero where nothing is observed."""
+        """Return inverse covariances (B, N, 3, 3) and (N, 3, 3), zero without an observation."""
         extra = (tau**2)[:, None, None] * np.eye(3)
         out = []
         for C, used in ((self.cov, self.seen), (self.survey_cov, self.surveyed)):
@@ -176,10 +176,10 @@ def generalised_procrustes(
     """Return the joint least-squares estimate of poses and shape, with the covariance of both.
 
     points (B, N, 3) in m, cov (B, N, 3, 3) in m^2, mask (B, N); survey (N, 3) with survey_cov (N, 3, 3), NaN rows for
-    targets without. Without survey the frame is that of ``shape`` (N, 3), a first approximation, NaN rows for targets
-    to be left out; by default that of `common_shape`. ``deforming``: estimate the variance of each target's own
-    movement, which takes weight from targets that deform. Gross errors are to be masked beforehand.
-    Raises ValueError for shapes that do not match.
+    targets without. Without survey the frame is that of ``shape`` (N, 3), a first approximation, with NaN rows for
+    targets to leave out; by default that of `common_shape`. ``deforming``: estimate the variance of each target's own
+    movement, which reduces the weight of targets that deform. Mask gross errors beforehand. Raises ValueError for
+    shapes that do not match.
     """
     problem, state, posed, known = _prepare(points, cov, mask, survey, survey_cov, shape)
     if not posed.any():
@@ -208,7 +208,8 @@ def _prepare(
     survey_cov: NDArray | None,
     shape: NDArray | None,
 ) -> tuple[_ObservedPoints, _State, NDArray, NDArray]:
-    """Return the problem reduced to what hangs together, a start, and which poses (B,) and targets (N,) take part."""
+    """Return the problem reduced to its connected part, a start, and the masks of included poses (B,) and targets
+    (N,)."""
     mask = np.asarray(mask, bool)
     count = mask.shape[1]
     if points.shape != (*mask.shape, 3) or cov.shape != (*mask.shape, 3, 3):
@@ -234,7 +235,8 @@ def _prepare(
 
 
 def _connected(seen: NDArray, surveyed: NDArray) -> NDArray:
-    """Return the poses (B,) that hang together by three common targets each, from the survey or the richest pose on."""
+    """Return the poses (B,) connected by three common targets each, starting from the survey or from the pose with most
+    targets."""
     reached = surveyed if surveyed.any() else seen[int(np.argmax(seen.sum(axis=1)))]
     while True:
         poses = (seen & reached).sum(axis=1) >= 3
@@ -245,12 +247,13 @@ def _connected(seen: NDArray, surveyed: NDArray) -> NDArray:
 
 
 def typical_sigma(cov: NDArray, mask: NDArray) -> float:
-    """The median standard deviation per coordinate, in m, of points (B, N) of covariances (B, N, 3, 3); 0 for none."""
+    """Return the median standard deviation per coordinate, in m, of points (B, N) with covariances (B, N, 3, 3); 0 for
+    none."""
     return float(np.sqrt(np.median(np.trace(cov[mask], axis1=-2, axis2=-1)) / 3)) if mask.any() else 0.0
 
 
 def _extended(survey: NDArray, surveyed: NDArray, points: NDArray, mask: NDArray) -> tuple[NDArray, NDArray]:
-    """Return the survey with the targets that only the poses have seen, and which targets are known."""
+    """Return the survey extended by targets that only the poses have seen, and the mask of known targets."""
     fit = umeyama(survey, np.where(mask[..., None], points, 0.0), (mask & surveyed).astype(np.float64))
     seen = mask & fit.ok[:, None]
     added = seen.any(axis=0) & ~surveyed
@@ -299,7 +302,7 @@ def _normal(problem: _ObservedPoints, state: _State, W: NDArray, W_survey: NDArr
 
 
 def _shape_covariance(reduced: NDArray, shape: NDArray, known: NDArray, unknown: NDArray, free: bool) -> NDArray:
-    """Return the inverse (3N, 3N) of the reduced normal matrix, by inner constraints where the datum is free."""
+    """Return the inverse (3N, 3N) of the reduced normal matrix, with inner constraints if the datum is free."""
     typical = np.trace(reduced) / max(3 * known.sum(), 1)
     regular = reduced + np.diag(np.where(unknown, typical, 0.0))
     inner = np.zeros((len(reduced), len(reduced)))
@@ -313,7 +316,7 @@ def _shape_covariance(reduced: NDArray, shape: NDArray, known: NDArray, unknown:
 
 
 def _deformation(problem: _ObservedPoints, state: _State, normal: _Normal, covariance: NDArray) -> NDArray:
-    """Return tau (N,): what each target scatters beyond its noise, the fit's own share of residuals allowed for."""
+    """Return tau (N,): scatter of each target beyond its noise, corrected for the redundancy of the fit."""
     arm = state.shape @ np.swapaxes(state.R, -1, -2)
     r = np.where(problem.seen[..., None], problem.y - arm - state.t[:, None], 0.0)
     noise = np.trace(problem.cov, axis1=-2, axis2=-1)
@@ -323,11 +326,9 @@ def _deformation(problem: _ObservedPoints, state: _State, normal: _Normal, covar
 
 
 def _fitted_share(state: _State, normal: _Normal, covariance: NDArray, arm: NDArray) -> NDArray:
-    """Return the trace (B, N), in m^2, of the covariance of the fitted points: what the fit takes from residuals.
-
-    With poses ``dp = -X dxi + e``, cov(e) = pose^-1 independent of the shape's dxi, the fitted point moves by
-    ``J e - (J X + R E_k) dxi``.
-    """
+    """Return the trace (B, N), in m^2, of the covariance of the fitted points, by which the fit reduces residuals. With
+    poses ``dp = -X dxi + e``, cov(e) = pose^-1 independent of the shape's dxi, the fitted point moves by ``J e - (J X +
+    R E_k) dxi``."""
     J = -rigid_motions(arm)
     through_poses = normal.carried @ covariance
     own = np.linalg.inv(normal.pose) + through_poses @ np.swapaxes(normal.carried, -1, -2)
@@ -360,7 +361,7 @@ def _result(
 
 
 def _nothing(problem: _ObservedPoints, posed: NDArray) -> ProcrustesFit:
-    """Return the result where no pose shares three targets with any other."""
+    """Return the result if no pose shares three targets with any other."""
     count, targets = problem.seen.sum(axis=1), problem.y.shape[1]
     status = np.full(len(posed), str(FitStatus.TOO_FEW_POINTS))
     empty = np.full((len(posed), 6, 6), np.nan)

@@ -1,7 +1,7 @@
-"""The rigid motion between corresponding points in closed form, for whole batches of poses.
+"""Rigid motion between corresponding points in closed form, for batches of poses.
 
-``target = scale R source + t``: source is the body's survey, target what was measured, both in m. A point
-that is missing in an entry of the batch has weight 0 there, and may then be NaN.
+``target = scale R source + t``: source is the body's survey, target the measurement, both in m. A missing point has
+weight 0, and may then be NaN.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from truing.estimation.covariance import weighted_fit_covariance
 
-# A spread below this share of the distance from the origin is rounding, not shape.
+# A spread below this share of the distance from the origin is rounding.
 _ROUNDING = 1e-13
-# Spread across a line below 1e-6 of that along it counts as none; singular values go with its square.
+# A spread across a line below 1e-6 of that along it counts as zero; singular values go with its square.
 _SINGULAR = 1e-12
 
 
 class FitStatus(StrEnum):
-    """How a fit ended; anything but OK comes without numbers, and ``remedy`` says what to do about it."""
+    """Status of a fit, with the remedy; entries other than OK have no numbers."""
 
     OK = "ok"
     TOO_FEW_POINTS = "too-few-points"
@@ -34,7 +34,7 @@ class FitStatus(StrEnum):
 
     @property
     def remedy(self) -> str:
-        """One sentence for the person who reads the status."""
+        """Advice for the reader of the status, in one sentence."""
         return _REMEDIES[self]
 
 
@@ -53,28 +53,28 @@ _REMEDIES = {
 class RigidFit:
     """A batch of B rigid motions ``target = scale R source + t``; m and rad.
 
-    Where ``status`` is not OK the entry's numbers are masked with NaN: the status is the statement, and what
-    forgets to look at it cannot carry a wrong number on. ``n_used`` and ``status`` always hold.
+    Entries whose ``status`` is not OK have NaN numbers, so that a caller that ignores the status cannot use a wrong
+    number. ``n_used`` and ``status`` are always valid.
     """
 
     R: NDArray  # (B, 3, 3) R_target_source
     t: NDArray  # (B, 3) m, position of the source frame's origin in the target frame
-    scale: NDArray  # (B,) 1 where no scale was asked for
+    scale: NDArray  # (B,) 1 unless a scale was fitted
     covariance: NDArray  # (B, 6, 6) of (t, theta), R <- exp(theta) R, in the target frame; m and rad
-    scale_sigma: NDArray  # (B,) standard deviation of scale, 0 where none was asked for
+    scale_sigma: NDArray  # (B,) standard deviation of scale, 0 unless it was fitted
     rms: NDArray  # (B,) m, root of the weighted mean squared distance (all three coordinates)
     n_used: NDArray  # (B,) number of points with a weight
     status: NDArray  # (B,) of FitStatus values (str)
     iterations: NDArray  # (B,) 0 for a closed form
 
     def masked(self) -> RigidFit:
-        """The fit with the numbers of every entry whose status is not OK masked with NaN."""
+        """Return the fit with NaN in all numbers of entries whose status is not OK."""
         names = ("R", "t", "scale", "covariance", "scale_sigma", "rms")
         return replace(self, **{name: mask_entries(getattr(self, name), self.ok) for name in names})
 
     @property
     def ok(self) -> NDArray:
-        """Return which entries (B,) hold numbers."""
+        """Mask (B,) of entries with numbers."""
         return self.status == FitStatus.OK
 
     def apply(self, source: NDArray) -> NDArray:
@@ -88,14 +88,14 @@ class RigidFit:
 
 
 def join_fits(fits: Sequence[RigidFit]) -> RigidFit:
-    """Return the entries of several fits as one batch, in their order; one fit or more."""
+    """Return the entries of one or more fits as one batch, in their order."""
     return RigidFit(*(np.concatenate([getattr(fit, f.name) for fit in fits]) for f in fields(RigidFit)))
 
 
 def solve_weighted(
     x: NDArray, y: NDArray, w: NDArray, *, with_scale: bool = False, sigma: ArrayLike | None = None
 ) -> RigidFit:
-    """Return what `umeyama` does, for clouds that `check_correspondences` has passed."""
+    """Return the result of `umeyama` for clouds checked by `check_correspondences`."""
     total = np.maximum(w.sum(-1), np.finfo(float).tiny)
     centre_x, centre_y = weighted_centroid(x, w, total), weighted_centroid(y, w, total)
     q, p = x - centre_x[:, None], y - centre_y[:, None]
@@ -113,9 +113,9 @@ def solve_weighted(
 def check_correspondences(
     source: ArrayLike, target: ArrayLike, weight: ArrayLike | None
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """Return source, target (B, N, 3) and weight (B, N) as float64, points without weight set to 0.
+    """Return source, target (B, N, 3) and weight (B, N) as float64, with points of weight 0 set to 0.
 
-    Raises ValueError naming what was found and what was expected.
+    Raises ValueError with the found and the expected shape or value.
     """
     x, y = np.asarray(source, np.float64), np.asarray(target, np.float64)
     for name, cloud in (("source", x), ("target", y)):

@@ -1,11 +1,10 @@
-"""Which points of a pose agree on one rigid motion: deterministic, whatever the gross errors look like.
+"""Consensus search: points of a pose that agree on one rigid motion, deterministic for any kind of gross errors.
 
-Three steps, each only for the poses that the one before left open. (1) Trim all points to a set that a fit
-explains; a set of more than half is the largest there is. (2) Pairs of points whose distance is the same
-in both clouds form a graph; anchors grown in it from one seed point after another propose sets, until no seed is left
-with enough neighbours to belong to a larger set. (3) Where a proposed set does not survive its fit (errors across
-a plane leave distances unchanged), the motions of all its triples compete. Every set ends as a fixpoint: exactly
-the points whose studentised residual passes a chi-square test.
+Three steps, each only for poses that the one before left open. (1) Trim all points to a set that a fit explains; a set
+of more than half is the largest. (2) Pairs of points with equal distances in both clouds form a graph. Sets grown from
+one seed point after another are candidates, until no seed has enough neighbours for a larger set. (3) If a candidate
+does not survive its fit (errors across a plane leave distances unchanged), the motions of all its triples compete.
+Every set ends as a fixpoint: exactly the points whose studentised residual passes a chi-square test.
 """
 
 from __future__ import annotations
@@ -23,18 +22,18 @@ from truing.estimation.rigid_poses.rigid import FitStatus, check_correspondences
 
 # Probability that a pose without gross errors loses any of its points.
 FALSE_ALARM = 1e-4
-# So many points must agree, or all but one of fewer: three of many agree by chance too easily.
+# Least number of agreeing points, or all but one of fewer: three of many agree by chance too easily.
 FEWEST = 4
-_FREE_ROUNDS = 12  # of trimming; afterwards no point comes back, so that it ends
+_FREE_ROUNDS = 12  # rounds of trimming in which points may return; afterwards the search must end
 _TRIPLE_BLOCK = 23  # points whose triples compete: 1771
 _PAIRS_AT_ONCE, _TRIPLES_AT_ONCE = 400_000, 400_000
-# From so many on, compiled code wins although it has to be loaded first (0.4 s).
+# Number of points from which compiled code is faster in spite of its loading time (0.4 s).
 _MANY_POINTS, _MANY_PAIRS = 500_000, 4_000_000
 
 
 @dataclass(frozen=True)
 class Tools:
-    """The steps that cost time: each as NumPy has it, or compiled."""
+    """The expensive steps of the search, in NumPy or compiled."""
 
     statuses: Callable[[Clouds], NDArray]
     squared_residuals: Callable[[Clouds, NDArray], tuple[NDArray, NDArray]]
@@ -45,17 +44,15 @@ class Tools:
 def consensus(
     source: ArrayLike, target: ArrayLike, mask: ArrayLike | None, sigma: ArrayLike
 ) -> tuple[NDArray, NDArray]:
-    """Return which points (B, N) agree on one rigid motion, and a status (B,) of FitStatus values.
+    """Return the mask (B, N) of points that agree on one rigid motion, and a status (B,) of FitStatus values.
 
-    source, target: (B, N, 3) or (N, 3) in m; mask (B, N) or (N,): False for a missing point, which may be NaN;
-    sigma in m, scalar, (N,), (B, 1) or (B, N): standard deviation per coordinate of ``target - R source``, the
-    noise of both clouds together (where it depends on direction: that along the worst).
-
-    OK: the points are the largest set that agrees, and at least 4, or 3 of 3 or 4; gross errors may outnumber them.
-    AMBIGUOUS: two motions are followed by equally many, none is kept. NO_CONSENSUS: fewer agree; kept are the two
-    or three that do, if they are the only ones. The order of points, the frames and the unit of length do not
-    matter. Memory goes with N^2 for one pose at a time, where fewer than half agree. Raises ValueError as `umeyama`,
-    and for a sigma that is not positive.
+    source, target: (B, N, 3) or (N, 3) in m; mask (B, N) or (N,): False for a missing point, which may be NaN; sigma in
+    m, scalar, (N,), (B, 1) or (B, N): standard deviation per coordinate of ``target - R source``, with the noise of
+    both clouds (along the worst direction). OK: the points are the largest set that agrees, with at least 4 points, or
+    3 of 3 or 4; gross errors may outnumber them. AMBIGUOUS: two motions have equally many points, none is kept.
+    NO_CONSENSUS: fewer agree; the two or three that do are kept if they are the only ones. The result does not depend
+    on the order of points, frames or the unit of length. If fewer than half agree, memory grows with N^2 for one pose
+    at a time. Raises ValueError as `umeyama`, and for a sigma that is not positive.
     """
     x, y, w = check_correspondences(source, target, None if mask is None else np.asarray(mask, bool))
     seen = w > 0
@@ -83,16 +80,16 @@ def _tools(many: bool) -> Tools:
 
 
 def _chi_square_limit(seen: NDArray) -> NDArray:
-    """Return the limits (B,) of squared residuals that all points of a pose pass but once in 1/FALSE_ALARM poses."""
+    """Return the limits (B,) of squared residuals that all points of a pose pass with probability 1 - FALSE_ALARM."""
     from scipy.special import chdtri
 
     return chdtri(3, FALSE_ALARM / np.maximum(seen.sum(-1), 1))
 
 
 def _trimmed_sets(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
-    """Return the sets (B, N) and statuses (B,) where trimming all points leaves a majority; else NO_CONSENSUS."""
+    """Return the sets (B, N) and statuses (B,) of poses in which trimming leaves a majority; else NO_CONSENSUS."""
     points = clouds.seen.sum(-1)
-    # two sets of more than (n + 4) / 2 of n points share four, and with them the motion
+    # two sets of more than (n + 4) / 2 of n points share four, and so the motion
     fewest = np.minimum(np.maximum(points, 3), (points + FEWEST + 1) // 2)
     kept, _ = _fixpoints(clouds, clouds.seen, fewest, tools)
     rest = np.flatnonzero(~kept.any(-1))
@@ -104,10 +101,9 @@ def _trimmed_sets(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
 
 
 def _fixpoints(clouds: Clouds, members: NDArray, fewest: NDArray, tools: Tools) -> tuple[NDArray, NDArray]:
-    """Return the fixpoints (B, N) that members lead to, none where fewer than fewest (B,) remain, and their cost.
-
-    Only the worst go at first (down to a quarter of the largest squared residual): they bend all the others.
-    """
+    """Return the fixpoints (B, N) reached from members, empty if fewer than fewest (B,) remain, and their cost. At
+    first only the worst points are removed (down to a quarter of the largest squared residual), since they bend all the
+    others."""
     members, cost = members.copy(), np.zeros(len(members))
     rows = np.arange(len(members))
     for turn in range(_FREE_ROUNDS + members.shape[1]):
@@ -128,15 +124,15 @@ def _fixpoints(clouds: Clouds, members: NDArray, fewest: NDArray, tools: Tools) 
 
 @dataclass
 class _Best:
-    """The best set of every pose so far: the largest, then the one whose fit scatters as the noise should."""
+    """The best set of every pose so far: the largest, then the one whose fit scatters like noise."""
 
     kept: NDArray  # (B, N)
     size: NDArray  # (B,)
-    regular: NDArray  # (B,) whether the scatter of the fit is no larger than noise makes it
+    regular: NDArray  # (B,) whether the scatter of the fit is no larger than that of noise
     rival: NDArray  # (B,) whether another set is as good
 
     def offer(self, rows: NDArray, found: NDArray, cost: NDArray) -> None:
-        """Take in found sets (b, N) of rows (b,), with the sums of squared residuals of their fits."""
+        """Update with found sets (b, N) of rows (b,), given the sums of squared residuals of their fits."""
         from scipy.special import chdtri
 
         size = found.sum(-1)
@@ -174,7 +170,7 @@ def _search(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
             part, members = rows[split], proposed[split]
             found, cost = _among_triples(clouds[part], members, degree[part], fewest[part], tools)
             best.offer(part, found, cost)
-            # whatever shares three points with the members would have been found: at most two of its seeds go
+            # any set with three points among the members would have been found: leave at most two of them as seeds
             seeds[part] &= ~np.where(np.any(found, axis=-1, keepdims=True), found, members)
             graph[part] *= ~found[:, :, None] & ~found[:, None]
             degree[part] = graph[part].sum(-1)
@@ -185,7 +181,7 @@ def _search(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
 
 
 def _unsettled(proposed: NDArray, found: NDArray, fewest: NDArray) -> NDArray:
-    """Return where a larger set than found (B, N) could hide in the proposed one, with another motion."""
+    """Return the mask of poses in which a candidate may hide a larger set than found (B, N), with another motion."""
     members, left = proposed.sum(-1), found.sum(-1)
     return (members >= fewest) & (left < members) & (2 * left < members + FEWEST)
 
@@ -193,7 +189,7 @@ def _unsettled(proposed: NDArray, found: NDArray, fewest: NDArray) -> NDArray:
 def _among_triples(
     clouds: Clouds, members: NDArray, degree: NDArray, fewest: NDArray, tools: Tools
 ) -> tuple[NDArray, NDArray]:
-    """Return the largest sets (B, N) that the motions of triples of members (B, N) lead to, and their costs (B,)."""
+    """Return the largest sets (B, N) reached from motions of triples of members (B, N), and their costs (B,)."""
     order = np.argsort(np.where(members, -degree, np.inf), axis=-1, kind="stable")
     most = int(members.sum(-1).max())
     blocks = -(-most // _TRIPLE_BLOCK)
@@ -208,7 +204,8 @@ def _among_triples(
 
 
 def _near_best_triple(clouds: Clouds, members: NDArray, block: NDArray) -> NDArray:
-    """Return the points (B, N) near the motion of that triple of members in a block (B, K) which brings most near."""
+    """Return the points (B, N) near the motion of the triple of members in a block (B, K) that has most points near
+    it."""
     triples = np.array(list(combinations(range(block.shape[1]), 3)), int).reshape(-1, 3)
     out = np.zeros_like(members)
     step = max(1, _TRIPLES_AT_ONCE // max(1, len(triples) * members.shape[1]))
@@ -219,7 +216,7 @@ def _near_best_triple(clouds: Clouds, members: NDArray, block: NDArray) -> NDArr
 
 
 def _near_one_of(clouds: Clouds, members: NDArray, triples: NDArray) -> NDArray:
-    """Return the points (B, N) near the motion of the best triple (B, T, 3) of members, none where there is none."""
+    """Return the points (B, N) near the motion of the best triple (B, T, 3) of members, empty without any."""
     rows = np.arange(len(members))
     index = (rows[:, None, None], triples)
     x, y, w = (a[index] for a in (clouds.x, clouds.y, members))
@@ -229,7 +226,7 @@ def _near_one_of(clouds: Clouds, members: NDArray, triples: NDArray) -> NDArray:
     gap = (motions @ ahead).reshape(*triples.shape, -1)  # (B, T, 3, N)
     gap -= np.swapaxes(clouds.y, 1, 2)[:, None]
     square = np.sum(np.square(gap, out=gap), axis=2) / np.square(clouds.sigma)[:, None]
-    near = 4 * clouds.limit[:, None, None]  # a triple's own error comes on top
+    near = 4 * clouds.limit[:, None, None]  # includes the error of a triple's motion
     cost = (np.minimum(square, near) @ clouds.seen[..., None].astype(float))[..., 0]
     best = np.where(np.isnan(cost), np.inf, cost).argmin(-1)
     return clouds.seen & (square[rows, best] <= near[:, 0])

@@ -1,8 +1,8 @@
-"""The costly steps of `truing.estimation.rigid_poses.consensus_steps`, compiled: same answers, for large batches.
+"""Compiled expensive steps of `truing.estimation.rigid_poses.consensus_steps`: same results, for large batches.
 
-Residuals come from the lanes of `truing.estimation.rigid_poses.batched_kernel`; poses that those cannot prove go to the
-plain form. Importing this module imports numba; compiled code is kept in numba's cache on disk. With it `consensus`
-finds 2 to 19 times as many poses a second as TEASER++ (`python -m benchmarks.pose`).
+Residuals use the lanes of `truing.estimation.rigid_poses.batched_kernel`; poses without a verified result go to NumPy.
+Importing this module imports numba; compiled code is cached on disk. With it `consensus` finds 2 to 19 times as many
+poses a second as TEASER++ (`python -m benchmarks.pose`).
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ _SOURCES = (simd_arithmetic.__file__, batched_kernel.__file__, consensus_steps._
 
 
 def statuses(clouds: consensus_steps.Clouds) -> NDArray:
-    """Return what the function of this name in `truing.estimation.rigid_poses.consensus_steps` returns."""
+    """Same as `consensus_steps.statuses`."""
     return batched_kernel.solve(clouds.x, clouds.y, clouds.seen / clouds.sigma**2, threads=1).status
 
 
 def squared_residuals(clouds: consensus_steps.Clouds, members: NDArray) -> tuple[NDArray, NDArray]:
-    """Return what the function of this name in `truing.estimation.rigid_poses.consensus_steps` returns."""
+    """Same as `consensus_steps.squared_residuals`."""
     student, plain, clear = np.empty(members.shape), np.empty(members.shape), np.empty(len(members), bool)
     residuals_of_poses(clouds.x, clouds.y, clouds.seen, clouds.sigma, members, student, plain, clear)
     rest = np.flatnonzero(~clear)
@@ -64,14 +64,14 @@ def squared_residuals(clouds: consensus_steps.Clouds, members: NDArray) -> tuple
 
 
 def same_distances(clouds: consensus_steps.Clouds) -> NDArray:
-    """Return what the function of this name in `truing.estimation.rigid_poses.consensus_steps` returns."""
+    """Same as `consensus_steps.same_distances`."""
     graph = np.empty((*clouds.seen.shape, clouds.seen.shape[1]), np.float32)
     edges_of_poses(clouds.x, clouds.y, clouds.seen, np.square(consensus_steps.PAIR_LIMIT * clouds.sigma), graph)
     return graph
 
 
 def grow(graph: NDArray, seed: NDArray, taken: NDArray) -> NDArray:
-    """Return what the function of this name in `truing.estimation.rigid_poses.consensus_steps` returns."""
+    """Same as `consensus_steps.grow`."""
     members = np.zeros(graph.shape[:2], bool)
     sets_of_poses(graph, seed, taken, consensus_steps.ANCHORS, members)
     return members
@@ -79,7 +79,7 @@ def grow(graph: NDArray, seed: NDArray, taken: NDArray) -> NDArray:
 
 @inner
 def load_members(sigma: NDArray, members: NDArray, first: int, points: NDArray) -> None:
-    """Replace the weights in all lanes by those of the members, and put the variances beside them."""
+    """Replace the weights in all lanes by those of the members, with the variances next to them."""
     for j in range(LANES):
         b = min(first + j, len(members) - 1)
         for n in range(len(points)):
@@ -115,7 +115,7 @@ def residuals_of_poses(
     plain: NDArray,
     clear: NDArray,
 ) -> None:
-    """Fill squared residuals (B, N) of the fit to members (B, N), and which poses (B,) have a proven fit."""
+    """Fill in squared residuals (B, N) of the fit to members (B, N), and the mask (B,) of poses with a verified fit."""
     points, lane = np.empty((x.shape[1], FIELDS * LANES)), np.empty(ROWS * LANES)
     none = np.empty((0, 1))
     for first in range(0, len(members), LANES):
@@ -134,7 +134,7 @@ def residuals_of_poses(
 
 @inner
 def edges_of_point(p: NDArray, seen: NDArray, variance: NDArray, i: int, count: int, out: NDArray) -> None:
-    """Fill the edges of one point; p holds the coordinates of both clouds as six rows of count numbers."""
+    """Fill in the edges of one point; p holds the coordinates of both clouds as six rows of count numbers."""
     for j in range(count):
         u, v, w = p[j] - p[i], p[count + j] - p[count + i], p[2 * count + j] - p[2 * count + i]
         a = u * u + v * v + w * w
@@ -153,7 +153,7 @@ def edges_of_point(p: NDArray, seen: NDArray, variance: NDArray, i: int, count: 
 
 @compiled(*_SOURCES)
 def edges_of_poses(x: NDArray, y: NDArray, seen: NDArray, variance: NDArray, graph: NDArray) -> None:
-    """Fill the graphs (B, N, N) of points whose distance is the same in both clouds."""
+    """Fill in the graphs (B, N, N) of points with equal distances in both clouds."""
     count = x.shape[1]
     p = np.empty(6 * count)
     for b in range(len(x)):
@@ -166,7 +166,7 @@ def edges_of_poses(x: NDArray, y: NDArray, seen: NDArray, variance: NDArray, gra
 
 @compiled(*_SOURCES)
 def sets_of_poses(graph: NDArray, seed: NDArray, taken: NDArray, anchors: int, members: NDArray) -> None:
-    """Fill the sets (B, N) of anchors grown from the seeds (B,), and of all points joined to every anchor."""
+    """Fill in the sets (B, N) of anchors grown from the seeds (B,), and of all points connected to every anchor."""
     count = graph.shape[1]
     joined, votes = np.empty(count, np.bool_), np.empty(count, np.float32)
     for b in range(len(graph)):

@@ -1,4 +1,5 @@
-"""The default pose: a consensus of points that no gross error can bend, then maximum likelihood on all that agree."""
+"""Default pose estimator: consensus of points, robust against gross errors, then maximum likelihood on agreeing
+points."""
 
 from __future__ import annotations
 
@@ -20,7 +21,7 @@ _ROUNDS = 10
 _WORTH_ANOTHER_ROUND = 1.2
 _FEWEST_POSES = 6
 _POSES_AT_ONCE = 5000
-# Share of poses that gross errors may leave without agreement, and the noise ratios tried where there are more.
+# Share of poses that gross errors may leave without consensus, and the noise ratios tried if there are more.
 _WITHOUT_AGREEMENT = 0.02
 _WIDER = 1.5 ** np.arange(1, 7)
 # Median of the absolute value of a standard normal number.
@@ -38,13 +39,12 @@ def robust_pose(
     noise_ratio: float = 1.0,
     false_alarm: float = FALSE_ALARM,
 ) -> tuple[RigidFit, NDArray]:
-    """Return the maximum-likelihood motion of the points that agree on one, and which they are (B, N).
+    """Return the maximum-likelihood motion of the points that agree on one, and the mask (B, N) of these.
 
-    source (N, 3) or (B, N, 3) and target (B, N, 3) in m, their covariances (N, 3, 3) and (B, N, 3, 3) in m^2,
-    mask (B, N). A point is kept while its studentised residual passes a chi-square test, in which declared noise
-    counts ``noise_ratio`` times; where ``keep`` (B, N) says so it enters the last fit all the same. Status as of
-    `consensus` where no set of points agrees; the points that do agree are reported even then. Raises ValueError
-    as `maximum_likelihood`.
+    source (N, 3) or (B, N, 3) and target (B, N, 3) in m, their covariances (N, 3, 3) and (B, N, 3, 3) in m^2, mask (B,
+    N). A point is kept while its studentised residual passes a chi-square test with the declared noise times
+    ``noise_ratio``; points of ``keep`` (B, N) always enter the last fit. Status as of `consensus` if no set of points
+    agrees; even then the mask shows the points that do. Raises ValueError as `maximum_likelihood`.
     """
     mask = np.asarray(mask, bool)
     given = (source, target, cov_source, cov_target)
@@ -74,10 +74,10 @@ def squared_residuals(
     cov_target: NDArray,
     kept: NDArray,
 ) -> NDArray:
-    """Return the squared studentised residuals (B, N), chi-square with 3 degrees where only noise is at work.
+    """Return the squared studentised residuals (B, N), chi-square with 3 degrees of freedom for pure noise.
 
-    The fit's own error adds to the residual of a point that was left out, and takes from that of one kept.
-    Zero in entries without a pose.
+    The fit's own error enlarges the residual of an excluded point and reduces that of a kept one. Zero in entries
+    without a pose.
     """
     ok = fit.ok
     R = np.where(ok[:, None, None], fit.R, np.eye(3))
@@ -94,7 +94,7 @@ def squared_residuals(
 
 @dataclass(frozen=True)
 class _Body:
-    """One body over many poses, arguments of `robust_poses`: keep (B, N) where a person says so."""
+    """One body over many poses, arguments of `robust_poses`: keep (B, N) as marked by a person."""
 
     source: NDArray
     target: NDArray
@@ -104,7 +104,7 @@ class _Body:
     keep: NDArray
 
     def poses(self, rows: slice | NDArray) -> _Body:
-        """Some of the poses."""
+        """Return some of the poses."""
         own = ("target", "cov_target", "mask", "keep")
         return replace(self, **{name: getattr(self, name)[rows] for name in own})
 
@@ -118,11 +118,12 @@ def robust_poses(
     *,
     keep: NDArray | None = None,
 ) -> tuple[RigidFit, NDArray, float]:
-    """Return what `robust_pose` does for one body over many poses, and how many times its noise the body scatters.
+    """Return the results of `robust_pose` for one body over many poses, and the ratio of its scatter to the declared
+    noise.
 
-    source (N, 3), target (B, N, 3), covariances and masks as there. Noise that was declared too low, or a body that
-    is not quite rigid, is not a gross error: where the poses together scatter more than declared, points are judged
-    by that scatter. The covariances stay those of the declared noise.
+    source (N, 3), target (B, N, 3), covariances and masks as there. Underestimated noise, or a body that is not quite
+    rigid, is not a gross error: if the poses together scatter more than declared, that scatter is the criterion for
+    points. The covariances stay those of the declared noise.
     """
     body = _Body(source, target, cov_source, cov_target, mask, np.zeros_like(mask) if keep is None else keep)
     sigma, ratio = _largest_sigma(cov_source, cov_target, mask), 1.0
@@ -137,7 +138,7 @@ def robust_poses(
 
 
 def _in_blocks(body: _Body, ratio: float) -> tuple[RigidFit, NDArray]:
-    """`robust_pose` of so many poses at a time that their intermediate matrices stay small."""
+    """Return the results of `robust_pose` in blocks of poses with limited memory."""
     parts = []
     for first in range(0, max(len(body.mask), 1), _POSES_AT_ONCE):
         b = body.poses(slice(first, first + _POSES_AT_ONCE))
@@ -147,11 +148,9 @@ def _in_blocks(body: _Body, ratio: float) -> tuple[RigidFit, NDArray]:
 
 
 def _ratio_that_most_poses_need(fit: RigidFit, body: _Body, ratio: float) -> float:
-    """A larger noise ratio where that, and no more than that, lets nearly all poses have an agreement.
-
-    Bodies that flex scatter with longer tails than noise does, which three or four targets cannot tell from gross
-    errors, pose by pose; gross errors stay gross, so that no moderate ratio helps and the given one stays.
-    """
+    """Return the least larger noise ratio with which nearly all poses have a consensus, or the given one. A flexing
+    body has longer tails than noise, and three or four targets in one pose do not separate these from gross errors.
+    Gross errors stay gross at any moderate ratio."""
     without = np.isin(fit.status, [str(FitStatus.NO_CONSENSUS), str(FitStatus.AMBIGUOUS)])
     allowed = max(1.0, _WITHOUT_AGREEMENT * (body.mask.sum(-1) >= 3).sum())
     if without.sum() <= allowed:
@@ -164,10 +163,8 @@ def _ratio_that_most_poses_need(fit: RigidFit, body: _Body, ratio: float) -> flo
 
 
 def _noise_ratio(fit: RigidFit, kept: NDArray, body: _Body, sigma: NDArray) -> float:
-    """The scatter in units of sigma (B, N), at least 1, from the poses in which most points agree.
-
-    Where most poses have no agreement at all, from the distances between points.
-    """
+    """Return the scatter in units of sigma (B, N), at least 1, from the poses in which most points agree. If most poses
+    have no consensus, it comes from the distances between points."""
     source, target, mask = body.source, body.target, body.mask
     usable = mask.sum(-1) >= 3
     if not usable.any():
@@ -182,10 +179,10 @@ def _noise_ratio(fit: RigidFit, kept: NDArray, body: _Body, sigma: NDArray) -> f
 
 
 def target_scatter(fit: RigidFit, source: NDArray, target: NDArray, cov_target: NDArray, mask: NDArray) -> NDArray:
-    """Return tau (N,), in m: what each target scatters over the poses beyond its noise, by its median residual.
+    """Return tau (N,), in m: scatter of each target over the poses beyond its noise, from its median residual.
 
-    source (N, 3), target (B, N, 3), cov_target (B, N, 3, 3), mask (B, N). The standard deviation of a target that
-    moves along one line, so that none is taken for steadier than it is. Zero where too few poses tell.
+    source (N, 3), target (B, N, 3), cov_target (B, N, 3, 3), mask (B, N). A target is assumed to move along one line,
+    so that its movement is not underestimated. Zero if too few poses see it.
     """
     seen = mask & fit.ok[:, None]
     length = np.linalg.norm(target - fit.apply(source), axis=-1)
@@ -199,10 +196,10 @@ def target_scatter(fit: RigidFit, source: NDArray, target: NDArray, cov_target: 
 
 
 def sigma_from_distances(source: NDArray, target: NDArray, mask: NDArray) -> float:
-    """Return the standard deviation per coordinate, in m, that changes of the distances between points tell.
+    """Return the standard deviation per coordinate, in m, from the changes of distances between points.
 
-    source (N, 3), target (B, N, 3), mask (B, N); noise of both clouds together, where none was declared. The median
-    over all pairs: a quarter of the points may be wrong. Zero where there are no pairs.
+    source (N, 3), target (B, N, 3), mask (B, N); noise of both clouds together, for undeclared noise. The median over
+    all pairs tolerates a quarter of wrong points. Zero without pairs.
     """
     i, j = np.triu_indices(source.shape[-2], 1)
     change = np.linalg.norm(target[:, i] - target[:, j], axis=-1) - np.linalg.norm(source[i] - source[j], axis=-1)

@@ -1,4 +1,4 @@
-"""The rigid motion between corresponding points: in closed form, or by compiled code where there are very many."""
+"""Rigid motion between corresponding points, in closed form, or compiled for many points."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from truing.estimation.rigid_poses.rigid import RigidFit, check_correspondences, solve_weighted
 
-# From so many points on, compiled code wins although it has to be loaded first (0.4 s).
+# Number of points from which compiled code is faster in spite of its loading time (0.4 s).
 _WORTH_COMPILED_CODE = 1_000_000
 
 
@@ -21,13 +21,12 @@ def umeyama(
 ) -> RigidFit:
     """Return the weighted least-squares rigid motion, never a reflection.
 
-    source, target: (B, N, 3) or (N, 3) in m, broadcast against each other; weight: (B, N) or (N,), 0 for a
-    missing point. ``sigma``, in m, is the standard deviation per coordinate of target - R source (scalar,
-    (B, 1) or (B, N)): that of the measured cloud, or ``hypot(sigma_source, sigma_target)`` where both have noise.
-    Weights need not be 1/sigma^2; the covariance is that of the estimator as weighted. Without sigma the
-    residuals' scatter takes its place, the weights being read as relative 1/variance.
-    Raises ValueError for shapes that do not match, negative weights and used points that are not finite.
-    Umeyama, IEEE PAMI 13 (1991) 376, eq. 34-43, weighted.
+    source, target: (B, N, 3) or (N, 3) in m, broadcast against each other; weight: (B, N) or (N,), 0 for a missing
+    point. ``sigma``, in m: standard deviation per coordinate of target - R source (scalar, (B, 1) or (B, N)), that of
+    the measured cloud, or ``hypot(sigma_source, sigma_target)`` if both have noise. Weights need not be 1/sigma^2; the
+    covariance is that of the weighted estimator. Without sigma, it comes from the scatter of residuals with weights as
+    relative 1/variance. Raises ValueError for shapes that do not match, negative weights and used points that are not
+    finite. Umeyama, IEEE PAMI 13 (1991) 376, eq. 34-43, weighted.
     """
     points = max(np.size(source) // 3, np.size(target) // 3, 0 if weight is None else np.size(weight))
     if points >= _WORTH_COMPILED_CODE and not with_scale:

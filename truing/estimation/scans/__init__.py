@@ -1,1 +1,1 @@
-"""Poses of dense scans, without targets or labels."""
+"""Poses from dense scans of surfaces, without targets or labels."""
