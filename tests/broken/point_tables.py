@@ -125,7 +125,10 @@ CASES = (
     Broken("archive-broken", "telescope", _packed(gzip.compress(b"pose,body\n" * 999)[:40]), (r"points\.csv\.gz",)),
     Broken("archive-is-none", "telescope", _packed(b"pose,body,target"), (r"points\.csv\.gz",)),
     Broken(
-        "archive-explodes", "telescope", _packed(gzip.compress(_HEAD + b"\n" * 80_000_000, 9)), ("made to explode",)
+        "archive-explodes",
+        "telescope",
+        _packed(gzip.compress(_HEAD + b"\n" * 80_000_000, 9)),
+        ("may be a decompression bomb",),
     ),
     Broken(
         "metres-for-millimetres",

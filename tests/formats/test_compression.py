@@ -87,7 +87,7 @@ def test_a_decompression_bomb_is_not_read_to_its_end(
     monkeypatch.setattr(compression, "FREE", 1 << 20)
     (tmp_path / "p").write_bytes(pack(b"\n" * (8 << 20)))
     most = max(1 << 20, compression.LARGEST_RATIO * (tmp_path / "p").stat().st_size)
-    with open_plain(tmp_path / "p") as stream, pytest.raises(Refused, match="made to explode"):
+    with open_plain(tmp_path / "p") as stream, pytest.raises(Refused, match="may be a decompression bomb"):
         stream.read(most + 1)
 
 

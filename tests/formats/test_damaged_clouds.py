@@ -76,7 +76,7 @@ def refused(tmp_path, suffix, content):
 )
 def test_a_head_that_contradicts_itself_or_the_files_size(tmp_path, suffix, head):
     expected = refused(tmp_path, suffix, head.encode() + bytes(240)).expected
-    assert "a whole" in expected or "single numbers" in expected
+    assert "an undamaged" in expected or "single numbers" in expected
 
 
 ROWS = [(i, i + 0.5, 2 * i) for i in range(1, 21)]
@@ -114,25 +114,25 @@ def test_binary_vertices_beside_faces(tmp_path, order):
         found = read(tmp_path, entries=CLOUD)
         assert found.faults == ()
         assert list(zip(*(found.columns[f"{axis}_mm"] for axis in "xyz"), strict=True)) == ROWS
-        assert "as its head announces" in refused(tmp_path, "ply", head + points + faces[:-1]).expected
-        assert "ends where its head says" in refused(tmp_path, "ply", head + points + faces + b"\1").expected
+        assert "as its header announces" in refused(tmp_path, "ply", head + points + faces[:-1]).expected
+        assert "ends where its header says" in refused(tmp_path, "ply", head + points + faces + b"\1").expected
         for count in (19, 21):  # the last of 21 would be made of faces
             other = head.replace(b"vertex 20", b"vertex %d" % count)
-            assert "a whole PLY file" in refused(tmp_path, "ply", other + points + faces).expected
+            assert "an undamaged PLY file" in refused(tmp_path, "ply", other + points + faces).expected
 
 
 @pytest.mark.parametrize(
     ("suffix", "content", "value", "expected"),
     [
-        ("ply", ply(form="ascii", count=25) + TEXT, "20 points", "25 points, as the head announces"),
-        ("ply", ply(form="ascii", count=18) + TEXT, "2 more", "0 lines behind the points"),
+        ("ply", ply(form="ascii", count=25) + TEXT, "20 points", "25 points, as the header announces"),
+        ("ply", ply(form="ascii", count=18) + TEXT, "2 more", "0 lines after the points"),
         ("ply", ply(form="ascii", count=21, more=XYZ + FACE) + TEXT + "3 0 1 2\n" * 2, "4 columns", "3 columns in"),
         ("ply", ply(form="ascii", count=18, more=XYZ + FACE) + TEXT + "3 0 1 2\n" * 2, "19 19.5 38", "a line of face"),
         ("ply", ply(form="ascii", count=18, more=XYZ + FACE) + TEXT, "19 19.5 38", "a line of face"),
         ("ply", ply(form="ascii", more=XYZ + FACE) + TEXT + "2 0 1\n1 20\n", "1 20", "a line of face"),
         ("ply", ply(form="ascii", more=XYZ[17:]) + TEXT, "3 numbers", "2 numbers in every row"),
-        ("pcd", pcd(width=25, points=25) + TEXT, "20 points", "25 points, as the head announces"),
-        ("pcd", pcd(width=18, points=18) + TEXT, "2 more", "0 lines behind the points"),
+        ("pcd", pcd(width=25, points=25) + TEXT, "20 points", "25 points, as the header announces"),
+        ("pcd", pcd(width=18, points=18) + TEXT, "2 more", "0 lines after the points"),
     ],
 )
 def test_other_rows_than_the_head_announces(tmp_path, suffix, content, value, expected):
@@ -180,7 +180,7 @@ def test_compressed_points(tmp_path, spoilt):
         "other count": head + struct.pack("<2I", len(packed), 228) + packed,
         "damaged": head + struct.pack("<2I", len(packed), 240) + b"\xff" + packed[1:],
     }
-    assert "a whole PCD file" in refused(tmp_path, "pcd", content[spoilt]).expected
+    assert "an undamaged PCD file" in refused(tmp_path, "pcd", content[spoilt]).expected
 
 
 def test_lzf_repeats_what_it_has_just_made():
@@ -199,7 +199,7 @@ def test_markers_that_end_the_process_of_their_library(tmp_path, monkeypatch):
     ended = subprocess.CompletedProcess([], -11)
     monkeypatch.setattr("truing.formats.motion_capture.subprocess.run", lambda *_, **__: ended)
     (fault,) = read(tmp_path, entries=entry).faults
-    assert (fault.file, fault.expected) == ("take.c3d", "a whole C3D file; this one is damaged")
+    assert (fault.file, fault.expected) == ("take.c3d", "an undamaged C3D file; this one is damaged")
 
 
 def test_rows_that_cannot_be_found_again_are_told_without_their_line(tmp_path):
@@ -245,7 +245,7 @@ def test_markers_whose_reading_never_ends_are_given_up(tmp_path, monkeypatch):
     (tmp_path / "take.c3d").write_bytes(content)
     monkeypatch.setattr("truing.formats.motion_capture.SECONDS", 1.0)
     (fault,) = read(tmp_path, entries=MARKERS).faults
-    assert fault.expected == "a whole C3D file; this one is damaged: it was not read after 1 s"
+    assert fault.expected == "an undamaged C3D file; this one is damaged: it was not read after 1 s"
 
 
 def test_a_header_of_other_frames_than_the_file_holds(tmp_path):
@@ -254,4 +254,4 @@ def test_a_header_of_other_frames_than_the_file_holds(tmp_path):
     content[8:10] = b"\3\0"
     (tmp_path / "take.c3d").write_bytes(content + bytes(512))
     (fault,) = read(tmp_path, entries=MARKERS).faults
-    assert fault.expected.startswith("a whole C3D file; its header announces 3 frames, 4 could be read")
+    assert fault.expected.startswith("an undamaged C3D file; its header announces 3 frames, 4 could be read")

@@ -101,7 +101,7 @@ def test_a_truncated_file_is_a_fault_not_a_shorter_table(tmp_path, kind):
     (tmp_path / f"p.csv.{kind}").write_bytes(content[: len(content) // 2])
     (fault,) = read(tmp_path, entries={"path": f"p.csv.{kind}"}).faults
     assert fault.file == f"p.csv.{kind}"
-    assert "whole compressed file" in fault.expected
+    assert "undamaged compressed file" in fault.expected
 
 
 def test_an_archive_of_two_files_is_refused(tmp_path):

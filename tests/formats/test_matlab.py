@@ -134,7 +134,7 @@ def test_a_length_that_no_memory_holds_is_damage_and_no_want_of_memory(tmp_path,
     older(tmp_path, {"xyz": XYZ})
     monkeypatch.setattr("scipy.io.loadmat", claims)
     (fault,) = read(tmp_path, entries={**POINTS, "columns": AXES}).faults
-    assert "whole MATLAB file" in fault.expected
+    assert "undamaged MATLAB file" in fault.expected
 
 
 def test_an_element_that_unpacks_without_end_is_refused(tmp_path):

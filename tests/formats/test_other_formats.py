@@ -86,7 +86,7 @@ def test_a_truncated_parquet_file_is_a_fault(tmp_path, cut):
     content = (tmp_path / "points.parquet").read_bytes()
     (tmp_path / "points.parquet").write_bytes(content[:cut])
     (fault,) = read(tmp_path).faults
-    assert (fault.file, fault.expected) == ("points.parquet", "a whole Parquet file")
+    assert (fault.file, fault.expected) == ("points.parquet", "an undamaged Parquet file")
 
 
 def test_an_empty_parquet_table_is_a_fault(tmp_path):
@@ -174,7 +174,7 @@ def test_c3d_that_is_none(tmp_path):
     (tmp_path / "take.c3d").write_bytes(b"not a C3D file" * 100)
     (fault,) = read(tmp_path, entries={"path": "take.c3d", "constants": {"body": "b"}}).faults
     assert fault.file == "take.c3d"
-    assert "whole C3D file" in fault.expected
+    assert "undamaged C3D file" in fault.expected
 
 
 TRC = (

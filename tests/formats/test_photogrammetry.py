@@ -165,7 +165,7 @@ def test_gsi_in_the_unit_of_each_word(tmp_path):
         ("p.txt", PHOTOMODELER, "   4   7.400", "   5   7.400", "a photo in six lines", 12),
         ("p.txt", PHOTOMODELER, "964.3987", "oops", "a mark: photo, point", 25),
         ("p.txt", PHOTOMODELER, "   4        2  964", "   9        2  964", "marks on photos of the file", 25),
-        ("p.xml", XML, "</chunk>", "", "a whole XML file", 25),
+        ("p.xml", XML, "</chunk>", "", "an undamaged XML file", 25),
         ("p.xml", XML, 'camera_id="3"', 'camera_id="8"', "markers and cameras that the file lists", 20),
         ("p.xml", XML, 'x="10.25"', 'x="inf"', "a number", 22),
         ("p.xml", XML, "<document", "<!DOCTYPE d [<!ENTITY a 'a'>]><document", "without declarations", None),

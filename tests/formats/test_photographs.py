@@ -212,7 +212,7 @@ EXPECTED = {
     "images/1/empty.jpg": ["this file is empty"],
     "images/1/text.jpg": ["JPEG, PNG or TIFF"],
     "images/1/bomb.png": ["million pixels"],
-    "images/1/damaged.tif": ["a TIFF with a damaged head"],
+    "images/1/damaged.tif": ["a TIFF with a damaged header"],
     "images/1/deep.tif": ["'32'", "8 or 16 bits"],
 }
 
@@ -241,7 +241,7 @@ def test_what_ends_early_or_is_damaged_is_refused_and_never_half_read(tmp_path, 
     head = read_head(path)
     for cut in (len(content) // 3, len(content) - 200):
         path.write_bytes(content[:cut])
-        with pytest.raises(Unusable, match=r"a whole photograph|as JPEG, PNG or TIFF"):
+        with pytest.raises(Unusable, match=r"an undamaged photograph|as JPEG, PNG or TIFF"):
             read_grey(path, head)
     path.write_bytes(content)
     assert read_grey(path, head).shape == (160, 240)

@@ -57,8 +57,8 @@ def _copied(change: Callable[[Path], object]) -> Callable[[Path], None]:
 
 
 DAMAGES: dict[str, tuple[Callable[[Path], object], str]] = {
-    "cut short": (_cut("poses.parquet"), "poses.parquet: expected a whole Parquet file"),
-    "empty": (lambda run: (run / "poses.parquet").write_bytes(b""), "poses.parquet: expected a whole"),
+    "cut short": (_cut("poses.parquet"), "poses.parquet: expected an undamaged Parquet file"),
+    "empty": (lambda run: (run / "poses.parquet").write_bytes(b""), "poses.parquet: expected an undamaged"),
     "missing": (lambda run: (run / "diagnosis.parquet").unlink(), "diagnosis.parquet: expected this file"),
     "fewer rows": (_fewer_rows, f"qa.parquet: {_WRITTEN}"),
     "half a run": (_half, "a run of one piece; qa was made from other tables than these"),

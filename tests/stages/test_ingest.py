@@ -271,7 +271,7 @@ def test_a_truncated_archive(folder):
     content = gzip.compress(("\n".join(folder.points) + "\n").encode() * 20)
     (folder.path / "p.csv.gz").write_bytes(content[:100])
     folder.toml += '[files.points]\npath = "p.csv.gz"\n'
-    assert any("whole compressed file" in fault.expected for fault in folder.faults())
+    assert any("undamaged compressed file" in fault.expected for fault in folder.faults())
 
 
 def test_many_unknown_poses_are_counted(folder):

@@ -1,8 +1,8 @@
-"""A response that follows a drive: the linear (diagonal) and the matrix model, for any instrument, and what they say.
+"""Linear response to a drive: linear (diagonal) and matrix models, for any instrument, with tests.
 
-Which entries are real, which model earns its parameters, and which shape it has.
+Tests cover the significance of entries, the choice between models, and the shape of the matrix.
 
-For the telescope the response is the shift of the six attachments along z and the drive the six actuators; for the
+For the telescope the response is the shift of the six attachments along z and the drive the six actuators. For the
 force sensor the response is the displacement of the platform and the drive the wrench on it.
 """
 
@@ -20,8 +20,8 @@ Form = Literal["none", "linear", "matrix"]
 _NORMAL_MEDIAN = 0.6745  # median of |z| of a standard normal
 _RANK_CUTOFF = 1e-10  # relative eigenvalue below which a direction carries no information
 FALSE_ALARM = 0.05  # family-wise, over all entries of one table
-_SPANNED = 1e-9  # of the largest drive: what rounding leaves of a combination
-_EXACT = 1e-6  # residuals, in declared standard deviations, that no measurement has
+_SPANNED = 1e-9  # relative to the largest drive: rounding of a combination
+_EXACT = 1e-6  # residuals in declared standard deviations, smaller than in any measurement
 
 
 @dataclass(frozen=True)
@@ -29,11 +29,11 @@ class ResponseFit:
     """Generalised least-squares fit of ``y = offset + K u``.
 
     coefficients (L, D): K, zero off the diagonal for ``linear``. covariance (P, P): of the free entries of K in
-    row-major order, offsets marginalised. free (L, D): which entries of K were fitted. offset (G, L): one per group.
-    residuals (N, L): y - fitted, NaN where y was missing. loo_residuals (N, L): each observation predicted from
-    all the others (exact). chi_square, dof: of the residuals under the stated covariance. deficient:
-    directions of the parameters which the data do not determine (there the shortest solution was taken).
-    offset_covariance (L, D + 1): of the first group's offset with the entries of its row of K, and with itself.
+    row-major order, offsets marginalised. free (L, D): fitted entries of K. offset (G, L): one per group. residuals (N,
+    L): y - fitted, NaN if y is missing. loo_residuals (N, L): each observation minus its prediction from all others
+    (exact). chi_square, dof: of the residuals under the stated covariance. deficient: number of undetermined directions
+    of the parameters (with the shortest solution). offset_covariance (L, D + 1): of the first group's offset with the
+    entries of its row of K, and with itself.
     """
 
     form: Form
@@ -50,17 +50,17 @@ class ResponseFit:
 
     @property
     def sigma(self) -> Array:
-        """(L, D) standard deviation of each entry of K; zero where the entry is not part of the model."""
+        """Standard deviation (L, D) of each entry of K; zero for entries outside the model."""
         sigma = np.zeros(self.free.shape)
         sigma[self.free] = np.sqrt(np.diag(self.covariance))
         return sigma
 
     def predict(self, u: Array) -> Array:
-        """(N, L) response to drives (N, D), without offset."""
+        """Return the response (N, L) to drives (N, D), without offset."""
         return u @ self.coefficients.T
 
     def predicted_variance(self, u: Array) -> Array:
-        """(N, L) variance of offset + K u of the first group."""
+        """Return the variance (N, L) of offset + K u of the first group."""
         rows, columns = np.nonzero(self.free)
         found = 2.0 * u @ self.offset_covariance[:, :-1].T + self.offset_covariance[:, -1]
         for k in range(len(self.free)):
@@ -79,19 +79,20 @@ def fit_response(
     offset_cov: Array | None = None,
     group: Index | None = None,
 ) -> ResponseFit:
-    """Fit ``y_n = c_g(n) + K u_n`` by generalised least squares (telescope report eq. 1-3; force sensor eq. 28).
+    """Return the fit of ``y_n = c_g(n) + K u_n`` by generalised least squares (telescope report eq. 1-3; force sensor
+    eq. 28).
 
-    u (N, D) drives; y (N, L) responses, NaN where missing; cov (N, L, L) covariance of each y, singular where a frame
-    was fitted to the same data; offset_cov (L, L) the prior covariance of the offset (an error common to all
-    rows, such as the survey's), None for a free offset; group (N,) which offset a row carries, by default one
-    for all. Raises ValueError for shapes that do not agree, and for ``linear`` with D != L.
+    u (N, D): drives; y (N, L): responses, NaN if missing; cov (N, L, L): covariance of each y, singular if a frame was
+    fitted to the same data; offset_cov (L, L): prior covariance of the offset (an error common to all rows, such as the
+    survey's), None for a free offset; group (N,): offset of each row, by default one for all. Raises ValueError for
+    shapes that do not agree, and for ``linear`` with D != L.
     """
     u, y, cov = np.asarray(u, float), np.asarray(y, float), np.asarray(cov, float)
     (n, d), width = u.shape, y.shape[1]
     if y.shape[0] != n or cov.shape != (n, width, width):
-        raise ValueError(f"u {u.shape}, y {y.shape} and cov {cov.shape} must be (N, D), (N, L) and (N, L, L)")
+        raise ValueError(f"found u {u.shape}, y {y.shape} and cov {cov.shape}, expected (N, D), (N, L) and (N, L, L)")
     if form == "linear" and d != width:
-        raise ValueError(f"the linear model pairs each response with its own drive: {width} responses, {d} drives")
+        raise ValueError(f"linear model: found {width} responses and {d} drives, expected one drive per response")
     group = np.zeros(n, np.int64) if group is None else np.asarray(group)
     if width > 1 and _separate(cov, np.isfinite(y), offset_cov):
         return _component_by_component(u, y, cov, form, offset_cov, group)
@@ -107,7 +108,7 @@ def fit_response(
 
 
 def _separate(cov: Array, seen: Mask, offset_cov: Array | None) -> bool:
-    """Whether the components have no error in common: each is a problem of its own, and much smaller."""
+    """Whether components have independent errors, so that each can be fitted separately."""
     apart = ~np.eye(cov.shape[1], dtype=bool)
     both = seen[:, :, None] & seen[:, None, :] & apart
     return not np.any(cov[both]) and (offset_cov is None or not np.any(offset_cov[apart]))
@@ -116,7 +117,7 @@ def _separate(cov: Array, seen: Mask, offset_cov: Array | None) -> bool:
 def _component_by_component(
     u: Array, y: Array, cov: Array, form: Form, offset_cov: Array | None, group: Index
 ) -> ResponseFit:
-    """The same fit where nothing couples the components: each from the rows in which it was seen."""
+    """Return the same fit for uncoupled components, each from the rows in which it was observed."""
     from scipy.linalg import block_diag
 
     (n, width), groups = y.shape, int(group.max()) + 1
@@ -151,7 +152,7 @@ def _component_by_component(
 
 
 def _design(u: Array, free: Mask, group: Index) -> Array:
-    """(N, L, P) derivative of the response by the free entries of K and the offsets."""
+    """Return the derivative (N, L, P) of the response by the free entries of K and the offsets."""
     n, width = len(u), free.shape[0]
     rows, columns = np.nonzero(free)
     groups = int(group.max()) + 1
@@ -163,9 +164,10 @@ def _design(u: Array, free: Mask, group: Index) -> Array:
 
 
 def _precision(cov: Array, seen: Mask) -> Array:
-    """(N, L, L) pseudo-inverse of the covariance of what was seen; zero for what was not."""
-    masked = np.where(seen[:, :, None] & seen[:, None, :], cov, 0.0)  # of what was not seen it may be infinite
-    if masked.shape[1] == 1:  # thirty reweightings of every target's components: no decomposition of single numbers
+    """Return the pseudo-inverse (N, L, L) of the covariance of observed values; zero for others."""
+    masked = np.where(seen[:, :, None] & seen[:, None, :], cov, 0.0)  # the covariance of missing values may be infinite
+    # Single numbers need no decomposition: this function is called in thirty reweightings of every component.
+    if masked.shape[1] == 1:
         return np.divide(1.0, masked, out=np.zeros_like(masked), where=masked > 0.0)
     values, vectors = np.linalg.eigh(masked)
     kept = values > _RANK_CUTOFF * values[:, -1:]
@@ -174,7 +176,7 @@ def _precision(cov: Array, seen: Mask) -> Array:
 
 
 def _rank(weight: Array) -> int:
-    """How many numbers the weights (N, L, L) inform of."""
+    """Return the number of values that the weights (N, L, L) determine."""
     if weight.shape[1] == 1:
         return int(np.count_nonzero(weight))
     return round(float(np.einsum("nij,nij->", weight, np.linalg.pinv(weight, hermitian=True))))
@@ -191,7 +193,7 @@ def _offset_precision(offset_cov: Array | None, n_free: int, width: int, groups:
 
 
 def _solve(form: Form, free: Mask, design: Array, y: Array, seen: Mask, weight: Array, prior: Array) -> ResponseFit:
-    weighted = (weight.transpose(0, 2, 1) @ design).reshape(-1, design.shape[-1])  # products that BLAS knows: (N M, P)
+    weighted = (weight.transpose(0, 2, 1) @ design).reshape(-1, design.shape[-1])  # matrix products for BLAS: (N M, P)
     normal = weighted.T @ design.reshape(weighted.shape) + prior
     covariance, deficient = _scaled_inverse(normal, np.sqrt((design**2).sum(axis=(0, 1))))
     theta = covariance @ (weighted.T @ y.ravel())
@@ -204,7 +206,7 @@ def _solve(form: Form, free: Mask, design: Array, y: Array, seen: Mask, weight: 
     beside = np.zeros((width, free.shape[1] + 1))
     beside[:, :-1][free] = covariance[at[np.nonzero(free)[0]], np.arange(n_free)]
     beside[:, -1] = np.diag(covariance)[at]
-    # Residuals that are nothing but rounding leave a sum of squares that rounding may turn below zero.
+    # Rounding may turn the sum of squares of zero residuals negative.
     chi_square = max(float(np.einsum("nl,nlm,nm->", residuals, weight, residuals) + theta @ prior @ theta), 0.0)
     informative = _rank(weight)
     informative += int(np.linalg.matrix_rank(prior, hermitian=True)) if prior.any() else 0
@@ -224,28 +226,26 @@ def _solve(form: Form, free: Mask, design: Array, y: Array, seen: Mask, weight: 
 
 
 def _scaled_inverse(normal: Array, size: Array) -> tuple[Array, int]:
-    """Pseudo-inverse, and how many directions of the parameters the data leave open.
-
-    Scaled to unit diagonal before it is judged (drives may differ in unit by many powers of ten). In the open
-    directions the shortest solution is taken, lengths measured by the size (P,) of each parameter's effect on
-    a unit response.
-    """
+    """Return the pseudo-inverse and the number of undetermined directions of the parameters. Scaled to unit diagonal
+    first, since drives may differ in unit by many powers of ten. In undetermined directions the shortest solution is
+    taken, with lengths measured by the size (P,) of each parameter's effect on a unit response."""
     scale = np.sqrt(np.where(np.diag(normal) > 0.0, np.diag(normal), 1.0))
     values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
     kept = values > _RANK_CUTOFF * max(values[-1], 1e-300)
     inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(scale, scale)
     if kept.all():
         return inverse, 0
-    size = np.where(size > 0.0, size, 1.0)  # a drive that never moved has no effect to be measured by
+    size = np.where(size > 0.0, size, 1.0)  # a drive that never moved has no effect to scale by
     open_directions = vectors[:, ~kept] * (size / scale)[:, None]
     basis = np.linalg.qr(open_directions)[0]
     shortest = np.eye(len(size)) - (basis / size[:, None]) @ (basis * size[:, None]).T
-    shortest[np.diag(normal) == 0.0] = 0.0  # exactly, for what the data never touch: no rounding over rounding
+    shortest[np.diag(normal) == 0.0] = 0.0  # exactly zero for parameters without data, instead of a ratio of roundings
     return shortest @ inverse @ shortest.T, int((~kept).sum())
 
 
 def _leave_one_out(design: Array, covariance: Array, weight: Array, residuals: Array) -> Array:
-    """Residuals of each row against the fit to all others: (I - H_nn)^-1 r_n with the hat matrix's blocks."""
+    """Return the residuals of each row against the fit to all others: (I - H_nn)^-1 r_n with blocks of the hat
+    matrix."""
     rest = np.eye(design.shape[1]) - design @ covariance @ design.transpose(0, 2, 1) @ weight
     if rest.shape[1] == 1:
         return np.divide(residuals, rest[:, 0], out=np.zeros_like(residuals), where=rest[:, 0] != 0.0)
@@ -261,12 +261,12 @@ def keep_consistent(
     fitted: Mask | None = None,
     false_rejections: float = 0.05,
 ) -> Mask:
-    """Which responses (N, L) agree with the matrix model: gross errors found from a robust start, then to a fixpoint.
+    """Return the mask (N, L) of responses that agree with the matrix model, without gross errors.
 
-    ``false_rejections`` is the expected number of good values rejected in the whole table. The robust start is the
-    least absolute deviation by reweighting; its median residual widens the limit where the noise is larger than
-    declared. Rows outside ``fitted`` (N,) are judged by a fit that has not seen them. The rest is the predictive
-    residual of each value in units of its own deviation.
+    Iterates from a robust start to a fixpoint. ``false_rejections``: expected number of good values rejected in the
+    whole table. The robust start minimises absolute deviations by reweighting; its median residual widens the limit if
+    the noise is larger than declared. The criterion is the predictive residual of each value in units of its standard
+    deviation; rows outside ``fitted`` (N,) are predicted by a fit without them.
     """
     from scipy.special import ndtri
 
@@ -286,11 +286,8 @@ def keep_consistent(
 
 
 def _standardised(fit: ResponseFit, u: Array, y: Array, cov: Array) -> Array:
-    """(N, L) |residual| in units of its deviation, for rejected values as well as for kept ones.
-
-    A value that the fit has not seen misses by the error of K too, which is large where poses are few, and has no
-    deviation along drives that were never varied.
-    """
+    """Return |residual| (N, L) in units of its standard deviation, for rejected and kept values. For a value outside
+    the fit, the unit includes the error of K, and is infinite along drives that were never varied."""
     fitted = np.isfinite(fit.residuals)
     residual = np.where(fitted, fit.residuals, y - fit.offset[0] - fit.predict(u))
     unseen = np.where(_spanned(u, fitted), fit.predicted_variance(u), np.inf)
@@ -299,7 +296,7 @@ def _standardised(fit: ResponseFit, u: Array, y: Array, cov: Array) -> Array:
 
 
 def _spanned(u: Array, fitted: Mask) -> Mask:
-    """(N, L) whether drives (N, D) are combinations of those that each response was fitted to."""
+    """Return the mask (N, L) of drives (N, D) that are combinations of those in the fit of each response."""
     found = np.zeros(fitted.shape, bool)
     for k, rows in enumerate(fitted.T):
         _, size, along = np.linalg.svd(u[rows], full_matrices=False)
@@ -310,7 +307,8 @@ def _spanned(u: Array, fitted: Mask) -> Mask:
 
 
 def _standardised_l1(u: Array, kept: Array, y: Array, cov: Array, offset_cov: Array | None) -> Array:
-    """(N, L) |residual| in units of its deviation, of all y, after a least-absolute-deviation fit to those in kept."""
+    """Return |residual| (N, L) of all y in units of its standard deviation, after a least-absolute-deviation fit to the
+    kept ones."""
     inflated = cov
     for _ in range(30):
         fit = fit_response(u, kept, inflated, offset_cov=offset_cov)
@@ -321,19 +319,19 @@ def _standardised_l1(u: Array, kept: Array, y: Array, cov: Array, offset_cov: Ar
 
 
 def residual_sets(fit: ResponseFit) -> dict[str, Array]:
-    """Residuals of the fit, and of each row by a fit to all others."""
+    """Return the residuals of the fit, and those of each row from a fit to all others."""
     return {"": fit.residuals, "cv_": fit.loo_residuals}
 
 
 def fit_models(u: Array, y: Array, cov: Array, forms: tuple[str, ...], **prior: Any) -> dict[str, ResponseFit]:
-    """Every model form fitted to the same data."""
+    """Return the fits of all model forms to the same data."""
     return {form: fit_response(u, y, cov, form=form, **prior) for form in forms}  # type: ignore[arg-type]
 
 
 def entry_p_values(fit: ResponseFit, widened: float = 1.0) -> Array:
-    """(L, D) two-sided p-value of each entry of K against zero; NaN where it is not in the model or not determined.
+    """Return the two-sided p-value (L, D) of each entry of K being zero; NaN if not in the model or not determined.
 
-    ``widened`` multiplies the standard deviations, where the noise proved larger than declared.
+    ``widened``: factor on the standard deviations, for noise larger than declared.
     """
     from scipy.special import ndtr
 
@@ -345,7 +343,8 @@ def entry_p_values(fit: ResponseFit, widened: float = 1.0) -> Array:
 
 
 def holm_significant(p: Array, false_alarm: float) -> Mask:
-    """Which of many tests hold together at the stated family-wise false-alarm rate (Holm 1979); NaN is never one."""
+    """Return the mask of tests that are significant at a family-wise false-alarm rate (Holm 1979); NaN is never
+    significant."""
     tested = np.isfinite(p)
     significant = np.zeros(p.shape, bool)
     significant[tested] = holm_adjusted(p[tested]) <= false_alarm
@@ -353,10 +352,10 @@ def holm_significant(p: Array, false_alarm: float) -> Mask:
 
 
 def gain_p_value(smaller: ResponseFit, larger: ResponseFit) -> float:
-    """p-value of the larger of two nested models against the smaller: F where the noise level is estimated too.
+    """Return the p-value of the larger of two nested models against the smaller: F test with estimated noise.
 
-    The noise level comes from the larger model's residuals, so noise declared 10 % wrong does not decide the test.
-    Where these are nothing but rounding, as of points that repeat exactly, the declared noise decides (chi-square).
+    The noise comes from the larger model's residuals, so an error of 10 % in the declared noise does not matter. If
+    these residuals are only rounding, as for points that repeat exactly, the declared noise is used (chi-square).
     """
     from scipy.special import chdtrc, fdtrc
 
@@ -380,7 +379,7 @@ class Symmetry:
 
 
 def symmetry(fit: ResponseFit) -> Symmetry:
-    """Whether K is symmetric within its uncertainty; for a full square K."""
+    """Return the test of K being symmetric within its uncertainty; for a full square K."""
     n = fit.free.shape[0]
     upper = np.triu_indices(n, 1)
     contrast = np.zeros((len(upper[0]), n * n))
@@ -392,7 +391,8 @@ def symmetry(fit: ResponseFit) -> Symmetry:
 
 
 def pair_couplings(fit: ResponseFit) -> list[tuple[int, int, float, float]]:
-    """For every pair of legs (from 0): i, j, coupling sqrt((K_ij^2 + K_ji^2)/2), and the p-value of no coupling."""
+    """Return for every pair of legs (from 0): i, j, coupling sqrt((K_ij^2 + K_ji^2)/2), and the p-value of no
+    coupling."""
     n = fit.free.shape[0]
     rows = []
     for i, j in zip(*np.triu_indices(n, 1), strict=True):
@@ -412,9 +412,9 @@ def _wald(contrast: Array, fit: ResponseFit) -> tuple[float, float]:
 
 
 def significant_rank(fit: ResponseFit, false_alarm: float) -> int:
-    """Number of independent shapes in K: the smallest rank that leaves no more than noise.
+    """Return the number of independent shapes in K: the smallest rank that leaves only noise.
 
-    K is whitened by its average row and column covariance; what the first r singular values leave is held against
+    K is whitened by its average row and column covariance; singular values beyond the first r are tested against
     chi-square with (L - r)(D - r) degrees of freedom.
     """
     from scipy.special import chdtrc
@@ -434,10 +434,10 @@ def significant_rank(fit: ResponseFit, false_alarm: float) -> int:
 
 @dataclass(frozen=True)
 class RingShape:
-    """How the attachments' shifts look round the ring: shares of the mean square, and the principal shape.
+    """Shape of the attachments' shifts around the ring: shares of the mean square, and the principal shape.
 
-    lift, tilt, buckle sum to 1; buckle is what no plane explains. principal (L,): unit shape with the largest
-    share over poses, principal_share its share, amplitude_um its largest amplitude.
+    lift, tilt, buckle sum to 1; buckle is the part that no plane explains. principal (L,): unit shape with the largest
+    share over poses, principal_share: its share, amplitude: its largest value, in the unit of the shifts.
     """
 
     lift: float
@@ -449,7 +449,7 @@ class RingShape:
 
 
 def ring_shape(shifts: Array, attachments: Array) -> RingShape:
-    """Split shifts (N, L) at attachment points (L, 3) into a lift, a tilt of the ring's plane, and its buckling."""
+    """Return shifts (N, L) at attachment points (L, 3) split into lift, tilt of the ring's plane, and buckling."""
     plane = np.column_stack([np.ones(len(attachments)), attachments[:, :2] - attachments[:, :2].mean(axis=0)])
     basis = np.linalg.qr(plane)[0]
     parts = shifts @ basis
@@ -462,7 +462,8 @@ def ring_shape(shifts: Array, attachments: Array) -> RingShape:
 
 
 def birge(fit: ResponseFit) -> float:
-    """Factor on the standard deviations: above 1 only where the residuals are larger than declared noise allows."""
+    """Return the factor on the standard deviations (Birge ratio): above 1 only for residuals larger than the declared
+    noise allows."""
     from scipy.special import chdtrc
 
     if fit.dof <= 0 or chdtrc(fit.dof, fit.chi_square) > 0.01:
@@ -471,7 +472,7 @@ def birge(fit: ResponseFit) -> float:
 
 
 def entry_tests(fit: ResponseFit) -> tuple[Array, Array, Mask]:
-    """(L, D) sigma, p-value and significance of every entry, widened where the noise is larger than declared."""
+    """Return sigma, p-value and significance (L, D) of every entry, widened if the noise is larger than declared."""
     factor = birge(fit)
     p = entry_p_values(fit, factor)
     return fit.sigma * factor, p, holm_significant(p, FALSE_ALARM)

@@ -1,7 +1,7 @@
-"""Vectors and matrices of lanes: the same small arithmetic on sixteen problems at once, for compiled code.
+"""Vectors and matrices in SIMD lanes: the same small arithmetic on sixteen problems at once, for compiled code.
 
-A register is a row of `LANES` numbers in one flat array; a loop over the lanes that calls nothing but these functions
-becomes vector instructions. 3x3 matrices are tuples of rows. Importing this module imports numba.
+A register is a row of `LANES` numbers in one flat array. The compiler vectorises a loop over the lanes that calls only
+these functions. 3x3 matrices are tuples of rows. Importing this module imports numba.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from numba import njit
 from numba.core import config
 from numpy.typing import NDArray
 
-# numba takes settings from `.numba_config.yaml` in the current folder, among them where compiled code is loaded from.
-# Its environment variables say the same; a file that came with somebody's data says nothing.
+# numba reads settings from `.numba_config.yaml` in the current folder, including the place of compiled code to load.
+# Environment variables set the same; a file in the folder of somebody's data must not change them.
 config._config_fname = os.devnull
 config.reload_config()
 
@@ -28,35 +28,36 @@ LANES = 16
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 _MODE: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract", "nsz"}}
-# Always inlined. numba compiles each of these by itself, too: code that was just compiled would call that copy, code
-# loaded from the cache its own, and the two, optimised in different surroundings, differ in the last bits.
+# Always inlined. numba also compiles each of these separately: fresh code would call that copy, cached code its own,
+# and the two, optimised in different contexts, differ in the last bits.
 _BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "forceinline": True}
-inner = njit(**_MODE, **_BARE)  # for what compiled code alone calls
+inner = njit(**_MODE, **_BARE)  # for functions that only compiled code calls
 summing = njit(**{**_MODE, "fastmath": {*_MODE["fastmath"], "reassoc"}}, **_BARE)  # the same, for sums in any order
 
 
 def compiled(*made_of: str) -> Callable[[Callable], Callable]:
-    """Return a decorator that compiles at the first call, and keeps the code beside its source where that may be.
+    """Return a decorator that compiles at the first call, and caches the code next to its source if possible.
 
-    made_of: the source files it comes from. numba notices changes of the function's own file only, so a digest of all
-    of them goes into the function's name, and with it into that of the file that keeps it.
+    made_of: source files of the code. numba only notices changes of the function's own file, so a digest of all files
+    becomes part of the function's name, and of the cache file's name.
     """
     digest = hashlib.sha256(b"".join(Path(name).read_bytes() for name in made_of)).hexdigest()[:12]
 
     def decorate(function: Callable) -> Callable:
         function.__qualname__ += "_" + digest
-        if not _may_keep(Path(made_of[0]).parent):
+        if not _can_cache(Path(made_of[0]).parent):
             return njit(**_MODE)(function)
         try:
             return njit(**_MODE, cache=True)(function)
-        except RuntimeError:  # numba found no place after all
+        except RuntimeError:  # numba found no place for the cache
             return njit(**_MODE)(function)
 
     return decorate
 
 
-def _may_keep(folder: Path) -> bool:
-    """Whether there is a place beside the source, or one that the user has named; numba would turn to his home else."""
+def _can_cache(folder: Path) -> bool:
+    """Whether there is a cache folder next to the source, or one named by the user; otherwise numba would use
+    the home folder."""
     beside = folder / "__pycache__"
     return "NUMBA_CACHE_DIR" in os.environ or os.access(beside if beside.is_dir() else folder, os.W_OK)
 
@@ -191,7 +192,7 @@ def skew(v: Vector) -> Matrix:
 
 @inner
 def information(s: Matrix) -> Matrix:
-    """Return ``tr(s) I - s``: what second moments s say about a rotation."""
+    """Return ``tr(s) I - s``: the information of second moments s about a rotation."""
     return (
         (s[1][1] + s[2][2], -s[0][1], -s[0][2]),
         (-s[1][0], s[0][0] + s[2][2], -s[1][2]),

@@ -1,4 +1,4 @@
-"""Columns that are likely in another unit than their name says: temperatures, times and air pressures."""
+"""Detection of columns in another unit than their name says: temperatures, times and air pressures."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from truing.arrays import Array, Index, Mask
 
 _ZERO_C_IN_K = 273.15
 _ZERO_C_IN_F, _F_PER_K = 32.0, 1.8
-# A campaign keeps within this of its reference; as it stands, a mistaken value is far beyond.
+# Temperatures of a campaign stay within this of their reference; values in a wrong unit are far beyond.
 _NEAR_K, _FAR_K = 60.0, 200.0
-# A fahrenheit value is less than 60 K off in a laboratory: every value has to fit, not one.
+# Fahrenheit values in a laboratory are less than 60 K off; all values have to fit, not only one.
 _NEAR_F, _FAR_F = 15.0, 30.0
 _LIKELY_K, _LIKELY_F = (230.0, 350.0), (55.0, 90.0)
-_LEAST_STEP_K = 25.0  # from 0 degC on, a value in degrees Fahrenheit stands further off than that
-_OVER_SCATTER = 6.0  # times: how much larger the step is than what the conversion may leave of it
+_LEAST_STEP_K = 25.0  # from 0 degC on, a value in degrees Fahrenheit is further off than that
+_OVER_SCATTER = 6.0  # least ratio of the step to its remainder after the conversion
 _SIGMAS = 4.0  # medians of ordinary changes
-_FAR_SHARE = 0.1  # of the changes of unit, that may fall on a true step
+_FAR_SHARE = 0.1  # share of the unit changes that may coincide with a true step
 _FEWEST = 6
-_FLOOR_K = 0.2  # two thermometers, or one before and after, agree no better
+_FLOOR_K = 0.2  # K, agreement of two thermometers, or of one before and after
 _MOST_PLACES = 4
 SECONDS = {"d": 86400.0, "h": 3600.0, "min": 60.0, "ms": 1e-3, "us": 1e-6, "100 ns": 1e-7, "ns": 1e-9}
 _SINCE_EPOCH = {"ms": (1e12, 2.5e12), "us": (1e15, 2.5e15), "ns": (1e18, 2.5e18), "100 ns": (6.2e17, 6.6e17)}
-_DAY_NUMBERS = ((20_000.0, 80_000.0), (710_000.0, 760_000.0))  # of our days, as Excel and as MATLAB count them
-_RATES_HZ = (10, 20, 25, 30, 50, 60, 100, 120, 200, 240, 250, 300, 500, 1000)  # of cameras and controllers
-_FASTEST_S, _SLOWEST_S = 0.2, 20_000.0  # from pose to pose, or step to step: no hand is faster, no robot slower
+_DAY_NUMBERS = ((20_000.0, 80_000.0), (710_000.0, 760_000.0))  # day numbers of present dates in Excel and in MATLAB
+_RATES_HZ = (10, 20, 25, 30, 50, 60, 100, 120, 200, 240, 250, 300, 500, 1000)  # common rates of cameras and controllers
+_FASTEST_S, _SLOWEST_S = 0.2, 20_000.0  # from pose to pose or step to step, by hand or robot
 _LIKELY_S, _USUAL_S = (5.0, 7200.0), 120.0
 FEWEST = 12
-_EVEN = 0.01  # of the pace: a clock's, which may run as fast or as slowly as it is asked to
+_EVEN = 0.01  # relative scatter of a clock's pace, which may be any
 _HOUR, _DAY, _NIGHT = 3600.0, 86400.0, 10.0 / 24.0
-_AWAKE = 0.9  # of the rows, outside one night's hours: people measure by day
-# Laboratories lie between the sea and 4000 m; in mmHg that begins where hPa of 2300 m end.
+_AWAKE = 0.9  # share of the rows outside one night's hours: people measure by day
+# Laboratories are between sea level and 4000 m; pressures in mmHg at sea level look like hPa at 2300 m.
 _LOWEST_HPA, _HIGHEST_HPA = 600.0, 1100.0
 _NEAR_SEA_HPA = (980.0, 1040.0)
 _IN_HPA = {"Pa": 1e-2, "kPa": 10.0, "bar": 1e3, "inHg": 33.86389, "atm": 1013.25}
@@ -43,8 +43,11 @@ _MMHG = 1.333224
 
 @dataclass(frozen=True)
 class MistakenUnit:
-    """A unit that values likely are in; of_reference: it is the reference's; certain: the two contradict each other;
-    rows: how many values it concerns; celsius: a typical one in degrees Celsius."""
+    """A likely unit of values.
+
+    of_reference: it is the unit of the reference; certain: values and reference contradict each other; rows: number of
+    affected values; celsius: a typical one in degrees Celsius.
+    """
 
     unit: str
     of_reference: bool
@@ -64,10 +67,10 @@ def fahrenheit_in_celsius(value: ArrayLike) -> Array:
 
 
 def mistaken_unit(value_c: ArrayLike, reference_c: float) -> MistakenUnit | None:
-    """Return the unit that temperatures (N,) or the reference beside them likely are in; None where both are likely
-    degrees Celsius. Values that are NaN were not recorded.
+    """Return the likely unit of temperatures (N,) or of their reference; None if both are likely degrees Celsius.
 
-    Kelvin is told by single rows, Fahrenheit by all: 68 is a temperature in degrees Celsius, too.
+    NaN means not recorded. Kelvin is recognised in single rows, Fahrenheit only in all rows: 68 is a possible
+    temperature in degrees Celsius, too.
     """
     value = np.asarray(value_c, float)
     value = value[np.isfinite(value)]
@@ -75,7 +78,7 @@ def mistaken_unit(value_c: ArrayLike, reference_c: float) -> MistakenUnit | None
         return _of_reference_alone(reference_c)
     reference = np.array(reference_c)
     kelvin = _are_kelvin(value, reference)
-    is_warming = (~kelvin & (np.abs(value - reference) > _NEAR_K)).any()  # a furnace gets to 300 degC by and by
+    is_warming = (~kelvin & (np.abs(value - reference) > _NEAR_K)).any()  # a furnace reaches 300 degC gradually
     if kelvin.any() and not is_warming:
         typical = float(np.median(kelvin_in_celsius(value[kelvin])))
         return MistakenUnit("K", False, True, int(kelvin.sum()), typical)
@@ -99,7 +102,7 @@ def _are_fahrenheit(value: Array, other: Array) -> Mask:
 
 
 def _of_reference_alone(reference_c: float) -> MistakenUnit | None:
-    """What a reference with nothing to contradict it likely is in."""
+    """Return the likely unit of a reference without values to compare with."""
     for unit, (low, high), celsius in (
         ("K", _LIKELY_K, kelvin_in_celsius),
         ("degF", _LIKELY_F, fahrenheit_in_celsius),
@@ -114,8 +117,8 @@ _CONVERSIONS = {"K": kelvin_in_celsius, "degF": fahrenheit_in_celsius}
 
 @dataclass(frozen=True)
 class MistakenRows:
-    """Rows (K,) of a column, in its own order, that likely are in ``unit``; celsius: their median in degrees Celsius;
-    others: the median of the rest."""
+    """Rows (K,) of a column, in its own order, that are likely in ``unit``; celsius: their median in degrees Celsius;
+    others: median of the rest."""
 
     unit: str
     rows: Index
@@ -124,10 +127,11 @@ class MistakenRows:
 
 
 def mistaken_rows(value_c: ArrayLike, order: Index | None = None) -> MistakenRows | None:
-    """Return the rows of temperatures (N,) that likely are in kelvin or degrees Fahrenheit; None where none stand out.
+    """Return the rows of temperatures (N,) that are likely in kelvin or degrees Fahrenheit; None without any.
 
-    order (N,): rows as they were taken. They are told where every change of unit is a step that the conversion undoes
-    to within the ordinary change from row to row; NaN was not recorded. Steps below 25 K are never told.
+    order (N,): rows in the order of measurement. Rows are recognised if every change of unit is a step that the
+    conversion removes to within the ordinary change from row to row; NaN means not recorded. Steps below 25 K are not
+    recognised.
     """
     value = np.asarray(value_c, float)
     rows = np.arange(len(value)) if order is None else order
@@ -144,14 +148,14 @@ def mistaken_rows(value_c: ArrayLike, order: Index | None = None) -> MistakenRow
 
 
 def _upper_parts(value: Array) -> Iterator[Mask]:
-    """Which values (N,) lie above each wide gap between them."""
+    """Yield the mask (N,) of values above each wide gap between them."""
     ordered = np.sort(value)
     for at in np.flatnonzero(np.diff(ordered) >= _LEAST_STEP_K):
         yield value > ordered[at]
 
 
 def _is_undone(value: Array, celsius: Array, high: Mask) -> bool:
-    """Whether values (N,) go on without a step once those that are high are converted."""
+    """Whether values (N,) continue without a step after conversion of the high ones."""
     change = np.abs(np.diff(celsius))
     steps = change[np.diff(high.astype(int)) != 0]
     ordinary = np.concatenate([np.abs(np.diff(celsius[high])), np.abs(np.diff(celsius[~high]))])
@@ -162,7 +166,7 @@ def _is_undone(value: Array, celsius: Array, high: Mask) -> bool:
 
 
 def _rounding(value: Array) -> float:
-    """Half of the last decimal place that values are written to."""
+    """Return half of the last decimal place of the values."""
     for places in range(_MOST_PLACES):
         if np.allclose(value, np.round(value, places), rtol=0.0, atol=1e-9):
             return float(0.5 * 10.0**-places)
@@ -171,8 +175,8 @@ def _rounding(value: Array) -> float:
 
 @dataclass(frozen=True)
 class MistakenTimes:
-    """unit: in which times likely are, a key of SECONDS; pace: median from row to row as it stands; others: units that
-    would be as possible."""
+    """unit: likely unit of the times, a key of SECONDS; pace: median from row to row as recorded; others: units that
+    are as possible."""
 
     unit: str
     pace: float
@@ -180,10 +184,10 @@ class MistakenTimes:
 
 
 def mistaken_times(time: Array, run: Index | None = None) -> MistakenTimes | None:
-    """Return the unit that times (N,) likely are in; None where seconds are possible, or too few tell.
+    """Return the likely unit of times (N,); None if seconds are possible, or if there are too few rows.
 
-    run (N,): rows of which the pace is that within runs. A clock's even pace passes: cameras and controllers are faster
-    and slower than hands.
+    run (N,): the pace is computed within runs. An even pace is accepted: cameras and controllers are faster and slower
+    than hands.
     """
     time = np.asarray(time, float)
     run = np.zeros(len(time), dtype=np.int64) if run is None else run
@@ -208,7 +212,7 @@ def mistaken_times(time: Array, run: Index | None = None) -> MistakenTimes | Non
 
 
 def _likeliest(pace: float, units: tuple[str, ...]) -> MistakenTimes | None:
-    """The unit in which a pace is nearest to the usual, among those in which it is likely at all."""
+    """Return the unit in which a pace is closest to the usual one, among the plausible units."""
     likely = [unit for unit in units if _LIKELY_S[0] <= pace * SECONDS[unit] <= _LIKELY_S[1]]
     likely.sort(key=lambda unit: abs(np.log(pace * SECONDS[unit] / _USUAL_S)))
     return MistakenTimes(likely[0], pace, tuple(likely[1:])) if likely else None
@@ -235,9 +239,9 @@ def _is_by_day(time: Array) -> bool:
 
 
 def likely_pressure_unit(value: float) -> str:
-    """Return what a pressure (its median, in hPa as it stands) likely is, in words; empty where it is likely hPa.
+    """Return the likely unit of a pressure (its median, in hPa as recorded) in words; empty if likely hPa.
 
-    Millimetres of mercury are suspected where they make a pressure as near the sea, for hPa would be that of 2300 m.
+    Millimetres of mercury are suspected if they give a pressure near sea level, where hPa would give that of 2300 m.
     """
     if _LOWEST_HPA <= value <= _HIGHEST_HPA:
         meant = value * _MMHG

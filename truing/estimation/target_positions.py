@@ -1,4 +1,4 @@
-"""Where a target sits on its body over a campaign: one place, or a few places one after the other."""
+"""Positions of a target on its body over a campaign: one position, or several one after the other."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 
 from truing.estimation.rotation import rigid_motions
 
-# So many points in a row that agree are a place of the target.
+# Number of successive points that agree, for a position of the target.
 RUN = 3
-# Two points of one place are nearer to each other than so many times the spread of a coordinate.
+# Two points of one position are closer than this many times the spread of a coordinate.
 _SAME = 8.0
-# A change of place by so many spreads leaves no doubt, whatever else is wrong.
+# A change of position by this many spreads is certain.
 _CERTAIN = 40.0
 _MEDIAN_LENGTH = 1.538  # of three unit normals
 
 
 def median_places(places: NDArray, known: NDArray) -> NDArray:
-    """Return the medians (K, 3) of places (B, K, 3), m, where they are known (B, K); NaN where they nowhere are."""
+    """Return the medians (K, 3) of positions (B, K, 3), m, over known ones (B, K); NaN without any."""
     ever = np.asarray(known.any(0))
     values = np.where(known[..., None], places, np.nan)
     values[:, ~ever] = 0.0
@@ -27,8 +27,10 @@ def median_places(places: NDArray, known: NDArray) -> NDArray:
 
 
 def looseness(shape: NDArray, trusted: NDArray) -> NDArray:
-    """Return how many times less surely the place of each point (B, K) is known on its body than its coordinates: the
-    body is where its trusted points (B, K) put it, which sit at shape (K, 3), m. 1 for these themselves.
+    """Return the uncertainty of each point's (B, K) position on its body relative to that of its coordinates.
+
+    The pose of the body follows from its trusted points (B, K), whose positions are shape (K, 3), m; 1 for these
+    themselves.
     """
     middle = shape.mean(0)
     radius = max(float(np.sqrt(np.mean(np.sum((shape - middle) ** 2, -1)))), 1e-300)
@@ -41,11 +43,11 @@ def looseness(shape: NDArray, trusted: NDArray) -> NDArray:
 def lonely_places(
     places: NDArray, known: NDArray, order: NDArray, sigma: float, loose: NDArray | float = 1.0
 ) -> NDArray:
-    """Return which known points (B, K) are in no run of three, one after the other in time, that agree.
+    """Return the mask (B, K) of known points that are in no three successive, agreeing points in time.
 
-    places (B, K, 3) in the body's frame, m; order (B,) in time; sigma: declared, m, per coordinate; loose (B, K): so
-    many times less surely a place is known. What "agree" means is the same for all targets, so that one that is
-    elsewhere in every pose agrees with none.
+    places (B, K, 3) in the body's frame, m; order (B,) in time; sigma: declared, m, per coordinate; loose (B, K):
+    relative uncertainty of a position. The tolerance is the same for all targets, so that a target that moves in every
+    pose agrees nowhere.
     """
     limits = _SAME * spread_in_time(places, known, order, sigma) * np.broadcast_to(loose, known.shape)
     lonely = known.copy()
@@ -59,7 +61,8 @@ def lonely_places(
 def changes_of_place(
     places: NDArray, known: NDArray, order: NDArray, sigma: float, loose: NDArray | float = 1.0
 ) -> list[tuple[int, int]]:
-    """Return (pose, target) from which on a target certainly sits elsewhere: runs of three on either side agree."""
+    """Return (pose, target) from which on a target certainly has another position: three points agree on either
+    side."""
     spreads = spread_in_time(places, known, order, sigma) * np.broadcast_to(loose, known.shape)
     found = []
     for target, rows in _in_time(known, order):
@@ -80,7 +83,8 @@ def stray_places(
     changes: list[tuple[int, int]],
     loose: NDArray | float = 1.0,
 ) -> NDArray:
-    """Return which known points (B, K) are certainly not where their target sat at the time, by the changes found."""
+    """Return the mask (B, K) of known points certainly away from their target's position at the time, given the
+    changes."""
     limits = _CERTAIN * spread_in_time(places, known, order, sigma) * np.broadcast_to(loose, known.shape)
     stray = np.zeros_like(known)
     for target, rows in _in_time(known, order):
@@ -94,7 +98,7 @@ def stray_places(
 
 
 def spread_in_time(places: NDArray, known: NDArray, order: NDArray, sigma: float) -> float:
-    """Return the spread of a coordinate, m, by how far points in a row lie apart, and at least the declared one."""
+    """Return the spread of a coordinate, m, from distances of successive points, at least the declared one."""
     steps = [np.diff(places[rows, target], axis=0) for target, rows in _in_time(known, order) if len(rows) > 1]
     if not steps:
         return sigma
@@ -102,14 +106,14 @@ def spread_in_time(places: NDArray, known: NDArray, order: NDArray, sigma: float
 
 
 def _in_time(known: NDArray, order: NDArray) -> Iterator[tuple[int, NDArray]]:
-    """Yield each target with the poses that know its place, in time."""
+    """Yield each target with the poses that know its position, in the order of time."""
     in_time = np.argsort(order, kind="stable")
     for target in range(known.shape[1]):
         yield target, in_time[known[in_time, target]]
 
 
 def _runs(values: NDArray, limits: NDArray) -> NDArray:
-    """Return at which of n values (n, 3) a run of three starts that agree to within their limits (n,), (n - 2,)."""
+    """Return the indices among n values (n, 3) at which three agree to within their limits (n,), (n - 2,)."""
     if len(values) < RUN:
         return np.zeros(0, bool)
     near = np.linalg.norm(np.diff(values, axis=0), axis=-1) <= np.maximum(limits[1:], limits[:-1])

@@ -1,7 +1,7 @@
-"""Uncertainty budgets in the terms of the GUM (JCGM 100:2008): what each source gives to results, and all together.
+"""Uncertainty budgets by the GUM (JCGM 100:2008): contributions of each source to results, and their combination.
 
-A linear(ised) estimate is ``x = sum_g A_g y_g`` of independent groups g of inputs, tolerances used as a prior being
-one more group. What a group gives is ``A_g S_g A_g^T``, and the covariance of the estimate is the sum of these.
+A linear(ised) estimate is ``x = sum_g A_g y_g`` of independent groups g of inputs; prior tolerances are one more group.
+The contribution of a group is ``A_g S_g A_g^T``; the covariance of the estimate is their sum.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from truing.arrays import Array
 
 COVERAGE = 0.95  # probability of the interval of an expanded uncertainty
-# Why a cause is in no budget, where estimates are off by it, and their uncertainty does not cover that.
+# Reasons to leave a cause out of all budgets: it biases the estimates, and their uncertainty does not include that.
 NOT_HELD = "the diagnosis found it, and these results are of a model without it"
 Evaluation = Literal["A", "B"]
 
@@ -25,7 +25,7 @@ Evaluation = Literal["A", "B"]
 class Source:
     """A source of uncertainty: evaluated from observations of this campaign (A), or declared (B).
 
-    dof: degrees of freedom of its size, infinite where it is taken as known.
+    dof: degrees of freedom of its size, infinite if it is taken as known.
     """
 
     name: str
@@ -39,37 +39,37 @@ Covariances = Mapping[Source, NDArray]
 
 @dataclass(frozen=True)
 class Budget:
-    """Standard uncertainties (S, N) that S independent sources give to N results."""
+    """Standard uncertainties (S, N) of N results due to S independent sources."""
 
     sources: tuple[Source, ...]
     contributions: NDArray
 
     @property
     def standard(self) -> NDArray:
-        """Return the combined standard uncertainties (N,)."""
+        """Combined standard uncertainties (N,)."""
         return np.sqrt(np.sum(self.contributions**2, axis=0))
 
     @property
     def shares(self) -> NDArray:
-        """Return the share (S, N) of each source in the variance; zero where there is none."""
+        """Shares (S, N) of the sources in the variance; zero for zero variance."""
         total = self.standard**2
         return self.contributions**2 / np.where(total > 0.0, total, 1.0)
 
     @property
     def dof(self) -> NDArray:
-        """Return the effective degrees of freedom (N,) by Welch and Satterthwaite (GUM G.4.1)."""
+        """Effective degrees of freedom (N,) by Welch and Satterthwaite (GUM G.4.1)."""
         own = np.array([1.0 / source.dof for source in self.sources])
         lost = own @ self.shares**2
         return np.divide(1.0, lost, out=np.full(len(lost), np.inf), where=lost > 0.0)
 
     @property
     def coverage(self) -> NDArray:
-        """Return the coverage factors (N,): of Student's distribution with the effective degrees of freedom."""
+        """Coverage factors (N,) of Student's distribution with the effective degrees of freedom."""
         return coverage_factor(self.dof)
 
     @property
     def expanded(self) -> NDArray:
-        """Return the expanded uncertainties (N,)."""
+        """Expanded uncertainties (N,)."""
         return self.coverage * self.standard
 
     def scaled(self, factor: NDArray) -> Budget:
@@ -77,17 +77,17 @@ class Budget:
         return Budget(self.sources, self.contributions * np.abs(factor))
 
     def with_source(self, source: Source, contribution: NDArray) -> Budget:
-        """Return the budget with one more source that gives (N,)."""
+        """Return the budget with one more source that contributes (N,)."""
         return Budget((*self.sources, source), np.concatenate([self.contributions, contribution[None]]))
 
     def filled(self) -> Budget:
-        """Return the budget without the sources that give nothing to any result."""
+        """Return the budget without sources that contribute nothing."""
         some = np.any(self.contributions > 0.0, axis=1)
         return Budget(tuple(s for s, own in zip(self.sources, some, strict=True) if own), self.contributions[some])
 
 
 def coverage_factor(dof: NDArray, probability: float = COVERAGE) -> NDArray:
-    """Return the coverage factors (N,) of Student's distribution, both sides; not below one degree of freedom."""
+    """Return the two-sided coverage factors (N,) of Student's distribution, with at least one degree of freedom."""
     from scipy.special import ndtri, stdtrit
 
     upper = 0.5 + 0.5 * probability
@@ -98,11 +98,11 @@ def coverage_factor(dof: NDArray, probability: float = COVERAGE) -> NDArray:
 def linear_estimate(
     jacobian: NDArray, noise: Covariances, prior: Covariances | None = None, loadings: NDArray | None = None
 ) -> dict[Source, NDArray]:
-    """Return the covariance (P, P) that each source gives to the least-squares estimate of P values.
+    """Return the covariance (P, P) of the least-squares estimate of P values due to each source.
 
-    jacobian (B, m, P): equations or readings by values, B independent sets of them; noise: the covariance (B, n, n) of
-    each group of inputs, seen through loadings (B, m, n) where these are not the equations themselves; prior: the
-    precision (P, P) of each group of what was known before. The values have to be determined by all of it together.
+    jacobian (B, m, P): derivative of B independent sets of equations or readings by the values; noise: covariance (B,
+    n, n) of each group of inputs, which act through loadings (B, m, n) if they are not the equations themselves; prior:
+    precision (P, P) of each group of prior knowledge. All of it together has to determine the values.
     """
     seen = {
         source: covariance if loadings is None else loadings @ covariance @ np.swapaxes(loadings, -1, -2)
@@ -120,15 +120,15 @@ def linear_estimate(
 
 
 def _inverse(precision: NDArray) -> NDArray:
-    """Return the inverse, of a matrix whose values may differ by many powers of ten."""
+    """Return the inverse of a matrix whose values may differ by many powers of ten."""
     scale = np.sqrt(np.diag(precision))
     return np.linalg.inv(precision / np.outer(scale, scale)) / np.outer(scale, scale)
 
 
 def beyond_declared(covariances: Covariances, noisy: Source, ratio: float, found: Source) -> dict[Source, NDArray]:
-    """Return covariances where what ``noisy`` gives, at ``ratio`` times its declared noise, is split in two.
+    """Return covariances with the contribution of ``noisy``, at ``ratio`` times its declared noise, split in two.
 
-    What its declared noise gives stays its own, and what the scatter has beyond that is of the source ``found``.
+    The declared noise keeps its contribution; the excess scatter belongs to the source ``found``.
     """
     declared = 1.0 / max(ratio, 1.0) ** 2
     whole = covariances[noisy]
@@ -136,9 +136,9 @@ def beyond_declared(covariances: Covariances, noisy: Source, ratio: float, found
 
 
 def budget(covariances: Covariances, by_values: NDArray | None = None) -> Budget:
-    """Return the budget of N results that follow the values by (N, P), of the values themselves without it.
+    """Return the budget of N results with derivative (N, P) by the values, or of the values themselves.
 
-    Sources that give nothing to any result are left out.
+    Sources that contribute nothing are left out.
     """
     rows = np.eye(len(next(iter(covariances.values())))) if by_values is None else by_values
     variances = {
@@ -149,7 +149,8 @@ def budget(covariances: Covariances, by_values: NDArray | None = None) -> Budget
 
 
 def root_mean_square(errors: Array) -> tuple[float, Budget]:
-    """The root mean square of N errors and its budget: the scatter of their squares, of N - 1 degrees of freedom."""
+    """Return the root mean square of N errors and its budget: the scatter of their squares, with N - 1 degrees of
+    freedom."""
     squares = errors**2
     value = float(np.sqrt(np.mean(squares)))
     spread = float(np.std(squares, ddof=1) / np.sqrt(len(squares)))

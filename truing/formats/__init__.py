@@ -1,1 +1,1 @@
-"""One reader per file format; nothing else touches raw files."""
+"""Readers of raw files, one per format; no other package opens raw files."""

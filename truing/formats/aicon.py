@@ -1,8 +1,7 @@
 """AICON's files of an adjustment: image coordinates (.phc), interior orientations (.ior), scale bars (.scale).
 
-Image coordinates are in mm from the centre of the format, y upwards; what turns them into pixels is the format of the
-camera, which stands in the .ior, and which camera took an image, which stands in the .eor. The lists of object points
-(.obc) are read as text.
+Image coordinates are in mm from the centre of the format, y upwards. Conversion to pixels needs the format of the
+camera (.ior) and the camera of each image (.eor). Lists of object points (.obc) are read as text.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ _INTERIOR = (
 
 @dataclass(frozen=True)
 class AiconCamera:
-    """A camera of a .ior: its row of the table ``cameras``, its centre (2,) in px and the pitch of its pixels in mm."""
+    """A camera of an .ior file: its row of the table ``cameras``, its centre (2,) in px and its pixel pitch in mm."""
 
     row: Row
     centre_px: Array
@@ -41,11 +40,11 @@ class AiconCamera:
 
 
 def read_phc(raw: RawFile, path: Path, wanted: Wanted) -> Iterator[RawBatch]:
-    """The image points of a .phc, in px; raises Unusable where no .ior lies beside it or where one of them is
-    damaged."""
+    """Yield the image points of a .phc file, in px; raises Unusable for a missing .ior or .eor file and for damaged
+    ones."""
     beside = {format_suffix(one): one for one in companions(raw.path)}
     if ".ior" not in beside:
-        raise Unusable("a .ior beside it, of the same name: it says how large the pixels are that mm are turned into")
+        raise Unusable("an .ior file of the same name next to it, whose pixel size converts mm to px")
     cameras = {str(camera.row["camera"]): camera for camera in _cameras(_lines(beside[".ior"], beside[".ior"].name))}
     lines = _lines(path)
     rows = _numbers(lines, 11, _RAY)
@@ -74,7 +73,7 @@ def read_phc(raw: RawFile, path: Path, wanted: Wanted) -> Iterator[RawBatch]:
 
 
 def read_ior(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
-    """The cameras of a .ior, in px; raises Unusable where the file is damaged."""
+    """Yield the cameras of an .ior file, in px; raises Unusable for a damaged file."""
     lines = _lines(path)
     rows = [camera.row for camera in _cameras(lines)]
     first = [row for row, _ in lines[::_PER_CAMERA]]
@@ -82,7 +81,7 @@ def read_ior(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
 
 
 def read_scale(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
-    """The scale bars of a .scale: number, name in quotation marks, two points, length, sigma, 1 where it is used."""
+    """Yield the scale bars of a .scale file: number, name in quotation marks, two points, length, sigma, 1 if used."""
     bars: list[tuple[Any, ...]] = []
     expected = 'a scale bar: number, "name", two points, length, sigma, flag'
     lines = _lines(path)
@@ -111,12 +110,12 @@ def _lines(path: Path, name: str | None = None) -> list[tuple[int, str]]:
 
 
 def _numbers(lines: list[tuple[int, str]], count: int, expected: str) -> Array:
-    """Lines of ``count`` finite numbers each (N, count); raises Unusable at the first that is none."""
+    """Return lines of ``count`` finite numbers each (N, count); raises Unusable at the first other line."""
     return np.array([finite_numbers(line, expected, row, count) for row, line in lines]).reshape(-1, count)
 
 
 def _cameras(lines: list[tuple[int, str]]) -> list[AiconCamera]:
-    """Cameras of five lines each."""
+    """Return cameras of five lines each."""
     if not lines or len(lines) % _PER_CAMERA:
         raise Unusable(_INTERIOR, value=f"{len(lines)} lines")
     return [_camera(lines[first : first + _PER_CAMERA]) for first in range(0, len(lines), _PER_CAMERA)]
@@ -139,10 +138,10 @@ def _camera(lines: list[tuple[int, str]]) -> AiconCamera:
 
 
 def _camera_of_image(eor: Path | None, cameras: dict[str, AiconCamera], image: Index) -> NDArray[np.str_]:
-    """Which camera took each image: as the .eor says, else the only one there is."""
+    """Return the camera of each image: from the .eor file, or the only camera."""
     if eor is None:
         if len(cameras) > 1:
-            raise Unusable("a .eor beside it: it says which of several cameras took an image")
+            raise Unusable("an .eor file next to it, which names the camera of each image")
         return np.full(len(image), next(iter(cameras)))
     expected = f"lines of {eor.name}: image, camera, X Y Z, omega phi kappa, three numbers"
     table = _numbers(_lines(eor, eor.name), 11, expected)

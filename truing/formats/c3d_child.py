@@ -1,7 +1,8 @@
-"""Reads one C3D file in a process of its own, for ezc3d may hang, end its process or take all memory over damage.
+"""Read one C3D file in a separate process, since a damaged file may make ezc3d hang, crash or use all memory.
 
-``python -m truing.formats.c3d_child FILE FOLDER BYTES`` leaves in FOLDER what `truing.formats.motion_capture` takes up,
-or the reason why not; BYTES is the memory that the process may take, where the system can limit it.
+``python -m truing.formats.c3d_child FILE FOLDER BYTES`` writes the result to FOLDER for
+`truing.formats.motion_capture`, or the reason of failure. BYTES: memory limit of the process, on systems that support
+one.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def _main(path: str, folder: str, size: str) -> None:
     _limit_memory(int(size))
     try:
         _read(path, Path(folder))
-    except Exception as error:  # ezc3d lets the exceptions of its C++ through under several types
+    except Exception as error:  # ezc3d passes on exceptions of its C++ code as several types
         (Path(folder) / REASON).write_text((str(error).splitlines() or [""])[0][:_LONGEST], encoding="utf-8")
 
 

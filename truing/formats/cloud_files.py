@@ -1,4 +1,4 @@
-"""The files of point clouds, PLY and PCD: what the head announces, and the points of binary files.
+"""Files of point clouds, PLY and PCD: headers, and points of binary files.
 
 Sources: G. Turk, "The PLY Polygon File Format", 1994; Point Cloud Library, "The PCD (Point Cloud Data) file format";
 its compression: M. Lehmann, LibLZF.
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from truing.formats.raw import Unusable
 
 LONGEST_HEAD = 1 << 16
-_MOST_DIGITS = 18  # a number of more is larger than any file
+_MOST_DIGITS = 18  # a number with more digits is larger than any file
 _TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
     **dict.fromkeys(("uchar", "uint8"), "u1"),
@@ -29,19 +29,19 @@ _TYPES = {
 }
 _PLY_FORMS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
 _PASSED_OVER = ("comment", "obj_info")
-_WHOLE_PLY = "a whole PLY file"
+_WHOLE_PLY = "an undamaged PLY file"
 _LINE_ENDS = b"\r\n"
 _KEYS = ("VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA")
 _PCD_FORMS = ("ascii", "binary", "binary_compressed")
 _SIZES = {"F": ("4", "8"), "I": ("1", "2", "4", "8"), "U": ("1", "2", "4", "8")}
-_WHOLE_PCD = "a whole PCD file"
-_LARGEST_RATIO = 100  # LZF makes 3 bytes of 264 at best
+_WHOLE_PCD = "an undamaged PCD file"
+_LARGEST_RATIO = 100  # LZF expands 3 bytes to at most 264
 _MOST_PER_POINT = 1 << 16
 
 
 @dataclass(frozen=True)
 class ListProperty:
-    """A property of a PLY element that is several numbers: the type of their count, and their own."""
+    """A list property of a PLY element: types of its count and of its values."""
 
     name: str
     count: np.dtype
@@ -50,14 +50,14 @@ class ListProperty:
 
 @dataclass(frozen=True)
 class PlyElement:
-    """One kind of thing that a PLY file holds, such as vertices or faces; scalar properties by name and type."""
+    """An element of a PLY file, such as vertices or faces, with its properties by name and type."""
 
     name: str
     count: int
     properties: tuple[tuple[str, np.dtype] | ListProperty, ...]
 
     def fits(self, words: list[bytes], vertices: int) -> bool:
-        """Whether the words of a line of text can be one of them; faces have corners among the vertices."""
+        """Whether the words of a line of text can be an element; corners of faces are vertex numbers."""
         at = 0
         for part in self.properties:
             is_list = isinstance(part, ListProperty)
@@ -71,14 +71,14 @@ class PlyElement:
         return at == len(words)
 
     def names_corners(self, part: object) -> bool:
-        """Whether a property is the vertices of a face."""
+        """Whether a property holds the vertices of a face."""
         return (
             self.name == "face" and isinstance(part, ListProperty) and part.name in ("vertex_indices", "vertex_index")
         )
 
     @property
     def record(self) -> np.dtype | None:
-        """The type of one of them in a binary file; None where lists make them differ in size."""
+        """Type of one element in a binary file; None if lists make the sizes differ."""
         scalars = [part for part in self.properties if not isinstance(part, ListProperty)]
         return np.dtype(scalars) if len(scalars) == len(self.properties) else None
 
@@ -94,8 +94,10 @@ def _are_corners(words: list[bytes], vertices: int) -> bool:
 
 @dataclass(frozen=True)
 class CloudLayout:
-    """What a head announces. ``form``: ascii, binary or binary_compressed; ``record``: the type of one point; ``begin``
-    and ``lines``: bytes and lines of the head; ``before`` and ``after``: what else a PLY file holds around the points.
+    """Content of a header.
+
+    ``form``: ascii, binary or binary_compressed; ``record``: type of one point; ``begin`` and ``lines``: bytes and
+    lines of the header; ``before`` and ``after``: other elements of a PLY file before and after the points.
     """
 
     kind: str
@@ -109,7 +111,7 @@ class CloudLayout:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """A name for every single number of a point; those of a field of several carry its place from 0."""
+        """A name for each number of a point; numbers of a field with several are counted from 0."""
         found: list[str] = []
         for name in self.record.names or ():
             width = int(np.prod(self.record[name].shape, dtype=int))
@@ -117,7 +119,7 @@ class CloudLayout:
         return tuple(found)
 
     def columns(self, records: NDArray[np.void]) -> list[NDArray]:
-        """The points' numbers, an array for each of ``names``: whole ones as int64, others as float64."""
+        """Return the points' numbers, one array per name in ``names``: integers as int64, others as float64."""
         singles: list[NDArray] = []
         for name in self.record.names or ():
             values = records[name].reshape(len(records), -1)
@@ -126,14 +128,14 @@ class CloudLayout:
 
 
 def _plain(values: NDArray) -> NDArray:
-    whole = values.dtype.kind in "iu" and values.dtype.str[1:] != "u8"  # uint64 reaches beyond int64
+    whole = values.dtype.kind in "iu" and values.dtype.str[1:] != "u8"  # uint64 exceeds int64
     return np.ascontiguousarray(values, dtype=np.int64 if whole else np.float64)
 
 
 def head_lines(path: Path) -> list[tuple[list[str], int]]:
-    """The words of a file's first lines, each with the byte at which the next line begins.
+    """Yield the words of a file's first lines, each with the byte at which the next line begins.
 
-    Lines end as the first one does, for in binary data any byte may follow the head.
+    All lines end like the first one, since binary data after the header may contain any byte.
     """
     with path.open("rb") as file:
         head = file.read(LONGEST_HEAD)
@@ -147,24 +149,24 @@ def head_lines(path: Path) -> list[tuple[list[str], int]]:
 
 
 def announced(words: list[str], kind: str, line: int) -> int:
-    """The only number of a line of a head; raises Unusable where there is none."""
+    """Return the only number of a header line; raises Unusable without one."""
     if len(words) != 1 or not words[0].isascii() or not words[0].isdigit():
-        raise Unusable(f"a whole {kind} file, which announces a number here", row=line, value=" ".join(words)[:40])
+        raise Unusable(f"an undamaged {kind} file, which announces a number here", row=line, value=" ".join(words)[:40])
     return int(words[0][:_MOST_DIGITS])
 
 
 def record_of(fields: list[tuple[str, np.dtype, int]], kind: str) -> np.dtype:
-    """The type of one point from names, types and counts; raises Unusable where a name stands twice."""
+    """Return the type of one point from names, types and counts; raises Unusable for a duplicate name."""
     names = [name for name, _, _ in fields]
-    twice = {name for name in names if names.count(name) > 1} - {"_"}  # which PCD calls bytes that mean nothing
+    twice = {name for name in names if names.count(name) > 1} - {"_"}  # PCD's name for padding bytes
     if twice:
-        raise Unusable(f"a whole {kind} file, in which every field has a name of its own", value=sorted(twice)[0])
+        raise Unusable(f"an undamaged {kind} file, in which every field has a name of its own", value=sorted(twice)[0])
     titled = [(f"_{i}" if name == "_" else name, *rest) for i, (name, *rest) in enumerate(fields)]
     return np.dtype([(name, one) if count == 1 else (name, one, (count,)) for name, one, count in titled])
 
 
 def ply_layout(path: Path) -> CloudLayout:
-    """What the head of a PLY file announces; raises Unusable where it is damaged or announces no vertices."""
+    """Return the header of a PLY file; raises Unusable if it is damaged or announces no vertices."""
     lines = head_lines(path)
     if not lines or lines[0][0] != ["ply"]:
         raise Unusable(f"{_WHOLE_PLY}, whose first line is ply", row=1)
@@ -179,8 +181,8 @@ def ply_layout(path: Path) -> CloudLayout:
         elif words[:1] == ["property"] and elements:
             elements[-1] = _with_property(elements[-1], words[1:], _PLY_FORMS[form], line)
         elif words and words[0] not in _PASSED_OVER:
-            raise Unusable(f"{_WHOLE_PLY}; this line of its head means nothing", row=line, value=" ".join(words)[:40])
-    raise Unusable(f"{_WHOLE_PLY}, whose head ends with end_header")
+            raise Unusable(f"{_WHOLE_PLY}; this line of its header is not valid", row=line, value=" ".join(words)[:40])
+    raise Unusable(f"{_WHOLE_PLY}, whose header ends with end_header")
 
 
 def _with_property(element: PlyElement, words: list[str], order: str, line: int) -> PlyElement:
@@ -199,7 +201,7 @@ def _with_property(element: PlyElement, words: list[str], order: str, line: int)
 def _layout_of_ply(form: str, elements: list[PlyElement], begin: int, lines: int) -> CloudLayout:
     places = [i for i, element in enumerate(elements) if element.name == "vertex"]
     if len(places) != 1 or not elements[places[0]].properties or not elements[places[0]].count:
-        raise Unusable("a whole PLY file with points: one element vertex with properties, and at least one of it")
+        raise Unusable("an undamaged PLY file with points: one element vertex with properties, and at least one of it")
     at = places[0]
     vertex = elements[at]
     scalars = [(part[0], part[1], 1) for part in vertex.properties if not isinstance(part, ListProperty)]
@@ -212,22 +214,22 @@ def _layout_of_ply(form: str, elements: list[PlyElement], begin: int, lines: int
 
 
 def ply_vertices(layout: CloudLayout, data: NDArray[np.uint8]) -> NDArray[np.void]:
-    """The vertices of a binary file; raises Unusable where it holds fewer or more bytes than its head announces."""
+    """Return the vertices of a binary file; raises Unusable if its size differs from the announced one."""
     begin = _passed(layout.before, data, layout.begin, layout.points)
     end = begin + layout.points * layout.record.itemsize
     if end > len(data):
         held = max(len(data) - begin, 0) // layout.record.itemsize
         raise Unusable(
-            f"{_WHOLE_PLY}: {layout.points} vertices, as its head announces: export it anew", value=f"{held} vertices"
+            f"{_WHOLE_PLY}: {layout.points} vertices, as its header announces: export it anew", value=f"{held} vertices"
         )
     rest = data[_passed(layout.after, data, end, layout.points) :]
     if rest[:3].tobytes().strip(_LINE_ENDS):
-        raise Unusable(f"{_WHOLE_PLY}, which ends where its head says", value=f"{len(rest)} more bytes")
+        raise Unusable(f"{_WHOLE_PLY}, which ends where its header says", value=f"{len(rest)} more bytes")
     return data[begin:end].view(layout.record)
 
 
 def _passed(elements: Sequence[PlyElement], data: NDArray[np.uint8], at: int, vertices: int) -> int:
-    """The byte behind elements of a binary file."""
+    """Return the byte after some elements of a binary file."""
     for element in elements:
         if element.record is not None:
             at += element.count * element.record.itemsize
@@ -239,7 +241,7 @@ def _passed(elements: Sequence[PlyElement], data: NDArray[np.uint8], at: int, ve
 
 
 def _passed_lists(element: PlyElement, data: NDArray[np.uint8], at: int, vertices: int) -> int:
-    """The byte behind elements with lists: all at once where they are equally long, else one by one."""
+    """Return the byte after elements with lists: at once for equal lengths, else one by one."""
     if not element.count:
         return at
     stride = _record_end(element, data, at, vertices) - at
@@ -274,29 +276,29 @@ def _record_end(element: PlyElement, data: NDArray[np.uint8], at: int, vertices:
 
 
 def _check_corners(element: PlyElement, part: ListProperty, items: NDArray, vertices: int) -> None:
-    """Refuse faces without corners, or with such as are no vertices: where they stand, something else does."""
+    """Refuse faces without corners, or with corners that are no vertices: such data are something else."""
     if element.names_corners(part) and not (items.size and items.min() >= 0 and items.max() < vertices):
         raise Unusable(
-            f"{_WHOLE_PLY}: faces with corners among its {vertices} vertices, where its head says that they are"
+            f"{_WHOLE_PLY}: faces with corners among its {vertices} vertices, at the place given by its header"
         )
 
 
 def _fewer(element: PlyElement) -> Unusable:
-    return Unusable(f"{_WHOLE_PLY}: {element.count} of {element.name}, as its head announces")
+    return Unusable(f"{_WHOLE_PLY}: {element.count} of {element.name}, as its header announces")
 
 
 def pcd_layout(path: Path) -> CloudLayout:
-    """What the head of a PCD file announces; raises Unusable where its lines are damaged or contradict each other."""
+    """Return the header of a PCD file; raises Unusable if its lines are damaged or inconsistent."""
     reported: dict[str, tuple[int, list[str]]] = {}
     for line, (words, stop) in enumerate(head_lines(path), start=1):
         if not words or words[0].startswith("#"):
             continue
         if words[0] not in _KEYS or words[0] in reported:
-            raise Unusable(f"{_WHOLE_PCD}; this line of its head means nothing", row=line, value=" ".join(words)[:40])
+            raise Unusable(f"{_WHOLE_PCD}; this line of its header is not valid", row=line, value=" ".join(words)[:40])
         reported[words[0]] = (line, words[1:])
         if words[0] == "DATA":
             return _layout_of_pcd(reported, stop, line)
-    raise Unusable(f"{_WHOLE_PCD}, whose head ends with DATA")
+    raise Unusable(f"{_WHOLE_PCD}, whose header ends with DATA")
 
 
 def _layout_of_pcd(reported: dict[str, tuple[int, list[str]]], begin: int, lines: int) -> CloudLayout:
@@ -305,13 +307,13 @@ def _layout_of_pcd(reported: dict[str, tuple[int, list[str]]], begin: int, lines
         raise Unusable(f"{_WHOLE_PCD}: DATA {', '.join(_PCD_FORMS)}", row=lines, value=" ".join(form)[:40])
     for key in ("FIELDS", "SIZE", "TYPE", "WIDTH", "HEIGHT"):
         if key not in reported:
-            raise Unusable(f"{_WHOLE_PCD}, whose head has a line {key}")
+            raise Unusable(f"{_WHOLE_PCD}, whose header has a line {key}")
     width, height = (announced(reported[key][1], "PCD", reported[key][0]) for key in ("WIDTH", "HEIGHT"))
     points = announced(reported["POINTS"][1], "PCD", reported["POINTS"][0]) if "POINTS" in reported else width * height
     if points != width * height:
         raise Unusable(f"{_WHOLE_PCD}: as many POINTS as WIDTH times HEIGHT, {width * height}", value=str(points))
     if not points:
-        raise Unusable("a whole PCD file with points", value="0 points")
+        raise Unusable("an undamaged PCD file with points", value="0 points")
     return CloudLayout("PCD", form[0], _record(reported), points, begin, lines)
 
 
@@ -336,30 +338,30 @@ def _record(reported: dict[str, tuple[int, list[str]]]) -> np.dtype:
 
 
 def pcd_points(layout: CloudLayout, data: NDArray[np.uint8]) -> NDArray[np.void]:
-    """The points of a binary file; raises Unusable where it holds fewer or more bytes than its head announces."""
+    """Return the points of a binary file; raises Unusable if its size differs from the announced one."""
     held = data[layout.begin :]
     if layout.form == "binary_compressed":
         return _by_fields(layout, _decompressed(layout, held))
     size = layout.points * layout.record.itemsize
     if len(held) < size:
-        expected = f"{_WHOLE_PCD}: {layout.points} points, as its head announces: export it anew"
+        expected = f"{_WHOLE_PCD}: {layout.points} points, as its header announces: export it anew"
         raise Unusable(expected, value=f"{len(held) // layout.record.itemsize} points")
     _refuse_more(held[size:])
     return held[:size].view(layout.record)
 
 
 def _refuse_more(rest: NDArray[np.uint8]) -> None:
-    """Refuse what follows the points; zeros fill a page of memory up, and mean nothing."""
+    """Refuse data after the points, except zeros, which pad a page of memory."""
     if rest.any() and rest.tobytes()[:3].strip(b"\r\n"):
-        raise Unusable(f"{_WHOLE_PCD}, which ends where its head says", value=f"{len(rest)} more bytes")
+        raise Unusable(f"{_WHOLE_PCD}, which ends where its header says", value=f"{len(rest)} more bytes")
 
 
 def _decompressed(layout: CloudLayout, held: NDArray[np.uint8]) -> NDArray[np.uint8]:
     if len(held) < 8:
-        raise Unusable(f"{_WHOLE_PCD}; this one ends behind its head")
+        raise Unusable(f"{_WHOLE_PCD}; this one ends after its header")
     packed, size = (int(number) for number in held[:8].view("<u4"))
     if size != layout.points * layout.record.itemsize:
-        announced_size = f"{layout.points * layout.record.itemsize} bytes of points, as its head announces"
+        announced_size = f"{layout.points * layout.record.itemsize} bytes of points, as its header announces"
         raise Unusable(f"{_WHOLE_PCD}: {announced_size}: export it anew", value=f"{size} bytes")
     if packed > len(held) - 8 or size > _LARGEST_RATIO * packed:
         raise Unusable(f"{_WHOLE_PCD}: {packed} bytes of compressed points", value=f"{len(held) - 8} bytes")
@@ -371,7 +373,7 @@ def _decompressed(layout: CloudLayout, held: NDArray[np.uint8]) -> NDArray[np.ui
 
 
 def _by_fields(layout: CloudLayout, plain: NDArray[np.uint8]) -> NDArray[np.void]:
-    """Points from compressed data, in which all values of a field stand before those of the next."""
+    """Return the points of compressed data, which are stored field by field."""
     records = np.empty(layout.points, dtype=layout.record)
     at = 0
     for name in layout.record.names or ():
@@ -383,13 +385,13 @@ def _by_fields(layout: CloudLayout, plain: NDArray[np.uint8]) -> NDArray[np.void
 
 
 def lzf_decompressed(data: bytes, size: int) -> bytes | None:
-    """Return the ``size`` bytes that LZF data stand for; None where the data are damaged."""
+    """Return the ``size`` bytes of decompressed LZF data; None if the data are damaged."""
     out, at = bytearray(), 0
     try:
         while at < len(data) and len(out) <= size:
             control = data[at]
             at += 1
-            if control < 32:  # so many bytes, less one, as they are
+            if control < 32:  # a literal run of control + 1 bytes
                 out += data[at : at + control + 1]
                 at += control + 1
                 continue
@@ -402,7 +404,7 @@ def lzf_decompressed(data: bytes, size: int) -> bytes | None:
             start, length = len(out) - back, length + 2
             if start < 0:
                 return None
-            again = out[start : start + length]  # shorter where it reaches into what it makes
+            again = out[start : start + length]  # shorter if it overlaps its own output
             out += (again * (length // len(again) + 1))[:length]
     except IndexError:
         return None

@@ -1,7 +1,7 @@
-"""COLMAP models, text and binary: as tables (rays of images, cameras, object points), and as a network of rays.
+"""COLMAP models, text and binary, as tables (image rays, cameras, object points) and as a network of rays.
 
-Layout: https://colmap.github.io/format.html. Every count is held against what is left of the file before anything is
-made of it.
+Layout: https://colmap.github.io/format.html. Every count is checked against the remaining size of the file before
+memory is allocated.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ _PARAMETERS = dict(MODELS.values())
 _LONGEST_NAME = 4096
 _RAY = np.dtype([("xy", "<f8", 2), ("point", "<i8")])
 _LARGEST = 1 << 30
-_LEAST = 1e-6  # the length of a quaternion, which COLMAP writes as 1
-# what of (k1, k2, k3, p1, p2) each model has, by position among its parameters; one focal length or two
+_LEAST = 1e-6  # least length of a quaternion, which COLMAP normalises to 1
+# positions of (k1, k2, k3, p1, p2) among the parameters of each model; one or two focal lengths
 _SHAPES: dict[str, tuple[int, tuple[int | None, ...]]] = {
     "SIMPLE_PINHOLE": (1, (None,) * 5),
     "PINHOLE": (2, (None,) * 5),
@@ -62,7 +62,7 @@ _FREE = {
 
 @dataclass(frozen=True)
 class ColmapCamera:
-    """A camera: its number, the name of its model, its format in px, its parameters; ``line`` as of an image."""
+    """A camera: number, name of its model, format in px, parameters; ``line`` as in `ColmapImage`."""
 
     number: int
     model: str
@@ -73,10 +73,11 @@ class ColmapCamera:
 
 @dataclass(frozen=True)
 class ColmapImage:
-    """An image: quaternion (4,) w x y z and translation (3,) from world to camera, its camera, its name, its rays
-    xy (N, 2) in px from the format's corner, and the point (N,) of each, -1 where it has none.
+    """An image: quaternion (4,) w x y z and translation (3,) from world to camera, camera, name, rays.
 
-    ``line`` is where its rays stand in a text, from 1; None in a binary file."""
+    xy (N, 2): in px from the corner of the format; point (N,): of each ray, -1 without one. ``line``: line of its rays
+    in a text file, from 1; None in a binary file.
+    """
 
     number: int
     quaternion: Array
@@ -90,8 +91,8 @@ class ColmapImage:
 
 @dataclass(frozen=True)
 class ColmapPoint:
-    """A point: coordinates in the model's own unit, mean reprojection error in px, how many rays it has; ``line`` as of
-    an image."""
+    """A point: coordinates in the model's unit, mean reprojection error in px, number of rays; ``line`` as in
+    `ColmapImage`."""
 
     number: int
     xyz: tuple[float, float, float]
@@ -101,7 +102,7 @@ class ColmapPoint:
 
 
 def read_cameras(path: Path) -> list[ColmapCamera]:
-    """The cameras of a model; raises Unusable where the file is no whole one."""
+    """Return the cameras of a model; raises Unusable for a damaged or incomplete file."""
     if _is_text(path):
         return [_camera_of_line(row, words) for row, words in _lines(path)]
     data = _Bytes(path)
@@ -109,7 +110,7 @@ def read_cameras(path: Path) -> list[ColmapCamera]:
 
 
 def read_images(path: Path) -> list[ColmapImage]:
-    """The images of a model; raises Unusable where the file is no whole one."""
+    """Return the images of a model; raises Unusable for a damaged or incomplete file."""
     if _is_text(path):
         return list(_images_of_lines(path))
     data = _Bytes(path)
@@ -117,7 +118,7 @@ def read_images(path: Path) -> list[ColmapImage]:
 
 
 def read_points(path: Path) -> list[ColmapPoint]:
-    """The points of a model; raises Unusable where the file is no whole one."""
+    """Return the points of a model; raises Unusable for a damaged or incomplete file."""
     if _is_text(path):
         return [_point_of_line(row, words) for row, words in _lines(path)]
     data = _Bytes(path)
@@ -125,14 +126,14 @@ def read_points(path: Path) -> list[ColmapPoint]:
 
 
 def _is_text(path: Path) -> bool:
-    """Whether a file begins as text does: a binary one begins with a count of eight bytes, the last of them 0."""
+    """Whether a file is text: a binary one begins with a count of eight bytes, the last of them 0."""
     with path.open("rb") as stream:
         head = stream.read(64)
     return b"\0" not in head and bool(head)
 
 
 class _Bytes:
-    """A binary file that is read from its beginning, and says where it ends too early."""
+    """A binary file, read from its beginning, with errors for a premature end."""
 
     def __init__(self, path: Path) -> None:
         if path.stat().st_size > _LARGEST:
@@ -147,7 +148,7 @@ class _Bytes:
         return struct.unpack_from(layout, self.content, self.at - size)
 
     def counted(self, smallest: int) -> Iterator[int]:
-        """As many numbers as the file says it has records; none of them is shorter than ``smallest`` bytes."""
+        """Yield the number of each record announced by the file; a record has at least ``smallest`` bytes."""
         (count,) = self.take("<Q")
         self.room_for(count, smallest, "records")
         yield from range(count)
@@ -175,7 +176,9 @@ class _Bytes:
 
     def _ends(self, what: str) -> Unusable:
         left = len(self.content) - self.at
-        return Unusable(f"a whole file of a COLMAP model: {what} from byte {self.at} on", value=f"{left} bytes left")
+        return Unusable(
+            f"an undamaged file of a COLMAP model: {what} from byte {self.at} on", value=f"{left} bytes left"
+        )
 
 
 def _camera(data: _Bytes) -> ColmapCamera:
@@ -196,12 +199,12 @@ def _image(data: _Bytes) -> ColmapImage:
 
 def _point(data: _Bytes) -> ColmapPoint:
     number, x, y, z, _, _, _, error, length = data.take("<Q3d3BdQ")
-    data.array(np.dtype("<u8"), length)  # image and place of each ray in it: the images say the same
+    data.array(np.dtype("<u8"), length)  # image and index of each ray, which the images also contain
     return ColmapPoint(number, (x, y, z), error, length)
 
 
 def _lines(path: Path, *, blank: bool = False) -> Iterator[tuple[int, list[str]]]:
-    """Number and words of each line that is no comment; ``blank`` keeps lines without words."""
+    """Yield number and words of each line except comments; ``blank`` includes lines without words."""
     with path.open(encoding="utf-8", errors="replace") as stream:
         for row, line in enumerate(stream, start=1):
             if not line.startswith("#") and (blank or line.strip()):
@@ -254,8 +257,11 @@ def _point_of_line(row: int, words: list[str]) -> ColmapPoint:
 
 @dataclass(frozen=True)
 class ColmapNetwork:
-    """Cameras as rows of the table ``cameras``; images: camera (I,) by number, R (I, 3, 3) from camera into model,
-    centre (I, 3); points (P, 3) in the order of their file; rays: image (N,) and point (N,) by number, xy_px (N, 2)."""
+    """A network of rays: cameras as rows of the table ``cameras``, images, points and rays.
+
+    Images: camera (I,) by number, R (I, 3, 3) from camera into model, centre (I, 3); points (P, 3) in the order of
+    their file; rays: image (N,) and point (N,) by number, xy_px (N, 2).
+    """
 
     cameras: list[Row]
     image_camera: Index
@@ -274,9 +280,9 @@ Estimate = Callable[[ColmapNetwork], "Array | None"]
 
 
 def read_network(points_file: Path) -> ColmapNetwork | None:
-    """The network of the points in a file; None where cameras and images do not lie beside it.
+    """Return the network of the points in a file; None without cameras and images next to it.
 
-    Raises Unusable where one of the files is damaged.
+    Raises Unusable if one of the files is damaged.
     """
     beside = {path.name.lower().split(".")[0]: path for path in companions(points_file)}
     if not {"cameras", "images"} <= beside.keys():
@@ -304,7 +310,7 @@ def read_network(points_file: Path) -> ColmapNetwork | None:
 
 
 def _world_to_camera(image: ColmapImage) -> Array:
-    """The rotation matrix of an image's quaternion w x y z; raises Unusable where it is none."""
+    """Return the rotation matrix of an image's quaternion w x y z; raises Unusable for a quaternion of length zero."""
     length = float(np.linalg.norm(image.quaternion))
     if not (_LEAST < length < 1.0 / _LEAST and np.isfinite([*image.translation, *image.xy.ravel()]).all()):
         expected = "an image with a quaternion, a translation and rays in finite numbers"
@@ -320,11 +326,10 @@ def _world_to_camera(image: ColmapImage) -> Array:
 
 
 def read_colmap(path: Path, wanted: Wanted, table: str, raw: Path, estimate: Estimate | None) -> Iterator[RawBatch]:
-    """The rows of ``table`` that a file of a model holds: image_points of images, cameras of cameras, else points, with
-    standard deviations by ``estimate`` where the rest of the model lies beside the file, ``raw`` before it was
-    unpacked.
+    """Yield the rows of ``table`` from a file of a model: image_points of images, cameras of cameras, else points.
 
-    Raises Unusable where the file is damaged or holds another table.
+    Points get standard deviations by ``estimate`` if the rest of the model is next to the file; ``raw``: the file
+    before decompression. Raises Unusable if the file is damaged or holds another table.
     """
     if table == "image_points":
         images = read_images(path)
@@ -342,7 +347,7 @@ def read_colmap(path: Path, wanted: Wanted, table: str, raw: Path, estimate: Est
 
 
 def _known(lines: list[int | None]) -> list[int] | None:
-    """The lines of a text; None of a binary file, which has none."""
+    """Return the lines of a text file; None for a binary file."""
     known = [line for line in lines if line is not None]
     return known if len(known) == len(lines) else None
 
@@ -364,7 +369,8 @@ def _rays(images: list[ColmapImage]) -> dict[str, Any]:
 
 
 def camera_of(camera: ColmapCamera) -> Row:
-    """A camera as a row of the table ``cameras``; raises Unusable where it is none of perspective and polynomials."""
+    """Return a camera as a row of the table ``cameras``; raises Unusable for models other than perspective with
+    polynomials."""
     shape = _SHAPES.get(camera.model)
     values = camera.parameters
     if shape is None or any(values[9:]):
@@ -390,8 +396,7 @@ def _points(points: list[ColmapPoint]) -> dict[str, Any]:
 
 
 def _spread(raw: Path, estimate: Estimate | None) -> dict[str, Any]:
-    """Standard deviations and correlations of points, empty where they are not determined; no columns without
-    estimate."""
+    """Return standard deviations and correlations of points, empty if not determined; no columns without estimate."""
     network = None if estimate is None else read_network(raw)
     covariance = None if network is None or estimate is None else estimate(network)
     if covariance is None:

@@ -1,4 +1,4 @@
-"""The bytes of a raw file without its compression, as a stream: nothing is unpacked to where an archive says."""
+"""Decompressed raw files as streams; no archive member is written to the path that it names."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from truing.formats.source import RawFile
 
 
 class Refused(Exception):
-    """A compressed file that is whole, but none that is read: what was expected of it, and what was found."""
+    """A compressed file that is valid but not supported: what was expected, and what was found."""
 
     def __init__(self, expected: str, found: str | None = None) -> None:
         self.expected, self.found = expected, found
@@ -29,22 +29,21 @@ DAMAGED = (EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile, zipfile.BadZi
 """What reading a truncated, damaged or refused compressed file raises."""
 
 _MAGIC: dict[bytes, Callable[..., Any]] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ\x00": lzma.open}
-_ZIP = (b"PK\x03\x04", b"PK\x05\x06")  # the second: an archive without members
+_ZIP = (b"PK\x03\x04", b"PK\x05\x06")  # the second: an empty archive
 _OLD_WORKBOOK = b"\xd0\xcf\x11\xe0"
 _OF_WORKBOOKS = {"[Content_Types].xml", "content.xml"}  # of Excel, and of OpenDocument
 _AS_CSV = "text, or a workbook that is saved as .xlsx"
-# Measured numbers shrink to a half or a tenth, logs that stand still to a hundredth.
+# Measured numbers compress to a half or a tenth, logs with constant values to a hundredth.
 LARGEST_RATIO = 250
-FREE = 64 << 20  # bytes that any file may unpack to
+FREE = 64 << 20  # decompressed bytes that are always allowed
 LARGEST = 64 << 30
 
 
 @contextmanager
 def open_plain(path: Path) -> Iterator[IO[bytes]]:
-    """A file's bytes, decompressed where its first bytes say gz, bz2, xz, or zip with a single member.
+    """Yield a file's bytes, decompressed if its first bytes are those of gz, bz2, xz, or zip with a single member.
 
-    Raises Refused where there is one compression within another, and, while it is read, where it grows out of all
-    proportion to the file.
+    Raises Refused for nested compression, and during reading if the content grows beyond the allowed ratio.
     """
     with path.open("rb") as file:
         magic = file.read(6)
@@ -63,7 +62,7 @@ def open_plain(path: Path) -> Iterator[IO[bytes]]:
 
 
 def _member(archive: zipfile.ZipFile) -> IO[bytes]:
-    """The only file inside, whatever its name: it names no place to write to. What macOS adds for itself is none."""
+    """Return the only file of an archive, under any name; files added by macOS are ignored."""
     members = [name for name in archive.namelist() if not name.endswith("/") and not name.startswith("__MACOSX/")]
     if len(members) > 1 and not _OF_WORKBOOKS.isdisjoint(members):
         raise Refused(_AS_CSV, "a workbook")
@@ -83,29 +82,31 @@ def _bounded(stream: IO[bytes], path: Path) -> IO[bytes]:
 
 
 class _Bounded(io.RawIOBase):
-    """A stream that ends with Refused where it becomes out of all proportion to the file that it comes from."""
+    """A stream that raises Refused when its content exceeds the allowed ratio to the compressed size."""
 
     def __init__(self, stream: IO[bytes], size: int) -> None:
         self._stream = stream
         self._left = min(max(FREE, LARGEST_RATIO * size), LARGEST)
 
     def readable(self) -> bool:
-        """As every stream that is read."""
+        """Return True, as for every readable stream."""
         return True
 
     def readinto(self, buffer: Any) -> int:
-        """Fill a buffer; returns how many bytes there were."""
+        """Fill a buffer; return the number of bytes."""
         data = self._stream.read(len(buffer))
         self._left -= len(data)
         if self._left < 0:
-            raise Refused(f"content of at most {LARGEST_RATIO} times the compressed size; this one is made to explode")
+            raise Refused(
+                f"content of at most {LARGEST_RATIO} times the compressed size; this one may be a decompression bomb"
+            )
         buffer[: len(data)] = data
         return len(data)
 
 
 @contextmanager
 def plain_path(raw: RawFile) -> Iterator[Path]:
-    """A path to the file without compression, for libraries that open paths: itself, or a temporary copy."""
+    """Yield a path to the decompressed file, for libraries that open paths: the file itself, or a temporary copy."""
     if raw.path.suffix.lower() == raw.suffix:
         yield raw.path
         return

@@ -1,4 +1,4 @@
-"""Delimited text of every dialect, parsed block by block on all cores."""
+"""Reader of delimited text in any dialect, parsed block by block on all cores."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _GROUPED = re.compile(Notation(",", " ").pattern + "|" + Notation(".", " ").patt
 
 
 def read_delimited(stream: IO[bytes], entry: FileMapping, wanted: Wanted) -> Iterator[RawBatch]:
-    """The records of a text file; raises Unusable where it has none or cannot be cut into records."""
+    """Yield the records of a text file; raises Unusable if it has none or cannot be split into records."""
     blocks = record_blocks(utf8_chunks(stream, entry.encoding), entry.quote.encode())
     first = skip_lines(next(blocks, b""), entry.skip_lines)
     separator = separator_of(entry, first)
@@ -48,8 +48,8 @@ def read_delimited(stream: IO[bytes], entry: FileMapping, wanted: Wanted) -> Ite
         return
     parser = _Parser(lines, separator, entry, len(names), kinds)
     done = 0
-    for batch, count in _in_order(parser.parse, chain(filter(None, [rest if has_header else first]), blocks)):
-        if count:  # a block may hold blank lines and comments alone
+    for batch, count in _parallel_in_order(parser.parse, chain(filter(None, [rest if has_header else first]), blocks)):
+        if count:  # a block may consist of blank lines and comments
             yield _from_record(batch, done)
         done += count
     if done == 0:
@@ -57,7 +57,7 @@ def read_delimited(stream: IO[bytes], entry: FileMapping, wanted: Wanted) -> Ite
 
 
 def separator_of(entry: FileMapping, block: bytes) -> str:
-    """The declared separator, or the one that cuts the first records into equally many clean fields."""
+    """Return the declared separator, or the one that splits the first records into equal numbers of clean fields."""
     if entry.separator is not None:
         return {"blank": " ", "tab": "\t"}.get(entry.separator, entry.separator)
     records = Lines.of(entry, "whitespace")
@@ -66,9 +66,9 @@ def separator_of(entry: FileMapping, block: bytes) -> str:
 
 
 def guess_separator(lines: list[str], quote: str) -> str:
-    """The separator of some lines; a comma where there is but one column.
+    """Return the separator of some lines; a comma if there is only one column.
 
-    With csv.Sniffer or clevercsv in its place, exports of AICON and of trackers are read wrongly (tests/formats).
+    csv.Sniffer and clevercsv fail on exports of AICON and of trackers (tests/formats).
     """
     for separator in (*_SEPARATORS, "whitespace"):
         cut = [split_record(line.encode(), separator, quote) for line in lines]
@@ -84,7 +84,7 @@ def _is_clean(field: str) -> bool:
 
 
 def split_record(record: bytes, separator: str, quote: str) -> list[str]:
-    """The fields of one record, without the blanks around them."""
+    """Return the fields of one record, without surrounding blanks."""
     text = record.decode(errors="replace").strip("\r\n")
     if separator == "whitespace":
         return text.split()
@@ -96,12 +96,12 @@ def split_record(record: bytes, separator: str, quote: str) -> list[str]:
     )
     try:
         return [field.strip() for field in next(rows, [])]
-    except csv.Error:  # a field longer than Python's reader takes
+    except csv.Error:  # a field longer than Python's reader accepts
         return [field.strip() for field in text.split(separator)]
 
 
 def column_names(heading: bytes, separator: str, entry: FileMapping) -> tuple[str, ...]:
-    """Names of the columns: those of the header, else the mapping's own, else their positions from 1."""
+    """Return the names of the columns: of the header, else of the mapping, else their positions from 1."""
     fields = split_record(heading, separator, entry.quote)
     if entry.header is not False:
         return tuple(fields)
@@ -118,12 +118,12 @@ class _Parser:
     kinds: Mapping[int, Kind]
 
     def parse(self, block: bytes) -> tuple[RawBatch, int]:
-        """One block's records, and how many there are (those with too few or too many fields included)."""
+        """Return one block's records, and their number, including those with too few or too many fields."""
         if self.entry.thousands is None:
             try:
                 return self._typed(self.lines.records(block) if self.lines.may_pass_over(block) else block)
             except pa.ArrowInvalid:
-                pass  # some cell is not what its column promises: as text it can be said which
+                pass  # some cell has the wrong type: parse as text to find it
         return self._as_text(self.lines.records(block))
 
     def _typed(self, text: bytes) -> tuple[RawBatch, int]:
@@ -214,8 +214,8 @@ def _check_utf8(text: bytes, lines: Lines) -> None:
         ) from None
 
 
-def _in_order(function: Callable[[S], T], items: Iterable[S]) -> Iterator[T]:
-    """The function over the items on all cores, in order, with few items under way at a time."""
+def _parallel_in_order(function: Callable[[S], T], items: Iterable[S]) -> Iterator[T]:
+    """Yield the function's results over the items in order, computed on all cores with few items at a time."""
     workers = min(4, os.cpu_count() or 1)
     pending: deque = deque()
     with ThreadPoolExecutor(workers) as pool:

@@ -1,4 +1,4 @@
-"""Text columns as dictionaries: what is done to names is done once per name, not once per row."""
+"""Dictionary-encoded text columns, so that operations on names run once per name, not once per row."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from truing.formats.patterns import BoundedPattern
 
 
 def strings(values: Sequence[object]) -> pa.Array:
-    """Values as Arrow text."""
+    """Return values as Arrow text."""
     return pa.array([str(value) for value in values], pa.string())
 
 
 def as_dictionary(values: pa.Array) -> pa.DictionaryArray:
-    """Any column as dictionary-encoded text without blanks around it; empty where it was null."""
+    """Return any column as dictionary-encoded text without surrounding blanks; empty for null."""
     if not pa.types.is_dictionary(values.type) or values.null_count:
         values = values.cast(pa.string()).fill_null("").dictionary_encode()
     texts = values.dictionary.cast(pa.string())
@@ -27,27 +27,27 @@ def as_dictionary(values: pa.Array) -> pa.DictionaryArray:
 
 
 def compacted(values: pa.Array) -> pa.Array:
-    """The same column; where it is dictionary-encoded, without names that no row has."""
+    """Return the same column; if dictionary-encoded, without unused names."""
     return values.cast(pa.string()).dictionary_encode() if pa.types.is_dictionary(values.type) else values
 
 
 def with_values(column: pa.DictionaryArray, values: Sequence[str]) -> pa.DictionaryArray:
-    """The same rows with other values in the dictionary."""
+    """Return the same rows with other values in the dictionary."""
     return pa.DictionaryArray.from_arrays(column.indices, strings(values))
 
 
 def constant(value: str, rows: int) -> pa.DictionaryArray:
-    """The same text in every row."""
+    """Return the same text in every row."""
     return pa.DictionaryArray.from_arrays(pa.array(np.zeros(rows, dtype=np.int32)), strings([value]))
 
 
 def codes(column: pa.DictionaryArray) -> NDArray[np.int32]:
-    """Which value of the dictionary each row has."""
+    """Return the index into the dictionary of each row."""
     return np.asarray(column.indices)
 
 
 def renamed(text: str, patterns: Sequence[tuple[BoundedPattern[str], str]]) -> str:
-    """What a name becomes by the first regular expression that fits it whole."""
+    """Return a name rewritten by the first regular expression that matches it completely."""
     for pattern, replacement in patterns:
         if match := pattern.fullmatch(text):
             return match.expand(replacement)
@@ -55,7 +55,7 @@ def renamed(text: str, patterns: Sequence[tuple[BoundedPattern[str], str]]) -> s
 
 
 def integers(texts: pa.Array) -> pa.Array:
-    """The integers that texts write, null where one does not."""
+    """Return the integers in texts, null for other texts."""
     whole = pc.match_substring_regex(texts, r"^[+-]?\d{1,18}$")
     digits = pc.replace_substring_regex(pc.if_else(whole, texts, pa.scalar(None, pa.string())), r"^\+", "")
     return digits.cast(pa.int64())

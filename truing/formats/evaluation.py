@@ -1,4 +1,4 @@
-"""Carrying a plan out on a batch: reshaped, a table's columns in its own units, what was left out and what is wrong."""
+"""Evaluation of a mapping plan on a batch: reshaping, columns in the table's units, omitted rows and faults."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ from truing.schemas.column import LARGEST, Column
 from truing.schemas.mapping import RawValue
 
 _NUMBER_IN_CELL = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf)", re.IGNORECASE)
-_EXACT = 2**53  # whole numbers that are read as float64 are themselves up to here
-_ANYTHING = ".+"  # what `select` asks of a column that is to hold something
+_EXACT = 2**53  # float64 holds integers exactly up to here
+_ANYTHING = ".+"  # `select` of a column that must not be empty
 
 
 def as_meant(values: pa.Array, meant: RawValue) -> pa.Array:
-    """Numbers (N,) of a raw column as what they stand for, in the unit that the mapping gives; null stays null."""
+    """Return numbers (N,) of a raw column converted as the mapping says, in its unit; null stays null."""
     if meant.is_plain:
         return values
     plain = np.array(values.cast(pa.float64()).to_numpy(zero_copy_only=False), dtype=float)
     gone = np.asarray(values.is_null())
-    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite becomes a fault
+    with np.errstate(over="ignore", invalid="ignore"):  # non-finite results become faults
         plain = plain * meant.scale + meant.offset
         if meant.modulo is not None:
             lowest = meant.lowest or 0.0
@@ -55,7 +55,7 @@ def as_meant(values: pa.Array, meant: RawValue) -> pa.Array:
 
 
 def spread_arrays(plan: MappingPlan, batch: RawBatch) -> RawBatch:
-    """A batch with a column for every number that the cells of some columns hold together."""
+    """Return a batch with one column for each number of cells that hold several."""
     if not plan.entry.arrays or not batch.rows:
         return batch
     columns, faults = dict(batch.columns), list(batch.faults)
@@ -77,7 +77,7 @@ def spread_arrays(plan: MappingPlan, batch: RawBatch) -> RawBatch:
 
 
 def widen(plan: MappingPlan, batch: RawBatch) -> RawBatch:
-    """A batch with one row per target, where its records hold several targets side by side."""
+    """Return a batch with one row per target, if its records hold several targets side by side."""
     groups = plan.wide
     if not groups:
         return batch
@@ -94,7 +94,7 @@ def widen(plan: MappingPlan, batch: RawBatch) -> RawBatch:
 
 
 def _interleaved(columns: list[pa.Array]) -> pa.Array:
-    """Row by row the values of several columns."""
+    """Return the values of several columns, interleaved row by row."""
     rows, count = len(columns[0]), len(columns)
     order = np.arange(rows * count).reshape(count, rows).T.ravel()
     return pa.concat_arrays(columns).take(order)
@@ -102,9 +102,9 @@ def _interleaved(columns: list[pa.Array]) -> pa.Array:
 
 @dataclass(frozen=True)
 class TableBatch:
-    """Rows of a table: columns by name in the units of their names, and the record each row stands in.
+    """Rows of a table: columns by name in the units of their names, and the record of each row.
 
-    ``faulty``: by column, the rows whose cell has been told of; columns without any are absent.
+    ``faulty``: by column, rows with a reported faulty cell; columns without any are absent.
     """
 
     columns: dict[str, pa.Array]
@@ -115,17 +115,17 @@ class TableBatch:
 
     @property
     def rows(self) -> int:
-        """How many rows."""
+        """Number of rows."""
         return len(self.records)
 
 
 def coordinates(batch: TableBatch) -> Array:
-    """The points (N, 3) of a batch, mm."""
+    """Return the points (N, 3) of a batch, mm."""
     return np.column_stack([np.asarray(batch.columns[name], dtype=float) for name in COORDINATES])
 
 
 def evaluate(plan: MappingPlan, batch: RawBatch) -> TableBatch:
-    """The rows of a table that a batch of raw records gives."""
+    """Return the table rows from a batch of raw records."""
     batch = widen(plan, spread_arrays(plan, batch))
     selection = _Work(plan, batch)
     chosen = selection.selected()
@@ -140,7 +140,7 @@ def evaluate(plan: MappingPlan, batch: RawBatch) -> TableBatch:
 
 
 def _filtered(batch: RawBatch, keep: Mask) -> RawBatch:
-    """The rows to keep; dictionaries keep only the names that are left."""
+    """Return the rows to keep; dictionaries lose unused names."""
     if keep.all():
         return batch
     columns = {key: compacted(values.filter(keep)) for key, values in batch.columns.items()}
@@ -148,7 +148,7 @@ def _filtered(batch: RawBatch, keep: Mask) -> RawBatch:
 
 
 def _seconds(text: str, time_format: str) -> float | None:
-    """Seconds since 1970 of a time without zone."""
+    """Return seconds since 1970 of a time without zone; None if it does not match the format."""
     try:
         moment = datetime.strptime(text, time_format)
     except ValueError:
@@ -168,7 +168,7 @@ class _Work:
 
     @cached_property
     def notation(self) -> Notation:
-        """How the file's numbers are written."""
+        """Notation of the file's numbers."""
         entry = self.plan.entry
         return Notation(entry.decimal, entry.thousands, frozenset(entry.missing))
 
@@ -179,7 +179,7 @@ class _Work:
         return [*self.notation.missing_numbers, *([np.nan] if is_nan else [])]
 
     def column(self, name: str, column: Column) -> pa.Array:
-        """One column of the table, in its type and unit."""
+        """Return one column of the table, in its type and unit."""
         if column.kind == "identifier":
             return self._identifiers(name)
         if column.kind == "text":
@@ -190,7 +190,7 @@ class _Work:
         return self._integers(name, values) if column.kind == "integer" else values
 
     def is_of_use(self, name: str) -> bool:
-        """False for a column that nobody asked for and that mostly holds no numbers."""
+        """Return False for a column that was not requested and mostly holds no numbers."""
         if name not in self.plan.unasked:
             return True
         values, bad = self.notation.parse(self._raw(name).cast("string"))
@@ -199,7 +199,7 @@ class _Work:
     # -- text ---------------------------------------------------------------------------------------------
 
     def texts(self, name: str) -> pa.DictionaryArray:
-        """A column as text, renamed; rows that a regular expression does not fit are left out."""
+        """Return a column as renamed text; rows that do not match a regular expression are omitted."""
         found = self._texts(name)
         renames = self.plan.entry.rename.get(name)
         if renames is None:
@@ -223,7 +223,7 @@ class _Work:
         return self.texts(name) if name in self.plan.entry.rename else self._unnamed(name)
 
     def _unnamed(self, name: str) -> pa.Array:
-        """A column as it stands in the file, or as it is made."""
+        """Return a column as recorded in the file, or as constructed."""
         origin = self.plan.origin(name)
         if isinstance(origin, Spread):
             return self.batch.columns[origin.name]
@@ -242,7 +242,7 @@ class _Work:
         return with_values(texts, [(match[origin.name] or "") if match else "" for match in matches])
 
     def _to_split(self, name: str) -> pa.DictionaryArray:
-        """A column before it is split, which may give it a new meaning."""
+        """Return a column before its split, which may define the column anew."""
         origin = self.plan.origin(name, within=name)
         if isinstance(origin, RawColumn):
             return as_dictionary(self.batch.columns[origin.position])
@@ -252,13 +252,13 @@ class _Work:
         texts = self.texts(name)
         values = texts.dictionary.to_pylist()
         if not column.nullable and name != "target":
-            self._unless(np.array([bool(v) for v in values], dtype=bool), texts, name, f"a {name} in every row")
+            self._checked(np.array([bool(v) for v in values], dtype=bool), texts, name, f"a {name} in every row")
         if column.choices:
             known = np.array([not v or v in column.choices for v in values], dtype=bool)
-            self._unless(known, texts, name, f"one of {', '.join(column.choices)}")
+            self._checked(known, texts, name, f"one of {', '.join(column.choices)}")
         return texts
 
-    def _unless(self, good: Mask, texts: pa.DictionaryArray, name: str, expected: str) -> None:
+    def _checked(self, good: Mask, texts: pa.DictionaryArray, name: str, expected: str) -> None:
         wrong = ~good[codes(texts)]
         if wrong.any():
             self._fault(wrong, texts, name, expected)
@@ -274,11 +274,11 @@ class _Work:
 
     def _text_identifiers(self, name: str, shift: int) -> pa.Array:
         texts = self.texts(name)
-        self._unless(np.asarray(pc.not_equal(texts.dictionary, "")), texts, name, f"a {name} in every row")
+        self._checked(np.asarray(pc.not_equal(texts.dictionary, "")), texts, name, f"a {name} in every row")
         numbers = pc.add(integers(texts.dictionary), shift)
         if shift:
             whole = np.asarray(numbers.is_valid())
-            self._unless(whole, texts, name, "a whole number, as an offset is to be added")
+            self._checked(whole, texts, name, "a whole number, as an offset is to be added")
         if self.plan.poses_as_text or numbers.null_count:
             shifted = numbers.cast(pa.string()) if shift else texts.dictionary
             return pa.DictionaryArray.from_arrays(texts.indices, shifted)
@@ -295,19 +295,23 @@ class _Work:
         plain = np.asarray(values.fill_null(0.0) if values.null_count else values)
         finite = np.isfinite(plain)
         if not finite.all():
-            self._outside(~finite, values, name, "a finite number")
+            self._checked_range(~finite, values, name, "a finite number")
             self.broken.append(~finite)
         immense = np.abs(plain) > LARGEST
         if immense.any():
-            self._outside(immense & finite, values, name, f"at most {LARGEST:g} either way")
+            self._checked_range(immense & finite, values, name, f"at most {LARGEST:g} either way")
             self.broken.append(immense)
         if column.minimum is not None:
-            self._outside(plain < column.minimum, values, name, f"at least {column.minimum:g} {column.unit}".rstrip())
+            self._checked_range(
+                plain < column.minimum, values, name, f"at least {column.minimum:g} {column.unit}".rstrip()
+            )
         if column.maximum is not None:
-            self._outside(plain > column.maximum, values, name, f"at most {column.maximum:g} {column.unit}".rstrip())
+            self._checked_range(
+                plain > column.maximum, values, name, f"at most {column.maximum:g} {column.unit}".rstrip()
+            )
         return values if pa.types.is_float64(values.type) else values.cast(pa.float64())
 
-    def _outside(self, wrong: Mask, values: pa.Array, name: str, expected: str) -> None:
+    def _checked_range(self, wrong: Mask, values: pa.Array, name: str, expected: str) -> None:
         if values.null_count:
             wrong = wrong & np.asarray(values.is_valid())
         if wrong.any():
@@ -330,13 +334,13 @@ class _Work:
             blank &= "" not in self.notation.missing
             self.missing.append(np.asarray(values.is_null()))
             self.broken.append(blank | broken)
-            self._absent(blank, name, "a number; an empty cell has to be declared by missing")
+            self._check_present(blank, name, "a number; an empty cell has to be declared by missing")
         elif not column.nullable:
-            self._absent(np.asarray(values.is_null()) & ~broken, name, "a number in every row")
+            self._check_present(np.asarray(values.is_null()) & ~broken, name, "a number in every row")
         return values
 
     def _parsed(self, name: str, raw: pa.Array) -> tuple[pa.Array, Mask, Mask]:
-        """Numbers, where a cell is empty, and where one holds something else."""
+        """Return numbers, the mask of empty cells, and the mask of other content."""
         texts = raw.cast(pa.string())
         values, bad = self.notation.parse(texts)
         if bad.any():
@@ -347,7 +351,7 @@ class _Work:
             self._fault(bad, texts, name, expected + more)
         return values, np.array(pc.equal(pc.utf8_trim_whitespace(texts.fill_null("")), "")), bad
 
-    def _absent(self, wrong: Mask, name: str, expected: str) -> None:
+    def _check_present(self, wrong: Mask, name: str, expected: str) -> None:
         if wrong.any():
             self._fault(wrong, None, name, expected, "")
 
@@ -360,22 +364,23 @@ class _Work:
 
     def _integers(self, name: str, values: pa.Array) -> pa.Array:
         plain = np.asarray(values.fill_null(0.0))
-        self._outside(plain != np.round(plain), values, name, "a whole number")
-        self._outside(np.abs(plain) > _EXACT, values, name, f"at most {_EXACT} either way")
-        whole = np.where(np.abs(plain) <= _EXACT, np.round(plain), 0.0)  # what is larger, or no number, was told
+        self._checked_range(plain != np.round(plain), values, name, "a whole number")
+        self._checked_range(np.abs(plain) > _EXACT, values, name, f"at most {_EXACT} either way")
+        # Larger or non-finite values are already reported.
+        whole = np.where(np.abs(plain) <= _EXACT, np.round(plain), 0.0)
         return pa.array(whole.astype(np.int64), mask=np.asarray(values.is_null()))
 
     def _times(self, name: str) -> pa.Array:
         texts = self.texts(name)
         seconds = [_seconds(text, self.plan.entry.time_format or "") for text in texts.dictionary.to_pylist()]
         good = np.array([second is not None for second in seconds], dtype=bool)
-        self._unless(good, texts, name, f"a time written as {self.plan.entry.time_format}")
+        self._checked(good, texts, name, f"a time written as {self.plan.entry.time_format}")
         return pa.array(np.array([np.nan if s is None else s for s in seconds], dtype=float)[codes(texts)])
 
     # -- rows ---------------------------------------------------------------------------------------------
 
     def selected(self) -> Mask:
-        """Which rows are wanted at all: those that are selected, and that the regular expressions fit."""
+        """Return the mask of requested rows: selected, and matching the regular expressions."""
         keep = np.ones(self.batch.rows, dtype=bool)
         if not self.batch.rows:
             return keep
@@ -391,7 +396,7 @@ class _Work:
         return keep
 
     def present(self) -> Mask:
-        """Which points are there: those of which no coordinate is missing, by itself or as one of three."""
+        """Return the mask of points without missing coordinates, single or as a triple."""
         everything = np.ones(self.batch.rows, dtype=bool)
         if not self.plan.shape.has_coordinates or not all(name in self.plan.columns for name in COORDINATES):
             return everything
@@ -418,7 +423,7 @@ class _Work:
             self.left_out[reason] += count
 
     def _fault(self, wrong: Mask, values: pa.Array | None, name: str, expected: str, value: str | None = None) -> None:
-        wrong = wrong & ~self.reported.get(name, np.zeros(len(wrong), dtype=bool))  # one cell, one fault: the first
+        wrong = wrong & ~self.reported.get(name, np.zeros(len(wrong), dtype=bool))  # one fault per cell: the first
         if not wrong.any():
             return
         self.reported[name] = self.reported.get(name, wrong) | wrong

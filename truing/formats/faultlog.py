@@ -1,7 +1,6 @@
-"""Collecting what is wrong with raw files: every kind of fault, the first few of each, and how many more.
+"""Log of faults in raw files: every kind of fault, the first few cases of each, and the number of others.
 
-A path may lead out of the campaign's folder, and so to what its reader never meant to show: of a file there, messages
-show numbers alone.
+A path may lead out of the campaign's folder, to files that must not be shown: messages about them contain only numbers.
 """
 
 from __future__ import annotations
@@ -26,7 +25,8 @@ _HIDDEN = "text that is not shown, as the file lies outside the campaign's folde
 
 @dataclass(frozen=True)
 class CellFaults:
-    """One kind of fault in one column of one file: the first records (from 0) with their values, and how many."""
+    """One kind of fault in one column of one file: the first records (from 0) with their values, and the total
+    number."""
 
     expected: str
     column: str | None
@@ -37,13 +37,13 @@ class CellFaults:
     def where(
         cls, mask: Mask, records: Records, values: pa.Array | None, column: str | None, expected: str
     ) -> CellFaults:
-        """The faults at the rows where a mask is set; ``values`` are what stands there."""
+        """Return the faults at the rows of a mask; ``values``: content of these cells."""
         rows = np.flatnonzero(mask)
         cells = tuple((int(records[row]), _shown(values, int(row))) for row in rows[:SHOWN])
         return cls(expected, column, cells, len(rows))
 
     def changed(self, change: Callable[[int, str | None], tuple[int, str | None]]) -> CellFaults:
-        """The same faults with other records, or other values, of their cells."""
+        """Return the same faults with changed records or values of their cells."""
         return replace(self, cells=tuple(change(*cell) for cell in self.cells))
 
 
@@ -61,7 +61,7 @@ class _Kind:
 
 
 class FaultLog:
-    """Every fault of a campaign's files; records are turned into lines only when there is something to say."""
+    """All faults of a campaign's files; records are converted to lines only when faults are shown."""
 
     def __init__(self) -> None:
         self._plain: dict[tuple[str, str | None, str], list[Fault]] = {}
@@ -73,7 +73,7 @@ class FaultLog:
         return bool(self._plain or self._cells or self._lacking)
 
     def absorb(self, other: FaultLog) -> None:
-        """Take over what another log found about other files."""
+        """Add the faults of another log about other files."""
         self._plain.update(other._plain)
         self._cells.update(other._cells)
         for key, files in other._lacking.items():
@@ -81,17 +81,17 @@ class FaultLog:
         self._locate.update(other._locate)
 
     def add(self, fault: Fault) -> None:
-        """A fault that concerns no row, or whose row is known; saying the same again adds nothing."""
+        """Add a fault without row, or with a known row; duplicates are ignored."""
         same_kind = self._plain.setdefault((fault.file, fault.column, fault.expected), [])
         if fault not in same_kind:
             same_kind.append(fault)
 
     def lacks(self, key: str, what: str, file: str) -> None:
-        """What neither every row of a file gives nor ``key`` of campaign.toml; said once for all files."""
+        """Report a value that neither the rows of a file nor ``key`` of campaign.toml give; once for all files."""
         self._lacking.setdefault((key, what), {})[file] = None
 
     def cells(self, file: str, faults: CellFaults, locate: Callable[[Sequence[int]], Sequence[int]]) -> None:
-        """Faults in the records of a file; ``locate`` turns records into the rows that an editor counts."""
+        """Add faults in the records of a file; ``locate`` converts records to the line numbers of an editor."""
         if not faults.count:
             return
         kind = self._cells.setdefault((file, faults.column, faults.expected), _Kind())
@@ -101,7 +101,7 @@ class FaultLog:
             kind.first.append((record, Fault(file, faults.expected, column=faults.column, value=value)))
 
     def faults(self) -> tuple[Fault, ...]:
-        """All faults, by file and kind, capped with a count."""
+        """Return all faults, by file and kind, limited with a count."""
         plain = [fault for faults in self._plain.values() for fault in _capped(faults, len(faults))]
         plain += [_lack(key, what, list(files)) for (key, what), files in self._lacking.items()]
         return (*plain, *(fault for file in self._locate for fault in self._of_file(file)))
@@ -109,7 +109,7 @@ class FaultLog:
     def _of_file(self, file: str) -> list[Fault]:
         kinds = [kind for (name, _, _), kind in self._cells.items() if name == file]
         records = sorted({record for kind in kinds for record, _ in kind.first})
-        row = dict(zip(records, self._locate[file](records), strict=False))  # fewer where the file has changed since
+        row = dict(zip(records, self._locate[file](records), strict=False))  # fewer if the file has changed since
         return [
             fault
             for kind in kinds
@@ -117,7 +117,7 @@ class FaultLog:
         ]
 
     def throw(self) -> None:
-        """Raise CampaignFaults where there is any fault."""
+        """Raise CampaignFaults if there is any fault."""
         if self:
             raise CampaignFaults(self.faults())
 
@@ -136,7 +136,7 @@ def _capped(faults: list[Fault], count: int) -> list[Fault]:
 
 
 def discreet(value: str | None) -> str | None:
-    """Return a value from a file outside the campaign's folder as it may be shown."""
+    """Return a value from a file outside the campaign's folder in a form that may be shown."""
     if value is None or _NUMBER.fullmatch(value) or _COUNT.fullmatch(value):
         return value
     return _HIDDEN

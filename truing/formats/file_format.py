@@ -1,4 +1,4 @@
-"""File formats that installed packages add: presets of instruments, and readers of files that are no text."""
+"""File formats of installed packages: presets of instruments, and readers of binary files."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from truing.schemas.mapping import FORMAT_ENTRY_POINTS, FileMapping
 
 
 class FileFormat:
-    """A file format of a package: its name, the mapping keys that it settles, and a reader if it is no text.
+    """A file format of a package: name, preset mapping keys, and a reader for binary files.
 
-    ``preset``: keys of [files.<table>] by name; those of campaign.toml come first. ``is_text``: truing's own reader of
-    separated text reads it.
+    ``preset``: keys of [files.<table>] by name; those of campaign.toml have priority. ``is_text``: truing's own reader
+    of separated text reads it.
     """
 
     name: ClassVar[str]

@@ -1,4 +1,4 @@
-"""Finding the files that a path or glob of campaign.toml means, without walking a whole disk, and those beside them."""
+"""Search for the files of a path or glob of campaign.toml, with a limit on visited entries, and for companion files."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _OF_MODEL = ("cameras", "images")
 
 
 class TooManyEntries(Exception):
-    """A glob that looks at more entries of folders, or takes longer, than the search for raw files may."""
+    """A glob that visits more folder entries, or takes longer, than allowed."""
 
     expected = (
         f"a pattern that finds its files among at most {MOST_ENTRIES} entries of folders, within {SECONDS:g} s; "
@@ -30,9 +30,9 @@ class TooManyEntries(Exception):
 
 
 def find_files(folder: Path, pattern: str) -> list[str]:
-    """Return the files that a path or glob means, as it reaches them from ``folder``: ``pose2`` before ``pose10``.
+    """Return the files of a path or glob, as reached from ``folder``: ``pose2`` before ``pose10``.
 
-    Entries of /proc, /sys and /dev are none. Raises TooManyEntries.
+    Entries of /proc, /sys and /dev are excluded. Raises TooManyEntries.
     """
     if "\0" in pattern:
         return []
@@ -54,7 +54,7 @@ def find_files(folder: Path, pattern: str) -> list[str]:
 
 
 def is_raw_file(path: Path) -> bool:
-    """Return whether a regular file is there that is none of the system's; no file has a name that no file can have."""
+    """Whether a path is a regular file outside of system folders; False for invalid names."""
     try:
         return path.is_file() and not is_special(path)
     except OSError as error:
@@ -64,7 +64,7 @@ def is_raw_file(path: Path) -> bool:
 
 
 class _Search:
-    """A walk through folders that counts what it looks at."""
+    """A walk through folders that counts visited entries."""
 
     def __init__(self) -> None:
         self._left, self._until = MOST_ENTRIES, monotonic() + SECONDS
@@ -72,10 +72,10 @@ class _Search:
     def below(
         self, place: str, reached: str, parts: list[str], above: frozenset[tuple[int, int]] = frozenset()
     ) -> Iterator[str]:
-        """The names, as ``reached`` from the campaign, of what the parts of a pattern mean in a folder.
+        """Yield the names, as ``reached`` from the campaign, that the parts of a pattern match in a folder.
 
-        As `glob` has it: names that begin with a dot are meant by parts that begin so, and ``**`` is any number of
-        folders. ``above`` are the folders that a walk through these came along, so that links make no circle.
+        Rules of `glob`: names with a leading dot need a pattern with one, and ``**`` matches any number of folders.
+        ``above``: folders passed so far, to stop circles of links.
         """
         plain = next((i for i, part in enumerate(parts) if _WILD.search(part)), len(parts))
         if plain:
@@ -118,7 +118,7 @@ class _Search:
                     if self._left < 0 or monotonic() > self._until:
                         raise TooManyEntries
                     yield entry
-        except OSError:  # no folder, or none that may be looked into
+        except OSError:  # no folder, or no permission
             return
 
 
@@ -134,7 +134,8 @@ def _natural(name: str) -> list[tuple[int, str]]:
 
 
 def companions(path: Path) -> tuple[Path, ...]:
-    """The files read along with one: of the same name with another ending, else the only one that ends so."""
+    """Return the files read together with one: of the same name with another ending, else the only one with that
+    ending."""
     stem, ending = _parts(path)
     if stem.lower() == "points3d":
         return tuple(one for name in _OF_MODEL if is_raw_file(one := path.with_name(f"{name}{ending}")))
@@ -143,7 +144,7 @@ def companions(path: Path) -> tuple[Path, ...]:
 
 
 def format_suffix(path: Path) -> str:
-    """The ending that tells the format, in small letters and without that of a compression."""
+    """Return the ending that determines the format, in lower case and without that of a compression."""
     return _parts(path)[1]
 
 

@@ -1,4 +1,4 @@
-"""What a file of unknown layout seems to hold, where its look or its name gives the program away."""
+"""Guesses of the content of an unknown file, if its content or name identifies the program."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _FLAGS_FROM = 7  # columns of an adjustment's list after id, three coordinates a
 _BETWEEN = ("_", ".", ":", "-", " ", "")
 _UNIT_BEHIND = re.compile(r"[\s_]*[\[(/]?\s*(mm|cm|um|µm|m|in)\s*[\])]?$")
 _FEWEST = 2  # targets side by side
-# what forces, motions and settings are called: their components are no coordinates
+# names of forces, motions and settings: their components are no coordinates
 _NO_POINTS = re.compile(
     r"force|moment|torque|\bload|sensor|accel|gyro|veloc|speed|goal|command|setpoint|roll|pitch|yaw|"
     r"(?:^|[ _])q[wxyz]\b",
@@ -32,9 +32,11 @@ _NO_SCALE = "COLMAP knows no scale and no sigma: declare scale_bars or known_poi
 
 @dataclass(frozen=True)
 class Guess:
-    """What a file seems to hold: keys for [files.<table>], its columns, the table, what to look at again, and the
-    other tables that are read from it with the same keys. known: no table of it is wanted; the first note says why.
-    beside: what other tables it holds, each with keys of its own."""
+    """Proposal for a file: keys for [files.<table>], its columns, table, and points to check.
+
+    others: other tables read with the same keys. known: no table of the file is needed; the first note gives the
+    reason. beside: other tables in the file, each with its own keys.
+    """
 
     mapping: dict[str, Any] = field(default_factory=dict)
     columns: tuple[str, ...] = ()
@@ -46,7 +48,7 @@ class Guess:
 
 
 def metashape(lines: Sequence[str]) -> Guess | None:
-    """Markers of Metashape's reference pane, whose line of names begins like a comment."""
+    """Return a guess for markers of Metashape's reference pane, whose header line begins like a comment."""
     heading = next((line for line in lines[:10] if _METASHAPE.match(line)), None)
     if heading is None:
         return None
@@ -56,7 +58,7 @@ def metashape(lines: Sequence[str]) -> Guess | None:
 
 
 def tracker(names: Sequence[str], thousands: str | None) -> Guess | None:
-    """A laser tracker's list of readings."""
+    """Return a guess for a laser tracker's list of readings."""
     if not ({name.casefold() for name in names} >= _TRACKER and thousands == ","):
         return None
     note = "a laser tracker's export: say under from_name or constants which body and target it is"
@@ -64,7 +66,8 @@ def tracker(names: Sequence[str], thousands: str | None) -> Guess | None:
 
 
 def adjusted_points(records: Sequence[Sequence[str]], is_number: Callable[[str], bool]) -> Guess | None:
-    """A list of points without header: V-STARS' ``id x y z sx sy sz``, or AICON's, with rays and flags."""
+    """Return a guess for a list of points without header: V-STARS' ``id x y z sx sy sz``, or AICON's with rays and
+    flags."""
     width = len(records[0])
     names = tuple(str(i + 1) for i in range(width))
     if width < 4 or not all(is_number(cell) for record in records for cell in record[1:]):
@@ -78,7 +81,7 @@ def adjusted_points(records: Sequence[Sequence[str]], is_number: Callable[[str],
 
 
 def coded_alone(lines: Sequence[str], separators: str = ",;\t ") -> dict[str, Any]:
-    """The ``select`` of coded targets, which keep their numbers from bundle to bundle, where others are among them."""
+    """Return a ``select`` for coded targets, which keep their numbers between bundles, if there are others too."""
     names = [re.split(f"[{separators}]", line.strip(), maxsplit=1)[0] for line in lines if line.strip()]
     coded = sum(re.fullmatch(r"CODE\d+", name) is not None for name in names)
     return {"select": {"target": r"CODE\d+"}} if 0 < coded < len(names) else {}
@@ -93,7 +96,7 @@ def _points(file_format: str, names: tuple[str, ...], note: str, **more: Any) ->
 
 
 def is_id(records: Sequence[Sequence[str]]) -> bool:
-    """Whether the first column holds numbers of points: whole, each once, beside coordinates that are not."""
+    """Whether the first column holds point numbers: unique integers, next to coordinates that are not."""
     first = [record[0] for record in records]
     marks = [re.search(r"\d[.,]\d", cell) is not None for record in records for cell in record[1:4]]
     return all(cell.isdigit() for cell in first) and len(set(first)) == len(first) and bool(marks) and all(marks)
@@ -107,7 +110,8 @@ def _are_sigmas(records: Sequence[Sequence[str]]) -> bool:
 
 
 def wide_template(names: Sequence[str]) -> tuple[str, str | None] | None:
-    """The template of coordinates of several targets in one row, and their unit where the names end with one."""
+    """Return the name template of coordinates of several targets in one row, and their unit if the names end with
+    one."""
     found = [_UNIT_BEHIND.search(name) for name in names]
     behind = {match[0] for name, match in zip(names, found, strict=True) if match and re.search(r"[xyzXYZ]", name)}
     best: tuple[int, int, str, str | None] = (0, 0, "", None)
@@ -121,7 +125,7 @@ def wide_template(names: Sequence[str]) -> tuple[str, str | None] | None:
 
 
 def _targets_of(template: str, names: Sequence[str]) -> int:
-    """How many targets have all three coordinates by a template."""
+    """Return the number of targets with all three coordinates by a template."""
     pattern = (
         re.escape(template).replace(r"\{target\}", r"(?P<target>\w.*?)").replace(r"\{axis\}", "(?P<axis>[xyzXYZ])")
     )
@@ -133,7 +137,7 @@ def _targets_of(template: str, names: Sequence[str]) -> int:
 
 
 def by_format(file_format: str, name: str) -> Guess | None:
-    """What a file of a photogrammetric program holds whose name has told its format."""
+    """Return a guess for a photogrammetric program's file whose format follows from its name."""
     if file_format == "colmap":
         return _colmap(name.lower().split(".")[0])
     pose, bars = {"constants": {"pose": 1}}, ("bar", "first", "second", "length_mm", "sigma_mm")
@@ -146,7 +150,7 @@ def by_format(file_format: str, name: str) -> Guess | None:
 
 
 def by_look(lines: Sequence[str]) -> Guess | None:
-    """What a text holds whose first lines only one program writes."""
+    """Return a guess for a text whose first lines identify the program."""
     head = "\n".join(lines[:12])
     for model, mark in (("cameras", "# Camera list"), ("images", "# Image list"), ("points3d", "# 3D point list")):
         if head.startswith(mark):
@@ -166,7 +170,7 @@ def by_look(lines: Sequence[str]) -> Guess | None:
 
 
 def is_rig_file(name: str, head: str = "") -> bool:
-    """Whether a file is one of those of a COLMAP model that hold no table, by its name or its first line."""
+    """Whether a file belongs to a COLMAP model but holds no table, by its name or its first line."""
     return name.lower().startswith(("rigs.bin", "frames.bin")) or head.startswith(_RIGS)
 
 
@@ -182,7 +186,7 @@ def _colmap(model: str, *, named: bool = False) -> Guess | None:
 
 
 def _is_photomodeler(lines: Sequence[str]) -> bool:
-    """Whether five lines of numbers follow a title, then the first photo's name behind its number."""
+    """Whether a title is followed by five lines of numbers, then a number and the first photo's name."""
     counts = [len(line.split()) for line in lines[1:5]]
     numbers = all(re.fullmatch(r"[-+.\deE\s]+", line) for line in lines[1:5])
     return len(lines) > 6 and numbers and counts == [4, 9, 10, 10] and re.match(r"\s*\d+ \S", lines[5]) is not None

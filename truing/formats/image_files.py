@@ -1,7 +1,7 @@
-"""Photographs: what the head tells (size, camera, time, focal length), and the grey values as they stand in the file.
+"""Photographs: headers (size, camera, time, focal length) and grey values.
 
-Tags as in CIPA DC-008 (Exif 3.0) and TIFF 6.0. A head tells too little or nonsense as often as the truth: what is no
-finite number above zero counts as absent.
+Tags as in CIPA DC-008 (Exif 3.0) and TIFF 6.0. Headers are often incomplete or wrong: values that are not finite and
+positive count as missing.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from truing.formats.raw import Unusable
 
-SMALLEST = 16  # pixels each way; a single target has as many
+SMALLEST = 16  # pixels each way; a single target needs as many
 _MODEL, _ORIENTATION, _WHEN, _EXIF_IFD = 0x0110, 0x0112, 0x0132, 0x8769
 _TAKEN, _SPLIT_SECOND, _FOCAL, _FOCAL_35, _SERIAL = 0x9003, 0x9291, 0x920A, 0xA405, 0xA431
 _WIDTH_TAKEN, _PLANE_X, _PLANE_UNIT = 0xA002, 0xA20E, 0xA210
@@ -39,13 +39,13 @@ _TURNED = {
 }
 NO_IMAGE = (SyntaxError, ValueError, KeyError, TypeError, IndexError, EOFError, OverflowError, struct.error, OSError)
 """What reading a damaged photograph raises."""
-_DAMAGED = "a whole photograph; this one is damaged or ends early"
+_DAMAGED = "an undamaged photograph; this one is damaged or ends early"
 
 
 @dataclass(frozen=True)
 class ImageHeader:
-    """Size of an image in pixels, bits of a grey value, and as far as told: camera's model and serial number, focal
-    length in mm, principal distance in px and where that comes from, time by the camera's clock, how it is turned."""
+    """Size of an image in pixels, bits of a grey value, and if recorded: camera model and serial number, focal length
+    in mm, principal distance in px with its source, time of the camera's clock, orientation."""
 
     width_px: int
     height_px: int
@@ -60,9 +60,9 @@ class ImageHeader:
 
 
 def read_head(path: Path, sensor_width_mm: float | None = None) -> ImageHeader:
-    """The head of a JPEG, PNG or TIFF; raises Unusable where there is none, or of an image that is not measured.
+    """Return the header of a JPEG, PNG or TIFF; raises Unusable without one, or for an unsuitable image.
 
-    ``sensor_width_mm`` is the longer side of the sensor where it is known.
+    ``sensor_width_mm``: longer side of the sensor, if known.
     """
     if not path.stat().st_size:
         raise Unusable("a photograph; this file is empty")
@@ -87,7 +87,7 @@ def read_head(path: Path, sensor_width_mm: float | None = None) -> ImageHeader:
 
 
 def _tags(path: Path) -> tuple[int, int, int, dict[int, Any], dict[int, Any]]:
-    """Width, height, bits, tags of the image and those of its exposure."""
+    """Return width, height, bits, tags of the image and those of its exposure."""
     from PIL import Image
 
     with path.open("rb") as file:
@@ -96,7 +96,7 @@ def _tags(path: Path) -> tuple[int, int, int, dict[int, Any], dict[int, Any]]:
         return _tiff_tags(path)
     try:
         with warnings.catch_warnings():
-            # Cameras of a hundred megapixels are no attack; what is more than twice that is refused all the same.
+            # Pillow's limit warns about cameras of a hundred megapixels; twice that is refused.
             warnings.simplefilter("ignore")
             with Image.open(path, formats=("JPEG", "PNG")) as image:
                 bits = start[24] if start[:4] == b"\x89PNG" else 8
@@ -117,13 +117,13 @@ def _exif(image: Any) -> tuple[dict[int, Any], dict[int, Any]]:
 
 
 def _tiff_tags(path: Path) -> tuple[int, int, int, dict[int, Any], dict[int, Any]]:
-    """The same of a TIFF, also of one with pixels that the library opens no image of."""
+    """Return the same for a TIFF, including those with pixels that the library cannot open."""
     from PIL import Image
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
     try:
         with path.open("rb") as file, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of tags that are damaged; those that matter are looked at below
+            warnings.simplefilter("ignore")  # about damaged tags; relevant ones are checked below
             header = file.read(8)
             if header[2] == 43:  # BigTIFF
                 header += file.read(8)
@@ -139,7 +139,7 @@ def _tiff_tags(path: Path) -> tuple[int, int, int, dict[int, Any], dict[int, Any
             width, height = int(tags[_WIDTH]), int(tags[_HEIGHT])
             bits = int(max(tags.get(_BITS, (1,))))
     except NO_IMAGE as error:
-        raise Unusable("a photograph as JPEG, PNG or TIFF", value="a TIFF with a damaged head") from error
+        raise Unusable("a photograph as JPEG, PNG or TIFF", value="a TIFF with a damaged header") from error
     if width * height > 2 * (Image.MAX_IMAGE_PIXELS or width * height):
         raise Unusable(f"an image of at most {2 * (Image.MAX_IMAGE_PIXELS or 0) // 10**6} million pixels")
     return width, height, 8 if bits < 8 else bits, tags, exif
@@ -148,7 +148,7 @@ def _tiff_tags(path: Path) -> tuple[int, int, int, dict[int, Any], dict[int, Any
 def _principal_distance(
     exif: dict[int, Any], width: int, height: int, sensor_width_mm: float | None
 ) -> tuple[float | None, str | None]:
-    """The principal distance in px as a start, and what tells it: the most trustworthy of what is there."""
+    """Return a start value of the principal distance in px with its source, the most reliable available."""
     longer = max(width, height)
     focal, focal_35 = _number(exif.get(_FOCAL)), _number(exif.get(_FOCAL_35))
     if focal and sensor_width_mm:
@@ -156,9 +156,9 @@ def _principal_distance(
     plane, unit = _number(exif.get(_PLANE_X)), _MM_PER_UNIT.get(int(_number(exif.get(_PLANE_UNIT)) or 2))
     if focal and plane and unit:
         taken = _number(exif.get(_WIDTH_TAKEN)) or width
-        reduced = longer / max(taken, longer) if taken > longer else 1.0  # the image was made smaller since
+        reduced = longer / max(taken, longer) if taken > longer else 1.0  # the image was reduced afterwards
         found = focal * plane / unit * reduced
-        if 0.2 < found / longer < 50.0:  # tags of this kind are wrong by powers of ten now and then
+        if 0.2 < found / longer < 50.0:  # such tags are sometimes wrong by powers of ten
             return found, "focal length and resolution of the focal plane"
     if focal_35:
         return focal_35 * math.hypot(width, height) / _DIAGONAL_35_MM, "focal length for 35 mm film"
@@ -166,7 +166,7 @@ def _principal_distance(
 
 
 def _number(value: Any) -> float | None:
-    """A finite number above zero; None of anything else."""
+    """Return a finite number above zero; None for anything else."""
     if isinstance(value, tuple) and len(value) == 1:
         value = value[0]
     try:
@@ -191,9 +191,9 @@ def _taken_at(value: Any, split_second: Any) -> str | None:
 
 
 def read_grey(path: Path, head: ImageHeader) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Grey values (height, width) of a photograph, of colours their luminance (ITU-R BT.601).
+    """Return the grey values (height, width) of a photograph; for colours the luminance (ITU-R BT.601).
 
-    Raises Unusable where the file is damaged, or is not what its head told.
+    Raises Unusable if the file is damaged or contradicts its header.
     """
     grey = _deep(path) if head.bits == 16 else _plain(path)
     if grey.shape != (head.height_px, head.width_px):
@@ -206,16 +206,16 @@ def _plain(path: Path) -> NDArray[np.uint8]:
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of damaged tags, and of large images: heads are looked at before
+            warnings.simplefilter("ignore")  # about damaged tags and large images: the header is already checked
             with Image.open(path, formats=("JPEG", "PNG", "TIFF")) as image:
-                image.draft("L", image.size)  # a JPEG holds its luminance apart from its colours
+                image.draft("L", image.size)  # a JPEG stores luminance separately from colour
                 return np.asarray(image.convert("L"))
     except (*NO_IMAGE, Image.DecompressionBombError) as error:
         raise Unusable(_DAMAGED, value=_reason(error, path)) from error
 
 
 def _deep(path: Path) -> NDArray[np.uint16]:
-    """16 bits per value; colours of that depth are what one library alone reads, and what is damaged the other sees."""
+    """Return 16 bits per value; only OpenCV reads colours of that depth, only Pillow detects damage."""
     import cv2
     from PIL import Image
 
@@ -239,7 +239,7 @@ def _deep(path: Path) -> NDArray[np.uint16]:
 
 @contextmanager
 def _quiet(cv2: Any) -> Iterator[None]:
-    """What is wrong with a file is said as a fault, not by the library on its own."""
+    """Suppress OpenCV's messages about a file; faults report them."""
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:

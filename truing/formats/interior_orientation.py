@@ -1,8 +1,7 @@
-"""Interior orientations as other programs write them, turned into the columns of the table ``cameras``.
+"""Conversion of interior orientations of other programs to the columns of the table ``cameras``.
 
-Ours: principal distance c, principal point from the centre of the format, polynomials in px of the ideal image
-coordinates (truing/estimation/bundle/camera.py has the equations); balanced about R0, 0 where a program does not
-balance.
+Target model: principal distance c, principal point from the centre of the format, polynomials in px of the ideal image
+coordinates (equations: truing/estimation/bundle/camera.py); balanced about R0, 0 for programs without balancing.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ Row = Mapping[str, str | int | float | None]
 
 _NAMES = ("focal_px", "x0_px", "y0_px", "A1", "A2", "A3", "B1", "B2", "C1", "C2")
 _LARGEST_FORMAT = 1_000_000  # pixels
-CORNER = 0.5  # where programs that count from the corner of the first pixel see its centre
+CORNER = 0.5  # pixel coordinate of the first pixel's centre in programs that count from its corner
 
 
 def camera_row(
@@ -28,9 +27,9 @@ def camera_row(
     radius_px: float = 0.0,
     pixel_um: float | None = None,
 ) -> Row:
-    """A row of ``cameras``: ten values in px, in the order c x0 y0 A1 A2 A3 B1 B2 C1 C2.
+    """Return a row of ``cameras``: ten values in px, in the order c x0 y0 A1 A2 A3 B1 B2 C1 C2.
 
-    Raises Unusable for a format that no camera has, and for values that are none.
+    Raises Unusable for an impossible format, and for values that are not finite.
     """
     if not 0 < min(size) <= max(size) <= _LARGEST_FORMAT:
         raise Unusable(
@@ -51,9 +50,9 @@ def camera_row(
 def from_pinhole(
     focal: tuple[float, float], point: tuple[float, float], size: tuple[int, int], distortion: Sequence[float]
 ) -> list[float]:
-    """The ten values of a camera that divides by its focal lengths before it distorts: (k1, k2, k3, p1, p2).
+    """Return the ten values of a camera that divides by its focal lengths before distortion: (k1, k2, k3, p1, p2).
 
-    ``focal`` and ``point`` in px, the first pixel's centre at (0.5, 0.5). Where fx is not fy, C1 carries the ratio:
+    ``focal`` and ``point`` in px, the first pixel's centre at (0.5, 0.5). If fx differs from fy, C1 carries the ratio:
     exact for the undistorted image, and to (fx / fy - 1) times the distortion for the rest.
     """
     (fx, fy), (k1, k2, k3, p1, p2) = focal, distortion
@@ -63,9 +62,9 @@ def from_pinhole(
 
 
 def from_millimetres(values: Sequence[float], pitch_mm: float) -> list[float]:
-    """The ten values of a camera that is written in mm with y upwards and the distance c above 0.
+    """Return the ten values of a camera given in mm with y upwards and positive distance c.
 
-    Lengths become px by one pitch for both axes: pixels are square, and what they lack of it stays in C1.
+    Lengths become px by one pitch for both axes, for square pixels; C1 keeps the deviation.
     """
     c, x0, y0, a1, a2, a3, b1, b2, c1, c2 = values
     p = pitch_mm
@@ -75,11 +74,11 @@ def from_millimetres(values: Sequence[float], pitch_mm: float) -> list[float]:
 def from_corrections(
     c: float, point: tuple[float, float], size: tuple[float, float], corrections: Sequence[float]
 ) -> list[float]:
-    """The ten values of a camera whose polynomials (K1, K2, K3, P1, P2) correct what was measured, about its
-    principal point.
+    """Return the ten values of a camera with polynomials (K1, K2, K3, P1, P2) that correct measured coordinates about
+    its principal point.
 
-    Lengths in any one unit, y downwards, ``point`` from the centre of a format of ``size``. Ours distort what is
-    ideal: the same camera, whose coefficients are fitted over the format.
+    Lengths in any common unit, y downwards, ``point`` from the centre of a format of ``size``. Our polynomials distort
+    ideal coordinates instead; their coefficients are fitted over the format.
     """
     k1, k2, k3, p1, p2 = corrections
     grid = np.stack(np.meshgrid(*(np.linspace(-0.5, 0.5, 21) * length for length in size)), axis=-1).reshape(-1, 2)

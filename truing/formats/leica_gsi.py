@@ -1,7 +1,7 @@
-"""Leica's GSI, of 8 and of 16 characters: coordinates of points, each in the unit that its word states.
+"""Leica's GSI with 8 and 16 characters: coordinates of points, each in the unit of its word.
 
-A line is a block of words: two digits for what it holds (11 point, 81 82 83 east north height), four characters of
-which the last is the unit, a sign, 8 or 16 characters of data. A block of words of 16 begins with an asterisk.
+A line is a block of words: two digits for the quantity (11 point, 81 82 83 east north height), four characters of which
+the last is the unit, a sign, 8 or 16 characters of data. A block with words of 16 characters begins with an asterisk.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ _LARGEST = 1 << 27
 _WORD = re.compile(r"(\d\d)(....)([+-])(\S+)")
 _AXES = {"81": "x", "82": "y", "83": "z"}
 _FOOT = 304.8
-# the last character before the sign: what a step of the last digit is, mm
+# last character before the sign: step of the last digit, mm
 _STEP_MM = {"0": 1.0, "1": 1e-3 * _FOOT, "6": 0.1, "7": 1e-4 * _FOOT, "8": 0.01}
 
 
 def read_gsi(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
-    """One row per block that begins with a point: its name, x y z in mm, null where the block has none.
+    """Yield one row per block that begins with a point: its name, x y z in mm, null if missing.
 
-    Raises Unusable where a line is no block, or where a unit is none of a length.
+    Raises Unusable if a line is no block, or a unit is no length.
     """
     with path.open("rb") as stream:
         content = stream.read(_LARGEST + 1)
@@ -42,7 +42,7 @@ def read_gsi(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
 
 
 def _words(number: int, line: str) -> list[tuple[str, str, str, str]]:
-    """Index, information, sign and data of each word."""
+    """Return index, information, sign and data of each word."""
     length = 16 if line.startswith("*") else 8
     found = [_WORD.fullmatch(word) for word in line.lstrip("*").split()]
     if not found or any(word is None or len(word[4]) != length for word in found):

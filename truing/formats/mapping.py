@@ -1,4 +1,4 @@
-"""From a raw file's columns to those of a table: what [files.<table>] says, worked out once per file."""
+"""Mapping of a raw file's columns to those of a table by [files.<table>], prepared once per file."""
 
 from __future__ import annotations
 
@@ -29,12 +29,13 @@ from truing.formats.units import UnknownUnit, conversion, expanded, unit_in_brac
 from truing.schemas.column import Column
 from truing.schemas.mapping import FileMapping, is_uncertainty
 
-_TOLD = {"pose", "body", "target", "run", "step", "channel"}  # often said by a file's name, or by the order of its rows
+# Often given by the file's name, or by the order of its rows.
+_OFTEN_IMPLICIT = {"pose", "body", "target", "run", "step", "channel"}
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """A mapping that does not fit its file: what was expected, and of which column."""
+    """A mapping that does not fit its file: expectation and column."""
 
     expected: str
     column: str | None = None
@@ -43,7 +44,7 @@ class Misfit:
 
 @dataclass(frozen=True)
 class WideGroup:
-    """One target of a wide row: what the template's names are for it, and where its coordinates stand."""
+    """One target of a wide row: its values of the template's names, and the positions of its coordinates."""
 
     labels: dict[str, str]
     positions: tuple[int, int, int]
@@ -51,7 +52,7 @@ class WideGroup:
 
 @dataclass(frozen=True)
 class MappingPlan:
-    """A mapping worked out for one file with columns ``names``: where each column of the table comes from."""
+    """A mapping prepared for one file with columns ``names``: the origin of each column of the table."""
 
     entry: FileMapping
     shape: TableShape
@@ -59,17 +60,17 @@ class MappingPlan:
     names: tuple[str, ...]
     preset: frozenset[str] = frozenset()
     poses_as_text: bool = False
-    is_discreet: bool = False  # the file's own names are not to be shown
+    is_discreet: bool = False  # the file's own names must not be shown
     misfits: list[Misfit] = field(default_factory=list)
 
     @cached_property
     def all_names(self) -> tuple[str, ...]:
-        """The file's columns, followed by those that cells with several numbers spread into."""
+        """Columns of the file, followed by those split from cells with several numbers."""
         return (*self.names, *(name for names in self.entry.arrays.values() for name in names))
 
     @cached_property
     def from_name(self) -> dict[str, str]:
-        """Columns that the file's name gives."""
+        """Columns given by the file's name."""
         pattern = self.entry.from_name
         if pattern is None:
             return {}
@@ -95,13 +96,13 @@ class MappingPlan:
 
     @cached_property
     def groups(self) -> dict[str, PatternGroup]:
-        """Columns that a regular expression takes from another column."""
+        """Columns extracted from another column by a regular expression."""
         patterns = {name: bounded(pattern, f"split.{name}") for name, pattern in self.entry.split.items()}
         return {name: PatternGroup(column, p, name) for column, p in patterns.items() for name in p.groupindex}
 
     @cached_property
     def wide(self) -> tuple[WideGroup, ...]:
-        """The targets of a wide row, in the order of their columns."""
+        """Targets of a wide row, in the order of their columns."""
         if self.entry.wide is None:
             return ()
         pattern = bounded(_template_pattern(self.entry.wide), "wide")
@@ -119,11 +120,11 @@ class MappingPlan:
 
     @cached_property
     def spread(self) -> frozenset[str]:
-        """Names of the columns that wide rows turned long have."""
+        """Columns that come from conversion of wide rows to long ones."""
         return frozenset((*self.wide[0].labels, *COORDINATES)) if self.wide else frozenset()
 
     def origin(self, name: str, within: str = "") -> Origin | None:
-        """Where a column comes from; None where nothing gives it. ``within`` its own split, it is the raw one."""
+        """Return the origin of a column; None without one. ``within`` its own split, the raw column."""
         entry = self.entry
         if name in entry.constants:
             return Constant(entry.constants[name])
@@ -158,7 +159,7 @@ class MappingPlan:
 
     @cached_property
     def columns(self) -> dict[str, Column]:
-        """The table's columns that this file gives, and their definitions."""
+        """The table's columns that this file gives, with their definitions."""
         given = [name for name in self.shape.known(self._nameable) if self.origin(name) is not None]
         return {name: column for name in (*given, *self._carried(given)) if (column := self.shape.column(name))}
 
@@ -170,7 +171,7 @@ class MappingPlan:
 
     @cached_property
     def unasked(self) -> frozenset[str]:
-        """Covariates that the mapping does not name: they are carried along where they are numbers."""
+        """Covariates that the mapping does not name: included if they are numbers."""
         entry = self.entry
         arrays = [name for names in entry.arrays.values() for name in names]
         asked = {*entry.columns, *entry.constants, *self.from_name, *self.groups, *self.numbered, *entry.join}
@@ -178,7 +179,7 @@ class MappingPlan:
         return frozenset(carried - asked - set(arrays))
 
     def _carried(self, given: list[str]) -> Iterator[str]:
-        """Covariates: what the mapping names beyond the contract, and the file's other columns."""
+        """Yield the covariates: columns of the mapping beyond the contract, and the file's other columns."""
         if not self.shape.covariates:
             return
         passed_over = bounded(self.entry.ignore or r"(?!)", "ignore")
@@ -196,14 +197,14 @@ class MappingPlan:
 
     @cached_property
     def kinds(self) -> dict[int, Kind]:
-        """Which raw columns to read, and as what."""
+        """Raw columns to read, with their kinds."""
         found: dict[int, Kind] = {}
         for position in (position for group in self.wide for position in group.positions):
             cell = self._array_position(position)
             found[cell] = "number" if cell == position else "text"
         for name, column in self.columns.items():
             self._need(name, self._kind(name, column), found, ())
-        for name in (*self.entry.select, *self.entry.split):  # they say which rows are read at all
+        for name in (*self.entry.select, *self.entry.split):  # they select the rows to read
             self._need(name, "text", found, ())
         return found
 
@@ -230,11 +231,11 @@ class MappingPlan:
             found[position] = "text" if as_text else kind
         for column in made_of(origin):
             if self.origin(column) is None:
-                self.misfits.append(self._not_there(column))
+                self.misfits.append(self._missing_column(column))
             self._need(column, "text", found, (*within, name))
 
     def _array_position(self, position: int) -> int:
-        """The position to read for a column: that of the cell which holds it among others, where one does."""
+        """Return the position to read for a column: that of the cell with several numbers, if it is in one."""
         if position < len(self.names):
             return position
         return next(
@@ -248,25 +249,25 @@ class MappingPlan:
         )
 
     def arrays(self) -> Iterator[tuple[str, int, tuple[str, ...]]]:
-        """Raw columns with several numbers in a cell: their name, and the position and names of what they hold."""
+        """Yield raw columns with several numbers in a cell: name, position, and names of the numbers."""
         first = len(self.names)
         for column, names in self.entry.arrays.items():
             yield column, first, names
             first += len(names)
 
     def check(self) -> list[Misfit]:
-        """Everything in which the mapping does not fit the file."""
+        """Return all mismatches between mapping and file."""
         wanted = [name for name in self.shape.required if name not in self.columns]
-        misfits = [self._not_there(name) for name in wanted]
+        misfits = [self._missing_column(name) for name in wanted]
         asked = (*self.entry.columns, *self.entry.select, *self.entry.rename, *self.entry.offset, *self.entry.arrays)
         for name in dict.fromkeys(asked):
             if name not in wanted and name not in self.preset and self.origin(name) is None:
-                misfits.append(self._not_there(name))
+                misfits.append(self._missing_column(name))
         misfits += [m for name in self._nameable if (m := self._unknown(name)) is not None]
         misfits += self._named_twice()
         misfits += [m for name in self.columns if (m := self._unit_misfit(name)) is not None]
         if not self.shape.partial:
-            misfits += [self._not_there(name) for name in self.entry.units if name not in self.columns]
+            misfits += [self._missing_column(name) for name in self.entry.units if name not in self.columns]
             misfits += self._unit_of_nothing()
             misfits += _contradicted_columns(self)
         if self.entry.channels:
@@ -282,7 +283,8 @@ class MappingPlan:
         return [*misfits, *self.misfits]
 
     def _named_twice(self) -> Iterator[Misfit]:
-        """Columns of the table whose raw name stands in the header more than once; a position tells them apart."""
+        """Yield table columns whose raw name occurs more than once in the header; only a position distinguishes
+        them."""
         for name in self.columns:
             reference = self.entry.reference(name)
             if name in self.unasked or not isinstance(reference, str) or not isinstance(self.origin(name), RawColumn):
@@ -297,12 +299,12 @@ class MappingPlan:
             return []
         return [Misfit("units of single columns, units = { ... }; unit is that of points", value=self.entry.unit)]
 
-    def _not_there(self, name: str) -> Misfit:
+    def _missing_column(self, name: str) -> Misfit:
         reference = self.entry.reference(name)
         if isinstance(reference, int):
             return Misfit(f"at least {reference} columns", column=name, value=str(len(self.names)))
         known = [other for other in self.all_names if other]
-        close = difflib.get_close_matches(reference, known, n=1, cutoff=0.75 if reference in _TOLD else 0.5)
+        close = difflib.get_close_matches(reference, known, n=1, cutoff=0.75 if reference in _OFTEN_IMPLICIT else 0.5)
         there = f"{len(known)}, not shown as the file lies outside the campaign's folder"
         hint = f"there are {there if self.is_discreet else ', '.join(known) or 'none'}"
         if close and not self.is_discreet:
@@ -316,13 +318,13 @@ class MappingPlan:
             )
         elif self.entry.comment is None and self.names[0].startswith("#"):
             hint = 'but the first line begins with #: set comment = "#" where it is none of names, or name the format'
-        elif reference in _TOLD and not close:
+        elif reference in _OFTEN_IMPLICIT and not close:
             hint += "; what no column says, from_name, number_rows or constants may"
         text = f"a column {reference}" if reference == name else f"a column {reference} (it is to be {name})"
         return Misfit(f"{text}; {hint[:300]}", column=name)
 
     def _unknown(self, name: str) -> Misfit | None:
-        """A column that is nearly, but not quite, one that the table may have and lacks."""
+        """Return a misfit for a column with a name similar to a missing column of the table."""
         entry = self.entry
         if self.shape.column(name) is not None or (name in self.names and entry.columns) or not name:
             return None
@@ -345,16 +347,16 @@ class MappingPlan:
         return self.entry.unit if column.unit == "mm" and self.shape.has_coordinates else None
 
     def is_given_unit(self, name: str) -> bool:
-        """Whether the mapping says in which unit a column is given, or how its numbers are to be scaled."""
+        """Whether the mapping gives the unit of a column, or the scale of its numbers."""
         return self._unit_of(name) is not None or not self.entry.value(name).is_plain
 
     def scale(self, name: str) -> tuple[float, float]:
-        """Factor and offset from the raw numbers of a column to its own unit; raises UnknownUnit."""
+        """Return factor and offset from the raw numbers of a column to its unit; raises UnknownUnit."""
         unit = self._unit_of(name)
         return (1.0, 0.0) if unit is None else conversion(unit, self.columns[name].unit or unit)
 
     def raw_name(self, name: str) -> str:
-        """What to call a column when speaking of the file: its raw name, or its position."""
+        """Return the name of a column in messages about the file: its raw name, or its position."""
         origin = self.origin(name)
         if isinstance(origin, RawColumn):
             return self.all_names[origin.position] or str(origin.position + 1)
@@ -362,7 +364,7 @@ class MappingPlan:
 
 
 def _template_pattern(template: str) -> str:
-    """The regular expression of the names that a template of names makes; the axis is one letter."""
+    """Return the regular expression for names of a template; the axis is one letter."""
     parts = []
     for text, name, _, _ in string.Formatter().parse(template):
         parts.append(re.escape(text))
@@ -372,7 +374,7 @@ def _template_pattern(template: str) -> str:
 
 
 def _contradicted_columns(plan: MappingPlan) -> Iterator[Misfit]:
-    """Columns whose raw name says another unit than they are read in, or that they are no standard deviation."""
+    """Yield columns whose raw name gives another unit than the mapping, or another kind of uncertainty."""
     for name, column in plan.columns.items():
         raw = plan.raw_name(name)
         if name in plan.preset or name in plan.unasked or raw == name:
@@ -387,7 +389,7 @@ def _contradicted_columns(plan: MappingPlan) -> Iterator[Misfit]:
 
 
 def _differs(unit: str, wanted: str) -> bool:
-    """Whether two units of one dimension are not the same."""
+    """Whether two units of one dimension differ."""
     try:
         return conversion(unit, wanted) != (1.0, 0.0)
     except UnknownUnit:

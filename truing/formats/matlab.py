@@ -1,6 +1,6 @@
-"""Variables of MATLAB files side by side as the columns of one table: numbers and text; objects are never built.
+"""MATLAB files: variables side by side as columns of one table, numbers and text; no objects are constructed.
 
-Files up to version 7 are read by scipy, those of 7.3 by HDF5.
+scipy reads files up to version 7, HDF5 those of version 7.3.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ if TYPE_CHECKING:
     import h5py
 _HDF5 = b"\x89HDF\r\n\x1a\n"
 _HEADER = 128  # bytes before the first element of a file up to version 7
-_COMPRESSED = 15  # type of an element that holds another one, compressed
+_COMPRESSED = 15  # type of a compressed element, which holds another one
 _DEEPEST = 8
 _MOST_VARIABLES = 20_000
 _FILTERS = {"gzip", "shuffle", "fletcher32", "lzf", "scaleoffset", "szip"}
 _AS_TEXT = "writetable(T, 'name.csv') in MATLAB, or table2array(T) for its numbers"
-_MOST_ROWS = 1 << 16  # of a batch
+_MOST_ROWS = 1 << 16  # per batch
 _WHOLE = 2**53
 
 
 @dataclass(frozen=True)
 class Opaque:
-    """A variable that holds neither numbers nor text: what it is, and what to save in its place."""
+    """A variable of neither numbers nor text: its kind, and what to save instead."""
 
     what: str
     cure: str
@@ -56,7 +56,7 @@ Variable = Numbers | list[str] | Opaque
 
 @contextmanager
 def open_variables(path: Path) -> Iterator[Mapping[str, Variable]]:
-    """The variables of a file by name, fields of structs as ``a.b.c``; raises Unusable where it is no whole file."""
+    """Yield the variables of a file by name, fields of structs as ``a.b.c``; raises Unusable for a damaged file."""
     with path.open("rb") as stream:
         head = stream.read(_HEADER)
         stream.seek(512)
@@ -77,14 +77,14 @@ def _older(path: Path) -> dict[str, Variable]:
     held = _content(path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of names given twice, as several objects have none
+            warnings.simplefilter("ignore")  # about duplicate names, such as several unnamed objects
             content = loadmat(path)
     except OSError:
         raise
-    except Exception as error:  # the library lets whatever a damaged file causes through
-        if held > FREE:  # of less, memory is short where a number in the file claims more than it holds
+    except Exception as error:  # scipy passes on any exception that a damaged file causes
+        if held > FREE:  # below, a lack of memory means a wrong size in the file
             raise_shortage(error)
-        raise Unusable("a whole MATLAB file (.mat)", value=(str(error).splitlines() or [""])[0][:80]) from None
+        raise Unusable("an undamaged MATLAB file (.mat)", value=(str(error).splitlines() or [""])[0][:80]) from None
     found: dict[str, Variable] = {}
     for name, value in content.items():
         if not name.startswith("__"):
@@ -93,7 +93,7 @@ def _older(path: Path) -> dict[str, Variable]:
 
 
 def _content(path: Path) -> int:
-    """The bytes that a file and its compressed elements hold; raises Unusable where they are out of all proportion."""
+    """Return the number of bytes of a file with its elements decompressed; raises Unusable beyond the allowed ratio."""
     size = path.stat().st_size
     held, most = size, max(FREE, LARGEST_RATIO * size)
     with path.open("rb") as stream:
@@ -119,7 +119,7 @@ def _unpacked(data: bytes, most: int) -> int:
             total += len(unpacker.decompress(data, 1 << 22))
             data = unpacker.unconsumed_tail
     except zlib.error:
-        raise Unusable("a whole MATLAB file; this one is damaged") from None
+        raise Unusable("an undamaged MATLAB file; this one is damaged") from None
     return total
 
 
@@ -142,7 +142,7 @@ def _flat(name: str, value: Any, depth: int) -> Iterator[tuple[str, Variable]]:
 
 
 def _cells(cells: NDArray[np.object_]) -> Any:
-    """Cells, or a field of several structs, as a column where each holds one number or one text."""
+    """Return cells, or a field of several structs, as a column if each holds one number or one text."""
     if all(isinstance(cell, np.ndarray) and cell.dtype.kind in "biuf" and cell.size == 1 for cell in cells):
         return np.array([float(cell.ravel()[0]) for cell in cells]).reshape(-1, 1)
     if all(isinstance(cell, np.ndarray) and cell.dtype.kind == "U" and cell.size <= 1 for cell in cells):
@@ -176,9 +176,9 @@ def _open_hdf5(path: Path) -> Iterator[Mapping[str, Variable]]:
             found = dict(_of_group(file, "", 0, left))
     except Unusable:
         raise
-    except Exception as error:  # the library lets whatever a damaged file causes through
+    except Exception as error:  # h5py passes on any exception that a damaged file causes
         raise_shortage(error)
-        raise Unusable("a whole MATLAB file (.mat, version 7.3)", value=str(error)[:80]) from None
+        raise Unusable("an undamaged MATLAB file (.mat, version 7.3)", value=str(error)[:80]) from None
     yield found
 
 
@@ -218,7 +218,7 @@ def _of_dataset(item: h5py.Dataset, name: str, most: int) -> Variable:
     values = np.asarray(item[()])
     if "MATLAB_empty" in item.attrs:
         return np.empty((0, 0))
-    values = values.T if kind else values  # columns first, as MATLAB keeps them
+    values = values.T if kind else values  # MATLAB stores columns first
     return ["".join(map(chr, row)).strip() for row in np.atleast_2d(values).tolist()] if kind == "char" else values
 
 
@@ -227,7 +227,7 @@ def _filters(item: h5py.Dataset) -> set[str]:
 
 
 def _of_references(item: h5py.Dataset, name: str, most: int) -> Variable:
-    """The cells of a cell array, or a field of several structs: one number or one text each."""
+    """Return the cells of a cell array, or a field of several structs: one number or one text each."""
     import h5py
 
     others = [item.file[reference] for reference in np.asarray(item[()]).ravel().tolist()]
@@ -243,7 +243,7 @@ def _of_references(item: h5py.Dataset, name: str, most: int) -> Variable:
 
 @dataclass(frozen=True)
 class Block:
-    """A variable as columns: names, and numbers (N, C), or N texts."""
+    """A variable as columns: names, with numbers (N, C), or N texts."""
 
     variable: str
     names: tuple[str, ...]
@@ -251,12 +251,12 @@ class Block:
 
     @property
     def rows(self) -> int:
-        """How many rows."""
+        """Number of rows."""
         return len(self.values)
 
 
 def read_matlab(path: Path, wanted: Wanted, entry: FileMapping) -> Iterator[RawBatch]:
-    """The rows that ``variable`` makes; raises Unusable where the file holds no such variables, or they do not fit."""
+    """Yield the rows of the variables of ``variable``; raises Unusable for missing or incompatible variables."""
     with open_variables(path) as variables:
         blocks = blocks_of(variables, entry)
     names = tuple(name for block in blocks for name in block.names)
@@ -273,7 +273,7 @@ def read_matlab(path: Path, wanted: Wanted, entry: FileMapping) -> Iterator[RawB
 
 
 def blocks_of(variables: Mapping[str, Variable], entry: FileMapping) -> list[Block]:
-    """The variables that a mapping names, in blocks of equally many rows; absent, the only one of numbers."""
+    """Return the variables that a mapping names, or the only numeric one, in blocks of equal numbers of rows."""
     named = (entry.variable,) if isinstance(entry.variable, str) else entry.variable or _only_one(variables)
     alone = len(named) == 1
     blocks = [_block(name, _found(variables, name), alone, entry.transpose) for name in named]
@@ -307,7 +307,7 @@ def _only_one(variables: Mapping[str, Variable]) -> tuple[str, ...]:
 
 
 def shape_of(value: Variable) -> str:
-    """The size of a variable in words."""
+    """Return the size of a variable in words."""
     if isinstance(value, Opaque):
         return f"({value.what})"
     if isinstance(value, list):
@@ -320,7 +320,8 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _block(name: str, value: Variable, alone: bool, transpose: bool) -> Block:
-    """A variable as columns: vectors as one; a stack of matrices (r x c x N) as N rows with m00, m01, ... each."""
+    """Return a variable as columns: one per vector; a stack of matrices (r x c x N) as N rows with m00, m01, ...
+    each."""
     short = name.rsplit(".", 1)[-1]
     if isinstance(value, list):
         return Block(name, (short,), value)

@@ -1,5 +1,4 @@
-"""Metashape's markers as XML: where each marker is seen in each image, and the calibration of the cameras where it is
-exported."""
+"""Metashape's markers as XML: marker positions in images, and the calibration of the cameras if exported."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ from truing.formats.raw import RawBatch, Unusable, Wanted, integer_columns, one_
 Lines = dict[ElementTree.Element, int]
 
 _LARGEST = 1 << 27
-_DEEPEST = 100  # levels of elements; a project has about ten
+_DEEPEST = 100  # nesting levels; a project has about ten
 _CALIBRATION = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "b1", "b2")
 _PLACES = ("location", "projection")
 _FREE = "c x0 y0 A1 A2 A3 B1 B2 C1 C2"
@@ -25,7 +24,7 @@ _ONLY = "[files.image_points] or [files.cameras]: its projections; coordinates i
 
 
 def read_metashape_xml(path: Path, wanted: Wanted, table: str) -> Iterator[RawBatch]:
-    """The rows of ``table``, image_points or cameras; raises Unusable where the file is damaged or holds none."""
+    """Yield the rows of ``table``, image_points or cameras; raises Unusable if the file is damaged or holds none."""
     if table not in ("image_points", "cameras"):
         raise Unusable(_ONLY)
     root, lines = _root(path)
@@ -40,10 +39,8 @@ def read_metashape_xml(path: Path, wanted: Wanted, table: str) -> Iterator[RawBa
 
 
 def _root(path: Path) -> tuple[ElementTree.Element, Lines]:
-    """The document, and the line of every element.
-
-    One with declarations of its own is none of Metashape's, and may grow without end.
-    """
+    """Return the document, and the line of every element. Metashape writes no declarations; a document with its own may
+    expand without limit, and is refused."""
     with path.open("rb") as stream:
         content = stream.read(_LARGEST + 1)
     if len(content) > _LARGEST or b"\0" in content or b"<!DOCTYPE" in content or b"<!ENTITY" in content:
@@ -52,11 +49,11 @@ def _root(path: Path) -> tuple[ElementTree.Element, Lines]:
         return _parsed(content)
     except (expat.ExpatError, ValueError, LookupError) as error:
         row = error.lineno if isinstance(error, expat.ExpatError) else None
-        raise Unusable("a whole XML file", row=row, value=str(error)[:80]) from None
+        raise Unusable("an undamaged XML file", row=row, value=str(error)[:80]) from None
 
 
 def _parsed(content: bytes) -> tuple[ElementTree.Element, Lines]:
-    """A document, and the line of every element, from 1; raises ExpatError where it is no whole one."""
+    """Return a document, and the line of every element, from 1; raises ExpatError for damaged XML."""
     parser, builder = expat.ParserCreate(), ElementTree.TreeBuilder()
     lines: Lines = {}
     depth = 0
@@ -64,7 +61,7 @@ def _parsed(content: bytes) -> tuple[ElementTree.Element, Lines]:
     def start(tag: str, attributes: dict[str, str]) -> None:
         nonlocal depth
         depth += 1
-        if depth > _DEEPEST:  # what walks through such a tree, or frees it, would run out of stack
+        if depth > _DEEPEST:  # deeper trees would overflow the stack when walked or freed
             raise Unusable(f"XML nested at most {_DEEPEST} deep", row=parser.CurrentLineNumber, value=f"<{tag}>"[:80])
         lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
 
@@ -128,7 +125,7 @@ def _finite(text: str, name: str, line: int) -> float:
 
 
 def _camera(sensor: ElementTree.Element, lines: Lines) -> Row | None:
-    """A sensor with a calibration as a camera: the adjusted one where there is one; None where there is none."""
+    """Return a sensor with a calibration as a camera, preferring the adjusted one; None without calibration."""
     found = sensor.findall("calibration")
     calibration = next((one for one in found if one.get("class") == "adjusted"), found[0] if found else None)
     resolution = sensor.find("resolution")

@@ -1,4 +1,4 @@
-"""Marker trajectories: C3D by ezc3d, read in a process with limits, and TRC as the delimited text that it is."""
+"""Marker trajectories: C3D by ezc3d in a process with limits, and TRC as delimited text."""
 
 from __future__ import annotations
 
@@ -23,23 +23,23 @@ from truing.formats.raw import RawBatch, Unusable, Wanted, consecutive
 from truing.formats.text import BLOCK, utf8_chunks
 from truing.schemas.mapping import FileMapping
 
-SECONDS = 30.0  # besides those that a file's size takes
+SECONDS = 30.0  # in addition to time in proportion to a file's size
 _BYTES_PER_SECOND = 1e6
-_MEMORY = 2 << 30  # bytes, besides those that a file's size takes
+_MEMORY = 2 << 30  # bytes, in addition to memory in proportion to a file's size
 _MEMORY_PER_BYTE = 40
 _BLOCK = 512
 _MAGIC = 0x50
-_ORDERS = {84: ("<", 3), 85: ("<", 1), 86: (">", 0)}  # processor: order of bytes, and the byte of a real's sign
-_WHOLE = "a whole C3D file"
-_MOST = 0xFFFF  # what a header's counts end at; longer recordings say no more than this
+_ORDERS = {84: ("<", 3), 85: ("<", 1), 86: (">", 0)}  # processor: byte order, and the byte of a real's sign
+_WHOLE = "an undamaged C3D file"
+_MOST = 0xFFFF  # largest count of a header; longer recordings also show this value
 _C3D_COLUMNS = ("frame", "time_s", "label", "x", "y", "z", "residual")
 _TRC_HEADER_LINES = 5
 
 
 @dataclass(frozen=True)
 class Trajectories:
-    """Markers over frames: ``xyz`` (3, markers, frames) in ``unit``, residuals (markers, frames), negative or NaN where
-    a marker was not seen; ``rate`` in Hz."""
+    """Markers over frames: ``xyz`` (3, markers, frames) in ``unit``, residuals (markers, frames), negative or NaN for a
+    marker not seen; ``rate`` in Hz."""
 
     labels: list[str]
     xyz: Array
@@ -50,12 +50,12 @@ class Trajectories:
 
 
 def read_trajectories(path: Path) -> Trajectories:
-    """Return the markers of a C3D file; raises Unusable where it is damaged, cut short or none at all."""
+    """Return the markers of a C3D file; raises Unusable if it is damaged, truncated or no C3D file."""
     if importlib.util.find_spec("ezc3d") is None:
         raise Unusable("TRC or text here: C3D needs ezc3d, which this platform has no wheel of")
     announced = announced_frames(path)
     with tempfile.TemporaryDirectory(prefix="truing-") as place:
-        found = _read_elsewhere(path, Path(place))
+        found = _read_in_process(path, Path(place))
     if not found.xyz.size:
         raise Unusable("at least one marker and frame")
     frames = found.xyz.shape[2]
@@ -69,9 +69,9 @@ def read_trajectories(path: Path) -> Trajectories:
 
 
 def announced_frames(path: Path) -> int | None:
-    """Return how many frames a header announces, None where there are more than it can say.
+    """Return the number of frames in a header, None if it exceeds the header's range.
 
-    Raises Unusable where the header is none, or announces more than the file holds.
+    Raises Unusable for an invalid header, or one that announces more than the file holds.
     """
     size = path.stat().st_size
     with path.open("rb") as file:
@@ -86,7 +86,7 @@ def announced_frames(path: Path) -> int | None:
     order, sign = _ORDERS[parameters[3]]
     markers, analog, first, last = struct.unpack(f"{order}4H", head[2:10])
     (data,) = struct.unpack(f"{order}H", head[16:18])
-    value = 4 if head[12 + sign] & 0x80 else 2  # bytes of each: reals where the scale is negative, else integers
+    value = 4 if head[12 + sign] & 0x80 else 2  # bytes per value: reals for a negative scale, else integers
     begin = max(start + parameters[2] * _BLOCK, (data - 1) * _BLOCK)
     frames = last - first + 1 if first <= last < _MOST else None
     needed = begin + (frames or 0) * (4 * markers + analog) * value
@@ -95,8 +95,8 @@ def announced_frames(path: Path) -> int | None:
     return frames
 
 
-def _read_elsewhere(path: Path, folder: Path) -> Trajectories:
-    """Read the file in a process that may take no more than so much time and memory."""
+def _read_in_process(path: Path, folder: Path) -> Trajectories:
+    """Return the trajectories, read in a process with limits of time and memory."""
     size = path.stat().st_size
     memory = _MEMORY + _MEMORY_PER_BYTE * size
     words = [sys.executable, "-P", "-m", "truing.formats.c3d_child", str(path.resolve()), str(folder), str(memory)]
@@ -123,7 +123,7 @@ def _read_elsewhere(path: Path, folder: Path) -> Trajectories:
 
 
 def read_c3d(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
-    """One row per frame and marker, null where the marker was not seen; raises Unusable where it is no C3D."""
+    """Yield one row per frame and marker, null for a marker not seen; raises Unusable for other files."""
     found = read_trajectories(path)
     kinds = wanted(_C3D_COLUMNS, found.unit)
     if kinds is None:
@@ -140,7 +140,7 @@ def read_c3d(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
 
 
 def trc_as_delimited(stream: IO[bytes], entry: FileMapping) -> FileMapping:
-    """The mapping that reads a TRC file as wide delimited text; raises Unusable where its header is not one."""
+    """Return the mapping that reads a TRC file as wide delimited text; raises Unusable for an invalid header."""
     head = next(utf8_chunks(stream, entry.encoding, BLOCK), b"").decode(errors="replace").splitlines()
     if len(head) < _TRC_HEADER_LINES or "Frame" not in head[3]:
         raise Unusable("the five header lines of a TRC file", row=1)

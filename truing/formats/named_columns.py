@@ -1,4 +1,4 @@
-"""Columns by their names and numbers: loads of a bench, positions and attitudes; none of them points of targets."""
+"""Recognition of columns by names and numbers: loads of a bench, positions and attitudes; not points of targets."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _COLUMN = {
     "rotation": "r{}_rad",
 }
 _UNITS = {"nmm": "N mm", "nm": None, "n": None, "kn": "kN", "mm": None, "rad": None, "deg": "deg", "in": "in"}
-_FEWEST = 3  # components, as fewer may be called so by chance
+_FEWEST = 3  # components: fewer may have such names by chance
 Loads = tuple[str, dict[str, Any], str]
 _FAMILIES = {
     "quaternion": (("qw", "qx", "qy", "qz"), ("q0", "qx", "qy", "qz"), ("q0", "q1", "q2", "q3"), ("w", "i", "j", "k")),
@@ -58,7 +58,7 @@ _FEWEST_ROWS = 2
 
 
 def load_columns(names: Sequence[str]) -> Loads | None:
-    """The table of loads that columns make, keys for its [files.<table>], and what to look at again."""
+    """Return a proposal for a table of loads: keys for its [files.<table>], and points to check."""
     plain, applied, units = _components(names)
     if len(plain) + len(applied) < _FEWEST or not any(column[0] in "fm" for column in (*plain, *applied)):
         return None
@@ -82,13 +82,13 @@ def load_columns(names: Sequence[str]) -> Loads | None:
 
 
 def _channels(names: Sequence[str]) -> list[str]:
-    """Columns called as the channels of an amplifier are, where there are several."""
+    """Return columns named like the channels of an amplifier, if there are several."""
     found = [name for name in names if _CHANNEL.fullmatch(name.strip())]
     return found if _FEWEST <= len(found) <= _MOST_CHANNELS else []
 
 
 def _components(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str], dict[str, str]]:
-    """Columns by component: those that stand for themselves, those called known, and units where a name holds one."""
+    """Return columns by component: measured ones, reference ones, and units given in names."""
     plain: dict[str, str] = {}
     applied: dict[str, str] = {}
     units: dict[str, str] = {}
@@ -107,7 +107,8 @@ def _components(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str], d
 
 @dataclass(frozen=True)
 class Poses:
-    """What makes a table of poses: keys for [files.poses], raw columns that are no covariates, and what to look at."""
+    """Proposal for a table of poses: keys for [files.poses], raw columns that are no covariates, and points to
+    check."""
 
     mapping: dict[str, Any]
     taken: tuple[str, ...]
@@ -115,7 +116,7 @@ class Poses:
 
 
 def pose_columns(names: Sequence[str], values: Array) -> Poses | None:
-    """The poses that columns make by their names and numbers (N, W), NaN where a cell holds none; else None."""
+    """Return the poses recognised by names and numbers (N, W), NaN for other cells; else None."""
     places = _groups(names, (("x", "y", "z"), ("tx", "ty", "tz"), ("px", "py", "pz")))
     best: tuple[bool, int, str, tuple[str, ...], tuple[str, ...]] | None = None
     for before, place in places.items():
@@ -137,7 +138,7 @@ def _mapped(kind: str, place: tuple[str, ...], turned: tuple[str, ...], names: S
     largest = float(np.nanmax(np.abs(angles))) if np.isfinite(angles).any() else 0.0
     in_degrees = reported == {"deg"} or (reported == {None} and largest > 2.0 * np.pi)
     if kind == "vector" and in_degrees:
-        kind = "euler"  # rotation vectors come in radians, angles in degrees
+        kind = "euler"  # rotation vectors are in radians, angles in degrees
         text = f"{turned[0]} to {turned[2]} reach {largest:.0f}: degrees"
         notes.append(f"{text}, so Euler angles; say their order, [poses] euler")
     elif kind == "vector":
@@ -154,7 +155,7 @@ def _mapped(kind: str, place: tuple[str, ...], turned: tuple[str, ...], names: S
         notes.append(_range_words(_of(names, place, values)))
     spread, coverage, more = _spreads(names, place, turned, kind)
     columns |= spread
-    if "unit" in mapping:  # uncertainties may be in another unit than the coordinates
+    if "unit" in mapping:  # uncertainties may have another unit than the coordinates
         own = {column: bare_and_unit(raw)[1] for column, raw in spread.items() if column.endswith("_mm")}
         units |= {column: one for column, one in own.items() if one not in (None, unit)}
     mapping |= ({"coverage": coverage} if coverage else {}) | ({"units": units} if units else {})
@@ -171,7 +172,7 @@ def _range_words(values: Array) -> str:
 def _spreads(
     names: Sequence[str], place: tuple[str, ...], turned: tuple[str, ...], kind: str
 ) -> tuple[dict[str, str], float | None, list[str]]:
-    """Columns of uncertainties: those named like coordinates or angles with a word for it before or behind."""
+    """Return columns of uncertainties: named like coordinates or angles with an additional word."""
     found: dict[str, str] = {}
     factors: dict[str, float] = {}
     notes: list[str] = []
@@ -194,7 +195,7 @@ def _spreads(
 
 
 def is_spread_of(name: str, raw: str) -> bool:
-    """Whether a column holds the uncertainties of another one, by a word before, behind or within its name."""
+    """Whether a column holds the uncertainties of another one, by a word before, after or within its name."""
     bare = bare_and_unit(name)[0]
     return _SPREAD.search(bare) is not None and _bare_word(_SPREAD.sub("_", bare, count=1)) == _bare_word(
         bare_and_unit(raw)[0]
@@ -206,7 +207,7 @@ def _bare_word(name: str) -> str:
 
 
 def _groups(names: Sequence[str], families: Sequence[tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
-    """Columns of a family by what stands before them: ``measurement_x``, ``measurement_y``, ... by ``measurement``."""
+    """Return columns of a family by their prefix: ``measurement_x``, ``measurement_y``, ... by ``measurement``."""
     by_word: dict[tuple[str, str], str] = {}
     for name in names:
         bare, _ = bare_and_unit(name)
@@ -232,7 +233,7 @@ def _is_unit(quaternions: Array) -> bool:
 
 
 def bare_poses(values: Array) -> Poses | None:
-    """The poses that a table (N, W) without names makes by its numbers alone; None where it makes none."""
+    """Return the poses of a table (N, W) without names, recognised by numbers alone; else None."""
     rows, width = values.shape
     if not np.isfinite(values).all():
         return None
@@ -263,7 +264,7 @@ def bare_poses(values: Array) -> Poses | None:
 
 
 def is_one_motion(values: Array) -> bool:
-    """Whether a small table is a single rigid motion: a transformation between two frames, and no measurement."""
+    """Whether a small table is a single rigid motion: a transformation between two frames, not a measurement."""
     return values.shape in ((3, 4), (4, 4)) and bool(np.isfinite(values).all()) and _are_motions(values[None])
 
 

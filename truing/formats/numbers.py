@@ -1,4 +1,4 @@
-"""Numbers written as people write them: decimal commas, thousands separators, values that mean missing."""
+"""Notations of numbers: decimal commas, thousands separators, values that mean missing."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _EXPONENT = r"([eEdD][+-]?\d+)?"
 
 @dataclass(frozen=True)
 class Notation:
-    """How the numbers of a file are written."""
+    """Notation of the numbers of a file."""
 
     decimal: str = "."
     thousands: str | None = None
@@ -27,7 +27,7 @@ class Notation:
 
     @cached_property
     def pattern(self) -> str:
-        """What a number looks like; thousands separators only where groups of three stand."""
+        """Regular expression of a number; thousands separators only between groups of three digits."""
         mark = re.escape(self.decimal)
         grouped = ""
         if self.thousands is not None:
@@ -36,17 +36,17 @@ class Notation:
 
     @property
     def missing_numbers(self) -> tuple[float, ...]:
-        """The single values that mean missing and are numbers: equal numbers written otherwise mean it too."""
+        """Single numbers that mean missing, in any notation."""
         return tuple(float(text) for text in sorted(self.missing) if is_plain_number(text))
 
     @property
     def missing_triples(self) -> tuple[tuple[float, float, float], ...]:
-        """Values such as ``0 0 0`` that mean missing where all three coordinates have them."""
+        """Values such as ``0 0 0`` that mean missing if all three coordinates have them."""
         triples = [tuple(map(float, text.split())) for text in sorted(self.missing) if _is_triple(text)]
         return tuple((a, b, c) for a, b, c in triples)
 
     def parse(self, texts: pa.Array) -> tuple[pa.Array, Mask]:
-        """Numbers (float64, null where the text means missing or is empty), and where a text is no number."""
+        """Return numbers (float64, null for empty or missing), and the mask of texts that are no numbers."""
         texts = pc.utf8_trim_whitespace(texts.cast(pa.string()))
         absent = pc.is_in(texts, value_set=pa.array(["", *sorted(self.missing)], pa.string()))
         absent = pc.or_(absent, pc.is_null(texts))
@@ -57,7 +57,7 @@ class Notation:
         return plain.cast(pa.float64()), bad
 
     def matrix(self, records: Sequence[Sequence[str]]) -> Array:
-        """(N, W) the cells of N records as numbers, NaN where one is none."""
+        """Return the cells of N records as numbers (N, W), NaN for other cells."""
         columns = [self.parse(pa.array(column, pa.string()))[0] for column in zip(*records, strict=True)]
         return np.column_stack([np.asarray(column.fill_null(np.nan), dtype=float) for column in columns])
 
@@ -70,7 +70,7 @@ class Notation:
         return pc.replace_substring_regex(texts, r"(\d\.?)[dD]([+-]?\d)", r"\1e\2")
 
     def advice(self, text: str) -> str:
-        """What was expected where a text is no number: with the setting that would read it, where there is one."""
+        """Return the expectation for a text that is no number, with the setting that would read it, if any."""
         for decimal, thousands in (
             (",", None),
             (".", None),

@@ -1,4 +1,4 @@
-"""Where a table's column comes from: a column of the file, a constant, a count of rows, a part or a join of others."""
+"""Origins of a table's column: a column of the file, a constant, a row count, a part or a join of other columns."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ _WIDEST = {"text": 2, "identifier": 1, "seconds": 0, "number": 0}
 
 @dataclass(frozen=True)
 class RowNumber:
-    """The number of the record in its file; so many share it, or it counts anew after so many."""
+    """Number of the record in its file, with parameters for records that share a number or a count that restarts."""
 
     first: int
     rows_per_number: int = 1
     rows_per_count: int | None = None
 
     def of(self, records: Records) -> Records:
-        """The number of each record (N,), which count from 0."""
+        """Return the number of each record (N,), counted from 0."""
         if self.rows_per_count is not None:
             records = records % self.rows_per_count
         return records // self.rows_per_number + self.first
 
 
 def is_side_by_side(entry: FileMapping, table: str) -> bool:
-    """Whether several rows of a file stand side by side as one of a table that has one row per pose."""
+    """Whether several rows of a file form one row of a table with one row per pose."""
     return entry.rows_per_pose is not None and table in _ROW_PER_POSE
 
 
 class RowCount:
-    """The rows of one file on their way from its reader: ``side_by_side`` of them make a record."""
+    """Rows of one file between reader and table: ``side_by_side`` of them form a record."""
 
     def __init__(self, entry: FileMapping, side_by_side: int) -> None:
         groups = [*entry.rows_per_group.values(), *filter(None, [entry.rows_per_pose])]
@@ -51,14 +51,14 @@ class RowCount:
         self._kinds: Mapping[int, Kind] = {}
 
     def hint(self, asked: Wanted) -> Wanted:
-        """What to tell the reader, where the mapping speaks of the columns of rows laid side by side."""
+        """Return the request for the reader if the mapping refers to columns of joined rows."""
         if self._per == 1:
             return asked
 
         def of_rows(names: tuple[str, ...], unit: str | None) -> Mapping[int, Kind] | None:
             self._width = len(names)
             laid = side_by_side_names(len(names), self._per)
-            if len(names) < len(self._names) <= len(laid):  # names of the whole record, not of one row
+            if len(names) < len(self._names) <= len(laid):  # names of the complete record, not of one row
                 laid = (*self._names, *laid[len(self._names) :])
             kinds = asked(laid, unit)
             if kinds is None:
@@ -73,7 +73,7 @@ class RowCount:
         return of_rows
 
     def through(self, batches: Iterator[RawBatch]) -> Iterator[RawBatch]:
-        """The batches; raises Unusable at their end where the last group of rows is not whole."""
+        """Yield the joined batches; raises Unusable at the end if the last group of rows is incomplete."""
         rows = 0
         held: RawBatch | None = None
         for batch in batches:
@@ -87,7 +87,7 @@ class RowCount:
             raise Unusable(f"a multiple of {self._whole} rows, as they belong together", value=f"{rows} rows")
 
     def _cut(self, batch: RawBatch) -> tuple[RawBatch, RawBatch]:
-        """The rows of the last record, which may not be whole, and the records before them."""
+        """Return the rows of the last record, which may be incomplete, and the records before it."""
         group = batch.records // self._per
         before = group < (group[-1] if len(group) else 0)
         if len(group) and batch.records[-1] % self._per == self._per - 1:
@@ -99,7 +99,7 @@ class RowCount:
 
     def _laid(self, batch: RawBatch, chosen: np.ndarray) -> RawBatch:
         groups, counts = np.unique(batch.records[chosen] // self._per, return_counts=True)
-        whole = groups[counts == self._per]  # of the others a row was faulty, which has been said
+        whole = groups[counts == self._per]  # incomplete groups had a faulty row, which is reported
         rows = np.flatnonzero(chosen & np.isin(batch.records // self._per, whole)).reshape(-1, self._per)
         columns = {
             place: batch.columns[place % self._width].take(rows[:, place // self._width]) for place in self._kinds
@@ -109,21 +109,21 @@ class RowCount:
 
 
 def side_by_side_names(width: int, rows: int) -> tuple[str, ...]:
-    """Names of the columns of rows side by side: m00, m01, ... where they make the matrix of a pose, else positions."""
+    """Return names of the columns of joined rows: m00, m01, ... for the matrix of a pose, else positions."""
     if width == 4 and rows in (3, 4):
         return tuple(f"m{row}{column}" for row in range(rows) for column in range(width))
     return tuple(str(place + 1) for place in range(width * rows))
 
 
 def _last(batch: RawBatch) -> Iterator[int]:
-    """How many rows a batch shows that there are."""
+    """Yield the number of rows that a batch implies."""
     if len(batch.records):
         yield int(batch.records[-1]) + 1
     yield from (row + 1 for fault in batch.faults for row, _ in fault.cells)
 
 
 def _joined(first: RawBatch, second: RawBatch) -> RawBatch:
-    """Two batches as one; a column that was read as numbers in one alone becomes text."""
+    """Return two batches as one; a column that is numeric in only one of them becomes text."""
     columns = {place: _one_after_other(values, second.columns[place]) for place, values in first.columns.items()}
     records = np.concatenate([first.records, second.records])
     return RawBatch(columns or second.columns, records, second.faults)
@@ -169,7 +169,8 @@ class Joined:
 
 @dataclass(frozen=True)
 class Spread:
-    """A column that turning wide rows long makes: target (and other names of the template), or a coordinate."""
+    """A column from the conversion of wide rows to long ones: target (and other names of the template), or a
+    coordinate."""
 
     name: str
 
@@ -184,12 +185,12 @@ def made_of(origin: Origin | None) -> tuple[str, ...]:
 
 
 def template_fields(template: str) -> tuple[str, ...]:
-    """The names in a template's braces."""
+    """Return the names in a template's braces."""
     return tuple(name for _, name, _, _ in string.Formatter().parse(template) if name)
 
 
 def joined_by(template: str, values: Sequence[str]) -> str:
-    """A template with values, in the order of its names: text is put in, and nothing of a name is looked up."""
+    """Return a template filled with values, in the order of its names; plain text, without format expressions."""
     left = iter(values)
     parts = string.Formatter().parse(template)
     return "".join(text if name is None else f"{text}{next(left):{form}}" for text, name, form, _ in parts)

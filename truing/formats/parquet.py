@@ -19,13 +19,13 @@ _ROWS = 1 << 17
 
 
 def read_parquet(path: Path, wanted: Wanted) -> Iterator[RawBatch]:
-    """The rows of a Parquet file; raises Unusable where it is damaged or empty."""
+    """Yield the rows of a Parquet file; raises Unusable if it is damaged or empty."""
     try:
         with pq.ParquetFile(path, memory_map=False) as file:
             yield from _batches(file, path.stat().st_size, wanted)
     except pa.ArrowException as error:
         raise_shortage(error)
-        raise Unusable("a whole Parquet file", value=(str(error).splitlines() or [""])[0][:80]) from None
+        raise Unusable("an undamaged Parquet file", value=(str(error).splitlines() or [""])[0][:80]) from None
 
 
 def _batches(file: pq.ParquetFile, size: int, wanted: Wanted) -> Iterator[RawBatch]:
@@ -46,7 +46,7 @@ def _batches(file: pq.ParquetFile, size: int, wanted: Wanted) -> Iterator[RawBat
 
 
 def _check_proportion(metadata: pq.FileMetaData, size: int) -> None:
-    """A few bytes may claim any number of equal rows, and memory would have to hold them."""
+    """Refuse a table beyond the allowed ratio to the file size: a few bytes may encode any number of equal rows."""
     whole = 8 * metadata.num_rows * metadata.num_columns
     if whole > max(FREE, LARGEST_RATIO * size):
         raise Unusable(f"a table of at most {LARGEST_RATIO} times the file's size", value=f"{metadata.num_rows} rows")
@@ -79,13 +79,13 @@ def _as_kind(values: pa.Array, kind: Kind) -> pa.Array:
 
 
 def _seconds(values: pa.Array) -> pa.Array:
-    """Moments as seconds since 1970, durations as seconds; whatever unit they are kept in."""
+    """Return times as seconds since 1970, durations as seconds, from any unit."""
     ticks = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}[values.type.unit]
     return pc.divide(values.cast(pa.int64()).cast(pa.float64(), safe=False), ticks)
 
 
 def _written(values: pa.Array) -> pa.Array:
-    """Moments and durations as text that is no number: they are none but where seconds are asked for."""
+    """Return times and durations as non-numeric text, since they are numbers only in columns of seconds."""
     unit = values.type.unit
     if pa.types.is_timestamp(values.type):
         return values.cast(pa.timestamp(unit)).cast(pa.string())
@@ -97,7 +97,7 @@ def _is_number(kind: pa.DataType) -> bool:
 
 
 def _as_integers(values: pa.Array) -> pa.Array | None:
-    """The values as int64 where all are whole numbers, as pandas turns integers into floats; else None."""
+    """Return the values as int64 if all are integers (pandas may store them as floats); else None."""
     plain = np.asarray(values.cast(pa.float64()))
     if not np.all(np.isfinite(plain)) or np.any(plain != np.round(plain)) or np.any(np.abs(plain) > 2**53):
         return None

@@ -1,4 +1,4 @@
-"""Regular expressions of campaign.toml, which may not take for ever: a repeat within a repeat can try every way out."""
+"""Regular expressions of campaign.toml with a time limit, since nested repeats may take exponential time."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from functools import lru_cache
 from time import perf_counter
 from typing import Any, AnyStr, Generic
 
-SECONDS = 1.0  # of processor time, that one text may take
-_IN_ALL = 10.0  # seconds that an expression may take for all texts, besides
-_PER_TEXT = 2e-4  # seconds for each: a hundred times what usual ones take
-_LONGEST = 1 << 20  # characters of a text; what is tried out is kept in memory
+SECONDS = 1.0  # of processor time, per text
+_IN_ALL = 10.0  # seconds for all texts of an expression, plus
+_PER_TEXT = 2e-4  # seconds per text: a hundred times the usual time
+_LONGEST = 1 << 20  # characters of a text, to bound the memory of backtracking
 _REPEATS = re.compile(r"[*+?{]|\\[1-9g]|\(\?P=")
 
 
 class TooSlow(Exception):
-    """An expression that cannot be decided in reasonable time: its key in the mapping, and the text."""
+    """An expression that exceeds its time limit: its key in the mapping, and the text."""
 
     def __init__(self, key: str, text: str) -> None:
         self.key, self.text = key, text
@@ -28,31 +28,31 @@ class TooSlow(Exception):
 
 
 class BoundedPattern(Generic[AnyStr]):
-    """A compiled expression, as `re` would match it, that raises TooSlow where it takes too long; ``key`` is its place
-    in the mapping."""
+    """A compiled expression with the methods of `re` that raises TooSlow beyond its time limit; ``key``: its place in
+    the mapping."""
 
     def __init__(self, expression: AnyStr, key: str) -> None:
         self.key = key
         self._spent, self._asked = 0.0, 0
-        # Without repeats it is decided at once in any case, by `re` some times faster.
+        # without repeats there is no backtracking, and `re` is faster
         self._is_plain = _REPEATS.search(_text(expression)) is None
         self._found: Any = re.compile(expression) if self._is_plain else _interruptible(expression)
 
     @property
     def groupindex(self) -> Mapping[str, int]:
-        """The named groups, and their numbers."""
+        """Named groups with their numbers."""
         found: Mapping[str, int] = self._found.groupindex
         return found
 
     def search(self, text: AnyStr) -> re.Match[AnyStr] | None:
-        """The first match anywhere; raises TooSlow."""
-        return self._asked_for(self._found.search, text)
+        """Return the first match anywhere; raises TooSlow."""
+        return self._timed(self._found.search, text)
 
     def fullmatch(self, text: AnyStr) -> re.Match[AnyStr] | None:
-        """The match of a whole text; raises TooSlow."""
-        return self._asked_for(self._found.fullmatch, text)
+        """Return the match of a whole text; raises TooSlow."""
+        return self._timed(self._found.fullmatch, text)
 
-    def _asked_for(self, method: Any, text: AnyStr) -> re.Match[AnyStr] | None:
+    def _timed(self, method: Any, text: AnyStr) -> re.Match[AnyStr] | None:
         if self._is_plain:
             plain: re.Match[AnyStr] | None = method(text)
             return plain
@@ -71,7 +71,7 @@ class BoundedPattern(Generic[AnyStr]):
 
 
 def _interruptible(expression: AnyStr) -> Any:
-    """The pattern as `regex` compiles it, which can be told to give up."""
+    """Return the pattern compiled by `regex`, which supports timeouts."""
     import regex
 
     return regex.compile(expression)
@@ -79,7 +79,7 @@ def _interruptible(expression: AnyStr) -> Any:
 
 @lru_cache(maxsize=1000)
 def bounded(expression: str, key: str) -> BoundedPattern[str]:
-    """The pattern of an expression, compiled once."""
+    """Return the pattern of an expression, compiled once."""
     return BoundedPattern(expression, key)
 
 

@@ -1,4 +1,4 @@
-"""The photographs of a campaign: which there are, which pose each belongs to, and which camera took it."""
+"""Photographs of a campaign: their files, poses and cameras."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _WANTED = "a pose in its name: images/<pose>/<file>, images/<pose>_<number>.jpg,
 _ENDINGS = tuple(f".{ending}" for ending in PICTURES)
 _KINDS = ", ".join(_ENDINGS)
 _FOLDER = "images/"
-_GLIMPSE = 256  # bytes
+_FINGERPRINT = 256  # bytes
 
 
 @dataclass(frozen=True)
 class Photograph:
-    """One photograph: its name in the run, pose and camera (as text), its file and its head."""
+    """One photograph: its name in the run, pose and camera (as text), file and header."""
 
     image: str
     pose: str
@@ -42,7 +42,7 @@ class Photograph:
 
 @dataclass
 class PhotographFiles:
-    """The photographs in the order of poses and names; how many other files lie beside them, by (folder, reason)."""
+    """Photographs in the order of poses and names; numbers of other files in their folders, by (folder, reason)."""
 
     found: list[Photograph] = field(default_factory=list)
     left_out: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -54,14 +54,14 @@ class PhotographFiles:
 
 
 def list_photographs(source: CampaignFiles, sensor_width_mm: float | None, log: FaultLog) -> PhotographFiles:
-    """Every photograph of the campaign with its head; what is wrong with one goes into ``log``, and it is left out."""
+    """Return all photographs of the campaign with headers; a faulty one is reported in ``log`` and omitted."""
     found, seen = PhotographFiles(), set[RawFile]()
     for entry in source.entries("images"):
         for fault in _faults_of_entry(entry):
             log.add(fault)
         for pattern in entry.paths:
             for raw in _files(source, pattern, found, log):
-                if raw in seen:  # two patterns may name the same file
+                if raw in seen:  # two patterns may match the same file
                     continue
                 seen.add(raw)
                 if (one := _photograph(raw, pattern, entry, sensor_width_mm, log)) is not None:
@@ -69,12 +69,12 @@ def list_photographs(source: CampaignFiles, sensor_width_mm: float | None, log: 
     for other in passed_over(source.folder, source.folders_of_photographs, {raw.name for raw in seen}):
         _note_unread(other, found, log)
     _check_names(found.found, log)
-    found.found = _cameras_apart(_once(found, log))
+    found.found = _cameras_apart(_without_copies(found, log))
     return found
 
 
 def _note_unread(one: SkippedFile, found: PhotographFiles, log: FaultLog) -> None:
-    """A fault for what was meant as a photograph and is not read; everything else is counted."""
+    """Report a file that is meant as a photograph but not read; count all others."""
     if one.is_fault:
         log.add(Fault(one.name, one.why))
     else:
@@ -90,7 +90,7 @@ def _faults_of_entry(entry: FileMapping) -> Iterator[Fault]:
 
 
 def _files(source: CampaignFiles, pattern: str, found: PhotographFiles, log: FaultLog) -> Iterator[RawFile]:
-    """The files of a pattern that are photographs by their ending; of a folder's others it is counted how many."""
+    """Yield the files of a pattern with the ending of a photograph; other files of a folder are counted."""
     files = source.resolve(pattern)
     photographs = [raw for raw in files if raw.path.suffix.lower() in _ENDINGS]
     if not files:
@@ -130,12 +130,12 @@ def _photograph(
 
 
 def _name(raw: RawFile) -> str:
-    """A photograph's name: its file's as campaign.toml reaches it, without ending and without the usual folder."""
+    """Return a photograph's name: its path in campaign.toml, without ending and default folder."""
     return PurePosixPath(raw.name).with_suffix("").as_posix().removeprefix(_FOLDER)
 
 
 def _fields_from_name(raw: RawFile, pattern: str, entry: FileMapping) -> dict[str, str]:
-    """What constants, from_name or the usual ways of naming tell: pose, camera, image."""
+    """Return the fields given by constants, from_name or common naming: pose, camera, image."""
     reported: dict[str, str] = {}
     if entry.from_name is None:
         reported = _usual(raw.name[len(_fixed(pattern)) :])
@@ -156,13 +156,13 @@ def _renamed(key: str, value: str, entry: FileMapping) -> str:
 
 
 def _fixed(pattern: str) -> str:
-    """The folders of a pattern before its first wild card."""
+    """Return the folders of a pattern before its first wildcard."""
     plain = re.split(r"[*?\[]", pattern, maxsplit=1)[0]
     return plain[: plain.rfind("/") + 1]
 
 
 def _usual(name: str) -> dict[str, str]:
-    """Pose and camera of <pose>/<file>, <pose>/<camera>/<file> or <pose>_<number>.jpg."""
+    """Return pose and camera of <pose>/<file>, <pose>/<camera>/<file> or <pose>_<number>.jpg."""
     *folders, file = name.split("/")
     if folders:
         return {"pose": folders[0], **({"camera": "/".join(folders[1:])} if folders[1:] else {})}
@@ -171,7 +171,7 @@ def _usual(name: str) -> dict[str, str]:
 
 
 def _check_names(found: Iterable[Photograph], log: FaultLog) -> None:
-    """The same photograph twice would count twice."""
+    """Report duplicate names, which would count a photograph twice."""
     first: dict[str, RawFile] = {}
     for one in found:
         if one.image in first:
@@ -180,12 +180,12 @@ def _check_names(found: Iterable[Photograph], log: FaultLog) -> None:
         first.setdefault(one.image, one.file)
 
 
-def _once(photographs: PhotographFiles, log: FaultLog) -> list[Photograph]:
-    """The photographs without copies: what a picture tells counts once. A copy in another pose is a fault."""
+def _without_copies(photographs: PhotographFiles, log: FaultLog) -> list[Photograph]:
+    """Return the photographs without identical copies; a copy in another pose is a fault."""
     kept: list[Photograph] = []
     alike: dict[tuple[int, bytes], list[Photograph]] = defaultdict(list)
     for one in photographs.found:
-        others = alike[_glimpse(one.file)]
+        others = alike[_fingerprint(one.file)]
         same = next((other for other in others if filecmp.cmp(other.file.path, one.file.path, shallow=False)), None)
         if same is None:
             others.append(one)
@@ -198,16 +198,16 @@ def _once(photographs: PhotographFiles, log: FaultLog) -> list[Photograph]:
     return kept
 
 
-def _glimpse(raw: RawFile) -> tuple[int, bytes]:
-    """The size of a file and some bytes of its middle: two that differ in these are not the same."""
+def _fingerprint(raw: RawFile) -> tuple[int, bytes]:
+    """Return the size of a file and some bytes of its middle, which differ between different photographs."""
     size = raw.path.stat().st_size
     with raw.path.open("rb") as file:
         file.seek(size // 2)
-        return size, file.read(_GLIMPSE)
+        return size, file.read(_FINGERPRINT)
 
 
 def _cameras_apart(found: list[Photograph]) -> list[Photograph]:
-    """A camera with several formats or focal lengths is several cameras, each with a name of its own."""
+    """Return the photographs with one camera name per format and focal length."""
     formats: dict[str, set[tuple[int, int]]] = defaultdict(set)
     focal: dict[str, set[float | None]] = defaultdict(set)
     for one in found:

@@ -1,11 +1,11 @@
 """PhotoModeler's text export of a project: cameras of photos, object points with sigmas, marks on photos.
 
-One file, in blocks that a blank line ends: a head of five lines, six lines per photo (name; position and angles;
-their sigmas; covariances, or nothing; interior orientation; its sigmas), control points, object points, marks. Saved
-tables of 2-D and of 3-D points are text with names of columns, and need no reader.
+One file of blocks that end with a blank line: five header lines, six lines per photo (name; position and angles; their
+sigmas; covariances, or nothing; interior orientation; its sigmas), control points, object points, marks. Saved tables
+of 2-D and 3-D points are text with column names, and need no reader.
 
-A mark has a sigma of 0 where the program states none. Points matched by the program (SmartPoints) have such marks, and
-numbers of their own: a number may stand for one of them and for another point that a person marked.
+A mark has a sigma of 0 if the program states none. Points matched by the program (SmartPoints) have such marks and
+their own numbering: one number may denote a SmartPoint and another point that a person marked.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class _Photo:
 
 @dataclass(frozen=True)
 class _NumberBlock:
-    """Lines of numbers (N, K), and where the first of them stands in the file, from 1."""
+    """Lines of numbers (N, K), and the line in the file of the first, from 1."""
 
     rows: Array
     first: int
@@ -58,7 +58,7 @@ class _Export:
 
 
 def read_photomodeler(path: Path, wanted: Wanted, table: str) -> Iterator[RawBatch]:
-    """The rows of ``table``: image_points, cameras, else points; raises Unusable where the file is no such export."""
+    """Yield the rows of ``table``: image_points, cameras, else points; raises Unusable for other files."""
     export = _read(path)
     if table == "image_points":
         yield from one_batch(_rays(export), wanted, lines=export.marks.lines)
@@ -76,7 +76,7 @@ def _read(path: Path) -> _Export:
         content = stream.read(_LARGEST + 1)
     lines = content[:_LARGEST].decode("cp1252", errors="replace").splitlines()
     if len(content) > _LARGEST or b"\0" in content or len(lines) < _HEAD:
-        raise Unusable("PhotoModeler's text export, with a head of five lines")
+        raise Unusable("PhotoModeler's text export, with a header of five lines")
     tolerance = finite_numbers(lines[1], "tolerance, iterations, width and height of the photos in pixels", 2)
     if len(tolerance) < 4 or not (tolerance[2:4] >= 1).all():
         expected = (
@@ -92,7 +92,7 @@ def _read(path: Path) -> _Export:
 
 
 def _photos(lines: list[str]) -> tuple[list[_Photo], int]:
-    """The photos, and the line after the blank one that ends them."""
+    """Return the photos, and the line after the blank one that ends them."""
     photos, at = [], _HEAD
     while at < len(lines) and lines[at].strip():
         if at + _PER_PHOTO > len(lines):
@@ -109,7 +109,7 @@ def _photos(lines: list[str]) -> tuple[list[_Photo], int]:
 
 
 def _block(lines: list[str], at: int, count: int, expected: str) -> tuple[_NumberBlock, int]:
-    """Lines of ``count`` numbers up to a blank one, and the line after that."""
+    """Return lines of ``count`` numbers up to a blank one, and the line after that."""
     rows, first = [], at + 1
     while at < len(lines) and lines[at].strip():
         rows.append(finite_numbers(lines[at], expected, at + 1, count))
@@ -140,7 +140,7 @@ def _rays(export: _Export) -> dict[str, Any]:
 
 
 def _numbered_twice(export: _Export) -> Array:
-    """Numbers that stand for two points: twice among object points, or on one photo with a sigma and without one."""
+    """Return numbers of two points: twice among object points, or on one photo with and without a sigma."""
     numbers, times = np.unique(export.points.rows[:, 0], return_counts=True)
     marks = export.marks.rows
     kinds = np.column_stack([marks[:, :2], _stated(marks)])
@@ -149,13 +149,13 @@ def _numbered_twice(export: _Export) -> Array:
 
 
 def _names(numbers: Index, matched: Mask) -> NDArray[np.object_]:
-    """Names of points: their numbers, and ``smart 6`` of a matched point whose number another point has, too."""
+    """Return names of points: their numbers, or ``smart 6`` for a matched point with the number of another point."""
     plain = numbers.astype(str).astype(object)
     return np.where(matched, "smart " + plain, plain)
 
 
 def _stated(rows: Array) -> Mask:
-    """Which lines (N, K) end in sigmas above 0: others state none, or are held fixed (below 0)."""
+    """Return the mask of lines (N, K) that end in positive sigmas: others state none, or are fixed (negative)."""
     return np.asarray((rows[:, 4:] > 0.0).all(axis=1))
 
 
@@ -164,11 +164,8 @@ def _or_empty(values: Array, there: Mask) -> list[float | None]:
 
 
 def _camera(export: _Export, photo: _Photo) -> Row:
-    """The camera of a photo: principal distance, principal point from the upper left corner, format in mm, K1 K2 K3
-    P1 P2.
-
-    Photos of one interior orientation have one camera, which is named by the first of them.
-    """
+    """Return the camera of a photo: principal distance, principal point from the upper left corner, format in mm, K1 K2
+    K3 P1 P2. Photos with equal interior orientation share one camera, named by the first of them."""
     first = next(one for one in export.photos if np.array_equal(one.interior, photo.interior))
     c, xp, yp, width_mm, height_mm, *corrections = first.interior
     if min(c, width_mm, height_mm) <= 0:
@@ -195,10 +192,8 @@ def _camera(export: _Export, photo: _Photo) -> Row:
 
 
 def _points(export: _Export) -> dict[str, Any]:
-    """Object points; what was held fixed has no sigma here, and a negative one in the file.
-
-    A number that stands twice is that of a matched point the second time.
-    """
+    """Return the object points; fixed ones have no sigma here, and a negative one in the file. The second point of a
+    duplicate number is the matched one."""
     points = export.points.rows
     number = integer_columns(points[:, 0], "points", export.points.lines)
     again = np.ones(len(number), dtype=bool)

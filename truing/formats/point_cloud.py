@@ -1,4 +1,4 @@
-"""Point clouds, PLY and PCD: as many points as the head announces, with every number that each of them carries."""
+"""Reader of point clouds, PLY and PCD: the announced number of points, with all numbers of each."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from truing.formats.delimited import read_delimited
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
 from truing.schemas.mapping import FileMapping
 
-_LINES = 1 << 20  # bytes of lines that are looked at together
+_LINES = 1 << 20  # bytes of lines processed together
 
 
 def cloud_layout(path: Path, file_format: str) -> CloudLayout:
-    """What the head of a cloud announces; raises Unusable where it is damaged."""
+    """Return the header of a cloud; raises Unusable if it is damaged."""
     return ply_layout(path) if file_format == "ply" else pcd_layout(path)
 
 
 def read_point_cloud(path: Path, file_format: str, entry: FileMapping, wanted: Wanted) -> Iterator[RawBatch]:
-    """The points of one cloud; raises Unusable where they are not what its head announces."""
+    """Yield the points of one cloud; raises Unusable if they differ from its header."""
     layout = cloud_layout(path, file_format)
     if layout.form == "ascii":
         with path.open("rb") as stream:
@@ -41,7 +41,7 @@ def read_point_cloud(path: Path, file_format: str, entry: FileMapping, wanted: W
 
 
 def cloud_as_delimited(layout: CloudLayout, entry: FileMapping) -> FileMapping:
-    """The mapping that reads the points of a cloud written as text."""
+    """Return the mapping that reads the points of a cloud written as text."""
     found = {
         "separator": "whitespace",
         "header": False,
@@ -61,7 +61,7 @@ def _read_text(stream: IO[bytes], layout: CloudLayout, entry: FileMapping, wante
 
     def as_announced(names: tuple[str, ...], unit: str | None) -> Mapping[int, Kind] | None:
         if names != layout.names:
-            expected = f"{width} numbers in every row, as the head announces"
+            expected = f"{width} numbers in every row, as the header announces"
             raise Unusable(expected, row=as_delimited.skip_lines + 1, value=f"{len(names)} numbers")
         found.append(wanted(names, unit))
         return found[0]
@@ -71,30 +71,29 @@ def _read_text(stream: IO[bytes], layout: CloudLayout, entry: FileMapping, wante
     if found == [None]:
         return
     if rows.held != layout.points:
-        expected = (
-            f"{layout.points} points, as the head announces, each in a line that ends with a line feed: export it anew"
-        )
+        expected = f"{layout.points} points, as the header announces, each in a line with a line feed: export it anew"
         raise Unusable(expected, value=f"{rows.held} points")
     _check_beyond(rows.beyond(), layout)
 
 
 def _check_beyond(lines: Iterator[bytes], layout: CloudLayout) -> None:
-    """Refuse other lines behind the points than the head announces: they may be points, or points may be theirs."""
+    """Refuse more lines after the points than announced: they may be further points, or the points may be other
+    data."""
     more = sum(element.count for element in layout.after)
     for element in layout.after:
         for line in islice(lines, element.count):
             more -= 1
             if not element.fits(line.split(), layout.points):
-                expected = f"a line of {element.name} here, with what the head announces for it"
+                expected = f"a line of {element.name} here, with what the header announces for it"
                 raise Unusable(expected, value=line.decode("latin-1").strip()[:40])
     beyond = sum(1 for _ in lines)
     if more or beyond:
-        expected = f"{sum(element.count for element in layout.after)} lines behind the points, as the head announces"
+        expected = f"{sum(element.count for element in layout.after)} lines after the points, as the header announces"
         raise Unusable(expected, value=f"{beyond} more" if beyond else f"{more} fewer")
 
 
 class _RowStream:
-    """A stream that ends behind so many lines and rows, blank ones apart."""
+    """A stream that ends after some lines and rows, not counting blank ones."""
 
     def __init__(self, stream: IO[bytes], lines: int, rows: int) -> None:
         self._stream, self._lines, self._rows = stream, lines, rows
@@ -102,7 +101,7 @@ class _RowStream:
         self.held = 0
 
     def read(self, size: int) -> bytes:
-        """At least ``size`` bytes of whole lines, fewer at the end."""
+        """Return at least ``size`` bytes of complete lines, fewer at the end."""
         found = io.BytesIO()
         while self.held < self._rows and found.tell() < size and (lines := self._stream.readlines(_LINES)):
             taken = 0
@@ -119,5 +118,5 @@ class _RowStream:
         return found.getvalue()
 
     def beyond(self) -> Iterator[bytes]:
-        """The lines that follow, blank ones apart."""
+        """Yield the remaining lines, except blank ones."""
         return (line for line in chain(self._rest, self._stream) if line.strip())

@@ -1,4 +1,4 @@
-"""Who is who among the points of a campaign: names as numbers, and the file and record behind every row."""
+"""Index of a campaign's points: names as numbers, and the file and record of every row."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _CELLS = 1 << 27
 
 
 class NameNumbers(Generic[T]):
-    """Names in order of appearance, and their numbers."""
+    """Names in order of appearance, with their numbers."""
 
     def __init__(self) -> None:
         self.values: list[T] = []
         self._numbers: dict[T, int] = {}
 
     def number(self, value: T) -> int:
-        """The number of a name, given to it now if it is new."""
+        """Return the number of a name; a new name gets the next one."""
         found = self._numbers.get(value)
         if found is None:
             found = self._numbers[value] = len(self.values)
@@ -44,9 +44,9 @@ class NameNumbers(Generic[T]):
 
 
 class PointIndex:
-    """Pose, body and target of every point, in the order in which the points came.
+    """Pose, body and target of every point, in the order of input.
 
-    ``poses`` are those that are known: a pose's number is its place among them, and their count where it is unknown.
+    ``poses``: known poses; a pose's number is its index among them, or their count if it is unknown.
     """
 
     def __init__(self, poses: pa.Array, folder: Path | None = None) -> None:
@@ -65,11 +65,11 @@ class PointIndex:
 
     @property
     def rows(self) -> int:
-        """How many points."""
+        """Number of points."""
         return self._spool.rows
 
     def add(self, file: FileRows, batch: TableBatch) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Take in a batch of points; returns the numbers of their poses and of their labels."""
+        """Add a batch of points; return the numbers of their poses and labels."""
         pose = self.pose_numbers(batch.columns["pose"])
         label = self._label_numbers(batch.columns["body"], batch.columns["target"])
         if batch.rows:
@@ -81,7 +81,7 @@ class PointIndex:
         return pose, label
 
     def pose_numbers(self, poses: pa.Array) -> NDArray[np.int32]:
-        """The place of each of these poses among those that are known, and their count where it is none of them."""
+        """Return the index of each pose among the known ones, or their count if unknown."""
         if pa.types.is_dictionary(poses.type):
             known = self.poses.cast(pa.string())
             found = pc.fill_null(pc.index_in(poses.dictionary, value_set=known), len(known))
@@ -109,7 +109,7 @@ class PointIndex:
         return numbers[key]
 
     def label_columns(self, label: NDArray[np.int32]) -> tuple[pa.DictionaryArray, pa.DictionaryArray]:
-        """Body and target of labels given by their numbers."""
+        """Return body and target of labels by number."""
         if self._named != len(self.labels.values):
             bodies: NameNumbers[str] = NameNumbers()
             targets: NameNumbers[str] = NameNumbers()
@@ -123,29 +123,29 @@ class PointIndex:
         return body, target
 
     def close(self) -> None:
-        """Give the disk space back."""
+        """Release the disk space."""
         self._spool.close()
 
     def name_of(self, row: int) -> tuple[object, str, str]:
-        """Pose, body and target of a row."""
+        """Return pose, body and target of a row."""
         pose = self.poses[int(self._spool.read("pose", row, row + 1)[0])].as_py()
         body, target = self.labels.values[int(self._spool.read("label", row, row + 1)[0])]
         return pose, body, target
 
     def steps(self) -> Iterator[tuple[int, int]]:
-        """Ranges of rows that cover the store."""
+        """Yield ranges of rows that cover the store."""
         for start in range(0, self.rows, STEP):
             yield start, min(start + STEP, self.rows)
 
     def origin(self, row: int) -> tuple[FileRows, int]:
-        """The file and record that a row came from."""
+        """Return the file and record of a row."""
         part = bisect_right(self._starts, row) - 1
         file, records = self._origins[part]
         offset = row - self._starts[part]
         return file, records + offset if isinstance(records, int) else int(records[offset])
 
     def seen(self) -> Mask:
-        """Whether a pose has any point of a body: (poses, bodies), bodies in the order of :meth:`bodies`."""
+        """Mask (poses, bodies) of poses with any point of a body; bodies in the order of :meth:`bodies`."""
         body = self.label_bodies()
         found = np.zeros((len(self.poses) + 1, len(self.bodies())), dtype=bool)
         for start, stop in self.steps():
@@ -153,16 +153,16 @@ class PointIndex:
         return found
 
     def bodies(self) -> tuple[str, ...]:
-        """The bodies, in order of appearance."""
+        """Bodies, in order of appearance."""
         return tuple(dict.fromkeys(body for body, _ in self.labels.values))
 
     def label_bodies(self) -> NDArray[np.int32]:
-        """The body, as a number, of every label."""
+        """Return the body number of every label."""
         bodies = {body: number for number, body in enumerate(self.bodies())}
         return np.array([bodies[body] for body, _ in self.labels.values], dtype=np.int32)
 
     def rows_of(self, body: str) -> tuple[int, int]:
-        """The first row of a body that has points, and how many it has."""
+        """Return the first row of a body with points, and its number of rows."""
         own = np.array([name == body for name, _ in self.labels.values])
         first, count = -1, 0
         for start, stop in self.steps():
@@ -172,7 +172,7 @@ class PointIndex:
         return first, count
 
     def duplicates(self) -> Iterator[Index]:
-        """Rows of known poses whose pose, body and target stood in a row before: exactly, in bounded memory."""
+        """Yield rows of known poses whose pose, body and target occur in an earlier row; exact, in bounded memory."""
         width = max(len(self.labels.values), 1)
         slab = max(_CELLS // width, 1)
         for first in range(0, len(self.poses), slab):
@@ -207,7 +207,7 @@ class PointIndex:
 
 
 class Spool:
-    """Columns of int32 in temporary files in ``folder`` (None: the system's place for such)."""
+    """Columns of int32 in temporary files in ``folder`` (None: the system's default)."""
 
     def __init__(self, names: tuple[str, ...], folder: Path | None = None) -> None:
         self.rows = 0
@@ -215,13 +215,13 @@ class Spool:
         self._closed = weakref.finalize(self, _close, tuple(self._files.values()))
 
     def append(self, **columns: NDArray[np.int32]) -> None:
-        """Add rows: every column, all of the same length."""
+        """Append rows: all columns, of equal length."""
         for name, values in columns.items():
             self._files[name].write(np.ascontiguousarray(values, dtype=np.int32).data)
         self.rows += len(next(iter(columns.values())))
 
     def read(self, name: str, start: int, stop: int) -> NDArray[np.int32]:
-        """One column's rows from ``start`` to before ``stop``."""
+        """Return one column's rows from ``start`` to before ``stop``."""
         file = self._files[name]
         values = np.empty(max(min(stop, self.rows) - start, 0), dtype=np.int32)
         file.seek(start * values.itemsize)
@@ -230,7 +230,7 @@ class Spool:
         return values
 
     def close(self) -> None:
-        """Give the disk space back."""
+        """Release the disk space."""
         self._closed()
 
 

@@ -1,4 +1,4 @@
-"""What a file format settles by itself, so that a mapping need not say it."""
+"""Presets of file formats, which complete a mapping."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _PRESETS: dict[str, dict[str, Any]] = {
         "names": _AICON_NAMES,
         "columns": {"target": "id", **_AXES, **_SIGMAS},
     },
-    # the line of names begins with the mark that other lines are comments by
+    # the header line begins with the comment mark
     "metashape": {
         "header": True,
         "comment": "# Coord",
@@ -40,7 +40,7 @@ _PRESETS: dict[str, dict[str, Any]] = {
     "pcd": {"columns": _AXES},
     "c3d": _MOTION_CAPTURE,
     "trc": _MOTION_CAPTURE,
-    # what has no point in space is no target
+    # rows without a point are no targets
     "colmap image_points": {"select": {"point": ".+"}},
     "colmap points": {"columns": {**_AXES, **_SIGMAS, "corr_xy": "rxy", "corr_xz": "rxz", "corr_yz": "ryz"}},
     "colmap": {"columns": _AXES},
@@ -74,7 +74,7 @@ _OF_MODELS = ("cameras.bin", "images.bin", "points3d.bin")
 
 
 def format_of(raw: RawFile, entry: FileMapping) -> str:
-    """The format of a raw file: as declared, else by its name; a program's several kinds of file go by their
+    """Return the format of a raw file: declared, or from its name; several kinds of file of a program by their
     endings."""
     if entry.format == "aicon":
         return _BY_SUFFIX[raw.suffix] if raw.suffix in (".phc", ".ior", ".scale") else "aicon"
@@ -88,12 +88,12 @@ def format_of(raw: RawFile, entry: FileMapping) -> str:
 
 
 def added_format(file_format: str) -> FileFormat | None:
-    """The installed format of a name; None for a format or file kind of the project."""
+    """Return the installed format of a name; None for a format or file kind of the project."""
     return None if file_format in _OWN else installed_format(file_format)
 
 
 def with_preset(entry: FileMapping, file_format: str, table: str) -> tuple[FileMapping, frozenset[str]]:
-    """A mapping completed with what its format settles for a table, and the columns that only the format names."""
+    """Return a mapping completed by its format's preset for a table, and the columns that only the preset names."""
     added = added_format(file_format)
     own = _PRESETS.get(f"{file_format} {table}", _PRESETS.get(file_format, {}))
     preset = own if added is None else added.checked_preset()

@@ -1,4 +1,4 @@
-"""What every reader yields: the columns of a raw file as they stand there, a batch at a time or all at once."""
+"""Output of every reader: the columns of a raw file as recorded, in batches."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _LARGEST = 2.0**53
 
 @dataclass(frozen=True)
 class RawBatch:
-    """Some records of a raw file: columns by position (from 0; by name where reshaping made them), the record
-    that each row stands in, what is wrong."""
+    """Some records of a raw file: columns by position (from 0; by name after reshaping), the record of each row,
+    faults."""
 
     columns: Mapping[Any, pa.Array]
     records: Records
@@ -32,12 +32,12 @@ class RawBatch:
 
     @property
     def rows(self) -> int:
-        """How many rows."""
+        """Number of rows."""
         return len(self.records)
 
 
 class Unusable(Exception):
-    """A raw file that cannot be read at all: what was expected of it, and where."""
+    """A raw file that cannot be read at all, with the expectation, its row, value and column."""
 
     def __init__(
         self, expected: str, row: int | None = None, value: str | None = None, column: str | None = None
@@ -47,7 +47,7 @@ class Unusable(Exception):
 
 
 def finite_numbers(text: str, expected: str, row: int, count: int | None = None) -> Array:
-    """The finite numbers (N,) of a line of text, N as ``count`` where that is given; raises Unusable else."""
+    """Return the finite numbers (N,) of a line of text, N equal to ``count`` if given; raises Unusable otherwise."""
     try:
         found = np.array(text.split(), dtype=np.float64)
     except ValueError:
@@ -60,7 +60,7 @@ def finite_numbers(text: str, expected: str, row: int, count: int | None = None)
 
 
 def consecutive(first: int, count: int) -> Records:
-    """The numbers of ``count`` records from ``first`` on."""
+    """Return the numbers of ``count`` records starting with ``first``."""
     return np.arange(first, first + count, dtype=np.int64)
 
 
@@ -70,10 +70,9 @@ def one_batch(
     unit: str | None = None,
     lines: Sequence[int] | None = None,
 ) -> Iterator[RawBatch]:
-    """The columns that are wanted of a file, all of them equally long; ``unit`` is that of its coordinates, ``lines``
-    where each row stands in a text, from 1.
+    """Yield the requested columns of a file, all of equal length.
 
-    Raises Unusable where there is no row.
+    ``unit``: of its coordinates; ``lines``: line of each row in a text, from 1. Raises Unusable without rows.
     """
     rows = len(next(iter(columns.values())))
     if not rows:
@@ -87,9 +86,9 @@ def one_batch(
 
 
 def integer_columns(values: Array, what: str, rows: Sequence[int] | None = None) -> Index:
-    """Numbers of points, images and cameras, and of pixels, as they are; ``rows`` where each stands in a text, from 1.
+    """Return numbers of points, images, cameras and pixels as integers; ``rows``: line of each in a text, from 1.
 
-    Raises Unusable at the first that is none.
+    Raises Unusable at the first value that is no integer.
     """
     strange = np.flatnonzero(~((values == np.floor(values)) & (np.abs(values) < _LARGEST)))
     if len(strange):

@@ -1,4 +1,4 @@
-"""Reading a table of a campaign: every raw file that makes it up, by its mapping, with everything wrong collected."""
+"""Reading of a campaign table from all its raw files by their mappings, with all faults collected."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ OF_PHOTOGRAPHS: dict[str, tuple[str, ...]] = {
     "gsi": _POINTS,
 }
 T = TypeVar("T")
-_MOST_COLUMNS = 30_000  # each is compared with the names that are known
+_MOST_COLUMNS = 30_000  # each is compared with the known names
 CLOUDS = ("ply", "pcd")
 _TEXT = frozenset({"delimited", "vstars", "aicon", "metashape", "tracker", "xyz", "trc"})
 
@@ -47,8 +47,7 @@ _TEXT = frozenset({"delimited", "vstars", "aicon", "metashape", "tracker", "xyz"
 def read_of_photographs(
     file_format: str, raw: RawFile, path: Path, wanted: Wanted, table: str, estimate: Estimate | None
 ) -> Iterator[RawBatch]:
-    """The rows of ``table`` in a file, which lies at ``path`` without its compression; raises Unusable where it holds
-    none."""
+    """Yield the rows of ``table`` in a file, which is decompressed at ``path``; raises Unusable if it holds none."""
     tables = OF_PHOTOGRAPHS[file_format]
     if table not in tables:
         raise Unusable(f"a file of {table}: such a file is read as {' or '.join(tables)}")
@@ -77,7 +76,7 @@ def read_of_photographs(
 
 @dataclass(frozen=True)
 class FileRows:
-    """One raw file as a table reads it: able to say in which rows its records stand."""
+    """One raw file of a table, which can locate its records."""
 
     raw: RawFile
     entry: FileMapping
@@ -85,9 +84,9 @@ class FileRows:
     rows_per_record: int = 1
 
     def locate(self, records: Sequence[int]) -> list[int]:
-        """The lines of a text file, or the rows from 1 of a binary table, in which records (ascending) begin.
+        """Return the lines of a text file, or the rows from 1 of a binary table, at which records (ascending) begin.
 
-        Fewer than were asked for where the file is no longer what was read.
+        Fewer than requested if the file has changed since it was read.
         """
         records = [record * self.rows_per_record for record in records]
         try:
@@ -137,10 +136,10 @@ class FileRows:
 def read_table(
     source: CampaignFiles, shape: TableShape, log: FaultLog, *, poses_as_text: bool = False
 ) -> Iterator[tuple[FileRows, TableBatch]]:
-    """The rows of a table, batch by batch, in the order of the mapping's entries and files.
+    """Yield the rows of a table, batch by batch, in the order of the mapping's entries and files.
 
-    Columns have the contract's names and units; ``pose`` is int64 in batches where every pose is an integer, else
-    text (always, with ``poses_as_text``). What is wrong goes into ``log``.
+    Columns have the contract's names and units; ``pose`` is int64 in batches with only integer poses, else text
+    (always, with ``poses_as_text``). Faults are added to ``log``.
     """
     entries = source.entries(shape.name)
     if not source.is_mapped(shape.name) and len(entries) > 1:
@@ -151,7 +150,7 @@ def read_table(
 
 
 def ahead(items: Iterator[T]) -> Iterator[T]:
-    """The same items, the next one made in a thread of its own while the last one is used."""
+    """Yield the same items, with the next one prepared in a thread while the last one is used."""
     with ThreadPoolExecutor(1) as pool:
         coming = pool.submit(next, items, None)
         while (item := coming.result()) is not None:
@@ -213,7 +212,7 @@ def _read_file(
 
 
 def _with_sheet(raw: RawFile, entry: FileMapping, file_format: str) -> RawFile:
-    """The file under a name that says which sheet of it is read, where it has sheets."""
+    """Return the file under a name that includes the sheet that is read, if it has sheets."""
     if file_format != "xlsx":
         return raw
     from truing.formats.workbook import sheet_name
@@ -222,7 +221,7 @@ def _with_sheet(raw: RawFile, entry: FileMapping, file_format: str) -> RawFile:
         with plain_path(raw) as path:
             return RawFile(f"{raw.name}, sheet {sheet_name(path, entry)}", raw.path)
     except (Unusable, *DAMAGED, OSError):
-        return raw  # said when it is read
+        return raw  # reported when it is read
 
 
 def _is_separated(file_format: str) -> bool:
@@ -281,5 +280,7 @@ def _damage(file: str, error: Exception, entry: FileMapping) -> Fault:
             f'a closing quotation mark for every {entry.quote}; where they are marks like any other set quote = ""',
         )
     if isinstance(error, DAMAGED):
-        return Fault(file, "a whole compressed file; this one ends early or is damaged", value=str(error)[:80] or None)
+        return Fault(
+            file, "an undamaged compressed file; this one ends early or is damaged", value=str(error)[:80] or None
+        )
     return Fault(file, "a file that can be read", value=str(error)[:120])

@@ -1,4 +1,4 @@
-"""Positioning runs of an axis as Renishaw's software keeps them (.rtl): targets, then deviations."""
+"""Positioning runs of an axis in files of Renishaw's software (.rtl): targets, then deviations."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ROW = re.compile(r"(\d+)\s+(\d+)\s+([-+]?\d+(?:[.,]\d*)?(?:[eE][-+]?\d+)?)")
 
 @dataclass(frozen=True)
 class _Approach:
-    """One line of deviations: which pass, which target (from 1), and how far off the axis stood, um."""
+    """One line of deviations: pass, target (from 1), and deviation of the axis, um."""
 
     line: int
     run: int
@@ -31,7 +31,7 @@ class _Approach:
 
 
 def read_rtl(path: Path, wanted: Wanted, entry: FileMapping) -> Iterator[RawBatch]:
-    """One row per approach, in the order of the file; raises Unusable where it is no such file, or not a whole one."""
+    """Yield one row per approach, in the order of the file; raises Unusable for other or damaged files."""
     lines = _lines(path, entry.encoding)
     kinds = wanted(_COLUMNS, None)
     if kinds is None:
@@ -64,7 +64,7 @@ def _lines(path: Path, encoding: str) -> list[str]:
 
 
 def _targets(lines: list[str]) -> list[float]:
-    """Where the axis was sent, mm: the numbers below ``Targets`` up to the next word."""
+    """Return the target positions of the axis, mm: the numbers below ``Targets`` up to the next word."""
     first = next((i + 1 for i, line in enumerate(lines) if re.match(r"Targets\s*:", line)), None)
     if first is None:
         raise Unusable("a list Targets :", row=lines.index("TARGET DATA::") + 1)
@@ -98,7 +98,7 @@ def _approaches(lines: list[str], targets: int) -> Iterator[_Approach]:
 
 
 def _ways(approaches: list[_Approach], targets: list[float]) -> dict[int, tuple[str, int]]:
-    """Direction and cycle of each pass: targets follow each other upwards or downwards; cycles count by direction."""
+    """Return direction and cycle of each pass: targets ascend or descend; cycles count per direction."""
     if not approaches:
         raise Unusable("at least one line of deviations")
     passes: dict[int, list[_Approach]] = {}

@@ -1,4 +1,4 @@
-"""A table that fits into memory, whole: its columns, and the file and record behind every row."""
+"""A table in memory: its columns, and the file and record of every row."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from truing.schemas.covariates import marked
 
 @dataclass
 class CollectedRows:
-    """The rows of a table in the order in which they came; ``left_out`` counts by (file, reason).
+    """Rows of a table in the order of input; ``left_out``: counts by (file, reason).
 
-    ``faulty``: by column, the rows (N,) whose cell was faulty as it was read; columns without any are absent.
+    ``faulty``: by column, rows (N,) whose cell was faulty when read; columns without any are absent.
     """
 
     table: pa.Table
@@ -32,7 +32,7 @@ class CollectedRows:
 
     @property
     def first_file(self) -> str:
-        """The name of the first of the files."""
+        """Name of the first of the files."""
         return self.parts[0][0].raw.name
 
     def _origin(self, row: int) -> tuple[FileRows, int]:
@@ -43,12 +43,12 @@ class CollectedRows:
         raise IndexError(row)
 
     def sound(self, *columns: str) -> Mask:
-        """Rows (N,) of which none of these cells was faulty as it was read: what others can be held against."""
+        """Return the mask of rows (N,) without faults in these cells when read, which can be compared with others."""
         determined = [self.faulty[name] for name in columns if name in self.faulty]
         return ~np.logical_or.reduce(determined) if determined else np.ones(len(self.table), dtype=bool)
 
     def fault(self, log: FaultLog, wrong: Mask, column: str, expected: str) -> None:
-        """Note a fault in every row of a mask, but for cells that were faulty as they were read: one fault each."""
+        """Report a fault in every row of a mask, except for cells that were faulty when read: one fault per cell."""
         values = self.table.column(column).combine_chunks() if column in self.table.column_names else None
         for row in np.flatnonzero(wrong & self.sound(column)):
             file, record = self._origin(int(row))
@@ -60,9 +60,9 @@ class CollectedRows:
 def collect_rows(
     source: CampaignFiles, shape: TableShape, log: FaultLog, identifier: str | None = None
 ) -> CollectedRows | None:
-    """A whole table, its ``identifier`` column int64 where every value is an integer, else text.
+    """Return a whole table, with its ``identifier`` column as int64 if all values are integers, else as text.
 
-    None where the campaign has no such table, or none that could be read at all (which is noted then).
+    None if the campaign has no such table, or if it cannot be read at all (which is then reported).
     """
     if not source.entries(shape.name):
         return None

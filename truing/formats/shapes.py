@@ -1,4 +1,4 @@
-"""What ingest expects of each table: the contract's columns, before any check across tables."""
+"""Expected columns of each raw table, for the checks before those across tables."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TRANSIT = "transit"
 _DISTORTION = ("A1", "A2", "A3", "B1", "B2", "C1", "C2")
 _CIRCLE = ("semi_major_px", "semi_minor_px", "axis_angle_rad", "contrast")
 _SHIFTS = ("m03", "m13", "m23")
-# Columns of a raw table alone; what a load or a reading is given in depends on its axis or channel.
+# Columns of a raw table alone; the unit of a load or reading depends on its axis or channel.
 _RAW: tuple[Column, ...] = (
     Column("survey", "text", "which of the later surveys a target was seen in"),
     Column("load_axis", "text", "the axis that is loaded", choices=("fx", "fy", "fz", "mx", "my", "mz")),
@@ -80,10 +80,10 @@ _CARRIED_UNITS = (
 
 @dataclass(frozen=True)
 class TableShape:
-    """A raw table: columns it must have, may have, a numbered family, and whether other numbers are carried along.
+    """A raw table: required and optional columns, a numbered family, and whether other numbers are included.
 
-    ``partial`` marks a look at a few columns of a table whose mapping says more; ``may_be_empty`` are columns that have
-    a value in every row of other tables.
+    ``partial``: only some columns of a table are read, and its mapping may name more; ``may_be_empty``: columns that
+    need a value in every row of other tables only.
     """
 
     name: str
@@ -95,36 +95,37 @@ class TableShape:
     may_be_empty: tuple[str, ...] = ()
 
     def column(self, name: str) -> Column | None:
-        """The definition of a column of this table, a covariate's included; None where there is no such column."""
+        """Return the definition of a column of this table or of a covariate; None for other names."""
         known = _defined(name)
         if known is not None and self._has(known, name):
             return replace(known, nullable=True) if name in self.may_be_empty else known
         return Column(name, "real", "covariate", _carried_unit(name), nullable=True) if self.covariates else None
 
     def is_covariate(self, name: str) -> bool:
-        """Whether a column would be carried along, and is none of this table's own."""
+        """Whether a column would be included as a covariate, and is not one of this table's own."""
         known = _defined(name)
         return self.covariates and not (known is not None and self._has(known, name))
 
     def is_set_apart(self, name: str) -> bool:
-        """Whether a covariate bears a name that the run gives a column of its own: it stands under another."""
+        """Whether a covariate has the name of a column that the run creates; it is then stored under another
+        name."""
         made = ARTIFACTS.get(self.name)
         is_added = "run" in self.required and name in OF_LOADS
-        is_of_others = made is not None and name in made.optional  # what tables of another mechanism hold
+        is_of_others = made is not None and name in made.optional  # columns of tables of another mechanism
         return (is_added or is_of_others or is_marked(name)) and self.is_covariate(name)
 
     def _has(self, known: Column, name: str) -> bool:
         return name in (*self.required, *self.optional) or (self.family is not None and known.name == self.family)
 
     def known(self, names: tuple[str, ...]) -> Iterator[str]:
-        """The columns of the contract that this table may have, with those of its family among ``names``."""
+        """Yield the contract's columns that this table may have, with those of its family among ``names``."""
         yield from (*self.required, *self.optional)
         if self.family is not None:
             yield from (name for name in names if re.fullmatch(COLUMNS[self.family].family, name))
 
     @property
     def has_coordinates(self) -> bool:
-        """Whether rows are places in space: points, or poses."""
+        """Whether rows are positions in space: points or poses."""
         return "x_mm" in (*self.required, *self.optional)
 
 
@@ -159,7 +160,7 @@ INTERFEROMETER = TableShape(
     ("sigma", *_LOADED, *_SURROUNDINGS),
     covariates=True,
 )
-# What is planned has no readings yet; without a channel, all of them will be read.
+# Planned steps have no readings yet; without a channel, all channels will be read.
 PLANNED = TableShape(
     "interferometer", ("run", "step", "time_s"), ("channel", "reading", *INTERFEROMETER.optional), covariates=True
 )

@@ -1,4 +1,4 @@
-"""Looking at a raw file and proposing how to read it: a start for the mapping that a person completes."""
+"""Proposals for reading a raw file from its content: a draft of the mapping that a person completes."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _DATE = "%Y%m%d%H%M%S"
 _INDEXED = re.compile(r"\w+\[\d+, ?\d+\] ?= ?[-+\d.]+")
 _LOOK = 1 << 16
 _LINES = 60
-_LONGEST_NAME = 200  # what looks for meanings in names tries many ways to cut them
+_LONGEST_NAME = 200  # the search for meanings in names tries many ways to split them
 _COMMENTS = ("#", "%", "//")
 _AXES = 3
 _NOTATIONS = (
@@ -95,12 +95,12 @@ _KNOWN = {
 }
 _READING = re.compile(r"(?:rho|actuator|aktor|st(?:ö|oe)(?:ß|ss)el|v(?:é|e)rin)[ _]?([1-9]\d*)")
 _COUNT = re.compile(rb"^(?:element vertex|POINTS) +(\d+)", re.MULTILINE)
-_DENSE = 1000  # a cloud of more points than this is a scan of a surface, not a set of targets
+_DENSE = 1000  # a cloud with more points is a scan of a surface, not a set of targets
 _SHOWN = 12
 
 
 def sniff_file(path: Path) -> Guess:
-    """A proposal for one file, from its name and its first lines; never raises on what the file holds."""
+    """Return a proposal for one file, from its name and first lines; the content never causes an exception."""
     raw = RawFile(path.name, path)
     file_format = format_of(raw, FileMapping(path="*"))
     if raw.suffix == ".eor":
@@ -130,7 +130,7 @@ def _sniff_other(path: Path, file_format: str) -> Guess:
             names = tuple(pq.read_schema(path).names)
         except pa.ArrowException as error:
             raise_shortage(error)
-            return Guess(notes=("it is no whole Parquet file",))
+            return Guess(notes=("the Parquet file is damaged",))
         mapping, notes = _columns(names)
         if (loads := load_columns(names)) is not None and not _CONTRACTS.intersection(names):
             return _loads(loads, names, {}, mapping)
@@ -149,7 +149,7 @@ def _sniff_other(path: Path, file_format: str) -> Guess:
 
 
 def _cloud_size(path: Path) -> int:
-    """How many points the header of a PLY or PCD announces; 0 where it announces none."""
+    """Return the number of points in the header of a PLY or PCD; 0 without one."""
     with open_plain(path) as stream:
         announced = _COUNT.search(stream.read(_LOOK))
     return int(announced[1]) if announced else 0
@@ -208,7 +208,7 @@ def _sniff_records(lines: list[str], mapping: dict[str, Any]) -> Guess:
 
 
 def sniff_cells(records: list[list[str]], mapping: dict[str, Any], separator: str = ",") -> Guess:
-    """A proposal for records of equally many cells, the first of which may be a header."""
+    """Return a proposal for records of equally many cells, the first of which may be a header."""
     if any(len(name) > _LONGEST_NAME for name in records[0]):
         return Guess(mapping, notes=(f"a name of more than {_LONGEST_NAME} characters is none of a column",))
     width = len(records[0])
@@ -244,7 +244,7 @@ def sniff_cells(records: list[list[str]], mapping: dict[str, Any], separator: st
 def _poses(
     poses: Poses, names: tuple[str, ...], mapping: dict[str, Any], records: list[list[str]], values: Array
 ) -> Guess:
-    """Poses, and the configurations that other columns of the same rows make."""
+    """Return a proposal for poses, and for the configurations that other columns of the same rows form."""
     keys = dict(poses.mapping)
     others = tuple(name for name in names if poses.taken and name not in poses.taken)
     meant = _columns(others)[0].get("columns", {})
@@ -258,7 +258,7 @@ def _poses(
     if not own:
         return Guess({**mapping, **keys}, names, "poses", poses.notes)
     time = [record[names.index(reported["time_s"])] for record in records] if "time_s" in reported else []
-    lost = [reported.pop("time_s")] if len(set(time)) < len(time) else []  # times that come again order nothing
+    lost = [reported.pop("time_s")] if len(set(time)) < len(time) else []  # repeated times define no order
     dates = {"time_format": _DATE} if time and all(re.fullmatch(r"(19|20)\d{12}", cell) for cell in time) else {}
     numbered = {key: keys[key] for key in ("number_rows",) if key in keys}
     ignore = "|".join(re.escape(name).replace("\\ ", " ") for name in (*poses.taken, *lost))
@@ -270,14 +270,14 @@ def _poses(
 
 
 def _loads(loads: Loads, names: tuple[str, ...], mapping: dict[str, Any], meant: dict[str, Any]) -> Guess:
-    """A table of loads, ordered by the column that is meant as a time where there is one."""
+    """Return a proposal for a table of loads, ordered by a column that seems to be time, if any."""
     table, keys, note = loads
     time = {key: name for key, name in meant.get("columns", {}).items() if key == "time_s"}
     return Guess({**mapping, **keys, "columns": {**time, **keys["columns"]}}, names, table, (note,))
 
 
 def _side_by_side(template: tuple[str, str | None], names: tuple[str, ...], mapping: dict[str, Any]) -> Guess:
-    """A table with the coordinates of several targets in every row: points, a row of the file being a pose."""
+    """Return a proposal for a table with coordinates of several targets in every row: points, one row per pose."""
     wide, unit = template
     numbered = {} if "pose" in {*names, *mapping.get("columns", {})} else {"number_rows": {"pose": 1}}
     more = {"wide": wide, **({} if unit in (None, "mm") else {"unit": unit}), "constants": {"body": "body"}, **numbered}
@@ -288,7 +288,7 @@ def _side_by_side(template: tuple[str, str | None], names: tuple[str, ...], mapp
 
 
 def _notation(records: list[list[str]]) -> Notation:
-    """The way of writing numbers that reads most cells; the plainest among equals."""
+    """Return the notation that reads most cells; the simplest among equals."""
     cells = [cell for record in records for cell in record]
     return max(_NOTATIONS, key=lambda notation: sum(_is_number(cell, notation) for cell in cells))
 
@@ -298,14 +298,14 @@ def _is_number(cell: str, notation: Notation) -> bool:
 
 
 def _columns(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
-    """Which column seems to be what, and its unit, where its name is not the contract's already."""
+    """Return the probable meaning and unit of each column whose name is not the contract's."""
     columns: dict[str, str] = {}
     units: dict[str, str] = {}
     taken: list[str] = []
     for name in names:
         bare, unit = bare_and_unit(name)
         if unit is not None and find_column(name) is not None:
-            continue  # it is called as the contract has it: target_mm is no target
+            continue  # has the contract's name: target_mm is no target
         known = _meant(bare) or _meant(name)
         if known is None or name == known or known in columns or known in names or not may_be(unit, find_column(known)):
             continue
@@ -325,7 +325,7 @@ def _columns(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
     own = {units.get(name) for name in COORDINATES}
     whole = own.pop() if len(own) == 1 and not any(name in names for name in COORDINATES) else None
     if whole not in (None, "mm"):
-        mapping["unit"] = whole  # of all coordinates, and of their uncertainties where these say no other
+        mapping["unit"] = whole  # of all coordinates, and of uncertainties without their own unit
     else:
         whole = None
     left = {
@@ -335,23 +335,23 @@ def _columns(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
 
 
 def _own(column: str) -> str | None:
-    """The unit that a column's name ends with."""
+    """Return the unit at the end of a column's name."""
     return column.rsplit("_", 1)[-1] if "_" in column else None
 
 
 def _meant(bare: str) -> str | None:
-    """The column of the contract that a name without its unit seems to mean."""
+    """Return the contract's column that a name without its unit seems to mean."""
     if reading := _READING.fullmatch(bare.lower()):
         return f"rho{reading[1]}_mm"
     return next((column for column, pattern in _KNOWN.items() if re.fullmatch(pattern, bare.casefold())), None)
 
 
 def _positions(records: list[list[str]], notation: Notation) -> tuple[dict[str, Any], list[str]]:
-    """Coordinates in a file without header: the first three columns of numbers, after a name if there is one."""
+    """Return the coordinates of a file without header: the first three columns of numbers, after a name if any."""
     width = len(records[0])
     numbers = [all(_is_number(record[i], notation) for record in records) for i in range(width)]
     if numbers[0] and width > _AXES and (is_id(records) or _counts(records)):
-        numbers[0] = False  # the numbers of targets, or of rows
+        numbers[0] = False  # numbers of targets, or of rows
     first = next((i for i in range(len(numbers) - 2) if all(numbers[i : i + 3])), None)
     if first is None:
         return {}, ["three columns of numbers side by side were not found"]
@@ -370,7 +370,7 @@ def _positions(records: list[list[str]], notation: Notation) -> tuple[dict[str, 
 
 
 def _counts(records: list[list[str]]) -> bool:
-    """Whether the first column counts: 1, 2, 3, ... or any other whole numbers one apart."""
+    """Whether the first column counts: 1, 2, 3, ... or other successive integers."""
     first = [record[0].strip() for record in records]
     return all(cell.isdigit() for cell in first) and all(
         int(after) == int(before) + 1 for before, after in itertools.pairwise(first)
@@ -382,7 +382,7 @@ def _table(names: set[str]) -> str | None:
 
 
 def _sniff_workbook(path: Path) -> Guess:
-    """A proposal for the sheet that holds most; the others are named in a note."""
+    """Return a proposal for the sheet with most content; a note names the others."""
     from truing.formats.workbook import first_rows, text_of
 
     try:
@@ -407,7 +407,7 @@ def _sniff_workbook(path: Path) -> Guess:
 
 
 def _sniff_matlab(path: Path) -> Guess:
-    """A proposal for the one variable that is a table of poses or points; else its variables, to choose from."""
+    """Return a proposal for the only variable that is a table of poses or points; else the list of variables."""
     from truing.formats.matlab import open_variables
 
     try:
@@ -420,7 +420,7 @@ def _sniff_matlab(path: Path) -> Guess:
 def _of_variables(variables: Mapping[str, Variable]) -> Guess:
     from truing.formats.matlab import blocks_of, shape_of
 
-    variables = {name: value for name, value in variables.items() if name != "None"}  # objects without a name
+    variables = {name: value for name, value in variables.items() if name != "None"}  # unnamed objects
     listed = [f"{name} {shape_of(value)}" for name, value in variables.items()]
     text = f"variables: {', '.join(listed[:_SHOWN])}{', ...' if len(listed) > _SHOWN else ''}"
     tables = [name for name, value in variables.items() if isinstance(value, np.ndarray) and min(value.shape) > 1]

@@ -1,4 +1,4 @@
-"""Which raw files a campaign has, how each is to be read, and what lies unread beside photographs; opens none."""
+"""Raw files of a campaign: their paths, mappings, and unread files next to photographs; opens none of them."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ OTHERS = (
     *("displacement", "interferometer", "signals", "quadrature", "positioning"),
 )
 TABLES = (*OTHERS, *OF_IMAGES)
-_RAYS = ("images", "image_points")  # either makes a campaign one of photographs
+_RAYS = ("images", "image_points")  # either of these defines a campaign of photographs
 _OF_POINTS = ("points", "poses", "scans")
 PICTURES = ("jpg", "jpeg", "png", "tif", "tiff")
-_BY_CHANNEL = "interferometer"  # the table whose rows may come side by side, a column per channel
-# Pictures as cameras, phones and programs write them; none is read, for it would need each maker's own decoder, or
-# because it was compressed for looking at and no longer holds where an edge is.
+_BY_CHANNEL = "interferometer"  # table whose rows may be side by side, one column per channel
+# Formats of pictures that are not read: they need the decoder of each maker, or have lossy compression that no longer
+# shows where an edge is.
 _COMPRESSED = ("heic", "heif", "hif", "avif", "webp", "jxl", "jp2", "j2k")
 _OF_PROGRAMS = ("gif", "bmp", "ppm", "pgm", "pnm", "tga", "psd", "exr")
 _OF_SENSORS = (
@@ -43,29 +43,29 @@ _READ = ", ".join(f".{ending}" for ending in PICTURES)
 
 @dataclass(frozen=True)
 class RawFile:
-    """One raw file: its name as campaign.toml reaches it, and where it lies."""
+    """One raw file: its name as reached from campaign.toml, and its path."""
 
     name: str
     path: Path
 
     @property
     def suffix(self) -> str:
-        """The ending that tells the format, without that of a compression: ``.csv`` of ``points.csv.gz``."""
+        """Ending that determines the format, without that of a compression: ``.csv`` of ``points.csv.gz``."""
         return format_suffix(self.path)
 
 
 class CampaignFiles:
-    """The raw files of one campaign, found from its folder and its [files]; ``scratch`` is for temporary files."""
+    """Raw files of one campaign, from its folder and its [files]; ``scratch``: folder for temporary files."""
 
     def __init__(self, folder: Path, campaign: Campaign, scratch: Path | None = None) -> None:
         self.folder, self.scratch = folder, scratch
-        self.estimate: Estimate | None = None  # of covariances, for adjusted points that come without any
+        self.estimate: Estimate | None = None  # of covariances, for adjusted points without any
         self._files = campaign.files
         self._prior_model = getattr(campaign.mechanism, "model", None)
         self._compliance = getattr(campaign.mechanism, "compliance_file", None)
 
     def entries(self, table: str) -> tuple[FileMapping, ...]:
-        """How a table's raw files are read: as [files.<table>] says, else as the contract names them."""
+        """Return the mappings of a table's raw files: those of [files.<table>], else the contract's file names."""
         mapped = self._files.get(table)
         if mapped is not None:
             entries = mapped if isinstance(mapped, tuple) else (mapped,)
@@ -77,25 +77,25 @@ class CampaignFiles:
         if table == "images":
             patterns = tuple(name for name in _contract_names(table) if _expand(self.folder, name))
             return (FileMapping(path=patterns),) if patterns else ()
-        # A link that leads nowhere (a drive that is not there) is no table that the campaign does without.
+        # A dangling link (a missing drive) does not mean that the campaign has no such table.
         present = [name for name in _contract_names(table) if os.path.lexists(self.folder / name)]
-        if table == "poses":  # a name that other tables' files had before it meant anything
+        if table == "poses":  # other tables used this file name before it had a meaning
             present = [name for name in present if not self._is_of_another_table(name)]
         return tuple(FileMapping(path=name) for name in present)
 
     def _is_of_another_table(self, name: str) -> bool:
-        """Whether campaign.toml says that a file of the folder holds some table."""
+        """Whether campaign.toml assigns a file of the folder to some table."""
         entries = (entry for mapped in self._files.values() for entry in mapped)
         return any(name in _expand(self.folder, pattern) for entry in entries for pattern in entry.paths)
 
     @property
     def has_photographs(self) -> bool:
-        """Whether points come out of photographs, or out of rays that were measured in them."""
+        """Whether points come from photographs, or from rays measured in them."""
         return _has_photographs(self.folder, self._files)
 
     @property
     def folders_of_photographs(self) -> tuple[str, ...]:
-        """The folders of which every picture is meant: those that [files.images] names as such, else images."""
+        """Folders in which every picture counts: those that [files.images] names as such, else images."""
         mapped = self._files.get("images")
         if mapped is None:
             return ("images",)
@@ -103,15 +103,15 @@ class CampaignFiles:
         return tuple(path.rstrip("/") for path in paths if os.path.isdir(self.folder / path))
 
     def is_mapped(self, table: str) -> bool:
-        """Whether campaign.toml says how to read a table."""
+        """Whether campaign.toml has a mapping for a table."""
         return table in self._files
 
     def resolve(self, pattern: str) -> tuple[RawFile, ...]:
-        """The files that a path or glob of campaign.toml means, ``pose2`` before ``pose10``."""
+        """Return the files of a path or glob of campaign.toml, ``pose2`` before ``pose10``."""
         return tuple(RawFile(name, self.folder / name) for name in _expand(self.folder, pattern))
 
     def why_nothing(self, pattern: str) -> str:
-        """What was expected of a pattern that means no file."""
+        """Return the expectation for a pattern without files."""
         try:
             find_files(self.folder, pattern)
         except TooManyEntries as error:
@@ -120,27 +120,28 @@ class CampaignFiles:
         return f"a regular file: {NOTHING_SPECIAL}" if is_there else "an existing file"
 
     def is_outside(self, raw: RawFile) -> bool:
-        """Whether a file lies outside the campaign's folder, also where a link inside leads to it."""
+        """Whether a file is outside the campaign's folder, also through a link."""
         return not raw.path.resolve().is_relative_to(self.folder.resolve())
 
     @property
     def prior_model(self) -> RawFile | None:
-        """The model of an earlier campaign that this one starts from; None where it starts from nothing."""
+        """Return the model of an earlier campaign that this one starts from; None without one."""
         return None if self._prior_model is None else RawFile(self._prior_model, self.folder / self._prior_model)
 
     @property
     def compliance(self) -> RawFile | None:
-        """The file of the simulated compliance; None where campaign.toml names none."""
+        """Return the file of the simulated compliance; None if campaign.toml names none."""
         return None if self._compliance is None else RawFile(self._compliance, self.folder / self._compliance)
 
 
 def has_photographs(folder: Path, document: Mapping[str, Any]) -> bool:
-    """Whether a campaign's points come out of photographs; the parsed campaign.toml need not be valid."""
+    """Whether a campaign's points come from photographs; the parsed campaign.toml need not be valid."""
     return _has_photographs(folder, _mapped(document))
 
 
 def _has_photographs(folder: Path, mapped: Mapping[str, Any]) -> bool:
-    """Whether [files] maps photographs or rays; else whether such lie there, and no points that they could become."""
+    """Whether [files] maps photographs or rays; else whether such files exist, and no points that replace
+    them."""
     if any(table in mapped for table in _RAYS):
         return True
     if any(table in mapped or _exists(folder, table) for table in _OF_POINTS):
@@ -155,8 +156,8 @@ def _exists(folder: Path, table: str) -> bool:
 
 
 def raw_files(folder: Path, document: Mapping[str, Any], tables: tuple[str, ...] | None = None) -> tuple[Path, ...]:
-    """Every existing raw file that is opened for these tables (absent: for any, and those that [mechanism] names);
-    the parsed campaign.toml need not be valid."""
+    """Return every existing raw file that these tables need (None: all tables, and files of [mechanism]); the parsed
+    campaign.toml need not be valid."""
     mapped = _mapped(document)
     named = [table for table in TABLES if tables is None or table in tables]
     patterns = [name for table in named if table not in mapped for name in _contract_names(table)]
@@ -194,13 +195,13 @@ def _contract_names(table: str) -> tuple[str, ...]:
 
 
 def _pictures_in(folder: str) -> tuple[str, ...]:
-    """The globs of the pictures in a folder, in those within it, and in theirs."""
+    """Return the globs of pictures in a folder and two levels below."""
     endings = [ending for name in PICTURES for ending in (name, name.upper())]
     return tuple(f"{glob.escape(folder)}/{inner}*.{ending}" for inner in ("", "*/", "*/*/") for ending in endings)
 
 
 def _pictures_of_folders(folder: Path, patterns: Iterable[str]) -> list[str]:
-    """Patterns of [files.images] with the pictures in it in place of a folder that has any."""
+    """Return patterns of [files.images] with folders replaced by globs of their pictures."""
     found: list[str] = []
     for pattern in patterns:
         globs = _pictures_in(pattern.rstrip("/")) if os.path.isdir(folder / pattern) else ()
@@ -213,7 +214,7 @@ def _with_pictures_of_folders(folder: Path, entry: FileMapping) -> FileMapping:
 
 
 def _expand(folder: Path, pattern: str) -> list[str]:
-    """The files that a pattern means; none where it looks through too many, which is told when they are read."""
+    """Return the files of a pattern; none if it visits too many, which is reported on reading."""
     try:
         return find_files(folder, pattern)
     except TooManyEntries:
@@ -222,7 +223,8 @@ def _expand(folder: Path, pattern: str) -> list[str]:
 
 @dataclass(frozen=True)
 class SkippedFile:
-    """A file that is not read: its name as campaign.toml reaches it, and why; is_fault: a photograph is missed."""
+    """A file that is not read: its name as reached from campaign.toml, and the reason; is_fault: a photograph is
+    missing."""
 
     name: str
     why: str
@@ -230,14 +232,14 @@ class SkippedFile:
 
     @property
     def folder(self) -> str:
-        """The folder that it lies in."""
+        """Folder of the file."""
         return PurePosixPath(self.name).parent.as_posix()
 
 
 def passed_over(root: Path, folders: Collection[str], read: Collection[str]) -> Iterator[SkippedFile]:
-    """Yield everything in folders (names below ``root``) of photographs that is not among those read.
+    """Yield all files in folders (names below ``root``) of photographs that are not read.
 
-    A picture in another format beside one that is read and has its name is that camera's raw data, and is no loss.
+    A picture in another format next to a read one of the same name is that camera's raw data, and is not missing.
     """
     stems = {os.path.splitext(name)[0] for name in read}
     for name in _below(root, folders):
@@ -256,7 +258,7 @@ def _below(root: Path, folders: Collection[str]) -> Iterator[str]:
 
 
 def why_not_read(path: Path, name: str, read_stems: Collection[str]) -> SkippedFile:
-    """Return why a file is not read, or may not be; read_stems: names without ending of those that are."""
+    """Return the reason for not reading a file; read_stems: names without ending of files that are read."""
     ending = path.suffix.lower().removeprefix(".")
     is_picture = ending in PICTURES or ending in _OTHER_PICTURES
     kind = _kind(path)
@@ -270,7 +272,7 @@ def why_not_read(path: Path, name: str, read_stems: Collection[str]) -> SkippedF
 
 
 def _kind(path: Path) -> str:
-    """What is no regular file, in words; empty for one that is."""
+    """Return the kind of a file that is not regular, in words; empty for a regular one."""
     try:
         mode = os.stat(path).st_mode
     except OSError:

@@ -1,4 +1,4 @@
-"""Text files as UTF-8 blocks that end where a record ends; which lines are records is decided here alone."""
+"""Text files as UTF-8 blocks that end with a record; the only place that decides which lines are records."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MARKS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codec
 
 
 class OpenQuotation(ValueError):
-    """A quotation mark that nothing closes."""
+    """A quotation mark without a closing one."""
 
 
 class EndlessLine(ValueError):
@@ -27,7 +27,7 @@ class EndlessLine(ValueError):
 
 @dataclass(frozen=True)
 class Lines:
-    """What makes a line a record: not blank, no comment, and holding what ``keep`` looks for."""
+    """Rule for records: lines that are not blank, no comment, and match ``keep``."""
 
     comment: bytes | None
     quote: bytes
@@ -36,14 +36,14 @@ class Lines:
 
     @classmethod
     def of(cls, entry: FileMapping, separator: str) -> Lines:
-        """The rules of a mapping; a line of separators alone is blank, as spreadsheets leave them behind."""
+        """Return the rules of a mapping; a line of only separators is blank, as in exports of spreadsheets."""
         blanks = b" \t\r\n\f" + (b"" if separator == "whitespace" else separator.encode())
         keep = None if entry.keep_lines is None else BoundedPattern(entry.keep_lines.encode(), "keep_lines")
         comment = entry.comment.encode() if entry.comment else None
         return cls(comment, entry.quote.encode(), keep, blanks)
 
     def of_heading(self) -> Lines:
-        """The same rules for the line that names the columns, which ``keep`` does not concern."""
+        """Return the same rules for the header line, to which ``keep`` does not apply."""
         return Lines(self.comment, self.quote, None, self.blanks)
 
     def is_record(self, line: bytes) -> bool:
@@ -54,18 +54,18 @@ class Lines:
         return self.keep is None or self.keep.search(line) is not None
 
     def records(self, block: bytes) -> bytes:
-        """A block with its records alone."""
+        """Return a block with only its records."""
         return b"".join(line for line in split_lines(block, self.quote) if self.is_record(line))
 
     def may_pass_over(self, block: bytes) -> bool:
-        """Whether a block may hold other lines than records, blank ones apart (which parsers pass over or choke on)."""
+        """Whether a block may hold lines other than records and blank ones, which parsers would not handle."""
         return self.keep is not None or (self.comment is not None and self.comment in block)
 
 
 def utf8_chunks(stream: IO[bytes], encoding: str, size: int = BLOCK) -> Iterator[bytes]:
-    """The text of a stream as UTF-8 with line feeds; a byte-order mark wins over the declared encoding.
+    """Yield the text of a stream as UTF-8 with line feeds; a byte-order mark overrides the declared encoding.
 
-    Raises UnicodeDecodeError where a declared encoding other than UTF-8 does not fit; UTF-8 is checked by the parser.
+    Raises UnicodeDecodeError if a declared encoding other than UTF-8 does not fit; the parser checks UTF-8.
     """
     chunk = stream.read(size)
     for mark, marked in _MARKS:
@@ -82,7 +82,7 @@ def utf8_chunks(stream: IO[bytes], encoding: str, size: int = BLOCK) -> Iterator
 
 
 def record_blocks(chunks: Iterator[bytes], quote: bytes) -> Iterator[bytes]:
-    """Blocks that end with a record, which no line feed between quotation marks does.
+    """Yield blocks that end with a record; line feeds between quotation marks end none.
 
     Raises OpenQuotation and EndlessLine.
     """
@@ -113,7 +113,7 @@ def _last_end(data: bytes, quote: bytes) -> int:
 
 
 def split_lines(block: bytes, quote: bytes) -> list[bytes]:
-    """Lines with their ends; lines that quotation marks join stay together."""
+    """Return lines with their ends; lines joined by quotation marks stay together."""
     lines = block.splitlines(keepends=True)
     if not quote or quote not in block:
         return lines
@@ -129,7 +129,7 @@ def split_lines(block: bytes, quote: bytes) -> list[bytes]:
 
 
 def skip_lines(block: bytes, count: int) -> bytes:
-    """A block without its first lines."""
+    """Return a block without its first lines."""
     start = 0
     for _ in range(count):
         start = block.find(b"\n", start) + 1
@@ -139,7 +139,7 @@ def skip_lines(block: bytes, count: int) -> bytes:
 
 
 def take_record(block: bytes, lines: Lines) -> tuple[bytes | None, bytes]:
-    """The first record, and what follows it; None where there is none."""
+    """Return the first record and the rest of a block; None if there is no record."""
     start = 0
     for line in split_lines(block, lines.quote):
         start += len(line)
@@ -151,7 +151,7 @@ def take_record(block: bytes, lines: Lines) -> tuple[bytes | None, bytes]:
 def line_numbers(
     stream: IO[bytes], entry: FileMapping, lines: Lines, has_header: bool, records: Sequence[int]
 ) -> list[int]:
-    """The lines (from 1) at which records (from 0, ascending) begin; the file is read again for that."""
+    """Return the lines (from 1) at which records (from 0, ascending) begin; reads the file again."""
     wanted = iter(records)
     found: list[int] = []
     next_wanted = next(wanted, None)

@@ -1,4 +1,4 @@
-"""Units that raw files come in, what a column is given in, and what the name of a raw column says of both."""
+"""Units of raw files: conversion to a column's unit, and units in the names of raw columns."""
 
 from __future__ import annotations
 
@@ -104,13 +104,13 @@ _TWO = 2.0
 
 
 class UnknownUnit(ValueError):
-    """A unit that is not known, or that cannot become the unit it is to become."""
+    """A unit that is unknown, or cannot be converted as requested."""
 
 
 def conversion(unit: str, wanted: str) -> tuple[float, float]:
-    """Factor and offset with ``wanted = factor * unit + offset``; raises UnknownUnit with what would do.
+    """Return factor and offset of ``wanted = factor * unit + offset``; raises UnknownUnit with valid alternatives.
 
-    A unit may be so many of another, as a count of 0.618 nm: "0.618 nm".
+    A unit may be a multiple of another one, such as a count of 0.618 nm: "0.618 nm".
     """
     dimension, factor, offset = _counted(unit)
     wanted_dimension, wanted_factor, wanted_offset = _counted(wanted)
@@ -120,7 +120,7 @@ def conversion(unit: str, wanted: str) -> tuple[float, float]:
 
 
 def _counted(unit: str) -> tuple[str, float, float]:
-    """The dimension, factor and offset of a unit, or of so many of it where a number stands before."""
+    """Return dimension, factor and offset of a unit, or of a multiple of it with a leading number."""
     number, _, bare = unit.strip().partition(" ")
     if not bare or _NUMBER.fullmatch(number) is None:
         return _known(unit)
@@ -145,14 +145,14 @@ def _of_dimension(dimension: str) -> list[str]:
 
 @dataclass(frozen=True)
 class Expanded:
-    """An expanded uncertainty: its coverage factor, and why it is taken for that."""
+    """An expanded uncertainty: its coverage factor, and the reason to assume it."""
 
     coverage: float
     why: str
 
 
 def bare_and_unit(name: str) -> tuple[str, str | None]:
-    """A raw name without its unit, and the unit as it is known here; None where it names none."""
+    """Return a raw name without its unit, and the unit in our notation; None without one."""
     for pattern in (_BRACKETS, _BEHIND):
         match = pattern.match(name.strip())
         unit = match and known_unit(match["unit"])
@@ -162,7 +162,7 @@ def bare_and_unit(name: str) -> tuple[str, str | None]:
 
 
 def known_unit(text: str) -> str | None:
-    """The unit that a text means; None where it is none."""
+    """Return the unit of a text; None if it is none."""
     unit = _SPELT_OUT.get(text.strip().casefold(), text.strip())
     try:
         conversion(unit, unit)
@@ -172,7 +172,7 @@ def known_unit(text: str) -> str | None:
 
 
 def may_be(unit: str | None, column: Column | None) -> bool:
-    """Whether a column may come in a unit: a length in radians is none."""
+    """Whether a column may have a unit: a length in radians may not."""
     if unit is None or column is None or not column.unit:
         return True
     try:
@@ -183,13 +183,13 @@ def may_be(unit: str | None, column: Column | None) -> bool:
 
 
 def unit_in_brackets(name: str) -> str | None:
-    """The unit that stands in brackets behind a name, which cannot be part of it; None where none does."""
+    """Return the unit in brackets after a name, which cannot be part of it; None without one."""
     match = _BRACKETS.match(name.strip())
     return known_unit(match["unit"]) if match else None
 
 
 def expanded(name: str) -> Expanded | None:
-    """Whether a raw name says that it holds an expanded uncertainty, or a limit of error; None where it does not."""
+    """Return the expanded uncertainty or limit of error that a raw name means; None for other names."""
     bare, _ = bare_and_unit(name)
     if match := _FACTOR.search(name):
         return Expanded(float(match["k"].replace(",", ".")), f"{match[0]} in its name")

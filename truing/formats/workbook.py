@@ -1,4 +1,4 @@
-"""Sheets of Excel workbooks (.xlsx, .xlsm), row by row; formulas are not computed and nothing in them is run."""
+"""Sheets of Excel workbooks (.xlsx, .xlsm), row by row; formulas are not computed, and no macro is run."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 Cell = str | int | float | bool | datetime | date | time | timedelta | None
 Row = list[Cell]
 
-_ROWS = 1 << 14  # of a batch
-_MOST_ROWS, _MOST_COLUMNS = 1_048_576, 16_384  # of a sheet, by its format
+_ROWS = 1 << 14  # per batch
+_MOST_ROWS, _MOST_COLUMNS = 1_048_576, 16_384  # limits of a sheet in the format
 _MOST_MERGED = 200_000
 _CHUNK = 1 << 20
 _FORMULA = re.compile(rb"<f[ />]")
@@ -41,7 +41,7 @@ _UNCOMPUTED = (
 
 @dataclass(frozen=True)
 class _Record:
-    """One row of a sheet that holds anything: its number from 1, its cells, and columns whose formula has no result."""
+    """One row of a sheet that is not empty: its number from 1, cells, and columns whose formula has no result."""
 
     row: int
     cells: Row
@@ -49,7 +49,7 @@ class _Record:
 
 
 def read_workbook(path: Path, wanted: Wanted, entry: FileMapping) -> Iterator[RawBatch]:
-    """The records below the header of a sheet; raises Unusable where the workbook or sheet cannot be read."""
+    """Yield the records below the header of a sheet; raises Unusable if the workbook or sheet cannot be read."""
     with _opened(path) as book:
         records = _records(path, book, sheet_of(book, entry), entry)
         first = next(records, None)
@@ -72,13 +72,13 @@ def read_workbook(path: Path, wanted: Wanted, entry: FileMapping) -> Iterator[Ra
 
 
 def sheet_name(path: Path, entry: FileMapping) -> str:
-    """The name of the sheet that a mapping reads; raises Unusable where it names none."""
+    """Return the name of the sheet that a mapping reads; raises Unusable if there is no such sheet."""
     with _opened(path) as book:
         return sheet_of(book, entry)
 
 
 def rows_of_records(path: Path, entry: FileMapping, records: Sequence[int]) -> list[int]:
-    """The rows of the sheet, from 1, in which records (from 0, ascending) stand; the sheet is read again for that."""
+    """Return the rows of the sheet, from 1, of records (from 0, ascending); reads the sheet again."""
     wanted, found = set(records), []
     with _opened(path) as book:
         rows = _records(path, book, sheet_of(book, entry), entry)
@@ -93,7 +93,7 @@ def rows_of_records(path: Path, entry: FileMapping, records: Sequence[int]) -> l
 
 
 def first_rows(path: Path, count: int) -> dict[str, list[Row]]:
-    """The first rows that hold anything, of every visible sheet that has some, as a look at the workbook."""
+    """Return the first non-empty rows of every visible sheet that has any."""
     found: dict[str, list[Row]] = {}
     with _opened(path) as book:
         for name in _visible(book):
@@ -108,7 +108,7 @@ def first_rows(path: Path, count: int) -> dict[str, list[Row]]:
 
 
 def sheet_of(book: Workbook, entry: FileMapping) -> str:
-    """The sheet that ``sheet`` names or counts from 1; without it the only visible one that holds anything."""
+    """Return the sheet named or counted from 1 by ``sheet``; by default the only visible one that is not empty."""
     names = [sheet.title for sheet in book.worksheets]
     if isinstance(entry.sheet, int):
         if not 1 <= entry.sheet <= len(names):
@@ -142,7 +142,7 @@ def _listed(names: Sequence[str]) -> str:
 
 @contextmanager
 def _opened(path: Path, *, formulas: bool = False) -> Iterator[Workbook]:
-    """The workbook, read as a stream; raises Unusable for whatever is no whole one, or unpacks out of proportion."""
+    """Yield the workbook, read as a stream; raises Unusable if it is damaged or exceeds the allowed ratio."""
     try:
         import openpyxl
     except ModuleNotFoundError:
@@ -150,7 +150,7 @@ def _opened(path: Path, *, formulas: bool = False) -> Iterator[Workbook]:
     _check_size(path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of charts, styles and such, which are not read
+            warnings.simplefilter("ignore")  # about charts and styles, which are not read
             book = openpyxl.load_workbook(path, read_only=True, data_only=not formulas, keep_links=False)
         try:
             yield book
@@ -158,27 +158,29 @@ def _opened(path: Path, *, formulas: bool = False) -> Iterator[Workbook]:
             book.close()
     except (Unusable, OSError, GeneratorExit):
         raise
-    except Exception as error:  # the library lets whatever a damaged part causes through
+    except Exception as error:  # openpyxl passes on any exception that a damaged part causes
         raise_shortage(error)
-        raise Unusable("a whole Excel workbook (.xlsx)", value=(str(error).splitlines() or [""])[0][:80]) from None
+        raise Unusable("an undamaged Excel workbook (.xlsx)", value=(str(error).splitlines() or [""])[0][:80]) from None
 
 
 def _check_size(path: Path) -> None:
-    """What an archive unpacks to is said in it, and no more than that is ever read."""
+    """Refuse an archive by its stated unpacked size; reading never exceeds that size."""
     try:
         with zipfile.ZipFile(path) as archive:
             unpacked = sum(part.file_size for part in archive.infolist())
             names = archive.namelist()
     except (zipfile.BadZipFile, NotImplementedError, ValueError):
-        raise Unusable("a whole Excel workbook (.xlsx); an old one (.xls) has to be saved as .xlsx") from None
+        raise Unusable("an undamaged Excel workbook (.xlsx); an old one (.xls) has to be saved as .xlsx") from None
     if unpacked > max(FREE, LARGEST_RATIO * path.stat().st_size):
-        raise Unusable(f"content of at most {LARGEST_RATIO} times the file's size; this one is made to explode")
+        raise Unusable(
+            f"content of at most {LARGEST_RATIO} times the file's size; this one may be a decompression bomb"
+        )
     if "xl/workbook.xml" not in names:
         raise Unusable("an Excel workbook (.xlsx); other spreadsheets have to be saved as such, or as CSV")
 
 
 def _records(path: Path, book: Workbook, name: str, entry: FileMapping) -> Iterator[_Record]:
-    """The rows of a sheet that hold anything, from ``skip_lines`` on; merged cells below each other are filled."""
+    """Yield the non-empty rows of a sheet, from ``skip_lines`` on; vertically merged cells are filled."""
     has_formulas, merged = _look(path, book, name)
     if not has_formulas:
         rows = ((row, cells, ()) for row, cells in _rows(book, name))
@@ -190,7 +192,7 @@ def _records(path: Path, book: Workbook, name: str, entry: FileMapping) -> Itera
 
 def _rows(book: Workbook, name: str) -> Iterator[tuple[int, Row]]:
     sheet = book[name]
-    sheet.reset_dimensions()  # what a file claims of its size need not be true
+    sheet.reset_dimensions()  # the size stated in a file may be wrong
     for number, cells in enumerate(sheet.iter_rows(values_only=True), start=1):
         if number > _MOST_ROWS or len(cells) > _MOST_COLUMNS:
             raise Unusable(f"at most {_MOST_ROWS} rows and {_MOST_COLUMNS} columns", row=number)
@@ -212,7 +214,7 @@ def _with_formulas(
 def _filled(
     rows: Iterator[tuple[int, Row, tuple[int, ...]]], merged: dict[int, list[tuple[int, int]]], skip: int
 ) -> Iterator[_Record]:
-    held: dict[int, tuple[int, Cell]] = {}  # column: last row of its block, and what stands in all of it
+    held: dict[int, tuple[int, Cell]] = {}  # column: last row of its block, and its common value
     for row, cells, uncomputed in rows:
         for column, (last, value) in list(held.items()):
             if row > last:
@@ -229,7 +231,7 @@ def _filled(
 
 
 def _look(path: Path, book: Workbook, name: str) -> tuple[bool, dict[int, list[tuple[int, int]]]]:
-    """Whether a sheet holds formulas, and its cells merged downwards: by first row, the column and the last row."""
+    """Whether a sheet holds formulas, and its vertically merged cells: by first row, column and last row."""
     from openpyxl.utils import column_index_from_string
 
     has_formulas, rest, count = False, b"", 0
@@ -260,7 +262,7 @@ def _names(heading: Row, entry: FileMapping) -> tuple[str, ...]:
 
 
 def _batch(records: list[_Record], kinds: Mapping[int, Kind], names: tuple[str, ...], done: int, mark: str) -> RawBatch:
-    """Records from number ``done`` on; mark: the decimal mark that texts of the sheet are read with."""
+    """Return records from number ``done`` on; mark: decimal mark for texts of the sheet."""
     numbers = np.arange(done, done + len(records), dtype=np.int64)
     columns = {place: _column([_cell(r.cells, place) for r in records], kind, mark) for place, kind in kinds.items()}
     faults = []
@@ -268,7 +270,7 @@ def _batch(records: list[_Record], kinds: Mapping[int, Kind], names: tuple[str, 
         mask = np.array([place in record.uncomputed for record in records], dtype=bool)
         if mask.any():
             faults.append(CellFaults.where(mask, numbers, None, names[place] or str(place + 1), _UNCOMPUTED))
-    if faults:  # said already: the cells themselves are no second fault
+    if faults:  # already reported: the cells are no second fault
         whole = np.array([not set(kinds) & set(record.uncomputed) for record in records], dtype=bool)
         columns = {place: column.filter(whole) for place, column in columns.items()}
         numbers = numbers[whole]
@@ -280,7 +282,7 @@ def _cell(cells: Row, place: int) -> Cell:
 
 
 def _column(cells: Row, kind: Kind, mark: str) -> pa.Array:
-    """A column as it is wanted: numbers where all cells are such, else text as the sheet would show it."""
+    """Return a column in the requested kind: numbers if all cells are numbers, else text as the sheet shows it."""
     wants_numbers = kind in ("number", "seconds")
     if wants_numbers and all(_is_number(cell) for cell in cells):
         return pa.array([float(cell) for cell in cells], pa.float64())  # type: ignore[arg-type]
@@ -297,12 +299,12 @@ def _is_number(cell: Cell) -> bool:
 
 
 def _seconds(moment: datetime) -> float:
-    """Seconds since 1970 of a date, which has no zone in a workbook."""
+    """Return seconds since 1970 of a date, which has no time zone in a workbook."""
     return (moment - datetime(1970, 1, 1)).total_seconds()
 
 
 def text_of(cell: Cell, mark: str = ".") -> str:
-    """A cell as the text that stands for it; empty where it holds nothing."""
+    """Return the text of a cell; empty for an empty cell."""
     if cell is None:
         return ""
     if isinstance(cell, float) and cell == round(cell) and abs(cell) < 1e15:

@@ -148,7 +148,7 @@ def _known(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
         facts = provenance_of(pq.read_schema(path).empty_table())
     except (OSError, pa.ArrowException, UnicodeError) as error:
         raise_shortage(error)
-        raise ValueError(f"{path.name}: expected a whole Parquet file") from None
+        raise ValueError(f"{path.name}: expected an undamaged Parquet file") from None
     if (name := facts.get("schema", "")) in known:
         _check_provenance(path.name, facts, ARTIFACTS[name].version)
         yield name, facts

@@ -219,7 +219,7 @@ class BundleCovariance:
     def _pose(self, pose: int) -> PoseCovariance:
         own = self.poses[pose]
         if own is None:
-            raise ValueError(f"pose {pose} has no ray that takes part, expected one that has")
+            raise ValueError(f"found no used ray in pose {pose}, expected a pose with adjusted rays")
         return own
 
     def point_blocks(self) -> Array:

@@ -6,7 +6,7 @@ couple points. A distance d with variance s^2 enters with a weight r, the smalle
 comparable to that of the points. The rest of its information, with variance t = 1 / (1 / s^2 - r), enters by a
 multiplier k:
 
-    (N + r a a^T) x + a k = n + r a w,    a^T x - t k = w,
+    (N + r a a^T) x + a k = n + r a w,    a^T x - t k = w.
 
 This is equivalent to the full information, and stable down to s = 0, where the distance is a constraint. Freedoms of
 the datum are tied down by a term along nearby directions, which changes nothing else.
@@ -133,7 +133,7 @@ class EliminatedPose:
         self.root, self.reduced_sides = np.empty_like(blocks.own), np.empty_like(blocks.own_sides)
         eliminated = blocks.own, blocks.own_rows, blocks.own_sides
         if not forward(*eliminated, damping, self.root, reduced, self.reduced_sides):
-            raise np.linalg.LinAlgError("a block that is not positive definite")
+            raise np.linalg.LinAlgError("found a block that is not positive definite")
         kept.flat[:: k + 1] *= 1 + damping
         _add_products(kept, reduced, -1.0)
         weighed = ties.weight[:, None] * blocks.rows
@@ -143,7 +143,7 @@ class EliminatedPose:
         # LAPACK is column-major: there the upper triangle is the lower one.
         self.factor, fault = dpotrf(kept.T, lower=1, clean=0, overwrite_a=1)
         if fault:
-            raise np.linalg.LinAlgError("what is kept is not positive definite")
+            raise np.linalg.LinAlgError("found kept equations that are not positive definite")
         by_multiplier = np.isfinite(ties.variance)
         rows, pinned_sides = blocks.rows[by_multiplier], tie_sides[by_multiplier]
         solved = dpotrs(self.factor, np.concatenate([sides, rows.T], -1), lower=1)[0]

@@ -377,7 +377,7 @@ def climb(region: FeasibleRegion, objective: Objective, start: NDArray, max_iter
 
 
 def _has_converged(past: list[float]) -> bool:
-    """Return whether the best value has hardly grown over the memory."""
+    """Whether the best value has hardly grown over the memory."""
     if len(past) <= 2 * _MEMORY:
         return False
     return max(past[-_MEMORY:]) - max(past[:-_MEMORY]) <= _GAIN * max(1.0, abs(past[-1]))

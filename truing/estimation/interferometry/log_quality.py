@@ -169,7 +169,7 @@ def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> LogFaults:
 
 
 def _differ(drive: ArrayLike, there: Mask) -> bool:
-    """Return whether drives (N,) differ among some samples by more than a hundredth of their range."""
+    """Whether drives (N,) differ among some samples by more than a hundredth of their range."""
     level = np.asarray(drive, float)
     return bool(np.ptp(level[there]) > 0.01 * np.ptp(level))
 

@@ -131,7 +131,7 @@ class Hypothesis:
 
 
 def contradict(cloud: Constellation, survey: Constellation, best: Hypothesis, other: Hypothesis) -> bool:
-    """Return whether two hypotheses assign different labels, or the other explains a point out of the best one's reach.
+    """Whether two hypotheses assign different labels, or the other explains a point out of the best one's reach.
 
     Hypotheses that differ only by a point at the edge of its gate agree, and so do two motions with equal labels.
     """

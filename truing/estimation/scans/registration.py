@@ -1,9 +1,9 @@
-"""The pose of a body from a dense scan of its surface (10^4 to 10^6 points), without targets, labels or a start.
+"""Pose of a body from a dense scan of its surface (10^4 to 10^6 points), without targets, labels or start values.
 
-A coarse search on thinned clouds (matched features, principal axes, and what symmetry adds, each start settled by
-Open3D's point-to-plane ICP) hands over all poses that could be, least squares at full resolution decides between them,
-and the covariance of the decision comes with it. A surface that does not resist some motion (a sphere, a cylinder, a
-plane) is refused with these motions named, a body that looks the same in several attitudes with its rivals.
+A coarse search on thinned clouds gives all candidate poses: from matched features, principal axes, and symmetries, each
+refined by Open3D's point-to-plane ICP. Least squares at full resolution decides between them and gives the covariance.
+A surface that leaves a motion free (sphere, cylinder, plane) is refused with the names of these motions; a body that
+looks the same in several attitudes is refused with its rivals.
 """
 
 from __future__ import annotations
@@ -21,32 +21,32 @@ from truing.estimation.rotation import exp_so3, skew
 from truing.estimation.scans.scan_fit import NEIGHBOURS, ScanPair, Surface, SurfaceFit, fit_surface
 from truing.open3d_library import load_open3d
 
-# Points of the scan that enter: beyond them the reference's noise, not the scan's, is what limits a pose.
+# Points of the scan that are used: beyond, the reference's noise limits a pose, not the scan's.
 MAX_POINTS = 200_000
 LEAST_OVERLAP = 0.3
-# Surfaces that lie apart by more than this, relative to their noise, are not the same surface.
+# Surfaces further apart than this, relative to their noise, are different surfaces.
 MOST_SCATTER = 3.0
-# Standard deviations of the difference by which a rival must be worse: less happens by chance once in a million.
+# Standard deviations of the difference by which a rival must be worse: exceeded by chance once in a million.
 BEATEN = 4.75
-# A scan of a tenth of a body, or a body amid ten times as much clutter, is not looked for.
+# Least overlap: smaller parts of a body, or ten times as much clutter, are not searched.
 MOST_SIZE_RATIO = 10.0
 _LEAST_POINTS = 10 * NEIGHBOURS
 _TRIAL_POINTS, _TRIAL_STEPS = 3_000, 15
 _FAR_POINTS = 20_000
-# Patches of a reference so dense that they are smaller than this many sigma have noise for normals: it is thinned.
+# A reference with patches smaller than this many sigma has normals of noise only: it is thinned.
 _LEAST_RADIUS = 40.0
 _THINNED = 2500
 _FEWER = 700
-# Poses nearer to each other than this are one pose: less than the catch of ICP on a thinned cloud.
+# Poses closer than this are equal: less than the capture range of ICP on a thinned cloud.
 _SAME_ANGLE, _SAME_SHIFT = np.radians(6.0), 2.0
 _SEARCHES = 3
 _SETTLED = 14
-# A thinned cloud tells poses apart that leave three times as much as the best, in voxels squared.
+# Factor in squared distance by which thinned clouds distinguish a pose from the best, in voxels squared.
 _NEARLY, _LEAST_COST = 3.0, 0.01
 
 
 class ScanStatus(StrEnum):
-    """How a registration ended; anything but OK comes without a pose, and ``remedy`` says what to do about it."""
+    """Status of a registration, with the remedy; only OK comes with a pose."""
 
     OK = "ok"
     TOO_FEW = "too-few-points"
@@ -57,7 +57,7 @@ class ScanStatus(StrEnum):
 
     @property
     def remedy(self) -> str:
-        """One sentence for the person who reads the status."""
+        """Advice for the reader of the status, in one sentence."""
         return _REMEDIES[self]
 
 
@@ -74,34 +74,34 @@ _REMEDIES = {
 
 @dataclass(frozen=True)
 class ScanFit:
-    """The pose of a reference surface in the frame of a scan; m and rad.
+    """Pose of a reference surface in the frame of a scan; m and rad.
 
-    The covariance assumes noise that is independent from point to point in both clouds, and is enlarged where the
-    heights of neighbouring regions scatter by more than that.
+    The covariance assumes independent noise of the points in both clouds. It is enlarged if the heights of neighbouring
+    regions scatter by more than that.
     """
 
-    T_measurement_reference: NDArray | None  # (4, 4), None where the status is not OK
+    T_measurement_reference: NDArray | None  # (4, 4), None unless the status is OK
     covariance: NDArray | None  # (6, 6) of (p, theta), R <- exp(theta) R, in the scan's frame; m^2, m rad, rad^2
     status: ScanStatus
-    unobservable: tuple[str, ...]  # motions of the body, in its own frame, that the surface does not resist
+    unobservable: tuple[str, ...]  # motions of the body, in its own frame, that the surface leaves free
     rivals: NDArray  # (r, 4, 4) other poses that explain the scan as well
-    overlap: float  # share of the scan's points that lie on the reference and entered
-    rms: float  # m, of the heights of these points over it
-    noise_ratio: float  # by which the covariance's standard deviations were enlarged, 1 where they were not
+    overlap: float  # share of the scan's points on the reference that were used
+    rms: float  # m, of the heights of these points above the reference
+    noise_ratio: float  # factor on the covariance's standard deviations, at least 1
     n_used: int
     n_points: int
 
     @property
     def remedy(self) -> str:
-        """What to do about the status."""
+        """Advice on the status."""
         return self.status.remedy
 
 
 def register_scan(points: ArrayLike, reference: ArrayLike, sigma: float | None = None) -> ScanFit:
-    """Return the pose of a reference surface (M, 3) in the frame of a scan (N, 3) that may see a part of it; m.
+    """Return the pose of a reference surface (M, 3) in the frame of a scan (N, 3) of it or a part of it; m.
 
-    sigma is the standard deviation of a coordinate in both clouds; without it both are taken from how their points
-    scatter about the surface. Deterministic. Raises ValueError for shapes and values that cannot be.
+    sigma: standard deviation of a coordinate in both clouds; without it, both are estimated from the scatter about the
+    surface. Deterministic. Raises ValueError for invalid shapes and values.
     """
     scan, surface = _checked(points, "points"), _checked(reference, "reference")
     if min(len(scan), len(surface)) < _LEAST_POINTS:
@@ -118,9 +118,9 @@ def register_scan(points: ArrayLike, reference: ArrayLike, sigma: float | None =
 
 
 def refine_scan(points: ArrayLike, reference: ArrayLike, T_start: ArrayLike, sigma: float | None = None) -> ScanFit:
-    """Register a scan from a pose T_start (4, 4) that is known to a few times the points' spacing.
+    """Return the registration of a scan from a start T_start (4, 4) accurate to a few point spacings.
 
-    No rivals are looked for. Raises ValueError for shapes and values that cannot be.
+    Rivals are not searched. Raises ValueError for invalid shapes and values.
     """
     scan, surface = _checked(points, "points"), _checked(reference, "reference")
     if min(len(scan), len(surface)) < _LEAST_POINTS:
@@ -136,7 +136,7 @@ def _checked(points: ArrayLike, name: str) -> NDArray:
     if cloud.ndim != 2 or cloud.shape[1] != 3:
         raise ValueError(f"{name}: found shape {cloud.shape}, expected (N, 3)")
     if not np.all(np.isfinite(cloud)):
-        raise ValueError(f"{name}: found a non-finite coordinate, expected points that were seen")
+        raise ValueError(f"{name}: found a non-finite coordinate, expected finite ones: remove missing points")
     return cloud
 
 
@@ -157,7 +157,7 @@ def _scene(scan: NDArray, surface: NDArray, sigma: float | None) -> tuple[ScanPa
 
 
 def _sample(n_points: int, n: int) -> NDArray:
-    """Return at most n of the indices of n_points, ascending, the same at every call."""
+    """Return at most n of the indices of n_points, ascending and reproducible."""
     return np.sort(np.random.default_rng(0).permutation(n_points)[:n])
 
 
@@ -166,7 +166,7 @@ def _radius(centred: NDArray) -> float:
 
 
 def _scatter(surface: Surface) -> tuple[float, float]:
-    """Return the standard deviation of points about their own surface, never below rounding, and a patch radius; m."""
+    """Return the standard deviation of points about their own surface, at least rounding, and a patch radius; m."""
     patches = surface.patches(_sample(len(surface.points), _FAR_POINTS))
     rounding = 1e-12 * float(np.abs(surface.points).max())
     return max(float(np.sqrt(patches.noise_variance)), rounding), float(np.median(patches.radius))
@@ -177,7 +177,7 @@ def _thinned(scene: ScanPair, n: int) -> ScanPair:
 
 
 def _refined(scene: ScanPair, start: SurfaceFit) -> SurfaceFit:
-    """Return the fit of the scan, first thinned, then as a whole up to MAX_POINTS, where it is a fit at all."""
+    """Return the fit of the thinned scan, and if that succeeds, of up to MAX_POINTS."""
     if start.scatter > MOST_SCATTER:
         return start
     fit = fit_surface(_thinned(scene, _FAR_POINTS), start.R, start.t)
@@ -185,12 +185,12 @@ def _refined(scene: ScanPair, start: SurfaceFit) -> SurfaceFit:
 
 
 def _misfit(fit: SurfaceFit) -> float:
-    """Return the mean cost of the scan's points, those that say nothing left out."""
+    """Return the mean cost of the scan's informative points."""
     return float(np.mean(fit.cost[fit.informative])) if np.any(fit.informative) else np.inf
 
 
 def _rivals(trial: ScanPair, fits: list[SurfaceFit], best: SurfaceFit) -> Iterator[NDArray]:
-    """Yield other poses (4, 4) that the best one does not beat point by point, to odds of a million to one."""
+    """Yield other poses (4, 4) that the best one does not beat point by point, with odds of a million to one."""
     independent = min(1.0, len(trial.reference) / (3 * len(trial.scan)))
     for fit in fits[1:]:
         if same_pose(_homogeneous(fit.R, fit.t), _homogeneous(best.R, best.t), 0.05 * trial.size):
@@ -269,7 +269,7 @@ def _refused(status: ScanStatus, n_points: int) -> ScanFit:
 def coarse_poses(reference: NDArray, scan: NDArray, keep: int = 12) -> list[NDArray]:
     """Return up to ``keep`` distinct poses (4, 4) of reference (M, 3) in the frame of the scan (N, 3), best first; m.
 
-    Deterministic: Open3D's generator is seeded, the thinning has no chance in it, and last digits are rounded away.
+    Deterministic: Open3D's generator is seeded, the thinning is not random, and last digits are rounded.
     """
     o3d = load_open3d()
     voxel = max(_voxel_for(o3d, reference), _voxel_for(o3d, scan))
@@ -291,7 +291,8 @@ def _cloud(o3d: Any, points: NDArray) -> Any:
 
 
 def _voxel_for(o3d: Any, points: NDArray) -> float:
-    """Return the edge in m of voxels of which about _THINNED hold points: their number goes with the edge's square."""
+    """Return the edge in m of voxels of which about _THINNED are occupied: their number is proportional to 1 /
+    edge^2."""
     cloud = _cloud(o3d, points)
     voxel = float(np.linalg.norm(np.ptp(points, axis=0))) / 40
     for _ in range(3):
@@ -300,7 +301,7 @@ def _voxel_for(o3d: Any, points: NDArray) -> float:
 
 
 def _with_normals(o3d: Any, points: NDArray, voxel: float) -> Any:
-    """Return the thinned cloud with normals that agree with their neighbours' and point outwards on the whole."""
+    """Return the thinned cloud with normals consistent between neighbours and mostly pointing outwards."""
     cloud = _cloud(o3d, points).voxel_down_sample(voxel)
     cloud.estimate_normals(o3d.geometry.KDTreeSearchParamHybrid(2.5 * voxel, 30))
     cloud.orient_normals_consistent_tangent_plane(12)
@@ -311,7 +312,7 @@ def _with_normals(o3d: Any, points: NDArray, voxel: float) -> Any:
 
 
 def _by_features(o3d: Any, reference: Any, scan: Any, voxel: float) -> Iterator[NDArray]:
-    """Yield poses from matched fast point feature histograms (Rusu et al., ICRA 2009), by two ways of searching."""
+    """Yield poses from matched fast point feature histograms (Rusu et al., ICRA 2009), by two search methods."""
     search = o3d.geometry.KDTreeSearchParamHybrid(6 * voxel, 100)
     registration = o3d.pipelines.registration
     features = [registration.compute_fpfh_feature(cloud, search) for cloud in (reference, scan)]
@@ -337,7 +338,7 @@ def _by_features(o3d: Any, reference: Any, scan: Any, voxel: float) -> Iterator[
 
 
 def _by_axes(reference: NDArray, scan: NDArray) -> Iterator[NDArray]:
-    """Yield the 24 poses that lay principal axes onto principal axes."""
+    """Yield the 24 poses that align the principal axes."""
     axes = [np.linalg.eigh(np.cov(cloud.T))[1] for cloud in (reference, scan)]
     for turn in _cube_rotations():
         R = axes[1] @ turn @ axes[0].T
@@ -346,7 +347,7 @@ def _by_axes(reference: NDArray, scan: NDArray) -> Iterator[NDArray]:
 
 
 def _symmetric(reference: NDArray, T: NDArray) -> Iterator[NDArray]:
-    """Yield the pose turned as a symmetric body could be: by parts of a turn about each axis, and upside down."""
+    """Yield the pose rotated as for a symmetric body: by parts of a turn about each axis, and upside down."""
     centre, axes = reference.mean(0), np.linalg.eigh(np.cov(reference.T))[1]
     angles = np.unique(np.r_[np.arange(12) / 12, np.arange(8) / 8, np.arange(5) / 5]) * 2 * np.pi
     for k, upside_down, angle in product(range(3), (0.0, np.pi), angles):
@@ -355,7 +356,7 @@ def _symmetric(reference: NDArray, T: NDArray) -> Iterator[NDArray]:
 
 
 def _homogeneous(R: NDArray, t: NDArray) -> NDArray:
-    """The pose (4, 4) of a rotation and a shift."""
+    """Return the pose (4, 4) of a rotation and a shift."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, t
     return T
@@ -370,16 +371,16 @@ def _cube_rotations() -> Iterator[NDArray]:
 
 
 def _promising(o3d: Any, reference: Any, scan: Any, starts: Iterator[NDArray], voxel: float) -> list[NDArray]:
-    """Return the starts that leave least as they are."""
+    """Return the starts with the smallest distances before refinement."""
     ranked = sorted(
-        ((_left_over(o3d, scan, reference, np.linalg.inv(T), voxel), i, T) for i, T in enumerate(starts)),
+        ((_remaining_distance(o3d, scan, reference, np.linalg.inv(T), voxel), i, T) for i, T in enumerate(starts)),
         key=lambda entry: entry[:2],
     )
     return [T for _, _, T in ranked[:_SETTLED]]
 
 
-def _left_over(o3d: Any, scan: Any, reference: Any, T: NDArray, voxel: float) -> float:
-    """Return the mean square of the scan's distances from the reference, in voxels, none counting for more than 4."""
+def _remaining_distance(o3d: Any, scan: Any, reference: Any, T: NDArray, voxel: float) -> float:
+    """Return the mean square of the scan's distances from the reference, in voxels, each limited to 4."""
     result = o3d.pipelines.registration.evaluate_registration(scan, reference, 4.0 * voxel, T)
     return round(float(result.fitness * (result.inlier_rmse / voxel) ** 2 + (1 - result.fitness) * 16.0), 9)
 
@@ -387,19 +388,19 @@ def _left_over(o3d: Any, scan: Any, reference: Any, T: NDArray, voxel: float) ->
 def _refined_starts(
     o3d: Any, reference: Any, scan: Any, starts: list[NDArray], voxel: float
 ) -> list[tuple[float, NDArray]]:
-    """Settle every start: what it leaves, in voxels, and its pose, best first."""
+    """Return each start refined by ICP, with its remaining distance in voxels, best first."""
     converged = []
     for start in starts:
-        # The scan is laid onto the reference: a part of the surface looks for the whole, not the other way about.
+        # The scan is moved onto the reference: a part of the surface is matched to the whole.
         T = np.linalg.inv(start)
         for reach in (6.0, 2.0):
             T = _rounded(_icp(o3d, scan, reference, T, reach * voxel).transformation, voxel)
-        converged.append((_left_over(o3d, scan, reference, T, voxel), np.linalg.inv(T)))
+        converged.append((_remaining_distance(o3d, scan, reference, T, voxel), np.linalg.inv(T)))
     return sorted(converged, key=lambda pair: pair[0])
 
 
 def _rounded(T: NDArray, voxel: float) -> NDArray:
-    """Return a pose without the last digits, which depend on the order in which threads add up."""
+    """Return a pose without its last digits, which depend on the order of sums over threads."""
     U, _, Vt = np.linalg.svd(np.round(T[:3, :3], 7))
     rounded = np.eye(4)
     rounded[:3, :3], rounded[:3, 3] = U @ Vt, np.round(T[:3, 3] / (1e-6 * voxel)) * 1e-6 * voxel

@@ -1,10 +1,10 @@
-"""The last step of a registration: least squares of a scan's heights over the reference surface, and its covariance.
+"""Least-squares fit of a scan to a reference surface, with covariance: last step of a registration.
 
-Chen and Medioni, Image and Vision Computing 10 (1992) 145, with paraboloids for tangent planes: a tangent plane lies
-inside every curved surface by more than the noise of a dense scan leaves, a paraboloid through the neighbours of a
-point does not. It is a linear smoother, so how much each neighbour enters a height is known. The noise of both clouds
-is independent from point to point; what smoothing the reference does to it is propagated exactly, so that neighbouring
-heights, which share neighbours, count for what they tell and no more.
+Chen and Medioni, Image and Vision Computing 10 (1992) 145, with paraboloids instead of tangent planes: the distance
+between a curved surface and its tangent plane exceeds the remaining noise of a dense scan, that of a paraboloid through
+the neighbours does not. The paraboloid fit is a linear smoother, so the weight of each neighbour in a height is known.
+The noise of both clouds is independent from point to point. Its propagation through the smoothing is exact, including
+the correlation of neighbouring heights, which share neighbours.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 _GATE = 4.5
-# Settled once a step is below this share of its own standard deviation.
+# Converged once a step is below this share of its own standard deviation.
 _SETTLED = 0.1
-# Heights that scatter more than this, relative to their noise, are still on their way: the gate opens with them.
+# Before convergence heights scatter more than this, relative to their noise: the gate widens with them.
 _ON_THE_WAY = 1.5
-# A direction is unobservable where it tells no more than this multiple of what the normals' errors feign.
+# A direction is unobservable if its information is below this multiple of the spurious one from errors of the normals.
 _FEIGNED = 4.0
-# Errors of normals that are not noise, rad: what paraboloids leave of a smooth surface's shape.
+# Errors of normals that are not noise, rad: misfit of paraboloids to a smooth surface.
 _SHAPE_ERROR = 1e-3
 _BLOCKS_PER_SIDE = 6
 _FEWEST = 12
@@ -36,18 +36,18 @@ _FULL_STEPS = 6
 _CLEARLY = 2.0
 NEIGHBOURS = 14
 _COEFFICIENTS = 6
-# Median of the chi-square of 8 degrees of freedom, over 8: takes a median of variances to their mean.
+# Median of chi-square with 8 degrees of freedom, over 8: converts a median of variances to their mean.
 _MEDIAN_OF_VARIANCE = 0.9180
-# A patch is no patch where it scatters this much more than the median one: an edge, a border of two parts, clutter.
+# A patch with this many times the median scatter is invalid: an edge, a border of two parts, clutter.
 _ROUGH = 5.0
-# Within this share of a patch's radius a point is over the surface, beyond that one it is beside it.
+# Within this share of a patch's radius a point is over the surface, beyond it is beside the surface.
 _OVER, _BESIDE = 0.7, 1.5
 _CHUNK = 20_000
 
 
 @dataclass(frozen=True)
 class ScanPair:
-    """Surface of the reference (M, 3), scan (N, 3), both about their centroids; m. Noise along the normals in m."""
+    """Surface of the reference (M, 3) and scan (N, 3), both about their centroids; m. Noise along the normals in m."""
 
     surface: Surface
     scan: NDArray
@@ -67,18 +67,18 @@ class ScanPair:
 
 @dataclass(frozen=True)
 class SurfaceFit:
-    """Where least squares ended: the motion of the reference into the scan's frame, and what it says of itself."""
+    """Result of least squares: motion of the reference into the scan's frame, with statistics."""
 
     R: NDArray  # (3, 3) R_measurement_reference
     t: NDArray  # (3,) m
-    covariance: NDArray | None  # (6, 6) of (t, theta), R <- exp(theta) R, in the scan's frame; None where free
-    free: NDArray  # (d, 6) motions (t, theta) that the surface does not resist
-    used: NDArray  # (N,) which scan points lie over a smooth part of the reference, and near enough to enter
-    cost: NDArray  # (N,) squared height over its noise, not above that at the gate; beside the surface, that
-    informative: NDArray  # (N,) whether the cost says anything: over the surface or beside it
+    covariance: NDArray | None  # (6, 6) of (t, theta), R <- exp(theta) R, in the scan's frame; None if a motion is free
+    free: NDArray  # (d, 6) motions (t, theta) that the surface leaves free
+    used: NDArray  # (N,) scan points over a smooth part of the reference, and within the gate
+    cost: NDArray  # (N,) squared height over its noise, limited at the gate; beside the surface, that limit
+    informative: NDArray  # (N,) whether the cost is informative: over the surface or beside it
     rms: float  # m, of their heights
-    scatter: float  # robust, of the heights over the surface, relative to what the noise explains
-    noise_ratio: float  # the same with neighbouring errors added up; covariance is scaled by it where it is above 1
+    scatter: float  # robust, of the heights over the surface, relative to their noise
+    noise_ratio: float  # the same for sums over regions; scales the covariance if above 1
     converged: bool
 
 
@@ -94,22 +94,22 @@ class _View:
 
 
 def fit_surface(scene: ScanPair, R: NDArray, t: NDArray, max_steps: int = 40) -> SurfaceFit:
-    """Return the motion nearest to a start R (3, 3), t (3,) that makes the scan's heights over the reference least."""
-    view, converged, steps = _see(scene, R, t), False, 0
+    """Return the motion near a start R (3, 3), t (3,) with the least scan heights over the reference."""
+    view, converged, steps = _view(scene, R, t), False, 0
     while steps < max_steps and not converged and np.count_nonzero(view.used) >= _FEWEST:
         information, motions = _motions(scene, view, t)
         height = view.heights.height[view.used]
         along = np.where(information > _FEIGNED, motions @ (view.J[view.used].T @ height) / information, 0.0)
-        # Points that change their patch at every step keep it circling: ever shorter steps end in the middle.
+        # Points that change their patch at every step cause a cycle: ever shorter steps end in its middle.
         along *= min(1.0, _FULL_STEPS / (steps + 1))
         converged = bool(information @ along**2 <= 6 * _SETTLED**2 * np.mean(height**2))
         delta = along @ motions
         R, t, steps = exp_so3(delta[3:]) @ R, t + delta[:3], steps + 1
-        view = _see(scene, R, t)
-    return _summed_up(scene, R, t, view, converged)
+        view = _view(scene, R, t)
+    return _surface_fit(scene, R, t, view, converged)
 
 
-def _see(scene: ScanPair, R: NDArray, t: NDArray) -> _View:
+def _view(scene: ScanPair, R: NDArray, t: NDArray) -> _View:
     inside = (scene.scan - t) @ R
     _, nearest = scene.surface.tree.query(inside, workers=workers_for(len(inside)))
     anchors, which = np.unique(nearest, return_inverse=True)
@@ -129,14 +129,14 @@ def _noise(scene: ScanPair, heights: Heights) -> NDArray:
     return np.sqrt(scene.sigma_scan**2 + scene.sigma_reference**2 * np.sum(heights.share**2, -1))
 
 
-def _summed_up(scene: ScanPair, R: NDArray, t: NDArray, view: _View, converged: bool) -> SurfaceFit:
+def _surface_fit(scene: ScanPair, R: NDArray, t: NDArray, view: _View, converged: bool) -> SurfaceFit:
     used, heights = view.used, view.heights
     height = heights.height[used]
     rms = float(np.sqrt(np.mean(height**2))) if np.any(used) else 0.0
     information, motions = _motions(scene, view, t) if np.count_nonzero(used) >= _FEWEST else (np.zeros(6), np.eye(6))
     free, covariance, ratio = motions[information <= _FEIGNED], None, 1.0
     if len(free) == 0:
-        J, middle = view.J[used], _middle(scene, view)
+        J, middle = view.J[used], _gradient_covariance(scene, view)
         inverse = np.linalg.inv(J.T @ J)
         ratio = _noise_ratio(scene.scan[used], J, height, middle)
         covariance = max(ratio, 1.0) ** 2 * inverse @ middle @ inverse
@@ -155,11 +155,9 @@ def _summed_up(scene: ScanPair, R: NDArray, t: NDArray, view: _View, converged: 
     )
 
 
-def _middle(scene: ScanPair, view: _View) -> NDArray:
-    """Return the covariance (6, 6) of J^T heights: the scan's own noise, and the reference's through its smoothing.
-
-    A neighbour's error is the same vector in every height it enters, seen along that height's normal.
-    """
+def _gradient_covariance(scene: ScanPair, view: _View) -> NDArray:
+    """Return the covariance (6, 6) of J^T heights: noise of the scan, and of the reference through its smoothing. The
+    error of a neighbour is the same vector in every height that uses it, projected on that height's normal."""
     from scipy.sparse import csr_array
 
     J, share = view.J[view.used], view.heights.share[view.used]
@@ -173,10 +171,8 @@ def _middle(scene: ScanPair, view: _View) -> NDArray:
 
 
 def _roughness(scene: ScanPair, view: _View, neighbours: NDArray) -> NDArray:
-    """Return the variance (M,) in m^2 by which the surface clearly departs from paraboloids beyond its noise.
-
-    It is shape and not noise, but a scan that samples other places meets it as if it were noise of the reference.
-    """
+    """Return the variance (M,) in m^2 of the surface about paraboloids in excess of its noise. It is shape, not noise,
+    but acts like noise of the reference on a scan with other sample positions."""
     variance = np.repeat(view.patches.variance[view.which[view.used]], neighbours.shape[1])
     count = np.bincount(neighbours.ravel(), minlength=len(scene.reference))
     local = np.bincount(neighbours.ravel(), variance, len(scene.reference)) / np.maximum(count, 1)
@@ -185,11 +181,9 @@ def _roughness(scene: ScanPair, view: _View, neighbours: NDArray) -> NDArray:
 
 
 def _noise_ratio(scan: NDArray, J: NDArray, height: NDArray, middle: NDArray) -> float:
-    """Ratio of J^T heights to what its noise explains, errors of one region adding up; 1 if not certain.
-
-    Sums over regions of a sixth of the scan are compared with their covariance; below four standard deviations of the
-    comparison the noise is taken at its word.
-    """
+    """Return the ratio of J^T heights to their noise, with errors of one region added up; 1 if not significant. Sums
+    over regions of a sixth of the scan are compared with their covariance; below four standard deviations of the
+    comparison the declared noise is kept."""
     cell = np.floor((scan - scan.min(0)) / (np.ptp(scan, axis=0).max() / _BLOCKS_PER_SIDE)).astype(int)
     _, block = np.unique(cell @ [1, 100, 10_000], return_inverse=True)
     sums = np.stack([np.bincount(block, J[:, i] * height) for i in range(6)], -1)
@@ -201,15 +195,13 @@ def _noise_ratio(scan: NDArray, J: NDArray, height: NDArray, middle: NDArray) ->
 
 
 def _motions(scene: ScanPair, view: _View, t: NDArray) -> tuple[NDArray, NDArray]:
-    """Return information (6,) and motions (6, 6), rows (t, theta), that do not interfere, weakest first.
-
-    A motion's information is in multiples of what the errors of the normals feign: one that slides along the surface
-    has about 1. Gelfand et al., 3DIM (2003) 260, with the normals' errors as the yardstick.
-    """
+    """Return information (6,) and motions (6, 6), rows (t, theta), that are decoupled, weakest first. Information is a
+    multiple of the spurious one from errors of the normals, which is about 1 for a motion that slides along the
+    surface. Gelfand et al., 3DIM (2003) 260, with errors of the normals as the unit."""
     points = scene.scan[view.used]
     centre = points.mean(0)
     arm = points - centre
-    # Rotations in units in which they move the typical point by as much as a translation does.
+    # Rotations in units that move the typical point by as much as a unit translation.
     scale = np.r_[np.ones(3), np.full(3, 1 / np.sqrt(np.mean(np.sum(arm**2, -1))))]
     normal = view.J[view.used, :3]
     J = np.concatenate([normal, np.cross(arm, normal)], axis=1) * scale
@@ -229,7 +221,7 @@ def _motions(scene: ScanPair, view: _View, t: NDArray) -> tuple[NDArray, NDArray
 class Patches:
     """Paraboloids at A anchors of a cloud; m."""
 
-    neighbours: NDArray  # (A, k) points of the cloud that each was fitted to
+    neighbours: NDArray  # (A, k) points of the cloud in the fit of each
     centre: NDArray  # (A, 3)
     frame: NDArray  # (A, 3, 3) columns: two tangents and the normal
     radius: NDArray  # (A,) distance of the farthest neighbour
@@ -239,37 +231,37 @@ class Patches:
 
     @property
     def noise_variance(self) -> float:
-        """Variance in m^2 of the cloud along its normal, as the typical patch has it."""
+        """Variance in m^2 of the cloud along its normal, in the median patch."""
         return float(np.median(self.variance)) / _MEDIAN_OF_VARIANCE
 
     def smooth(self, least: float) -> NDArray:
-        """Whether each anchor (A,) lies on a surface that a paraboloid describes, to a variance that matters, m^2."""
+        """Return the mask (A,) of anchors on a surface that a paraboloid describes, to a relevant variance, m^2."""
         return self.variance <= _ROUGH * max(float(np.median(self.variance)), least)
 
     def at(self, rows: NDArray) -> Patches:
-        """The patches of some rows."""
+        """Return the patches of some rows."""
         return Patches(*(getattr(self, own.name)[rows] for own in fields(self)))
 
     def joined_with(self, others: Patches) -> Patches:
-        """These patches and others."""
+        """Return these patches followed by others."""
         pairs = ((getattr(self, own.name), getattr(others, own.name)) for own in fields(self))
         return Patches(*(np.concatenate(pair) for pair in pairs))
 
 
 @dataclass
 class Surface:
-    """A cloud (M, 3) with its tree, and the paraboloids that were fitted to it so far, each once; m."""
+    """A cloud (M, 3) with its search tree and a cache of fitted paraboloids; m."""
 
     points: NDArray
     tree: cKDTree
     _fitted: Patches | None = field(default=None, init=False, repr=False)
-    _row: NDArray = field(init=False, repr=False)  # (M,) of each point among what was fitted, -1 where it was not
+    _row: NDArray = field(init=False, repr=False)  # (M,) row of each point in the cache, -1 if not fitted
 
     def __post_init__(self) -> None:
         self._row = np.full(len(self.points), -1)
 
     def patches(self, anchors: NDArray) -> Patches:
-        """The paraboloids at the anchors (A,), different indices of points."""
+        """Return the paraboloids at the anchors (A,), different indices of points."""
         missing = anchors[self._row[anchors] < 0]
         if self._fitted is None:
             self._fitted = fit_patches(self.points, self.tree, missing)
@@ -282,14 +274,14 @@ class Surface:
 
 @dataclass(frozen=True)
 class Heights:
-    """N points seen from the patches below them; m."""
+    """N points relative to the patches below them; m."""
 
     height: NDArray  # (N,) signed distance from the surface
     normal: NDArray  # (N, 3) of the surface below each point
-    share: NDArray  # (N, k) by which each neighbour's own error along the normal enters the height
+    share: NDArray  # (N, k) derivative of the height by each neighbour's error along the normal
     slope_variance: NDArray  # (N,) variance of one tangential component of the normal, per variance of the noise
-    over: NDArray  # (N,) whether the point lies over its patch, and the patch is smooth
-    beside: NDArray  # (N,) whether the point lies clearly beside the surface
+    over: NDArray  # (N,) whether the point is over its patch, and the patch is smooth
+    beside: NDArray  # (N,) whether the point is clearly beside the surface
 
 
 def fit_patches(points: NDArray, tree: cKDTree, anchors: NDArray) -> Patches:
@@ -299,9 +291,9 @@ def fit_patches(points: NDArray, tree: cKDTree, anchors: NDArray) -> Patches:
 
 
 def heights_over(patches: Patches, which: NDArray, points: NDArray, sigma: float) -> Heights:
-    """Return points (N, 3) as seen from patch number which (N,) each, in the frame of the patches' cloud.
+    """Return heights of points (N, 3) over their patches number which (N,), in the frame of the patches' cloud.
 
-    sigma in m is the points' own noise: a patch that is rough by less than that is smooth enough.
+    sigma in m: the points' own noise; a patch rough by less than that is smooth enough.
     """
     radius = patches.radius[which]
     u, v, w = np.einsum("ni,nij->jn", points - patches.centre[which], patches.frame[which])
@@ -323,7 +315,7 @@ def heights_over(patches: Patches, which: NDArray, points: NDArray, sigma: float
 
 
 def workers_for(n_queries: int) -> int:
-    """Number of threads to ask a tree with: starting them costs more than a few thousand queries."""
+    """Return the number of threads for a tree query: starting threads costs more than a few thousand queries."""
     return -1 if n_queries >= _CHUNK else 1
 
 
@@ -337,7 +329,7 @@ def _fit_chunk(points: NDArray, tree: cKDTree, anchors: NDArray) -> tuple[NDArra
     u, v, w = np.moveaxis(offset @ frame, -1, 0)
     u, v = u / radius[:, None], v / radius[:, None]
     basis = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], -1)
-    # The ridge, 1e-9 of the neighbours' weight, only matters where they repeat each other.
+    # The ridge, 1e-9 of the neighbours' weight, only matters for duplicate points.
     normal_matrix = np.swapaxes(basis, 1, 2) @ basis + 1e-9 * NEIGHBOURS * np.eye(_COEFFICIENTS)
     smoother = np.linalg.solve(normal_matrix, np.swapaxes(basis, 1, 2))
     coefficients = np.einsum("aik,ak->ai", smoother, w)

@@ -1,1 +1,1 @@
-"""A force sensor's calibration: from applied loads and recorded signals to a wrench with its uncertainty."""
+"""Calibration of a force sensor: from applied loads and recorded signals to a wrench with its uncertainty."""

@@ -1,6 +1,6 @@
-"""What each source gives to a sensor's calibration: to G_B, to loads that one reading tells, to held-out loads.
+"""Uncertainty budgets of a sensor's calibration: of G_B, of loads from one reading, and of held-out loads.
 
-Load cases that differ by more than the budget explains are a source of their own.
+Scatter between load cases that the other sources do not explain is a source of its own.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _BY_CHANCE = 0.01
 
 @dataclass(frozen=True)
 class Calibrated:
-    """The chosen calibration, its table, and the covariance of its coefficients by source; and from case to case."""
+    """The chosen calibration, its table, and the covariance of its coefficients by source and between cases."""
 
     found: RecordedLoads
     table: LoadTable
@@ -33,11 +33,11 @@ class Calibrated:
 
     @property
     def cases(self) -> Source:
-        """What one load case differs by from another, beyond the noise."""
+        """Source for differences between load cases beyond the noise."""
         return Source("differences between load cases beyond that", "A", float(len(self.table.cases) - 1))
 
     def beyond_chance(self, by_case: Array, stated: Array) -> Array:
-        """Standard uncertainties (N,) that load cases show beyond what the budget has; zero within chance."""
+        """Return the standard uncertainties (N,) of load cases in excess of the budget; zero if within chance."""
         from scipy.special import chdtri
 
         freedom = len(self.table.cases) - 1
@@ -46,8 +46,7 @@ class Calibrated:
 
 
 def coefficient_parts(fit: Calibration, table: LoadTable, signals: Source) -> dict[Source, Array]:
-    """The covariance of all coefficients, row by row, that each source gives; signals: the source of their
-    noise."""
+    """Return the covariance of all coefficients, row by row, due to each source; signals: the source of their noise."""
     from scipy.special import chdtrc
 
     model, direct = fit.model, fit.model.direction == "direct"
@@ -59,7 +58,7 @@ def coefficient_parts(fit: Calibration, table: LoadTable, signals: Source) -> di
     of_own, of_other = (BY_LOADS, signals) if direct else (signals, BY_LOADS)
     if model.estimator == "weighted":
         parts = {of_own: fit.covariance}
-        other = table.load_cov if not direct else None  # what a direct fit's signals err by is in none of its weights
+        other = table.load_cov if not direct else None  # the weights of a direct fit do not include errors of signals
         if other is not None and np.any(other):
             slope = fit.matrix[:, : len(fit.terms.inputs)]
             parts[of_other] = np.kron(slope @ other @ slope.T, np.linalg.inv(columns.T @ columns))
@@ -72,7 +71,8 @@ def coefficient_parts(fit: Calibration, table: LoadTable, signals: Source) -> di
         rows = np.zeros((len(x), 1, 1))
         parts = linear_estimate(jacobian, {of_own: rows + own, of_other: slope @ other @ np.swapaxes(slope, 1, 2)})
         whole = sum(parts.values(), np.zeros(()))
-        size = np.sqrt(np.diag(fit.covariance) / np.diag(whole))  # the fit settles deviations, and is linear there
+        # Scales the linear result to the fit with estimated deviations.
+        size = np.sqrt(np.diag(fit.covariance) / np.diag(whole))
         parts = {source: part * np.outer(size, size) for source, part in parts.items()}
     if fit.dof > 0 and chdtrc(fit.dof, fit.chi_square) < _BY_CHANCE:
         beyond = Source("scatter of the calibration beyond that", "A", fit.dof)
@@ -81,9 +81,10 @@ def coefficient_parts(fit: Calibration, table: LoadTable, signals: Source) -> di
 
 
 def calibrated_again(found: RecordedLoads, name: str, declared: bool) -> Calibrated:
-    """The calibration by the model of a name, with what each source gives it; declared: the noise of signals was.
+    """Return the calibration by the model of a name, with the contribution of each source.
 
-    Raises UndeterminedCalibrationError as `contenders.calibrations` does.
+    declared: whether the noise of signals was declared. Raises UndeterminedCalibrationError as
+    `contenders.calibrations`.
     """
     model = next(model for model in contenders(found) if model.name == name)
     table, _ = by_cases(found, ~found.steps.held_out)
@@ -95,7 +96,7 @@ def calibrated_again(found: RecordedLoads, name: str, declared: bool) -> Calibra
 
 
 def budget_of_matrix(made: Calibrated) -> tuple[Array, Budget]:
-    """G_B (W, C), N or N m per unit of signal, and the budget of its entries row by row."""
+    """Return G_B (W, C), N or N m per unit of signal, and the budget of its entries row by row."""
     cov = made.table.signal_cov
     parts = {
         source: calibration_matrix(replace(made.fit, covariance=part), cov).covariance
@@ -107,7 +108,8 @@ def budget_of_matrix(made: Calibrated) -> tuple[Array, Budget]:
 
 
 def budget_of_loads(made: Calibrated, loads: Array, axes: Index) -> tuple[Array, Budget]:
-    """Loads (N,), each along the axis (N,) alone that loads (N, W) name, as one reading of the signals tells them."""
+    """Return loads (N,), each along one axis (N,) of loads (N, W), from a single reading of the signals, with their
+    budget."""
     fit, table = made.fit, made.table
     none = np.zeros((len(axes), table.covariates.shape[1]))
     if fit.model.direction == "forward":
@@ -131,7 +133,7 @@ def budget_of_loads(made: Calibrated, loads: Array, axes: Index) -> tuple[Array,
 
 
 def rms_of_held_out(made: Calibrated) -> tuple[Array, Budget] | None:
-    """The rms errors (W,) of loads whose case the calibration has not seen; None where there is one case alone."""
+    """Return the rms errors (W,) of loads in held-out cases, with their budget; None for a single case."""
     errors, cases = hold_out(made.table, made.fit.model).errors, made.table.cases
     if len(cases) < 2:
         return None

@@ -1,7 +1,8 @@
-"""Fits a calibration to a table of loads: plainly, weighted, or with errors in loads and signals; whether data do.
+"""Fit of a calibration to a table of loads (plain, weighted, or with errors in loads and signals), and checks of the
+data.
 
-The printed formula inverts V V^T. That has no inverse where channels repeat one another or loads leave a direction out;
-where it differs from singular by noise alone, its inverse is that noise.
+The printed formula inverts V V^T. This has no inverse if channels are dependent or a load direction is missing; if it
+is regular only due to noise, its inverse is noise.
 """
 
 from __future__ import annotations
@@ -20,17 +21,17 @@ from truing.estimation.least_squares.solver import SolverStatus
 from truing.estimation.sensor.calibration import Calibration, CalibrationModel, Terms
 from truing.estimation.sensor.load_table import LoadTable, least_signal
 
-_LEAST = 1e-8  # share of the unit columns' largest singular value that is no zero
+_LEAST_SINGULAR = 1e-8  # share of the unit columns' largest singular value below which one is zero
 
 
 class UndeterminedCalibrationError(ValueError):
-    """Loads or signals that do not determine the calibration asked for; says which combinations are missing."""
+    """Loads or signals do not determine the calibration; the message names the missing combinations."""
 
 
 def check_determined(columns: NDArray, labels: Sequence[str], what: str) -> None:
     """Raise UndeterminedCalibrationError, naming combinations, unless columns (N, Q) are independent.
 
-    ``what`` is what has to be independent, in words. Columns may differ in unit by any factor.
+    ``what``: the columns, in words. Columns may differ in unit by any factor.
     """
     unseen = _unseen(columns, labels)
     if unseen:
@@ -38,21 +39,21 @@ def check_determined(columns: NDArray, labels: Sequence[str], what: str) -> None
 
 
 def _unseen(columns: NDArray, labels: Sequence[str]) -> list[str]:
-    """Return in words what columns (N, Q) leave open: names that are always zero, and combinations."""
+    """Return in words the combinations that columns (N, Q) do not determine, and columns that are always zero."""
     length = np.linalg.norm(columns, axis=0)
-    idle = length <= _LEAST**2 * max(length.max(initial=0.0), np.finfo(float).tiny)
+    idle = length <= _LEAST_SINGULAR**2 * max(length.max(initial=0.0), np.finfo(float).tiny)
     texts = [f"{label} is zero in all rows" for label, none in zip(labels, idle, strict=True) if none]
     used = [label for label, none in zip(labels, idle, strict=True) if not none]
     if not used:
         return texts
-    seen = observe(columns[:, ~idle], 1.0 / length[~idle], used, unidentifiable=1.0 / _LEAST)
+    seen = observe(columns[:, ~idle], 1.0 / length[~idle], used, unidentifiable=1.0 / _LEAST_SINGULAR)
     return texts + [group.text for group in inseparable(seen)]
 
 
 def check_signals(signals: NDArray, signal_cov: NDArray | None, labels: Sequence[str]) -> None:
-    """Raise UndeterminedCalibrationError unless V V^T of signals (N, C) has an inverse that is not noise.
+    """Raise UndeterminedCalibrationError unless V V^T of signals (N, C) has an inverse beyond noise.
 
-    signal_cov (C, C): covariance of one row's errors; where nobody declared it, rounding alone is the limit.
+    signal_cov (C, C): covariance of one row's errors; if not declared, rounding is the limit.
     """
     rank = "V V^T is singular"
     check_determined(signals, labels, f"{rank}, the channels are not independent")
@@ -74,7 +75,7 @@ def check_signals(signals: NDArray, signal_cov: NDArray | None, labels: Sequence
 
 
 def check_loads(loads: NDArray, labels: Sequence[str]) -> None:
-    """Raise UndeterminedCalibrationError, naming the loads, unless loads (N, W) were applied in every direction."""
+    """Raise UndeterminedCalibrationError, naming the loads, unless loads (N, W) cover every direction."""
     unseen = _unseen(loads, labels)
     if unseen:
         raise UndeterminedCalibrationError(
@@ -84,7 +85,7 @@ def check_loads(loads: NDArray, labels: Sequence[str]) -> None:
 
 @dataclass(frozen=True)
 class _CalibrationTable:
-    """A table seen in the direction of a model: response y (N, W), inputs x (N, C), columns of the zeros (N, G)."""
+    """A table in the direction of a model: response y (N, W), inputs x (N, C), columns of the zeros (N, G)."""
 
     model: CalibrationModel
     table: LoadTable
@@ -107,7 +108,7 @@ class _CalibrationTable:
 
     @property
     def covariances(self) -> tuple[NDArray | None, NDArray | None]:
-        """Return what was declared of the response and of the inputs."""
+        """Declared covariances of the response and of the inputs."""
         pair = self.table.load_cov, self.table.signal_cov
         return pair if self.direct else (pair[1], pair[0])
 
@@ -133,7 +134,7 @@ class _CalibrationTable:
         return (*self.terms.labels, *zero[self.model.zero])
 
     def prior(self) -> Prior | None:
-        """Return the prior of all coefficients, row by row; None where the model has none."""
+        """Prior of all coefficients, row by row; None if the model has none."""
         if self.model.ridge is None and self.model.shrink is None:
             return None
         count, width = self.columns.shape[1], self.y.shape[1]
@@ -150,13 +151,13 @@ class _CalibrationTable:
 def fit_calibration(table: LoadTable, model: CalibrationModel | None = None) -> Calibration:
     """Return the calibration of a table of loads.
 
-    Raises UndeterminedCalibrationError, naming what is missing, where loads or signals do not determine it, and
-    ValueError where the estimator needs a covariance that was not declared, or a covariate that the table has not.
+    Raises UndeterminedCalibrationError, naming what is missing, if loads or signals do not determine it, and ValueError
+    if the estimator needs a covariance that was not declared, or a covariate that the table lacks.
     """
     problem = _CalibrationTable(model or CalibrationModel(), table)
     _check(problem)
     if problem.model.estimator == "errors in both":
-        return _both(problem)
+        return _fit_with_both_errors(problem)
     prior = problem.prior()
     if problem.model.estimator == "weighted":
         cov = _declared(problem, 0)
@@ -188,7 +189,7 @@ def _check(problem: _CalibrationTable) -> None:
 
 
 def _declared(problem: _CalibrationTable, which: int) -> NDArray:
-    """Return the covariance that was declared of the response (0) or the inputs (1)."""
+    """Return the declared covariance of the response (0) or the inputs (1)."""
     cov = problem.covariances[which]
     if cov is None:
         of_loads = problem.direct == (which == 0)
@@ -200,7 +201,7 @@ def _declared(problem: _CalibrationTable, which: int) -> NDArray:
 
 
 def _first_noise(problem: _CalibrationTable) -> NDArray:
-    """Return the noise (W, W) left by inputs and zeros alone, for weighing data against a prior."""
+    """Return the noise (W, W) of a fit to inputs and zeros alone, to weight data against a prior."""
     declared = problem.covariances[0]
     if declared is not None and np.linalg.eigvalsh(declared).min() > 0:
         return declared
@@ -228,14 +229,14 @@ def _result(problem: _CalibrationTable, found: LinearFit, status: SolverStatus =
     )
 
 
-def _both(problem: _CalibrationTable) -> Calibration:
-    """Return the maximum-likelihood fit with errors in response and inputs, from the weighted one."""
+def _fit_with_both_errors(problem: _CalibrationTable) -> Calibration:
+    """Return the maximum-likelihood fit with errors in response and inputs, starting from the weighted one."""
     rows, width, count = len(problem.y), problem.y.shape[1], problem.x.shape[1]
     own, other = _declared(problem, 0), _declared(problem, 1)
     cov = np.zeros((rows, width + count, width + count))
     cov[:, :width, :width], cov[:, width:, width:] = own, other
     prior = problem.prior()
-    spread = np.linalg.eigvalsh(own).min() > 0  # loads that are exactly known have no weighted fit to start from
+    spread = np.linalg.eigvalsh(own).min() > 0  # exactly known loads have no weighted fit as a start
     columns, y = problem.columns, problem.y
     start = weighted_fit(columns, y, own, prior) if spread else least_squares_fit(columns, y)
     equations = TermEquations(problem.terms, problem.y, problem.x, problem.table.covariates, problem.zeros)
@@ -287,8 +288,8 @@ class TermEquations:
 
 @dataclass(frozen=True)
 class LinearFit:
-    """B (W, Q), covariance (W Q, W Q), noise (W, W) of one row as estimated, chi_square under the noise that was
-    declared (of freedom dof; both of the residuals alone where none was)."""
+    """B (W, Q), covariance (W Q, W Q), estimated noise (W, W) of one row, chi_square under the declared noise with
+    freedom dof (both of the residuals alone if none was declared)."""
 
     matrix: NDArray
     covariance: NDArray
@@ -298,10 +299,10 @@ class LinearFit:
 
 
 def least_squares_fit(columns: NDArray, response: NDArray, cov: NDArray | None = None) -> LinearFit:
-    """Return the fit with equal weights, ``B = Y^T X (X^T X)^-1``, by default the noise being that of the residuals.
+    """Return the fit with equal weights, ``B = Y^T X (X^T X)^-1``, by default with the noise of the residuals.
 
-    cov (W, W): declared covariance of every row's response, which drops out of the fit. Solved by QR of the columns,
-    scaled to unit length, and never by that inverse. There have to be more rows than columns.
+    cov (W, W): declared covariance of every row's response, without influence on B. Solved by QR of the columns scaled
+    to unit length, not by that inverse. Needs more rows than columns.
     """
     spare = len(columns) - columns.shape[1]
     inverse, root = _scaled_inverse(columns)
@@ -323,7 +324,7 @@ def _scaled_inverse(columns: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def weighted_fit(columns: NDArray, response: NDArray, cov: NDArray, prior: Prior | None = None) -> LinearFit:
-    """Return the fit under covariances cov (N, W, W) or (W, W) of the responses, and a prior of the coefficients.
+    """Return the fit with covariances cov (N, W, W) or (W, W) of the responses, and a prior of the coefficients.
 
     The covariance is that of declared noise; ``noise`` is estimated from the residuals.
     """
@@ -346,7 +347,7 @@ def weighted_fit(columns: NDArray, response: NDArray, cov: NDArray, prior: Prior
 
 
 def _root(information: NDArray) -> NDArray:
-    """Return rows (r, P) whose squares add up to an information (P, P) that may be singular."""
+    """Return rows (r, P) whose products add up to an information (P, P) that may be singular."""
     strength, axes = np.linalg.eigh(information)
     kept = strength > 1e-14 * max(strength[-1], 0.0)
     return np.sqrt(strength[kept])[:, None] * axes[:, kept].T

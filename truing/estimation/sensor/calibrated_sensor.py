@@ -1,4 +1,4 @@
-"""A calibrated force sensor in use: from signals to the wrench with its covariance, and its calibration as a file.
+"""A calibrated force sensor in use: wrenches with covariance from signals, and its calibration as a file.
 
 Force-sensor paper, section 6: F = G_B V. The file (``sensor.toml``) holds the chosen calibration to full precision, so
 that a program without truing can read it too.
@@ -27,16 +27,16 @@ from truing.estimation.sensor.contenders import HeldOutPredictions
 from truing.estimation.sensor.load_table import LoadTable
 
 FORMAT = 1
-BEYOND = 1.05  # of the largest load of the calibration: beyond, its terms were never tested
+BEYOND = 1.05  # relative to the largest load of the calibration, beyond which its terms are untested
 _STYLE = ("estimator", "direction", "zero", "drift", "gain", "powers", "ridge", "shrink")
 
 
 @dataclass(frozen=True)
 class Wrench:
-    """Wrenches (N, W), N and N m, their covariance (N, W, W), and whether each lies within the calibrated loads (N,).
+    """Wrenches (N, W), N and N m, their covariance (N, W, W), and whether each is within the calibrated loads (N,).
 
-    The covariance holds the noise of the signals, of the unloaded signals and of the calibration; not what a model
-    misses, nor a change of the sensor since its calibration.
+    The covariance includes the noise of signals, of unloaded signals and of the calibration; not errors of the model,
+    nor changes of the sensor since its calibration.
     """
 
     value: Array
@@ -45,17 +45,17 @@ class Wrench:
 
     @property
     def sigma(self) -> Array:
-        """Return the standard deviations (N, W)."""
+        """Standard deviations (N, W)."""
         return np.sqrt(np.einsum("nii->ni", self.covariance))
 
 
 @dataclass(frozen=True)
 class CalibratedSensor:
-    """The chosen calibration of a sensor, ready for signals that nobody calibrated with.
+    """The chosen calibration of a sensor, for use with new signals.
 
-    signal_cov (C, C), mV^2: of one row of signals. reference (K,): what each covariate is counted from. largest (W,):
-    largest load of the calibration. is_tared: whether signals count from unloaded ones of the same run. heldout_rms
-    (W,): error of load cases that the calibration had not seen, which holds what the model misses too.
+    signal_cov (C, C), mV^2: of one row of signals. reference (K,): reference value of each covariate. largest (W,):
+    largest load of the calibration. is_tared: whether signals are relative to unloaded ones of the same run.
+    heldout_rms (W,): error of load cases outside the calibration, including model errors.
     """
 
     fit: Calibration
@@ -69,7 +69,7 @@ class CalibratedSensor:
 
     @property
     def covariate_names(self) -> tuple[str, ...]:
-        """Return the covariates that the calibration needs, such as ``material_temperature``."""
+        """Covariates that the calibration needs, such as ``material_temperature``."""
         return self.fit.terms.covariates
 
     def wrench(
@@ -78,7 +78,7 @@ class CalibratedSensor:
         """Return the wrenches of signals (C,) or (N, C), mV.
 
         covariates (K,) or (N, K): as recorded. unloaded (M, C), mV: signals of the same run without load, whose mean is
-        the zero of a tared sensor. Raises ValueError where one of the two is needed and not given, or of a wrong shape.
+        the zero of a tared sensor. Raises ValueError if one of the two is needed but not given, or for a wrong shape.
         """
         rows = _rows(signals, len(self.signal_names), "signals")
         known = self._covariates(covariates, len(rows))
@@ -96,7 +96,7 @@ class CalibratedSensor:
         return np.broadcast_to(_rows(given, len(names), "covariates"), (count, len(names))) - self.reference
 
     def _zero(self, unloaded: ArrayLike | None) -> tuple[Array, float]:
-        """Return the zero (C,) and the factor by which its noise widens the signals' covariance."""
+        """Return the zero (C,) and the factor by which its noise enlarges the signals' covariance."""
         if not self.is_tared:
             return np.zeros(len(self.signal_names)), 1.0
         if unloaded is None:
@@ -111,8 +111,10 @@ class CalibratedSensor:
 
     @property
     def offset(self) -> Array | None:
-        """Return o (W,), N and N m, in F = G_B V + o at the reference of covariates; None where that is no whole
-        calibration: it has powers or interactions, or every run has a zero of its own."""
+        """Return o (W,), N and N m, in F = G_B V + o at the reference of covariates.
+
+        None if G_B and o are not the complete calibration: it has powers or interactions, or a zero per run.
+        """
         model = self.fit.model
         if model.powers != "linear" or model.gain or model.drift or self.is_tared:
             return None
@@ -125,7 +127,7 @@ class CalibratedSensor:
 def calibrated_sensor(
     held: HeldOutPredictions, table: LoadTable, reference_c: float, is_tared: bool
 ) -> CalibratedSensor:
-    """Return the sensor of a fit to a table of calibration loads; raises ValueError where every case has a zero."""
+    """Return the sensor of a fit to a table of calibration loads; raises ValueError if every case has its own zero."""
     fit = held.fit
     if fit.model.zero == "case":
         raise ValueError("found a calibration with a zero for every load case, expected one for all")
@@ -140,7 +142,7 @@ def calibrated_sensor(
 
 
 def sensor_text(sensor: CalibratedSensor, context: Mapping[str, str]) -> str:
-    """Return a sensor as TOML; ``context`` says for people what it was made from."""
+    """Return a sensor as TOML; ``context``: origin of the calibration, for human readers."""
     return "\n".join([*_lines(sensor, context), ""])
 
 
@@ -181,12 +183,12 @@ def _lines(sensor: CalibratedSensor, context: Mapping[str, str]) -> Iterator[str
 
 
 def is_calibrated_sensor(document: Mapping[str, Any]) -> bool:
-    """Return whether a TOML document holds a calibrated sensor."""
+    """Whether a TOML document holds a calibrated sensor."""
     return isinstance(document.get("calibration"), dict)
 
 
 def sensor_from(document: Mapping[str, Any]) -> CalibratedSensor:
-    """Return the sensor in a TOML document; raises ValueError where it is none."""
+    """Return the sensor in a TOML document; raises ValueError if there is none."""
     try:
         return _sensor(document["calibration"])
     except (KeyError, TypeError, ValueError) as error:

@@ -1,11 +1,12 @@
-"""A sensor's calibration: terms, estimators, the matrix G_B in either direction, wrenches by it, and figures of merit.
+"""Calibration of a sensor: terms, estimators, matrix G_B in both directions, wrenches, and figures of merit.
 
-``direct`` writes loads as terms of the signals, F = G_B V, as the force-sensor paper prints it (section 6.2);
+``direct`` writes loads as terms of the signals, F = G_B V, as printed in the force-sensor paper (section 6.2).
 ``forward`` writes signals as terms of the loads, V = A F, which is what the sensor does, and inverts that. With as many
-channels as loads and errors in both the two are the same; with more channels than loads only the second determines
-anything in the directions that no load reaches.
+channels as loads and errors in both, the results are the same. With more channels than loads, only the second one is
+determined in signal directions that no load reaches.
 
-Force-sensor paper, section 6.2: eq. 33-37, Tables 4 and 5; every figure with the uncertainty that the matrix gives it.
+Force-sensor paper, section 6.2: eq. 33-37, Tables 4 and 5; every figure has the uncertainty that follows from the
+matrix.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ STANDARD_GRAVITY = 9.80665  # m/s^2
 
 @dataclass(frozen=True)
 class Terms:
-    """Terms in C inputs x and K covariates z: x always; z itself (``drift``), z x (``gain``), and powers of x.
+    """Terms in C inputs x and K covariates z: always x; z itself (``drift``), z x (``gain``), and powers of x.
 
-    ``squares`` adds every x_c^2, ``products`` every x_c x_d as well. The zero is no term: see `CalibrationModel`.
+    ``squares`` adds every x_c^2, ``products`` also every x_c x_d. The zero is not a term: see `CalibrationModel`.
     """
 
     inputs: tuple[str, ...]
@@ -42,7 +43,7 @@ class Terms:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Return the name of each term (P,)."""
+        """Names of the terms (P,)."""
         names = list(self.inputs)
         names += list(self.covariates) if self.drift else []
         names += [f"{z} {x}" for z in self.covariates for x in self.inputs] if self.gain else []
@@ -66,7 +67,7 @@ class Terms:
         return np.concatenate([*parts, x[:, first] * x[:, second]], axis=1)
 
     def by_inputs(self, x: NDArray, z: NDArray) -> NDArray:
-        """Return their derivatives (N, P, C) by the inputs."""
+        """Return the derivatives (N, P, C) of the terms by the inputs."""
         count = len(self.inputs)
         eye, (first, second) = np.eye(count), self._pairs
         parts = [np.broadcast_to(eye, (len(x), count, count))]
@@ -82,10 +83,10 @@ def _power(first: str, second: str) -> str:
 
 @dataclass(frozen=True)
 class CalibrationModel:
-    """What is fitted, and how.
+    """Terms, zeros, estimator and prior of a calibration.
 
-    zero: none, one for all rows, or one for every load case. ridge, shrink: prior standard deviation of what an input
-    itself, and of what any other term contributes, as a share of the response's rms; None for no prior.
+    zero: none, one for all rows, or one for every load case. ridge, shrink: prior standard deviation of the
+    contribution of an input itself, and of any other term, as a share of the response's rms; None for no prior.
     """
 
     estimator: Estimator = "least squares"
@@ -99,7 +100,7 @@ class CalibrationModel:
 
     @property
     def name(self) -> str:
-        """Return the model in words."""
+        """The model in words."""
         parts = [self.estimator, self.direction, f"zero {self.zero}", self.powers]
         parts += [word for word, used in (("drift", self.drift), ("gain", self.gain)) if used]
         shares = ("ridge", self.ridge), ("shrink", self.shrink)
@@ -130,24 +131,24 @@ class Calibration:
 
     @property
     def sigma(self) -> NDArray:
-        """Return the standard deviation (W, P) of every entry of the matrix."""
+        """Standard deviation (W, P) of every entry of the matrix."""
         every = np.sqrt(np.diag(self.covariance)).reshape(len(self.matrix), -1)
         return every[:, : self.matrix.shape[1]]
 
     @property
     def noise_ratio(self) -> float:
-        """Return the noise found over the declared one; NaN where none was declared."""
+        """Observed noise over the declared one; NaN if none was declared."""
         declared = self.model.estimator != "least squares" and self.dof > 0
         return float(np.sqrt(self.chi_square / self.dof)) if declared else float("nan")
 
     def columns(self, x: NDArray, z: NDArray) -> NDArray:
-        """Return the columns (N, P + G) at inputs and covariates; zeros of single cases are left out."""
+        """Return the columns (N, P + G) at inputs and covariates; without zeros of single cases."""
         terms = self.terms.at(x, z)
         zero = np.full((len(x), self.zeros.shape[1]), float(self.model.zero == "common"))
         return np.concatenate([terms, zero], axis=1)
 
     def predict(self, x: NDArray, z: NDArray) -> NDArray:
-        """Return the response (N, W) at inputs (N, C); counted from the case's own zero where every case has one."""
+        """Return the response (N, W) at inputs (N, C), relative to the case's own zero if every case has one."""
         return self.columns(x, z) @ np.concatenate([self.matrix, self.zeros], axis=1).T
 
 
@@ -160,15 +161,15 @@ class MatrixEstimate:
 
     @property
     def sigma(self) -> NDArray:
-        """Return the standard deviation (W, C) of every entry."""
+        """Standard deviation (W, C) of every entry."""
         return np.sqrt(np.diag(self.covariance)).reshape(self.value.shape)
 
 
 def calibration_matrix(fit: Calibration, signal_cov: NDArray | None = None) -> MatrixEstimate:
-    """Return G_B (W, C), N or N m per unit of signal, of the terms in signals or loads alone.
+    """Return G_B (W, C), N or N m per unit of signal, of the terms linear in signals or loads.
 
-    A forward fit V = A F is inverted with the least noise, ``G = (A^T S^-1 A)^-1 A^T S^-1``, S = signal_cov (C, C), by
-    default the fit's own noise; its error follows by ``dG = -G dA G + (A^T S^-1 A)^-1 dA^T S^-1 (1 - A G)``.
+    A forward fit V = A F is inverted with least noise, ``G = (A^T S^-1 A)^-1 A^T S^-1``, S = signal_cov (C, C), by
+    default the fit's own noise. Error propagation: ``dG = -G dA G + (A^T S^-1 A)^-1 dA^T S^-1 (1 - A G)``.
     """
     if fit.model.direction == "direct":
         return _inputs_part(fit)
@@ -194,10 +195,10 @@ def _inputs_part(fit: Calibration) -> MatrixEstimate:
 
 @dataclass(frozen=True)
 class Wrenches:
-    """Wrenches (N, W) told by signals, and what their errors come from.
+    """Wrenches (N, W) from signals, with the sources of their errors.
 
-    own (N, W, W): covariance by the signals' errors, independent from row to row. gain (N, W, R): how an error of the
-    fitted response moves a wrench; columns (N, Q) and coefficients (R Q, R Q): that of the calibration itself.
+    own (N, W, W): covariance from the signals' errors, independent between rows. gain (N, W, R): derivative of a wrench
+    by the fitted response; columns (N, Q) and coefficients (R Q, R Q): covariance of the calibration.
     """
 
     value: NDArray
@@ -208,13 +209,13 @@ class Wrenches:
 
     @property
     def joint(self) -> NDArray:
-        """Return the covariance (N, W, N, W) that the calibration's error gives all rows together."""
+        """Covariance (N, W, N, W) of all rows together due to the calibration."""
         by = np.einsum("nwr,nq->nwrq", self.gain, self.columns).reshape(*self.value.shape, -1)
         return np.einsum("nwc,cd,mvd->nwmv", by, self.coefficients, by, optimize=True)
 
     @property
     def covariance(self) -> NDArray:
-        """Return the whole covariance (N, W, W) of each row."""
+        """Total covariance (N, W, W) of each row."""
         responses = self.gain.shape[2]
         blocks = self.coefficients.reshape(responses, self.columns.shape[1], responses, -1)
         of_response = np.einsum("np,ipjq,nq->nij", self.columns, blocks, self.columns, optimize=True)
@@ -222,14 +223,13 @@ class Wrenches:
 
 
 class UnreachedSignalsError(ValueError):
-    """Signals that a calibration from loads to signals gives at no load."""
+    """Signals that correspond to no load in a calibration from loads to signals."""
 
 
 def wrenches(fit: Calibration, signals: NDArray, covariates: NDArray, signal_cov: NDArray) -> Wrenches:
-    """Return the wrenches that signals (N, C) with errors of covariance signal_cov (C, C) tell.
+    """Return the wrenches of signals (N, C) with error covariance signal_cov (C, C).
 
-    A forward fit is inverted by Gauss-Newton steps from zero load; raises UnreachedSignalsError where they do not
-    settle.
+    A forward fit is inverted by Gauss-Newton steps from zero load; raises UnreachedSignalsError without convergence.
     """
     if fit.model.direction == "forward":
         return _inverted(fit, signals, covariates, signal_cov)
@@ -277,8 +277,8 @@ def leg_force_matrix(
 ) -> MatrixEstimate:
     """Return G_B' = (k / c) G_B, from leg forces (N) to the wrench (eq. 33, 34).
 
-    newton_per_mv: c, one for all cells or of each; amplification: k. relative_sigma: of one cell's sensitivity,
-    independent from cell to cell (the paper's 2.0 +- 0.01 mV/V), which scales its column.
+    newton_per_mv: c, one for all cells or one per cell; amplification: k. relative_sigma: of one cell's sensitivity,
+    independent between cells (the paper's 2.0 +- 0.01 mV/V), which scales its column.
     """
     factor = np.broadcast_to(amplification / np.asarray(newton_per_mv, float), matrix.value.shape)
     value = factor * matrix.value
@@ -288,7 +288,7 @@ def leg_force_matrix(
 
 
 def condition_number(matrix: MatrixEstimate) -> Figures:
-    """Return the 2-norm condition number (eq. 35), its uncertainty to first order."""
+    """Return the 2-norm condition number (eq. 35) with its first-order uncertainty."""
     U, s, Vt = np.linalg.svd(matrix.value)
     ratio = s[0] / s[-1]
     last = len(s) - 1
@@ -331,7 +331,8 @@ def _inverted_matrix(G: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def per_length(matrix: MatrixEstimate, length_m: float) -> MatrixEstimate:
-    """Return a matrix whose rows are three forces and three moments, the moments over a characteristic length."""
+    """Return a matrix whose rows are three forces and three moments, with moments divided by a characteristic
+    length."""
     scale = np.repeat([1.0, 1.0 / length_m], 3)[:, None]
     spread = np.broadcast_to(scale, matrix.value.shape)
     return MatrixEstimate(scale * matrix.value, np.outer(spread, spread) * matrix.covariance)
@@ -350,7 +351,7 @@ def _propagated(value: NDArray, change: NDArray, matrix: MatrixEstimate) -> Figu
 
 @dataclass(frozen=True)
 class LegMatrix:
-    """G_B': what leg forces, told by the signals' stated sensitivity, make of a wrench; and the model it is from."""
+    """G_B': matrix from leg forces, computed with the stated sensitivity, to the wrench; and its model."""
 
     model: str
     estimate: MatrixEstimate

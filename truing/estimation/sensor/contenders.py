@@ -1,7 +1,7 @@
-"""Which calibrations of a sensor contend, how well each predicts load cases it was not fitted to, and the choice.
+"""Selection of a sensor calibration: candidate models, their predictions of held-out load cases, and the choice.
 
-Rows of one load case share its load, its zero and its mounting. A model with many terms learns them by heart, and a
-random row of the same case cannot catch it at that.
+Rows of one load case share load, zero and mounting. A model with many terms can fit these individually, which a
+held-out random row of the same case would not show; so whole cases are held out.
 """
 
 from __future__ import annotations
@@ -31,20 +31,20 @@ from truing.estimation.sensor.load_table import LoadTable, RecordedLoads
 
 AS_PRINTED = CalibrationModel()
 _RIDGE = 1.0
-_MOST_CASES = 48  # more runs are left out some at a time
-_OVER_NOISE = 2.0  # strength of a combination of signals over that of its noise, below which it is no signal
+_MOST_CASES = 48  # with more runs, several are held out together
+_OVER_NOISE = 2.0  # ratio of a signal combination to its noise, below which it counts as noise
 _SIGNS = {-1: "negative", 0: "unloaded", 1: "positive"}
-# What is left out as a whole: the first of these without which no direction of loading is missing.
+# Groups to hold out: the first kind whose removal leaves all load directions covered.
 WHOLE_RUNS, HALF_RUNS = "whole runs", "either sign of the load in a run"
 ONE_LOADS = "one load after the other"
 
 
 @dataclass(frozen=True)
 class HeldOutPredictions:
-    """A model's predictions of loads by fits that have not seen their case, and the fit to all rows.
+    """A model's predictions of loads by fits without their case, and the fit to all rows.
 
-    errors (N, W): predicted less applied, less the case's mean where every case has a zero of its own. squares,
-    freedom (B,) of each case under the noise that the fits without it declare or find; log_density of all errors.
+    errors (N, W): predicted minus applied, minus the case's mean if every case has its own zero. squares, freedom (B,):
+    of each case, with the noise declared for or estimated by the fit without it; log_density: of all errors.
     """
 
     fit: Calibration
@@ -55,13 +55,13 @@ class HeldOutPredictions:
 
     @property
     def rms(self) -> NDArray:
-        """Return the root mean square error (W,) of each component of the load."""
+        """Root mean square error (W,) of each component of the load."""
         return np.sqrt(np.mean(self.errors**2, 0))
 
 
 @dataclass(frozen=True)
 class CalibrationChoice:
-    """Held-out predictions of every contender, which of them is chosen, and why others could not contend, by name."""
+    """Held-out predictions of all contenders, the chosen one, and the reasons for excluded models, by name."""
 
     contenders: tuple[HeldOutPredictions, ...]
     choice: ContenderChoice
@@ -69,15 +69,15 @@ class CalibrationChoice:
 
     @property
     def chosen(self) -> HeldOutPredictions:
-        """Return the contender that is chosen."""
+        """The chosen contender."""
         return self.contenders[self.choice.chosen]
 
 
 def hold_out(table: LoadTable, model: CalibrationModel) -> HeldOutPredictions:
     """Return the predictions of every load case by a fit to all others.
 
-    Raises UndeterminedCalibrationError, naming the case, where the others do not determine the model, and ValueError
-    where a case has but the row that tells its own zero.
+    Raises UndeterminedCalibrationError, naming the case, if the others do not determine the model, and ValueError if a
+    case has only the row that determines its own zero.
     """
     alone = [case for case in table.cases if np.sum(table.case == case) < 2]
     if model.zero == "case" and alone:
@@ -97,10 +97,10 @@ def hold_out(table: LoadTable, model: CalibrationModel) -> HeldOutPredictions:
 
 
 def covariance_by_case(table: LoadTable, model: CalibrationModel) -> MatrixEstimate:
-    """Return G_B with the covariance that its change from case to case gives it: a jackknife over whole load cases.
+    """Return G_B with its covariance from the jackknife over whole load cases.
 
-    Honest where rows of a case share an error of load, lever arm or mounting, which the covariance of a fit takes for
-    independent; a little too large where they do not, and itself uncertain by 1 / sqrt(2 cases). Raises as `hold_out`.
+    Valid if rows of a case share an error of load, lever arm or mounting, which a fit assumes independent; slightly too
+    large otherwise, and itself uncertain by 1 / sqrt(2 cases). Raises as `hold_out`.
     """
     values = []
     for case in table.cases:
@@ -113,7 +113,8 @@ def covariance_by_case(table: LoadTable, model: CalibrationModel) -> MatrixEstim
 
 
 def predicted_loads(fit: Calibration, table: LoadTable) -> Wrenches:
-    """Return the wrenches of a table's signals, with the errors declared of these; a forward fit's own where none."""
+    """Return the wrenches of a table's signals with declared errors; if none are declared, with those of a forward
+    fit."""
     cov = table.signal_cov
     if cov is None:
         count = table.signals.shape[1]
@@ -122,13 +123,12 @@ def predicted_loads(fit: Calibration, table: LoadTable) -> Wrenches:
 
 
 def choose_calibration(table: LoadTable, models: Sequence[CalibrationModel]) -> CalibrationChoice:
-    """Return the model that held-out load cases speak for, by the same rule as for the calibrations of mechanisms.
+    """Return the choice by held-out load cases, with the same rule as for calibrations of mechanisms.
 
-    A model is refuted where it misses held-out cases by more than the declared noise (where none is declared: than the
-    best contender's errors) and is worse than the best, case against case; of the others the one whose predictions were
-    most probable beforehand (the log density of what was held out, Geisser and Eddy 1979), the simplest of equals.
-    Models that the loads do not determine, or that cannot be inverted at held-out signals, are left out; raises
-    UndeterminedCalibrationError where none is left.
+    A model is refuted if it misses held-out cases by more than the declared noise (without one: than the best
+    contender's errors) and is worse than the best, case by case. Among the others, the one with the largest predictive
+    log density (Geisser and Eddy 1979) is chosen, the simplest of equals. Models that the loads do not determine, or
+    that cannot be inverted at held-out signals, are excluded; raises UndeterminedCalibrationError if none is left.
     """
     held, refused = _contending(table, models)
     undeclared = None if table.load_cov is not None else _smallest(held)
@@ -170,18 +170,16 @@ def _without(table: LoadTable, model: CalibrationModel, case: object) -> Calibra
 
 @dataclass(frozen=True)
 class _Spread:
-    """Covariance of predicted less applied loads: of each row by itself (N, W, W), and what the calibration's error
-    gives all rows together, U U^T with U (N W, R)."""
+    """Covariance of predicted minus applied loads: independent part of each row (N, W, W), and common part U U^T due to
+    the calibration with U (N W, R)."""
 
     own: NDArray
     common: NDArray
 
     def whitened(self, values: NDArray) -> tuple[NDArray, float]:
-        """Return the inverse covariance's product with columns of values (N W, K), and its log determinant.
-
-        By the matrix inversion lemma, for rows are many beside the numbers of a calibration. Raises LinAlgError where
-        a row's own covariance is not positive.
-        """
+        """Return the product of the inverse covariance with columns of values (N W, K), and the log determinant. Uses
+        the matrix inversion lemma, since rows outnumber the coefficients of a calibration. Raises LinAlgError if a
+        row's own covariance is not positive."""
         rows, width = self.own.shape[:2]
         root = np.linalg.cholesky(self.own)
         inverse = np.linalg.inv(root)
@@ -199,22 +197,20 @@ class _Spread:
 
 
 def _spread(fit: Calibration, found: Wrenches, table: LoadTable) -> _Spread:
-    """Return the covariance of predicted less applied loads."""
+    """Return the covariance of predicted minus applied loads."""
     rows, width = found.value.shape
     noise = np.zeros((width, width)) if table.load_cov is None else table.load_cov
     own = found.own + noise
     if fit.model.direction == "direct" and (fit.model.estimator == "least squares" or table.load_cov is None):
-        own = np.broadcast_to(fit.noise, (rows, width, width))  # residuals hold the signals' errors too
+        own = np.broadcast_to(fit.noise, (rows, width, width))  # residuals include the signals' errors
     by = np.einsum("nwr,nq->nwrq", found.gain, found.columns).reshape(rows * width, -1)
     strength, axes = np.linalg.eigh(found.coefficients)
     return _Spread(own, by @ (axes * np.sqrt(np.maximum(strength, 0.0))))
 
 
 def _misfit(miss: NDArray, spread: _Spread, own_zero: bool) -> tuple[float, float, float]:
-    """Return chi-square, freedom and log density of errors (N, W), a zero being free or not.
-
-    A fit with too few rows left over to tell its noise holds most errors for impossible: its density is zero.
-    """
+    """Return chi-square, freedom and log density of errors (N, W), with or without a free zero. With too few rows to
+    estimate the noise, most errors appear impossible and the density is zero."""
     rows, width = miss.shape
     zero = np.tile(np.eye(width), (rows, 1))
     try:
@@ -232,30 +228,28 @@ def _misfit(miss: NDArray, spread: _Spread, own_zero: bool) -> tuple[float, floa
 
 
 def _smallest(held: Sequence[HeldOutPredictions]) -> NDArray:
-    """Return the covariance (W, W) of the errors of the contender whose errors are smallest by volume.
-
-    Of those with rows enough to tell their noise: errors of the others lie in a few directions, and have no volume.
-    """
+    """Return the error covariance (W, W) of the contender with the smallest error volume. Only models with enough rows
+    to estimate their noise count: errors of the others lie in few directions, and have zero volume."""
     reported = [one for one in held if np.isfinite(one.log_density)]
     if not reported:
-        raise ValueError("found no model that leaves rows enough to tell the noise, expected one with fewer terms")
+        raise ValueError("found no model with enough rows to estimate its noise, expected one with fewer terms")
     spreads = [one.errors.T @ one.errors / len(one.errors) for one in reported]
     return min(spreads, key=lambda spread: float(np.linalg.slogdet(spread)[1]))
 
 
 def _by_case(table: LoadTable, errors: NDArray, noise: NDArray) -> NDArray:
-    """Return the chi-square (B,) of each case's errors (N, W) under one noise (W, W)."""
+    """Return the chi-square (B,) of each case's errors (N, W) for one noise (W, W)."""
     rows = np.einsum("ni,ij,nj->n", errors, np.linalg.inv(noise), errors)
     return np.array([rows[table.case == case].sum() for case in table.cases])
 
 
 @dataclass(frozen=True)
 class SensorCalibrations:
-    """Every calibration that the loads determine, the chosen one, and what the held-out loads say of them.
+    """All calibrations that the loads determine, the chosen one, and their held-out tests.
 
-    ``left_out``: what was left out as a whole, in words. matrices: G_B of each contender, its sigma by the fit;
-    by_case: that of the chosen one by leaving load cases out. verification (W,): rms error of the chosen one in runs
-    that nothing was fitted to, NaN without any.
+    ``left_out``: kind of groups held out, in words. matrices: G_B of each contender, with sigma from the fit; by_case:
+    that of the chosen one from the jackknife over load cases. verification (W,): rms error of the chosen one in
+    verification runs, NaN without any.
     """
 
     table: LoadTable
@@ -267,17 +261,17 @@ class SensorCalibrations:
 
     @property
     def chosen(self) -> Calibration:
-        """The fit of the chosen model to all calibration runs."""
+        """Fit of the chosen model to all calibration runs."""
         return self.choice.chosen.fit
 
     @property
     def matrix(self) -> MatrixEstimate:
-        """Its G_B."""
+        """G_B of the chosen model."""
         return self.matrices[self.choice.choice.chosen]
 
 
 def calibrations(found: RecordedLoads) -> SensorCalibrations:
-    """Fit and judge every contender; raises UndeterminedCalibrationError, naming what is missing."""
+    """Return the fits and tests of all contenders; raises UndeterminedCalibrationError, naming what is missing."""
     rows = ~found.steps.held_out
     table, words = by_cases(found, rows)
     choice = choose_calibration(table, contenders(found))
@@ -287,12 +281,13 @@ def calibrations(found: RecordedLoads) -> SensorCalibrations:
 
 
 def contenders(found: RecordedLoads) -> list[CalibrationModel]:
-    """The printed formula, estimators that know of noise, and terms that held-out loads have to earn."""
+    """Return the candidate models: the printed formula, estimators that use noise, and terms that must improve
+    predictions."""
     zero: Zero = "none" if found.tared else "common"
     noisy_loads = bool((found.load_sigma > 0.0).all())
     plain = CalibrationModel("weighted", "forward", zero=zero)
     models = [AS_PRINTED, CalibrationModel(zero=zero)]
-    # a prior on channels that repeat one another predicts loads well, and leaves the matrix itself to noise
+    # with dependent channels a prior gives good predictions but an undetermined matrix
     models += [CalibrationModel(zero=zero, ridge=_RIDGE)] if found.signal.shape[1] <= len(LOADS) else []
     models.append(plain)
     if noisy_loads:
@@ -304,8 +299,10 @@ def contenders(found: RecordedLoads) -> list[CalibrationModel]:
 
 
 def by_cases(found: RecordedLoads, rows: Mask) -> tuple[LoadTable, str]:
-    """The table with the largest load cases that can be left out: runs, else either sign of the load in a run, else
-    all readings of one load."""
+    """Return the table grouped into the largest load cases that can be held out, and the kind of group.
+
+    In order: runs; one sign of the load in a run; all readings of one load.
+    """
     steps = found.steps
     sign = np.sign(steps.load[np.arange(len(steps.run)), np.abs(steps.load).argmax(axis=1)]).astype(np.int64)
     runs = _named_runs(found)
@@ -324,7 +321,7 @@ def by_cases(found: RecordedLoads, rows: Mask) -> tuple[LoadTable, str]:
 
 
 def _named_runs(found: RecordedLoads) -> NDArray:
-    """The run (B,) of every step by name; where there are very many of them, some runs together."""
+    """Return the run (B,) of every step by name; several runs together if there are very many."""
     steps, met = found.steps, np.unique(found.steps.run)
     if len(met) <= _MOST_CASES:
         return np.array([f"run {steps.runs[number]}" for number in steps.run])
@@ -333,10 +330,8 @@ def _named_runs(found: RecordedLoads) -> NDArray:
 
 
 def _check(table: LoadTable) -> None:
-    """Raise UndeterminedCalibrationError, naming what is missing, unless signals and loads determine a wrench.
-
-    More channels than components repeat one another; then as many as there are components have to be independent.
-    """
+    """Raise UndeterminedCalibrationError, naming what is missing, unless signals and loads determine a wrench. With
+    more channels than components, as many of them as components must be independent."""
     channels, components = table.signals.shape[1], table.loads.shape[1]
     check_loads(table.loads, table.load_names)
     if channels < components:
@@ -353,7 +348,7 @@ def _check(table: LoadTable) -> None:
 
 
 def _verified(found: RecordedLoads, fit: Calibration) -> Array:
-    """Root mean square error (W,) of the loads of verification runs."""
+    """Return the root mean square error (W,) of the loads of verification runs."""
     rows = found.steps.held_out
     if not rows.any():
         return np.full(found.steps.load.shape[1], np.nan)

@@ -1,6 +1,6 @@
-"""Where a force passes: its line of action from the wrench that it makes, and what moment no line explains.
+"""Line of action of a force from its wrench, and the moment that no line explains.
 
-A force f along a line through r has the moment r x f. From one wrench r follows but for a shift along f.
+A force f along a line through r has the moment r x f. One wrench determines r except for a shift along f.
 """
 
 from __future__ import annotations
@@ -16,8 +16,11 @@ from truing.estimation.rotation import skew
 
 @dataclass(frozen=True)
 class LineOfAction:
-    """The lines of B forces: arm (B, 3), m, to the point nearest to the origin, with covariance (B, 3, 3); along (B,),
-    N m: the moment about the force's own direction, which no line explains, with its sigma (B,)."""
+    """Lines of action of B forces.
+
+    arm (B, 3), m: to the point nearest to the origin, with covariance (B, 3, 3); along (B,), N m: moment about the
+    force's own direction, which no line explains, with its sigma (B,).
+    """
 
     arm: NDArray
     covariance: NDArray
@@ -26,21 +29,21 @@ class LineOfAction:
 
     @property
     def length(self) -> NDArray:
-        """Return the lever arm (B,), m."""
+        """Lever arms (B,), m."""
         return np.sqrt(np.sum(self.arm**2, -1))
 
 
 def line_of_action(wrench: NDArray, covariance: NDArray) -> LineOfAction:
-    """Return the lines of forces from wrenches (B, 6), N and N m, of covariance (B, 6, 6): ``r = f x m / |f|^2``.
+    """Return the lines of action from wrenches (B, 6), N and N m, of covariance (B, 6, 6): ``r = f x m / |f|^2``.
 
-    Raises ValueError where a wrench holds no force.
+    Raises ValueError for a wrench without force.
     """
     f, m = wrench[:, :3], wrench[:, 3:]
     square = np.sum(f * f, -1)
     if not np.all(square > 0):
         raise ValueError("found a wrench without a force, expected one that has a line of action")
     arm = np.cross(f, m) / square[:, None]
-    # by f: (-[m]x - 2 r f^T) / |f|^2; by m: [f]x / |f|^2
+    # derivatives by f: (-[m]x - 2 r f^T) / |f|^2; by m: [f]x / |f|^2
     by_force = (-skew(m) - 2.0 * arm[:, :, None] * f[:, None]) / square[:, None, None]
     by = np.concatenate([by_force, skew(f) / square[:, None, None]], axis=2)
     size = np.sqrt(square)

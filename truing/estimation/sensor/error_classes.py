@@ -1,8 +1,8 @@
-"""The errors of a calibrated sensor as laboratories report them, per axis, each with its uncertainty.
+"""Error classes of a calibrated sensor as laboratories report them, per axis, each with its uncertainty.
 
-Every class is the largest of several linear combinations of readings, as a share of the range. Its uncertainty is that
-of the combination which is largest; ``limit`` is what noise alone would exceed once in twenty times, by being the
-largest of so many. Definitions and sources: docs/error-classes.md.
+Each class is the largest of several linear combinations of readings, as a share of the range. Its uncertainty is that
+of this combination. ``limit`` is the value that noise alone exceeds with 5 % probability, given the number of
+combinations. Definitions and sources: docs/error-classes.md.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from truing.arrays import Array
 from truing.estimation.sensor.load_table import RecordedLoads
 
 _CHANCE = 0.05
-_SAME = 1e-9  # of the largest load: loads that differ by less are the same step
-Combinations = tuple[NDArray, NDArray]  # (M, N) of readings, and the load (M,) that each is about
-CREEP_S = (30.0, 300.0)  # ISO 376, by common account
+_SAME_LOAD = 1e-9  # relative to the largest load: loads with a smaller difference are the same step
+Combinations = tuple[NDArray, NDArray]  # (M, N) of readings, and the load (M,) of each
+CREEP_S = (30.0, 300.0)  # ISO 376, as commonly cited
 
 
 @dataclass(frozen=True)
 class AxisSeries:
-    """Readings of one loaded axis: N steps in the order taken, in cycles that each begin unloaded.
+    """Readings under loads along one axis: N steps in the order of measurement, in cycles that each begin unloaded.
 
-    load (N,): applied along the axis; reading (N, W): indicated wrench, as read; axis: which of the W was loaded; cycle
-    (N,): which cycle a step belongs to; sigma (W,): standard deviation of one reading; full_scale (W,): range.
+    load (N,): applied along the axis; reading (N, W): indicated wrench, as read; axis: index of the loaded component;
+    cycle (N,): cycle of each step; sigma (W,): standard deviation of one reading; full_scale (W,): range.
     """
 
     load: NDArray
@@ -38,9 +38,9 @@ class AxisSeries:
 
     @property
     def rising(self) -> NDArray:
-        """Return which steps (N,) were reached by loading: the load moved away from zero, or turned its sign.
+        """Mask (N,) of steps reached by loading: the load moved away from zero, or changed its sign.
 
-        A load that was held stays on the branch on which it was reached.
+        A held load keeps its branch.
         """
         before = np.concatenate([[0.0], self.load[:-1]])
         start = np.concatenate([[True], self.cycle[1:] != self.cycle[:-1]])
@@ -51,27 +51,27 @@ class AxisSeries:
 
     @property
     def _same(self) -> float:
-        return _SAME * float(np.abs(self.load).max(initial=0.0))
+        return _SAME_LOAD * float(np.abs(self.load).max(initial=0.0))
 
     @property
     def unloaded(self) -> NDArray:
-        """Return which steps (N,) are without load."""
+        """Mask (N,) of steps without load."""
         return np.abs(self.load) <= self._same
 
     @property
     def levels(self) -> NDArray:
-        """Return the loads (K,) that were applied, ascending, without zero."""
+        """Applied loads (K,), ascending, without zero."""
         loaded = np.sort(self.load[~self.unloaded])
         return loaded[np.concatenate([[True], np.diff(loaded) > 10 * self._same])] if len(loaded) else loaded
 
     def at(self, level: float) -> NDArray:
-        """Return which steps (N,) carry a load."""
+        """Return the mask (N,) of steps with a load."""
         return np.asarray(np.abs(self.load - level) <= 10 * self._same)
 
     def from_zero(self) -> NDArray:
-        """Return the matrix (N, N) that counts readings from the first unloaded one of their cycle.
+        """Return the matrix (N, N) that refers readings to the first unloaded one of their cycle.
 
-        Raises ValueError for a cycle that was not read unloaded.
+        Raises ValueError for a cycle without unloaded reading.
         """
         rows = np.eye(len(self.load))
         for cycle in np.unique(self.cycle):
@@ -87,8 +87,8 @@ class AxisSeries:
 class ErrorClass:
     """One error of one axis, as a share of its range (interpolation: of the load itself).
 
-    value: the largest; sigma: its standard deviation; limit: exceeded by noise alone once in twenty times; load: where
-    it is largest; component: which of the W indicated it.
+    value: the largest one; sigma: its standard deviation; limit: exceeded by noise alone with 5 % probability; load: at
+    the largest value; component: index of the component that indicated it.
     """
 
     name: str
@@ -101,9 +101,10 @@ class ErrorClass:
 
 
 def error_classes(series: AxisSeries) -> list[ErrorClass]:
-    """Return what the series can tell: nonlinearity, interpolation, hysteresis, repeatability, zero return, crosstalk.
+    """Return the error classes that the series determines: nonlinearity, interpolation, hysteresis, repeatability, zero
+    return, crosstalk.
 
-    A class for which there are no readings (no unloading, one cycle alone) is left out.
+    Classes without readings for them (no unloading, a single cycle) are omitted.
     """
     own = series.axis
     scale = series.full_scale[own]
@@ -114,7 +115,7 @@ def error_classes(series: AxisSeries) -> list[ErrorClass]:
         _largest("repeatability", series, own, *_repeats(series), scale),
         _largest("zero return", series, own, *_returns(series), scale),
     ]
-    combinations, loads = _at_range(series)
+    combinations, loads = _largest_load_means(series)
     for other in np.flatnonzero(np.arange(series.reading.shape[1]) != own):
         found.append(_largest("crosstalk", series, int(other), combinations, loads, series.full_scale[other]))
     return [one for one in found if one is not None]
@@ -123,7 +124,7 @@ def error_classes(series: AxisSeries) -> list[ErrorClass]:
 def reading_sigma(series: AxisSeries) -> NDArray:
     """Return the standard deviation (W,) of one reading, from cycles that repeat the same steps; NaN without any.
 
-    What is left beside the mean of each load and branch and a zero for each cycle.
+    It is the scatter about the mean of each load and branch and a zero per cycle.
     """
     step = np.stack([np.round(series.load / max(series._same, 1e-300) / 10), series.rising], axis=1)
     kind = np.unique(step, axis=0, return_inverse=True)[1].ravel()
@@ -137,9 +138,9 @@ def reading_sigma(series: AxisSeries) -> NDArray:
 def creep(
     time_s: NDArray, reading: NDArray, sigma: float, full_scale: float, from_s: float = 30.0, to_s: float = 300.0
 ) -> ErrorClass:
-    """Return the change of a reading (N,) under constant load between two times after the load came (at time 0).
+    """Return the change of a reading (N,) under constant load between two times after loading (at time 0).
 
-    Between readings it is interpolated. Raises ValueError where the readings do not reach from one time to the other.
+    Readings are interpolated linearly. Raises ValueError if the readings do not span both times.
     """
     if time_s[0] > from_s or time_s[-1] < to_s:
         raise ValueError(f"found readings from {time_s[0]:g} to {time_s[-1]:g} s, expected {from_s:g} to {to_s:g} s")
@@ -154,7 +155,8 @@ def _interpolating(time_s: NDArray, at: float) -> NDArray:
 
 
 def _curve(series: AxisSeries, degree: int, *, absolute: bool) -> Combinations:
-    """Return the mean rising readings at each level less their polynomial through zero; over the level if relative."""
+    """Return the mean readings on loading at each level minus their polynomial through zero; not absolute: relative to
+    the level."""
     levels, mean = _means(series, series.rising)
     share = levels / np.abs(levels).max()
     powers = share[:, None] ** np.arange(1, min(degree, len(levels) - 1) + 1)
@@ -163,7 +165,7 @@ def _curve(series: AxisSeries, degree: int, *, absolute: bool) -> Combinations:
 
 
 def _means(series: AxisSeries, branch: NDArray) -> Combinations:
-    """Return the levels (K,) of a branch and what takes its mean readings (K, N), counted from zero."""
+    """Return the levels (K,) of a branch and the matrix (K, N) of its mean readings, relative to zero."""
     from_zero = series.from_zero()
     rows, levels = [], []
     for level in series.levels:
@@ -175,7 +177,7 @@ def _means(series: AxisSeries, branch: NDArray) -> Combinations:
 
 
 def _branches(series: AxisSeries) -> Combinations:
-    """Return falling less rising means at the levels that were met on both."""
+    """Return the unloading means minus the loading means at levels present on both branches."""
     up, rising = _means(series, series.rising)
     down, falling = _means(series, ~series.rising)
     both, at_up, at_down = np.intersect1d(up, down, return_indices=True)
@@ -183,7 +185,7 @@ def _branches(series: AxisSeries) -> Combinations:
 
 
 def _repeats(series: AxisSeries) -> Combinations:
-    """Return differences of rising readings of the same level in different cycles."""
+    """Return the differences of readings on loading between cycles, at equal levels."""
     from_zero = series.from_zero()
     rows, loads = [], []
     for level in series.levels:
@@ -195,7 +197,7 @@ def _repeats(series: AxisSeries) -> Combinations:
 
 
 def _returns(series: AxisSeries) -> Combinations:
-    """Return the last unloaded reading of every cycle less its first."""
+    """Return the last unloaded reading of every cycle minus its first."""
     from_zero = series.from_zero()
     rows = []
     for cycle in np.unique(series.cycle):
@@ -205,8 +207,8 @@ def _returns(series: AxisSeries) -> Combinations:
     return np.array(rows).reshape(len(rows), len(series.load)), np.zeros(len(rows))
 
 
-def _at_range(series: AxisSeries) -> Combinations:
-    """Return mean rising readings at the largest load of either sign."""
+def _largest_load_means(series: AxisSeries) -> Combinations:
+    """Return the mean readings on loading at the largest load of each sign."""
     levels, mean = _means(series, series.rising)
     ends = np.flatnonzero((levels == levels.max(initial=0.0)) | (levels == levels.min(initial=0.0)))
     return mean[ends], levels[ends]
@@ -215,7 +217,7 @@ def _at_range(series: AxisSeries) -> Combinations:
 def _largest(
     name: str, series: AxisSeries, component: int, combinations: NDArray, loads: NDArray, scale: float
 ) -> ErrorClass | None:
-    """Return the largest of combinations (M, N) of a component's readings, over a scale; None where there is none."""
+    """Return the largest of combinations (M, N) of a component's readings, over a scale; None without any."""
     if not len(combinations):
         return None
     value = combinations @ series.reading[:, component] / scale
@@ -227,10 +229,8 @@ def _largest(
 
 
 def _two_sided(deviation: NDArray) -> float:
-    """Return what the largest of normal errors (M,) exceeds with a small chance; at most that where they correlate.
-
-    Sidak (1967): the product of the single chances bounds the joint one for any correlation.
-    """
+    """Return the limit that the largest of normal errors (M,) exceeds with a small probability; an upper bound if
+    correlated. Sidak (1967): the product of the single probabilities bounds the joint one for any correlation."""
     from scipy.special import ndtr, ndtri
 
     spread = deviation[deviation > 0]
@@ -247,23 +247,23 @@ def _two_sided(deviation: NDArray) -> float:
 def axis_errors(
     found: RecordedLoads, indicated: Array, sigma: Array, ranges: Array, axis: int
 ) -> list[ErrorClass] | None:
-    """Return the classes of errors of one axis; None where no run loaded it by itself and was also read unloaded.
+    """Return the error classes of one axis; None without a run that loaded only this axis and has unloaded readings.
 
-    indicated (B, 6): loads as a calibration tells them, N and N m; sigma (6,) by the noise of signals; ranges (6,),
-    NaN where an axis has none.
+    indicated (B, 6): loads from a calibration, N and N m; sigma (6,): from the noise of signals; ranges (6,): NaN for
+    an axis without range.
     """
     series = _series(found, indicated, sigma, ranges, axis)
     return None if series is None else [*_classes_of(series), *_creeps(found, indicated, sigma, ranges, axis)]
 
 
 def _classes_of(series: AxisSeries) -> list[ErrorClass]:
-    """The classes of a series; components without a range have no crosstalk to be told."""
+    """Return the classes of a series; components without a range have no crosstalk."""
     found = error_classes(series) if len(series.levels) else []
     return [one for one in found if np.isfinite(one.value)]
 
 
 def _series(found: RecordedLoads, indicated: Array, sigma: Array, ranges: Array, axis: int) -> AxisSeries | None:
-    """The runs that loaded one axis alone, each a cycle; None without any that was also read unloaded."""
+    """Return the runs that loaded one axis alone, each as a cycle; None without any that has unloaded readings."""
     steps = found.steps
     other = np.delete(steps.load, axis, axis=1) != 0.0
     runs = [
@@ -281,7 +281,8 @@ def _series(found: RecordedLoads, indicated: Array, sigma: Array, ranges: Array,
 
 
 def _creeps(found: RecordedLoads, indicated: Array, sigma: Array, ranges: Array, axis: int) -> list[ErrorClass]:
-    """The largest creep of all loads along the axis that were held long enough; a load comes after the step before."""
+    """Return the largest creep of loads along the axis that were held long enough; a load starts after the previous
+    step."""
     steps = found.steps
     same = (np.diff(steps.load, axis=0) == 0.0).all(axis=1) & (np.diff(steps.run) == 0)
     parts = np.split(np.arange(len(steps.run)), np.flatnonzero(~same) + 1)

@@ -1,8 +1,8 @@
-"""Loads written down in each other's row: two rows of a calibration table that are right once they are exchanged back.
+"""Exchanged loads in a calibration table: pairs of rows that fit once their loads are swapped back.
 
-The loads of all rows follow from their signals by one calibration, with squares, products and cubes where a linear one
-is clearly not enough. Where two rows were exchanged, wholly or in some components of the load, each misses by just the
-difference of the two, which a gross error or a bad channel does not.
+One calibration predicts the loads of all rows from their signals, with squares, products and cubes if a linear one is
+clearly insufficient. If two rows were exchanged, in all or some components of the load, each misses by exactly the
+difference of the two; a gross error or a bad channel does not cause that.
 """
 
 from __future__ import annotations
@@ -17,26 +17,27 @@ from truing.estimation.sensor.load_table import LoadTable
 from truing.estimation.sensor.nonlinear_terms import detected_form, left_by, nonlinear_terms
 
 _NORMAL_MEDIAN = 0.6745
-_L1_ROUNDS, _CLOSE = 30, 0.1  # residuals nearer than that, in sigmas, do not gain more weight
+_L1_ROUNDS, _CLOSE = 30, 0.1  # sigmas; smaller residuals gain no more weight
 _SELECTIONS, _GROSS = 3, 5.0
-_OPEN = 1e-12  # share of the largest eigenvalue that is no zero
-_ROUNDS = 50  # exchanges looked for, one after the other
-_SUSPECT = 2.5  # of a row's residuals in sigmas, below which it cannot be part of an exchange that is no chance
+_OPEN = 1e-12  # share of the largest eigenvalue below which one is zero
+_ROUNDS = 50  # most exchanges that are searched, one after the other
+_SUSPECT = 2.5  # row residual in sigmas; smaller ones cannot be part of a significant exchange
 _TELLS = 4.0  # gain in chi-square from which a component counts as exchanged
-_MOST_PAIRS = 300_000  # of rows that are looked at: a table full of gross errors would take all memory
-_FALSE_ALARM = 1e-3  # of any exchange named in a table without one
-_LARGE = 5000  # rows, of which two bend the fit by nothing: it is done anew once no further exchange shows
-_ALIKE = 2.0  # ratio of sizes up to which rows are as far off as another
-_BY_CHANCE = 0.05  # exchanges expected among rows that are as far off for reasons of their own
-_ROWS_PER_COLUMN, _WITHIN = 4.0, 0.2  # a zero of each run: rows by column, and share of the loads' variance within runs
+_MOST_PAIRS = 300_000  # most pairs of rows that are tested: bounds the memory for tables full of gross errors
+_FALSE_ALARM = 1e-3  # probability of naming any exchange in a table without one
+_LARGE = 5000  # rows; in larger tables two rows hardly affect the fit, which is repeated only at the end
+_ALIKE = 2.0  # ratio of sizes up to which rows count as equally far off
+_BY_CHANCE = 0.05  # expected accidental exchanges among rows that are far off for other reasons
+# For a zero per run: rows per column, and share of the loads' variance within runs.
+_ROWS_PER_COLUMN, _WITHIN_SHARE = 4.0, 0.2
 
 
 @dataclass(frozen=True)
 class RowExchange:
-    """Two rows (from 0) whose loads are exchanged in some components (of W).
+    """Two rows (from 0) with exchanged loads in some components (of W).
 
-    before, after: their misfit in sigmas, root mean square over these components; p_value: corrected for all pairs and
-    all sets of components. A component in which the two loads differ by no more than noise is not told of.
+    before, after: rms misfit in sigmas over these components; p_value: corrected for all pairs and all sets of
+    components. Components in which the two loads differ by less than noise are left out.
     """
 
     first: int
@@ -48,19 +49,17 @@ class RowExchange:
 
 
 def exchanged_loads(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> list[RowExchange]:
-    """Return the exchanged rows of a table as `search_exchanges` finds them."""
+    """Return the exchanged rows of a table as in `search_exchanges`."""
     return search_exchanges(table, false_alarm)[0]
 
 
 def search_exchanges(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> tuple[list[RowExchange], int]:
-    """Return the exchanged rows of a table, the surest first, and how many suspected pairs were not looked at.
+    """Return the exchanged rows of a table, the most significant first, and the number of suspected pairs not tested.
 
-    Loads that the table exchanges alike are no exchange. Pairs are left out where rows far from their place are too
-    many; the farthest are looked at.
-
-    The noise is that of the table's own residuals, from a robust fit of loads to signals and a zero: of each run where
-    loads change within runs that are long enough, for bridges drift between them. Whole rows of signals exchanged,
-    loads being right, look the same as whole rows of loads.
+    Equal loads in both rows are no exchange. If too many rows are far off, only the pairs of the worst ones are tested.
+    The noise comes from the table's own residuals, in a robust fit of loads to signals and a zero. The zero is per run
+    if loads change within sufficiently long runs, since bridges drift between them. Exchanged rows of signals look the
+    same as exchanged rows of loads.
     """
     applied = np.flatnonzero(np.ptp(table.loads, axis=0) > 0)
     loads, found, unseen = table.loads[:, applied], list[RowExchange](), 0
@@ -86,12 +85,9 @@ def search_exchanges(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> tup
 
 
 def _calibrated(signals: NDArray, loads: NDArray, zeros: _Zeros) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Return the columns (N, Q) that tell loads (N, W), signals with nonlinear terms where those are clear; all such
-    terms; and what a robust fit to the columns leaves, with its scatter (W,).
-
-    Terms are of the signals, or of the loads that a linear calibration reads from them where these are fewer. Rows that
-    it leaves far off have no say in which terms are clear.
-    """
+    """Return the columns (N, Q) that predict loads (N, W): signals, with nonlinear terms if significant; all nonlinear
+    terms; and residuals and scatter (W,) of a robust fit. Terms are in the signals, or in the loads of a linear
+    calibration if these are fewer. Outlying rows do not influence which terms are significant."""
     rest, sigma = _robust_residuals(signals, loads, zeros)
     near = np.all(np.abs(rest) < _GROSS * sigma, axis=1)
     own = _Zeros.of(np.unique(zeros.of_row[near], return_inverse=True)[1])
@@ -105,8 +101,8 @@ def _calibrated(signals: NDArray, loads: NDArray, zeros: _Zeros) -> tuple[NDArra
 
 
 def _is_smooth(columns: tuple[NDArray, NDArray], loads: tuple[NDArray, NDArray], zeros: _Zeros) -> bool:
-    """Return whether further terms explain more of the loads as written (N, W), in sigmas, than exchanging rows does:
-    as much as their number explains of anything is taken off, and nothing is asked of too few rows."""
+    """Whether further terms explain the recorded loads (N, W), in sigmas, better than exchanging rows does. The
+    expected gain of random terms is subtracted; with too few rows the answer is False."""
     fitted, more = columns
     written, exchanged = loads
     smooth = left_by([fitted, more], written, zeros.taken_out, zeros.count)
@@ -115,10 +111,10 @@ def _is_smooth(columns: tuple[NDArray, NDArray], loads: tuple[NDArray, NDArray],
 
 
 def least_difference(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> NDArray:
-    """Return the differences (W,) of two loads, in the units of loads, from which their exchange is named.
+    """Return the smallest differences (W,) of two loads, in units of loads, for which an exchange is found.
 
-    Of one component each, by the scatter of the table's own residuals and by how many rows are as far off; 0 where
-    never applied. Noise moves the limit by about one sigma.
+    For exchanges in one component; from the scatter of the residuals and the number of equally outlying rows; 0 if
+    never applied. Noise shifts the limit by about one sigma.
     """
     from scipy.special import chdtri
 
@@ -131,7 +127,7 @@ def least_difference(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> NDA
     sizes = np.sort(np.max(np.abs(rest / sigma), axis=1))
     tried = np.maximum(least, 1.0) * 1.05 ** np.arange(300)
     rows = np.searchsorted(sizes, tried * _ALIKE, "right") - np.searchsorted(sizes, tried / _ALIKE, "left") + 2
-    # as `_by_chance` counts for two rows that are one sigma off once exchanged
+    # as `_by_chance` counts for two rows that are one sigma off after the exchange
     place = np.sqrt(2.0 * np.pi * np.e) / (2.0 * (_ALIKE - 1.0 / _ALIKE) * tried)
     refused = np.flatnonzero(0.5 * (rows * place) ** 2 > _BY_CHANCE)
     if len(refused):
@@ -147,17 +143,17 @@ def _exchange(loads: NDArray, one: RowExchange) -> None:
 
 
 def _zeros(table: LoadTable, loads: NDArray) -> _Zeros:
-    """Return which rows share a zero: those of a run, or all of them."""
+    """Return the zero of each row: one per run, or one for all."""
     runs = _Zeros.of(np.unique(table.case, return_inverse=True)[1].ravel())
     rows = len(loads) / (table.signals.shape[1] + runs.count)
     within = runs.without(loads, np.ones(len(loads)))
-    tell = np.sum(within**2, 0) >= _WITHIN * np.sum((loads - loads.mean(0)) ** 2, 0)
+    tell = np.sum(within**2, 0) >= _WITHIN_SHARE * np.sum((loads - loads.mean(0)) ** 2, 0)
     return runs if rows >= _ROWS_PER_COLUMN and tell.all() else _Zeros.of(np.zeros(len(loads), int))
 
 
 @dataclass(frozen=True)
 class _Zeros:
-    """Which zero (N,) of Z each row counts from, as a matrix (Z, N) that sums rows by zero as well."""
+    """Index (N,) of the zero of each row among Z, and the matrix (Z, N) that sums rows by zero."""
 
     of_row: NDArray
     sums: Any
@@ -176,41 +172,39 @@ class _Zeros:
         return int(self.sums.shape[0])
 
     def taken_out(self, values: NDArray) -> NDArray:
-        """Return values (N, K) less their mean by zero."""
+        """Return values (N, K) minus their mean per zero."""
         return self.without(values, np.ones(len(values)))
 
     def without(self, values: NDArray, weight: NDArray) -> NDArray:
-        """Return values (N, K) less their mean by zero, weighted (N,); as they are where nothing has any weight."""
+        """Return values (N, K) minus their weighted mean per zero, weight (N,); unchanged without any weight."""
         mass = self.sums @ weight
         mean = (self.sums @ (weight[:, None] * values)) / np.where(mass > 0.0, mass, 1.0)[:, None]
         return np.asarray(values - mean[self.of_row])
 
 
 def _robust_residuals(signals: NDArray, loads: NDArray, zeros: _Zeros) -> tuple[NDArray, NDArray]:
-    """Return loads less what signals tell (N, W) by a fit that gross errors do not bend, and its scatter (W,).
-
-    Least absolute deviation by reweighting, then least squares of what lies near it; each component by itself.
-    """
+    """Return loads minus predictions (N, W) by a robust fit, and their scatter (W,). Least absolute deviations by
+    reweighting, then least squares of inliers; each component separately."""
     size = np.sqrt(np.mean(zeros.taken_out(signals) ** 2, 0))
     columns = signals / np.where(size > 0.0, size, 1.0)
     parameters = columns.shape[1] + zeros.count
-    rest = _rest(columns, loads, np.ones_like(loads), zeros)
+    rest = _weighted_residuals(columns, loads, np.ones_like(loads), zeros)
     for _ in range(_L1_ROUNDS):
         far = np.abs(rest) / _scatter(rest, parameters)
-        rest = _rest(columns, loads, 1.0 / np.maximum(far, _CLOSE), zeros)
+        rest = _weighted_residuals(columns, loads, 1.0 / np.maximum(far, _CLOSE), zeros)
     for _ in range(_SELECTIONS):
         near = np.abs(rest) < _GROSS * _scatter(rest, parameters)
-        rest = _rest(columns, loads, near.astype(float), zeros)
+        rest = _weighted_residuals(columns, loads, near.astype(float), zeros)
     return rest, _scatter(rest, parameters)
 
 
-def _rest(columns: NDArray, loads: NDArray, weight: NDArray, zeros: _Zeros) -> NDArray:
+def _weighted_residuals(columns: NDArray, loads: NDArray, weight: NDArray, zeros: _Zeros) -> NDArray:
     """Return residuals (N, W) of a fit to columns (N, Q) and zeros, with weights (N, W)."""
     rest = np.empty_like(loads)
     for k, own in enumerate(weight.T):
         within = zeros.without(np.column_stack([columns, loads[:, k]]), own)
         weighed = own[:, None] * within[:, :-1]
-        # channels may repeat one another
+        # channels may be dependent
         inverse = np.linalg.pinv(weighed.T @ within[:, :-1], rcond=_OPEN, hermitian=True)
         rest[:, k] = within[:, -1] - within[:, :-1] @ (inverse @ (weighed.T @ within[:, -1]))
     return rest
@@ -224,8 +218,8 @@ def _scatter(rest: NDArray, parameters: int) -> NDArray:
 
 
 def _suspected(whitened: NDArray, needed: float) -> tuple[NDArray, NDArray, int]:
-    """Return the pairs (first, second) of rows whose residuals (N, W) in sigmas hold the gain in chi-square that is
-    needed, and how many such pairs were left out; no exchange gains more than its rows have."""
+    """Return the pairs (first, second) of rows with residuals (N, W) in sigmas large enough for the needed gain in
+    chi-square, and the number of such pairs not returned. An exchange gains at most the chi-square of its rows."""
     size = np.sum(whitened**2, axis=1)
     rows = np.flatnonzero(np.any(np.abs(whitened) > _SUSPECT, axis=1))
     rows = rows[np.argsort(-size[rows], kind="stable")]
@@ -243,12 +237,9 @@ def _suspected(whitened: NDArray, needed: float) -> tuple[NDArray, NDArray, int]
 def _best(
     loads: NDArray, whitened: NDArray, sigma: NDArray, false_alarm: float, case: NDArray
 ) -> tuple[RowExchange | None, int]:
-    """Return the exchange that explains most, if it is more than chance and leaves both rows within the noise, and how
-    many suspected pairs were not looked at.
-
-    Where one of its rows is put right as well by a row of its own run (N,), it is that one: who writes down a row takes
-    the next for it, not one of another day with the same load.
-    """
+    """Return the exchange with the largest gain, if it is significant and leaves both rows within the noise, and the
+    number of suspected pairs not tested. If one of its rows fits as well after an exchange within its own run (N,),
+    that one is returned: adjacent rows are confused more easily than rows of different days."""
     from scipy.special import chdtri
 
     pairs = len(loads) * (len(loads) - 1) // 2
@@ -261,7 +252,7 @@ def _best(
     one_way, other_way = (_compare(whitened, (first, second), sign * way) for sign in (1.0, -1.0))
     valid, p_value = one_way.valid(pairs, trials, false_alarm)
     before, taken, count, total, left = one_way.before, one_way.taken, one_way.count, one_way.total, one_way.left
-    # chance makes as many pairs with the opposite difference: where it makes none, other pairs are no gross errors
+    # by chance as many pairs have the opposite difference; without any, other pairs are not gross errors
     is_chance = unseen or other_way.valid(pairs, trials, false_alarm)[0].any()
     explained = np.array([], int) if is_chance else np.unique(np.concatenate([first[valid], second[valid]]))
     near = np.flatnonzero(valid)
@@ -287,7 +278,7 @@ def _best(
 
 @dataclass(frozen=True)
 class _ExchangedPairs:
-    """Squares of residuals of P pairs before and after an exchange (P, W), and the components that gain by it."""
+    """Squared residuals of P pairs before and after an exchange (P, W), and the components that improve."""
 
     before: NDArray
     after: NDArray
@@ -306,7 +297,7 @@ class _ExchangedPairs:
         return np.asarray(np.sum(np.where(self.taken, self.before - self.after, 0.0), 1))
 
     def valid(self, pairs: int, trials: int, false_alarm: float) -> tuple[NDArray, NDArray]:
-        """Return which exchanges normal noise neither makes nor leaves more than, and their p-values (P,)."""
+        """Return the mask of exchanges beyond chance that leave both rows within noise, and their p-values (P,)."""
         from scipy.special import chdtrc, chdtri
 
         some = np.maximum(self.count, 1)
@@ -318,7 +309,7 @@ def _compare(whitened: NDArray, rows: tuple[NDArray, NDArray], way: NDArray) -> 
     one, other = whitened[rows[0]], whitened[rows[1]]
     before, after = one**2 + other**2, (one - way) ** 2 + (other + way) ** 2
     gain = np.where(np.isfinite(before - after), before - after, 0.0)
-    # each row has to be put right by it, or one gross error would seem an exchange with whatever lies beyond
+    # each row has to improve, or one gross error would pair with any outlying row
     is_right = (one**2 > (one - way) ** 2) & (other**2 > (other + way) ** 2)
     return _ExchangedPairs(before, after, (gain > _TELLS) & is_right)
 
@@ -326,12 +317,10 @@ def _compare(whitened: NDArray, rows: tuple[NDArray, NDArray], way: NDArray) -> 
 def _by_chance(
     whitened: NDArray, rows: tuple[NDArray, NDArray], way: NDArray, taken: NDArray, explained: NDArray
 ) -> NDArray:
-    """Return how many exchanges as good as each of P pairs of rows chance makes among rows that are as far off.
-
-    whitened (N, W), way and taken (P, W). A row that is off for a reason of its own lies anywhere within its size, so
-    that noise brings it to the place of another one the more rarely the farther it is off. Heavy tails count as such.
-    Rows that other exchanges ``explained`` are not counted.
-    """
+    """Return the expected number of accidental exchanges as good as each of P pairs, among rows that are equally far
+    off. whitened (N, W), way and taken (P, W). A row with another cause lies anywhere within its size, so it reaches
+    the place of another row by chance the less often the further it is off. Heavy tails are included. Rows
+    ``explained`` by other exchanges are not counted."""
     sizes = np.sort(np.delete(np.max(np.abs(whitened), axis=1), explained))
     expected = np.full(len(way), 0.5)
     for row, sign in zip(rows, (-1.0, 1.0), strict=True):

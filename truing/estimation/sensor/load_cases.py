@@ -1,8 +1,8 @@
-"""Which loads to apply for the best calibration: the choice of poses, with wrenches in place of configurations.
+"""Choice of loads for the best calibration: the design methods of poses, with wrenches as configurations.
 
-Every channel sees the same loads, so that the determinant of the information about the sensitivities A (V = A F) is a
-power of that about one row, whatever the sensor: a candidate's row is its terms, one "leg" for all channels. Loads are
-counted in their limits, and may be bounded by what each measuring leg bears.
+All channels see the same loads, so the determinant of the information about the sensitivities A (V = A F) is a power of
+that about one row: a candidate's row is its terms, with one "leg" for all channels. Loads are in units of their limits,
+and may be limited by the capacity of each measuring leg.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from truing.estimation.sensor.calibration import Powers, Terms
 from truing.estimation.sensor.load_table import LOADS
 
 _STARTS = 5
-_LEAST = 1e-9  # share of the largest eigenvalue that a start has to have in every direction
+_LEAST = 1e-9  # share of the largest eigenvalue that a start needs in every direction
 
 
 @dataclass(frozen=True)
 class LoadLimits:
-    """What may be applied: each component up to limits (W,), N and N m, and the legs' own limits where they are known.
+    """Limits of the loads: each component up to limits (W,), N and N m, and the limits of legs if known.
 
-    legs (L, W): forces in the legs per unit of load (G^-1), leg_limit (L,) N, both empty where legs bear anything.
+    legs (L, W): leg forces per unit of load (G^-1), leg_limit (L,) N, both empty without limits.
     """
 
     limits: NDArray
@@ -43,7 +43,7 @@ class LoadLimits:
 
     @property
     def region(self) -> FeasibleRegion:
-        """Return the region of loads counted in their limits."""
+        """Return the region of loads in units of their limits."""
         size = len(self.limits)
         normals, half = np.eye(size), np.ones(size)
         if self.legs is not None and self.leg_limit is not None:
@@ -58,14 +58,14 @@ class LoadLimits:
 
 
 def corner_loads(limits: LoadLimits) -> NDArray:
-    """Return the corners (C, W) of what may be applied; for a linear calibration no other loads tell more."""
+    """Return the corners (C, W) of the allowed loads, which are optimal for a linear calibration."""
     return limits.region.corners() * limits.limits
 
 
 def bench_loads(limits: LoadLimits, levels: NDArray, at_once: int) -> NDArray:
-    """Return loads (C, W) with at most so many components at once, each at some share of its limit of either sign.
+    """Return loads (C, W) with at most `at_once` components, each at some share of its limit with either sign.
 
-    Those beyond a leg's limit are scaled down to it. levels: shares in (0, 1].
+    Loads beyond a leg's limit are scaled down. levels: shares in (0, 1].
     """
     steps, size = np.concatenate([-np.asarray(levels), levels]), len(limits.limits)
     grids = []
@@ -77,7 +77,7 @@ def bench_loads(limits: LoadLimits, levels: NDArray, at_once: int) -> NDArray:
 
 
 def verification_loads(limits: LoadLimits, count: int, at_once: int, rng: np.random.Generator) -> NDArray:
-    """Draw loads (count, W) anywhere within the range, at most so many components at once."""
+    """Return random loads (count, W) within the range, with at most `at_once` components."""
     size = len(limits.limits)
     shares = rng.uniform(-1.0, 1.0, (count, size))
     rank = rng.permuted(np.tile(np.arange(size), (count, 1)), axis=1)
@@ -86,10 +86,10 @@ def verification_loads(limits: LoadLimits, count: int, at_once: int, rng: np.ran
 
 @dataclass(frozen=True)
 class LoadDesign:
-    """Chosen loads (N, W), one row per load step, and how good they are.
+    """Chosen loads (N, W), one row per load step, with their quality.
 
-    log_det: of the information about one channel's terms, loads counted in their limits; upper: what no choice among
-    the candidates can exceed; efficiency: the share of as many loads that the best would need.
+    log_det: of the information about one channel's terms, with loads in units of their limits; upper: bound for any
+    choice among the candidates; efficiency: share of as many loads that the best choice would need.
     """
 
     loads: NDArray
@@ -106,10 +106,10 @@ def choose_loads(
     powers: Powers = "linear",
     rng: np.random.Generator,
 ) -> LoadDesign:
-    """Return ``count`` of the candidate loads (C, W), repeated where that is best, that determine a calibration best.
+    """Return ``count`` of the candidate loads (C, W) that determine a calibration best, with repetitions.
 
-    powers: the terms of the calibration, beside a zero for each channel. Raises ValueError where the candidates, or
-    so few loads, do not determine it.
+    powers: terms of the calibration, in addition to a zero per channel. Raises ValueError if the candidates, or so few
+    loads, do not determine it.
     """
     rows = load_rows(candidates, limits, powers=powers)
     if count < rows.shape[2]:
@@ -131,8 +131,8 @@ def _determines(rows: NDArray) -> bool:
 def load_efficiency(
     loads: NDArray, candidates: NDArray, limits: LoadLimits, *, powers: Powers = "linear"
 ) -> LoadDesign:
-    """Return how good given loads (N, W) are beside the best among candidates (C, W); efficiency 0 where they do not
-    determine the calibration."""
+    """Return the quality of given loads (N, W) relative to the best among candidates (C, W); efficiency 0 if
+    undetermined."""
     value = sum_log_det(information_of(load_rows(loads, limits, powers=powers)))
     rows = load_rows(candidates, limits, powers=powers)
     bound = bound_design(rows, len(loads))
@@ -140,14 +140,14 @@ def load_efficiency(
 
 
 def load_rows(loads: NDArray, limits: LoadLimits, *, powers: Powers, zero: bool = True) -> NDArray:
-    """Return what each load (N, W) tells of one channel: rows (N, 1, Q)."""
+    """Return the rows (N, 1, Q) of loads (N, W) in the equations of one channel."""
     terms = Terms(LOADS[: loads.shape[1]], powers=powers)
     columns = terms.at(loads / limits.limits, np.empty((len(loads), 0)))
     return np.concatenate([columns, np.ones((len(loads), int(zero)))], axis=1)[:, None]
 
 
 def predicted_sigma(loads: NDArray, signal_sigma: NDArray, limits: LoadLimits) -> NDArray:
-    """Return the standard deviation (C, W) of each sensitivity, per unit of load, that loads (N, W) will leave.
+    """Return the predicted standard deviation (C, W) of each sensitivity, per unit of load, after loads (N, W).
 
     signal_sigma (C,): of one reading of each channel.
     """

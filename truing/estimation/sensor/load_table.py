@@ -1,4 +1,4 @@
-"""A table of calibration loads: what was applied, what every channel said from zeros of runs, and how sure both are."""
+"""Table of calibration loads: applied loads, signals relative to the zeros of runs, and the uncertainties of both."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 from truing.arrays import Array, Mask
 from truing.estimation.interferometry.recorded_steps import LOADS, RecordedSteps
 
-_UNLIKELY = 1e-3  # of zeros that differ so much from run to run by noise alone
+_UNLIKELY = 1e-3  # p-value of differences between zeros of runs, below which they are real
 
-# Power of a combination of signals over that of its noise, below which it counts as noise; and, of the scatter of the
-# latter in few rows, how many sigmas.
+# Power of a signal combination relative to its noise, below which it counts as noise; and sigmas of the scatter of
+# this noise in few rows.
 _OVER_NOISE, _SIGMAS = 2.0, 6.0
 
 
 @dataclass(frozen=True)
 class LoadTable:
-    """N rows of W applied loads (N, N m), C signals and K covariates less their reference (such as T - T_ref, K).
+    """N rows of W applied loads (N, N m), C signals and K covariates minus their reference (such as T - T_ref, K).
 
-    case (N,): the load case or run of every row, which is held out as a whole. signal_cov (C, C), load_cov (W, W) or
-    (N, W, W): covariances of one row's errors, None where nobody declared them.
+    case (N,): load case or run of each row, held out as a whole. signal_cov (C, C), load_cov (W, W) or (N, W, W): error
+    covariances of one row, None if not declared.
     """
 
     signals: NDArray
@@ -38,7 +38,7 @@ class LoadTable:
 
     @property
     def cases(self) -> NDArray:
-        """Return the names of the load cases, sorted."""
+        """Names of the load cases, sorted."""
         return np.unique(self.case)
 
     def rows(self, which: NDArray) -> LoadTable:
@@ -66,9 +66,9 @@ def load_table(
     load_names: Sequence[str] | None = None,
     covariate_names: Sequence[str] | None = None,
 ) -> LoadTable:
-    """Return a checked table; every row is a case of its own where none are given.
+    """Return a checked table; by default every row is its own case.
 
-    Raises ValueError for shapes that do not agree, a name that stands twice, and values that are missing, by row.
+    Raises ValueError for shapes that do not agree, duplicate names, and missing values, by row.
     """
     v, f = _matrix(signals, "signals"), _matrix(loads, "loads")
     z = np.empty((len(v), 0)) if covariates is None else _matrix(covariates, "covariates")
@@ -122,12 +122,12 @@ def _names(names: Sequence[str] | None, default: list[str], what: str) -> tuple[
 
 @dataclass(frozen=True)
 class RecordedLoads:
-    """Steps with signals: those that calibrate, and those that verify.
+    """Steps with signals, for calibration and for verification.
 
-    steps (B,), signal (B, C) mV, counted from each run's unloaded readings where ``tared``; sigma (C,) mV, declared or
-    found; covariate (B, K). load (B, 6): as recorded, or as it acts by the diagnosis' ``causes``, in words; moved
-    (B,): where these change it. left_out: steps with a gross error in a signal; excluded: those of which a person left
-    one out.
+    steps (B,), signal (B, C) mV, relative to each run's unloaded readings if ``tared``; sigma (C,) mV, declared or
+    estimated; covariate (B, K). load (B, 6): as recorded, or corrected by the diagnosed ``causes`` (in words); moved
+    (B,): steps corrected by these. left_out: steps with a gross error in a signal; excluded: steps that a person
+    excluded at least partly.
     """
 
     steps: RecordedSteps
@@ -144,7 +144,7 @@ class RecordedLoads:
     excluded: int
 
     def table(self, rows: Mask, case: NDArray) -> LoadTable:
-        """Some steps as a table of calibration loads, with the case of every step (B,)."""
+        """Return some steps as a table of calibration loads, with the case of every step (B,)."""
         return load_table(
             self.signal[rows],
             self.load[rows],
@@ -161,9 +161,9 @@ class RecordedLoads:
 def zeros_of_runs(
     steps: RecordedSteps, signal: Array, sigma: Array, covariate: Array, good: Mask
 ) -> tuple[Array, bool]:
-    """Mean unloaded signal (R, C) of every run, and whether runs differ in it by more than noise and temperature do.
+    """Return the mean unloaded signal (R, C) of each run, and whether runs differ in it beyond noise and temperature.
 
-    A run without unloaded reading has no zero to count from: then none is taken out of any.
+    If a run has no unloaded reading, no zero is subtracted from any run.
     """
     from scipy.special import chdtrc
 
@@ -184,5 +184,5 @@ def zeros_of_runs(
 
 
 def least_signal(rows: int) -> float:
-    """Return the least length, in sigmas, of a combination of signals over so many rows that is more than noise."""
+    """Return the least length, in sigmas, of a signal combination over some rows that is more than noise."""
     return float(np.sqrt(rows * max(_OVER_NOISE, 1.0 + _SIGMAS * np.sqrt(2.0 / rows))))

@@ -1,7 +1,7 @@
-"""Loops of a load that goes back and forth at no fixed steps: how far apart its two ways pass the same drive.
+"""Hysteresis loops of a load that goes back and forth without fixed steps, from crossings of one level of the drive.
 
-Where a drive crosses a level it does so rising or falling; the response there is interpolated. The gap between a
-crossing and its two neighbours of the other way is the loop's width; a drift that is even in time drops out of it.
+A drive crosses a level rising or falling; the response there is interpolated. The gap between a crossing and its two
+neighbours in the other direction is the width of the loop; linear drift cancels.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Loops:
-    """L gaps (L, W), rising less falling, at steps (L,) of the middle crossing; amplitude (L, W): half the response's
-    range over the loop."""
+    """L gaps (L, W), rising minus falling, at the steps (L,) of the middle crossing; amplitude (L, W): half the
+    response's range over the loop."""
 
     step: NDArray
     gap: NDArray
@@ -23,19 +23,19 @@ class Loops:
 
     @property
     def share(self) -> NDArray:
-        """Return each gap (L, W) as a share of the loop's whole range."""
+        """Gaps (L, W) as shares of the loop's whole range."""
         return self.gap / (2.0 * self.amplitude)
 
     @property
     def mean(self) -> NDArray:
-        """Return the mean share (W,)."""
+        """Mean share (W,)."""
         return np.asarray(self.share.mean(0))
 
     @property
     def sigma(self) -> NDArray:
-        """Return the standard deviation (W,) of the mean, from the scatter of the loops; NaN for one loop alone.
+        """Standard deviation (W,) of the mean, from the scatter of the loops; NaN for a single loop.
 
-        Neighbouring gaps have a crossing in common, so that there are half as many independent ones.
+        Neighbouring gaps share a crossing, so only half as many count as independent.
         """
         count = len(self.gap)
         if count < 2:
@@ -44,10 +44,10 @@ class Loops:
 
 
 def loops(drive: NDArray, response: NDArray, level: float, least: float = 0.0) -> Loops:
-    """Return the loops of a response (N, W) to a drive (N,) that went back and forth through a level.
+    """Return the loops of a response (N, W) to a drive (N,) that goes back and forth through a level.
 
-    Only crossings between which the drive went at least so far (``least``) from the level count: others are noise.
-    Raises ValueError where the drive does not cross the level three times.
+    Crossings count if the drive moves at least ``least`` from the level in between; others are noise. Raises ValueError
+    for fewer than three crossings.
     """
     place, rising = _crossings(drive - level, least)
     if len(place) < 3:
@@ -62,10 +62,8 @@ def loops(drive: NDArray, response: NDArray, level: float, least: float = 0.0) -
 
 
 def _crossings(offset: NDArray, least: float) -> tuple[NDArray, NDArray]:
-    """Return the steps before crossings of zero, of alternating ways, and whether each is rising.
-
-    The last crossing before the drive has gone far enough counts: the way there may go to and fro about the level.
-    """
+    """Return the steps before crossings of zero, in alternating directions, and the mask of rising ones. The last
+    crossing before the drive has moved far enough counts, since it may fluctuate about the level."""
     far = np.flatnonzero(np.abs(offset) >= max(least, np.finfo(float).tiny))
     turns = np.flatnonzero(offset[far[:-1]] * offset[far[1:]] < 0)
     place, rising = [], []

@@ -1,4 +1,4 @@
-"""Squares, products and cubes by which loads follow signals: what a smooth nonlinear sensor needs beside its matrix."""
+"""Squares, products and cubes of the inputs of a sensor, tested for significance next to its linear terms."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-# Several forms are asked of every table, and a form too many costs rows alone: chance takes one up this rarely.
+# p-value of a form: several forms are tested on every table, and a superfluous one only costs rows.
 _UNLIKELY = 1e-6
 _ROWS_PER_COLUMN = 4.0
-_OPEN = 1e-10  # share of the largest singular value that is no zero
+_LEAST_SINGULAR = 1e-10  # share of the largest singular value below which one is zero
 
 WithoutZeros = Callable[[NDArray], NDArray]
 """Values (N, K) less their mean by zero."""
 
 
 def nonlinear_terms(inputs: NDArray) -> Iterator[NDArray]:
-    """Yield further columns (N, Q) of inputs (N, M), scaled to one, each form with those before it: squares, products
-    of two, cubes."""
+    """Yield further columns (N, Q) of inputs (N, M), scaled to one, each form including those before it: squares,
+    products of two, cubes."""
     about = inputs - inputs.mean(0)
     size = np.abs(about).max(0, initial=0.0)
     x = about / np.where(size > 0.0, size, 1.0)
@@ -32,10 +32,10 @@ def nonlinear_terms(inputs: NDArray) -> Iterator[NDArray]:
 def detected_form(
     linear: NDArray, inputs: NDArray, loads: NDArray, without_zeros: WithoutZeros, zeros: int
 ) -> int | None:
-    """Return the place of the nonlinear form of inputs (N, M) that loads (N, W), in sigmas, clearly follow next to
-    linear columns (N, C) and a number of zeros; None where they follow none.
+    """Return the index of the nonlinear form of inputs (N, M) that loads (N, W), in sigmas, significantly follow.
 
-    A form is asked only of at least four rows per column, and taken where an F test finds it.
+    The form is tested in addition to linear columns (N, C) and a number of zeros; None without a significant one. It
+    needs at least four rows per column, and an F test.
     """
     from scipy.special import fdtrc
 
@@ -55,7 +55,7 @@ def detected_form(
 
 @dataclass(frozen=True)
 class ResidualSum:
-    """The sum of squares that a fit leaves, and how many rows it has to spare."""
+    """The sum of squares of residuals, and its degrees of freedom."""
 
     squares: float
     spare: int
@@ -66,9 +66,9 @@ class ResidualSum:
 
 
 def left_by(columns: list[NDArray], loads: NDArray, without_zeros: WithoutZeros, zeros: int) -> ResidualSum:
-    """Return what columns and a number of zeros leave of loads (N, W) by least squares."""
+    """Return the residual sum of loads (N, W) after a least-squares fit to columns and a number of zeros."""
     about, rest = without_zeros(np.hstack(columns)), without_zeros(loads)
     size = np.sqrt(np.sum(about**2, 0))
     scaled = about / np.where(size > 0.0, size, 1.0)
-    values, _, rank, _ = np.linalg.lstsq(scaled, rest, _OPEN)
+    values, _, rank, _ = np.linalg.lstsq(scaled, rest, _LEAST_SINGULAR)
     return ResidualSum(float(np.sum((rest - scaled @ values) ** 2)), len(loads) - zeros - int(rank))
