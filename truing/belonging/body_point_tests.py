@@ -305,8 +305,8 @@ def _typical(rms: Array) -> float:
 def relate_copies(points: Array, seen: Mask, sigma: float, poses: tuple[str, ...]) -> RelationTest:
     """Return the test of copied poses: no two agree in every digit of points (B, T, 3), m.
 
-    Not tested with a single pose, or if the file's resolution is so coarse, relative to the noise sigma, that equal
-    points are likely by chance.
+    Not tested with a single pose, or with a file so coarse, relative to the noise sigma, that equal points occur by
+    chance.
     """
     groups: dict[bytes, list[int]] = {}
     measured = np.flatnonzero(seen.any(axis=1))

@@ -35,7 +35,7 @@ _LINEAR = 0.1
 _EVERYWHERE = 0.5  # share of the main responses
 _RANGE = 0.003  # least ratio of the largest load to the declared range in a planned campaign
 MILLIVOLT = 1e-3
-_SAME_SIZE = 1e-9  # of the logarithm of a factor
+_SAME_SIZE = 1e-9  # tolerance of the logarithm of a factor
 
 
 def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], seen: Array) -> RelationTest:

@@ -44,10 +44,10 @@ class SlipKind(StrEnum):
 class RecordSlip:
     """One slip: its kind, the quantity that it changed, the subjects (columns, rows, runs), and its size.
 
-    ``factor``: recorded numbers times ``factor`` are right (kind unit), 1 for other kinds. ``shift``: rows by which
-    the recorded values stand too far down (kind rows-shifted). ``offset``: what is to be added, in the unit of the
-    column (kind zero). ``rows``: those of the first subject, from 1 (kind copied; none: all).
-    ``dimension`` of the quantity: length, angle, force, torque or voltage.
+    ``factor``: recorded numbers multiplied by it are right (kind unit), 1 for other kinds. ``shift``: number of rows by
+    which the recorded values are too far down (kind rows-shifted). ``offset``: to be added, in the unit of the column
+    (kind zero). ``rows``: rows of the first subject, from 1 (kind copied; none: all). ``dimension`` of the quantity:
+    length, angle, force, torque or voltage.
     """
 
     kind: SlipKind
@@ -62,12 +62,13 @@ class RecordSlip:
 
 @dataclass(frozen=True)
 class RelationTest:
-    """Result for one relation: which slips explain the data, and which a campaign of this kind cannot show.
+    """Result of the test of one relation: slips that explain the data, and slips that a campaign of this kind cannot
+    show.
 
-    ``relation`` is the name of the quality check. ``misfit`` is rms of what the relation leaves as recorded (a count
-    or ratio where ``unit`` is 1), ``misfit_explained`` with ``slips`` undone (None without slips), both in ``unit``; a
-    relation fails beyond ``limit``. ``slips`` hold together, not one or the other; ``rivals`` explain the data as well.
-    ``tried`` counts the hypotheses. ``hidden``: slips that would not be seen. ``reason`` is a code for the words.
+    ``relation`` is the name of the quality check. ``misfit`` is the rms misfit as recorded, ``misfit_explained`` with
+    ``slips`` undone (None without slips). Both are in ``unit``, where 1 stands for a count or ratio. A relation fails
+    beyond ``limit``. ``slips`` apply together; ``rivals`` explain the data as well. ``tried`` counts the hypotheses.
+    ``hidden``: slips that would not show. ``reason`` is a code for the words.
     """
 
     relation: str

@@ -13,7 +13,7 @@ _FEWEST = 4  # fewest rows of a run for a response
 _INDEPENDENT = 0.05  # least size of an independent direction of loading, relative to the largest
 _GROSS = 6.0  # scatters beyond which a row is left out
 _MEDIAN = 1.4826
-_MOST_OUT = 0.2  # of a run's rows
+_MOST_OUT = 0.2  # largest share of a run's rows that is left out
 _ROUNDING = 1e-9
 
 

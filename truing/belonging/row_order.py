@@ -14,7 +14,7 @@ from truing.belonging.responses import directions
 
 _SHIFTS = (1, -1, 2, -2)
 _FREE, _SIZEABLE, _SMALL = 10.0, 0.3, 0.1  # prior widths, of a column's range: response; its causes; play and drift
-_FLOOR = 1e-3  # of a column's range
+_FLOOR = 1e-3  # least noise, relative to a column's range
 _PACES = (2.0, 8.0)  # time constants of creep, in steps
 _MUCH = 15.0  # log evidence
 _MOST_RUNS = 0.7

@@ -20,9 +20,9 @@ from truing.belonging.relation import RecordSlip, RelationState, RelationTest, S
 from truing.belonging.responses import Responses, responses
 from truing.belonging.slip_search import ExpectedResponse, Explained, SlipCandidate, clear, explain, hidden
 
-_MOST_LEVERAGE = 0.6  # of one response over the others: two others of its kind leave 0.5
+_MOST_LEVERAGE = 0.6  # largest leverage of a response confirmed by the others; two others of its kind give 0.5
 _ROUNDS = 30
-_CLOSE = 1e-3  # of a typical response: nearer to it, a response gains no more weight
+_CLOSE = 1e-3  # deviation, relative to a typical response, below which the weight of a response is constant
 _OPEN = 1e-6
 _CROSS_ALIKE, _MAIN_ALIKE, _LINEAR_ALIKE = (
     0.03,

@@ -17,7 +17,7 @@ from truing.belonging.relation import RecordSlip, RelationState, RelationTest, n
 from truing.belonging.responses import Responses
 
 _SHARED = 0.1  # prior width, relative, of what all responses have in common; and those of an axis, of a column
-_BESIDE = 0.7  # of the prior widths of one response: what is left of it beside what responses have in common
+_BESIDE = 0.7  # share of a response's prior width that remains when common widths are separate
 _TELLING = 0.3  # share of the possible response, expected or recorded, above which one separates hypotheses
 _FLOOR, _CEILING = 0.01, 0.5  # relative scatter of responses from run to run, at least and at most
 CLEARLY, _RIGHT = 2.0, 1.2  # least deviation of affected responses as recorded, and largest after correction, in widths
@@ -31,11 +31,11 @@ _CLEAR = 0.1  # largest sigma of a usable response over the typical size of its 
 
 @dataclass(frozen=True)
 class ExpectedResponse:
-    """What columns (K) should answer to loads: matrix (K, 6), in the unit of the columns per N and N m.
+    """Expected response of columns (K) to loads: matrix (K, 6), in the unit of the columns per N and N m.
 
-    ``of_column`` (K,) and ``of_load`` (6,) multiply to the largest response that is possible at all. ``gain`` is the
-    relative prior width of a column's own gain; ``cross`` and ``main`` those of one response, in shares of the largest
-    possible and of its own. Below the share ``linear`` responses are compared by their differences, not their ratios.
+    The product of ``of_column`` (K,) and ``of_load`` (6,) is the largest possible response. ``gain`` is the relative
+    prior width of a column's own gain; ``cross`` and ``main`` those of one response, as shares of the largest possible
+    and of its own. Below the share ``linear``, responses are compared by differences, not by ratios.
     """
 
     matrix: Array

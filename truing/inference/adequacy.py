@@ -1,9 +1,9 @@
 """Tests of a final model as a whole: are its residuals consistent with noise alone, whatever causes it holds?
 
-A search compares forms with each other; it does not test whether the true form is among them. A wrong model leaves more
-noise than declared (of observations, or of inputs, which absorb what no cause explains), residuals that are correlated
-between neighbours in time or in an input, or residuals with a mean at repeated epochs or in a region of the inputs. The
-last two are tested against the scatter within repeats or regions, whatever noise was declared.
+A search compares forms with each other; it does not test whether the true form is among them. A wrong model shows in
+three ways. Its noise is larger than declared, of observations or of inputs, which absorb what no cause explains. Its
+residuals are correlated between neighbours in time or in an input. Or they have a mean at repeated epochs or in a
+region of the inputs. Means are tested against the scatter within repeats or regions, whatever noise was declared.
 """
 
 from __future__ import annotations

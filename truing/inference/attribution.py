@@ -26,14 +26,14 @@ _OF_ONE, _BESIDE, _OF_TIME, _OF_TWO = 8, 10, 16, 24
 _EPOCHS_PER_FUNCTION, _EPOCHS_PER_FUNCTION_BESIDE, _EPOCHS_PER_FUNCTION_OF_TWO = 4, 5, 3
 _SCALE, _FINE_SCALE, _SCALE_OF_TWO, _SCALE_OF_FIELDS = 0.8, 0.5, 0.9, 1.0
 _FIELDS = 8  # smooth patterns over the places of a group, in addition to its common shift
-_THRESHOLDS = 0.08, 0.2, 0.4  # of play, over the range of an input
+_THRESHOLDS = 0.08, 0.2, 0.4  # widths of play operators, relative to the range of an input
 # Functions below this share of the strongest are dropped, and blocks with less new variance than this share.
 _DISTINCT, _SAME, _NEW = 1e-2, 1e-3, 1e-3
 _MOST_BLOCKS = 5
 _DRIFT = 0.9  # a column drifts if functions of time explain this share of its variance
 _MOST_HELD = 0.6  # largest number of functions held fixed, as a share of the epochs
 _FEWEST_EPOCHS = 20
-_LAGS = 2  # of the correlation in time
+_LAGS = 2  # order of the autoregression in time
 _MANY = 7  # fewest columns for the test of the largest root
 _TRACY_WIDOM = 46.446, 0.186054, 9.84801  # as a gamma distribution: its shape, scale and offset
 # Random orders of epochs are drawn where white noise is ruled out at this p-value. With more than _RESOLVED draws as

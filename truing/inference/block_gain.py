@@ -1,9 +1,9 @@
 """Predictive gain of an accepted cause in blocks of epochs that are left out: series, runs, days, regions.
 
 Each block is predicted from all others, with the cause and without it; the gain is the log ratio of the two densities.
-What the others do not determine keeps the uncertainty of its prior, so a block in which alone a cause acts does not
-count against it (leave-one-out predictive densities: Gelfand, Dey and Chang, Bayesian Statistics 4 (1992) 147). Fits
-are linear: the final model's whitened problem, in which leaving out rows updates the normal matrix.
+What the others do not determine keeps the uncertainty of its prior. So a block in which alone a cause acts does not
+count against it. Source: leave-one-out predictive densities, Gelfand, Dey and Chang, Bayesian Statistics 4 (1992) 147.
+Fits are linear: the final model's whitened problem, in which leaving out rows updates the normal matrix.
 """
 
 from __future__ import annotations

@@ -43,8 +43,8 @@ class EpochBlocks:
 def possible_blocks(groupings: Mapping[BlockKind, Integers], epochs: int) -> list[EpochBlocks]:
     """Return the groupings (B,), -1 for none, that can be left out block by block, in the order of their kinds.
 
-    Such a grouping has at least three blocks, each of at least four epochs and at most half of all epochs, and its
-    blocks hold at least two thirds of all epochs.
+    Such a grouping has at least three blocks, which hold at least two thirds of all epochs. Each block has at least
+    four epochs, and at most half of all epochs.
     """
     numbered = ((kind, _large_enough(groupings[kind], epochs)) for kind in BlockKind if kind in groupings)
     return [EpochBlocks(kind, numbers) for kind, numbers in numbered if numbers is not None]

@@ -40,8 +40,8 @@ def choose(
 
     Of the kinds that explain the data equally well, this is the one with the fewest parameters. A catalogued cause is
     preferred to a nonparametric effect unless the effect is clearly more probable. Where a pair explains what a single
-    candidate would absorb, it is the first of the pair, and its rivals are those that do as well in its place. Kinds in
-    ``refused`` are ignored, also as a standard for the others.
+    candidate would absorb, it is the first of the pair. Its rivals are then those that do as well in its place. Kinds
+    in ``refused`` are ignored, also as a standard for the others.
     """
     rivals = _equals(current, level, refused)
     if not rivals:

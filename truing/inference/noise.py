@@ -38,7 +38,7 @@ _LEAD = math.log(20.0)
 # end a part keeps a thousandth of its prior sigma: invisible in data, but not zero, so a fit can still estimate it.
 _END = 1e-3
 _ANGLES = np.linspace(0.0, 0.5 * np.pi, 10).clip(_END, 0.5 * np.pi - _END)
-_SAME = 0.02  # rad: smaller changes need no new fit
+_SAME = 0.02  # rad; smaller changes need no new fit
 
 
 @dataclass(frozen=True)

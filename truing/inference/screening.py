@@ -30,10 +30,12 @@ def gross_errors(
     """Return True for observations (B, K) that are gross errors, from whitened residuals rest (B, K, d).
 
     A channel's spread is its median length over the epochs, and at least that of unit noise; a channel seen in few
-    epochs uses the median over all channels. If ``axes`` (B, K, d, d), the derivatives of whitened residuals by shifts
-    along the group's axes (m), and ``order`` (B,), the ranks of the epochs in time, are given, an observation that
-    agrees with its neighbours in time is no gross error: its channel was displaced. Readings (d = 1) with the same
-    number in ``zero_groups`` (B, K) count as a channel of their own, since an effect widens only the runs that show it.
+    epochs uses the median over all channels.
+
+    ``axes`` (B, K, d, d): derivatives of whitened residuals by shifts along the group's axes (m); ``order`` (B,): ranks
+    of the epochs in time. With both, an observation that agrees with its neighbours in time is no gross error: its
+    channel was displaced. Readings (d = 1) with the same number in ``zero_groups`` (B, K) count as a channel of their
+    own: an effect widens only the runs that show it.
     """
     if zero_groups is not None:
         return _by_run(rest, seen, axes, order, zero_groups)

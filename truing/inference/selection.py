@@ -1,9 +1,9 @@
 """Forward selection of causes: accept the most probable one, refit everything, repeat.
 
-A candidate must be significant in the search over all candidates, must be the most probable one (by evidence, in pairs
-where two explain what a third would absorb), and must not predict held-out epochs worse. At the end each accepted cause
-is dropped if the others explain its effect. If the noise depends on something, observations are weighted accordingly
-and the search is repeated.
+An accepted candidate is significant in the search over all candidates. It is the most probable one by evidence, in
+pairs where two explain what a third would absorb. It does not predict held-out epochs worse. At the end each accepted
+cause is dropped if the others explain its effect. If the noise depends on something, observations are weighted
+accordingly and the search is repeated.
 """
 
 from __future__ import annotations

@@ -22,12 +22,12 @@ _ODD_POSE = 1e-6
 
 @dataclass(frozen=True)
 class PoseSurroundings:
-    """The poses in the order of time, with what may drive the bodies.
+    """Poses in the order of time, with quantities that may drive the bodies.
 
-    poses (B ids); time (B,) in s; settings (B, D) actuator or drive readings in the units of the table,
-    without columns that do not vary; temperature (B,) in degrees C or None; names of the settings; unobserved:
-    poses of the configurations without any point; shared: points came out of networks of rays, whose errors they
-    share in part; is_counted: times merely number the poses.
+    poses (B ids); time (B,) in s; settings (B, D) actuator or drive readings in the units of the table, without
+    constant columns; temperature (B,) in degrees C or None; names of the settings. unobserved: poses of the
+    configurations without any point; shared: points come from networks of rays and have common errors; is_counted:
+    times merely number the poses.
     """
 
     poses: tuple[int | str, ...]
@@ -50,12 +50,11 @@ class PoseSurroundings:
 
 @dataclass(frozen=True)
 class BodyView:
-    """One body: its survey (or first shape), its points, the robust fit of its frame, and the residuals in
-    that frame.
+    """One body: its survey (or first shape), its points, the robust fit of its frame, and the residuals in that frame.
 
-    residuals (B, T, 3) in m, zero where not seen; sigma (B, T, 3) declared, of measurement and survey
-    together; frame (T,) which targets make the frame; gross (B, T) seen, but far from its place; is_surveyed: places
-    come from a survey, not from one of the poses.
+    residuals (B, T, 3) in m, zero where not seen; sigma (B, T, 3) declared, of measurement and survey together; frame
+    (T,) marks the targets of the frame; gross (B, T) seen, but far from its place. is_surveyed: places come from a
+    survey, not from one of the poses.
     """
 
     name: str
@@ -198,7 +197,7 @@ def _in_frame(reference: BodyView, points: Array, cov: Array) -> tuple[Array, Ar
 
 
 def chi_square_about_mean(values: Array, cov: Array) -> float:
-    """Chi-square of a group's values (G, 3) about their weighted mean."""
+    """Return the chi-square of a group's values (G, 3) about their weighted mean."""
     weight = np.linalg.inv(cov)
     mean = np.linalg.solve(weight.sum(axis=0), np.einsum("gij,gj->i", weight, values))
     return float(np.einsum("gi,gij,gj->", values - mean, weight, values - mean))

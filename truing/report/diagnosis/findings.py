@@ -42,12 +42,12 @@ _NAMED = 6
 
 @dataclass(frozen=True)
 class Facts:
-    """What a sentence is made of; how far predictions miss in ``unit``, what was fitted and what was not in words.
+    """Content of the sentences on one candidate; errors of predictions are in ``unit``, fitted and held-out data in
+    words.
 
-    ``drive``: what predictions are made from, in words.
-
-    ``clause``: what nature does, with its subject. ``parameters``, ``subject``, ``reason_code`` and ``rival`` as in the
-    columns of these names. ``largest``: how far the effect moves anything that was measured, at most.
+    ``drive``: inputs of the predictions, in words. ``clause``: physical effect with its subject. ``parameters``,
+    ``subject``, ``reason_code`` and ``rival`` as in the columns of these names. ``largest``: largest change of any
+    measured quantity.
     """
 
     verdict: str

@@ -85,11 +85,12 @@ def compared(tables: Tables) -> PartNames:
 
 
 def reading_misses(tables: Tables) -> pd.DataFrame | None:
-    """One row per reading: run, step, channel, role, before, after, unit, time_s, loads by axis, sigma; None without.
+    """Return one row per reading: run, step, channel, role, before, after, unit, time_s, loads by axis, sigma; None
+    without any.
 
-    Rows are in the order taken. ``sigma`` is the declared noise of the reading, ``noise_floor`` what declared noise
-    alone leaves in a channel's errors, NaN where it has none; ``noise`` is that, or else what is left in the channel
-    (from the median of its sizes).
+    Rows are in the order of measurement. ``sigma`` is the declared noise of the reading; ``noise_floor`` the error of a
+    channel by declared noise alone, NaN where none is declared. ``noise`` is that, or else the median residual of the
+    channel, scaled to a standard deviation.
     """
     errors = filled(tables, "reading_errors")
     if errors is None:

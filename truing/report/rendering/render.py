@@ -32,7 +32,7 @@ _ESCAPED = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 
 @dataclass(frozen=True)
 class _Figure:
-    """A figure as the page holds it."""
+    """A figure in the form of the page."""
 
     name: str
     caption: str
@@ -161,11 +161,11 @@ def embedded(value: object) -> str:
 
 
 def _figure_data(figure: go.Figure, template: object) -> tuple[dict[str, Any], list[str]]:
-    """A figure's traces, layout and steps, and the labels of the steps.
+    """Return a figure's traces, layout and steps, and the labels of the steps.
 
-    The layout goes without ``template``, which the page holds once, without titles, which do not wrap in a figure, and
-    without plotly's own slider, which no keyboard reaches: its steps are chosen by a control of the page. A 3-D view
-    comes as its scene, of which the page's script draws what a reader chooses.
+    Three parts of the layout are left out: ``template``, which the page holds once; titles, which do not wrap in a
+    figure; and plotly's slider, which no keyboard reaches. A control of the page chooses the steps. A 3-D view is given
+    as its scene, of which the page's script draws the reader's choice.
     """
     whole = figure.to_plotly_json()
     layout = dict(whole["layout"])
@@ -199,8 +199,8 @@ def file_name(campaign: str, part: str) -> str:
 
 
 def _policy(scripts: Iterable[str]) -> str:
-    """The page's content security policy: these scripts and no others run, and nothing is loaded or sent. What plotly
-    draws by WebGL it compiles itself, which is an ``eval`` to a browser."""
+    """Return the page's content security policy: only these scripts run, and nothing is loaded or sent. Plotly compiles
+    its WebGL code itself, which a browser treats as ``eval``."""
     hashes = (f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'" for script in scripts)
     return (
         f"default-src 'none'; script-src {' '.join(hashes)} 'unsafe-eval'; style-src 'unsafe-inline'; "

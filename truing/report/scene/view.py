@@ -20,12 +20,12 @@ _TALLEST = 0.95  # largest height of a scene relative to the view, so that its t
 
 @dataclass(frozen=True)
 class DrawnScene:
-    """What is drawn of S steps (poses, or loads), N points and L legs, all in the body's frame, mm.
+    """Scene of S steps (poses, or loads), N points and L legs, all in the body's frame, mm.
 
     ``place`` (S, N, 3) and ``shift`` (S, N, 3), NaN where a point was not measured; ``leg`` (N,) from 1, 0 for none;
-    ``attached`` (N,): drawn in the ring; ``own`` (N,): shown only with its leg; ``words`` (S, N) of each displacement;
-    ``lower`` and ``upper`` (S, L, 3) the joints of ``legs`` (L,); ``arrow`` (S, 2, 3): the load; ``said`` per step and
-    leg, what was measured of it.
+    ``attached`` (N,): drawn in the ring; ``own`` (N,): shown only with its leg; ``words`` (S, N) for each displacement;
+    ``lower`` and ``upper`` (S, L, 3): joints of ``legs`` (L,); ``arrow`` (S, 2, 3): the load; ``said``: measured values
+    per step and leg, in words.
     """
 
     step: str

@@ -102,7 +102,8 @@ def _shift_load(claim: Claim) -> str:
 
 
 def _imbalance(claim: Claim) -> str:
-    """What differs between the directions, or grows with the load, first; what is in proportion is an eccentricity."""
+    """Return the part that differs between directions or grows with the load first; a proportional part is an
+    eccentricity."""
     differs = [
         size for size in claim.sizes if size.name.endswith(("_asymmetry", "_growth")) and size.number is not None
     ]

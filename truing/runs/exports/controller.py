@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _Number = tuple[str, str, float, float | None, str]  # of what, its name, value, sigma, unit
-_UNLIKELY = 0.05  # that any pull of all parameters is as large, if tolerances and model hold
+_UNLIKELY = 0.05  # familywise p-value of the pulls of all parameters
 _CAUTIONS = {
     "not-determined": "the measurements do not determine it: it stands near its nominal value, or trades with others",
     "far-from-nominal": "it is farther from nominal than its tolerance explains: it takes up what the model misses",
