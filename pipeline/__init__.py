@@ -1,1 +1,1 @@
-"""How stages run: campaign folder, order of stages, freshness, artifacts, command line."""
+"""Execution of stages: campaign folder, order, freshness, artifacts, command line."""

@@ -1,4 +1,4 @@
-"""`python -m pipeline` is `truing`."""
+"""`python -m pipeline`: same as `truing`."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from contextlib import suppress
 
 
 def _leave_current_folder() -> None:
-    """Take back that `python -m` puts the current folder first on the path: `numpy.py` beside the data is no module."""
+    """Remove the current folder from the import path, so that a `numpy.py` next to the data is not imported."""
     own = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-    with suppress(FileNotFoundError):  # the current folder is no more
+    with suppress(FileNotFoundError):  # the current folder was deleted
         if sys.path[0] == os.getcwd() != own:
             del sys.path[0]
 

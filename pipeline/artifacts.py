@@ -1,7 +1,8 @@
-"""Artifacts on the disk: schema enforced both ways, provenance inside, a stage's several files revealed together.
+"""Artifacts on disk: schema enforced on write and read, provenance in the metadata, all files of a stage revealed
+together.
 
-Parquet is written with Snappy, in row groups of 2**18 rows and without pyarrow's private schema, so that pandas,
-DuckDB and polars read the columns as they are. No clock and no path enters: equal inputs give equal bytes.
+Parquet is written with Snappy, in row groups of 2**18 rows and without pyarrow's private schema, so that pandas, DuckDB
+and polars read the columns unchanged. Files contain no time and no path: equal inputs give equal bytes.
 """
 
 from __future__ import annotations
@@ -30,18 +31,18 @@ _COMMENT = "<!-- provenance: "
 
 
 class SchemaBreach(Exception):
-    """A stage left, or a file holds, something other than the schema says."""
+    """An artifact that contradicts its schema."""
 
 
 class Unreadable(Exception):
-    """A file of a run is not what was written there."""
+    """A file of a run that differs from what was written."""
 
 
 @dataclass(frozen=True)
 class Stamp:
-    """What an artifact carries about its origin.
+    """Origin of an artifact.
 
-    ``left`` names all artifacts of the same run of its stage, ``said`` is the main figure of that stage's closing line.
+    ``left``: names of all artifacts of the same run of its stage; ``said``: main figure of that stage's closing line.
     """
 
     stage: str
@@ -54,7 +55,7 @@ class Stamp:
     why_not: str = ""
 
     def metadata(self, artifact: Artifact, columns: list[str]) -> dict[str, str]:
-        """The file metadata: keys without their ``truing.`` prefix, values as text."""
+        """File metadata: keys without their ``truing.`` prefix, values as text."""
         return {
             "schema": artifact.name,
             "schema_version": str(artifact.version),
@@ -77,10 +78,10 @@ def write_artifacts(
     obsolete: Sequence[str],
     check: Callable[[], None] = lambda: None,
 ) -> dict[str, str]:
-    """Write all that a stage left, in the mapping's order, then reveal it; returns the SHA-256 of each file.
+    """Write all artifacts of a stage in the mapping's order, then reveal them; returns the SHA-256 of each file.
 
-    ``obsolete`` files, of an earlier run that left more, go first. Raises SchemaBreach; whatever a stream or ``check``
-    (called once all is written, before anything is revealed) raises passes, and nothing is left behind then.
+    ``obsolete``: files of an earlier run to remove first. ``check`` is called after writing and before revealing.
+    Raises SchemaBreach, and errors of a stream or of ``check``; nothing is left behind then.
     """
     paths = {name: folder / ARTIFACTS[name].file for name in contents}
     try:
@@ -97,7 +98,7 @@ def write_artifacts(
 
 
 def write_table(path: Path, artifact: Artifact, table: pa.Table, stamp: Stamp) -> None:
-    """Write one table of an artifact's schema to any place, whole."""
+    """Write one table of an artifact's schema to any path, atomically."""
     try:
         _write(path, artifact, table, stamp)
         reveal(path)
@@ -107,7 +108,7 @@ def write_table(path: Path, artifact: Artifact, table: pa.Table, stamp: Stamp) -
 
 
 def drain(contents: Mapping[str, pa.Table | pa.RecordBatchReader | str]) -> None:
-    """Check everything that a stage left against its schema, and write nothing."""
+    """Check all artifacts of a stage against their schemas without writing."""
     for name, content in contents.items():
         if not isinstance(content, str):
             _, batches = _uniform(ARTIFACTS[name], content)
@@ -117,7 +118,7 @@ def drain(contents: Mapping[str, pa.Table | pa.RecordBatchReader | str]) -> None
 
 def _write(path: Path, artifact: Artifact, content: pa.Table | pa.RecordBatchReader | str, stamp: Stamp) -> str:
     if isinstance(content, str) == artifact.is_table:
-        raise SchemaBreach(f"{artifact.file}: {type(content).__name__} is not what this artifact is made of")
+        raise SchemaBreach(f"{artifact.file}: {type(content).__name__} is the wrong type for this artifact")
     if isinstance(content, str):
         text = _with_provenance(path.suffix, content, stamp.metadata(artifact, [])).encode()
         return write_part(path, lambda file: _write_bytes(file, text))
@@ -142,12 +143,12 @@ def _write_parquet(file: BinaryIO, artifact: Artifact, content: pa.Table | pa.Re
 
 
 def _repeats(column: Column) -> bool:
-    """Whether a dictionary pays: one of measured numbers would be built, outgrown and thrown away."""
+    """Whether a dictionary encoding pays; for measured numbers it does not."""
     return column.kind != "real" or column.name.startswith("sigma")
 
 
 def _uniform(artifact: Artifact, content: pa.Table | pa.RecordBatchReader) -> tuple[pa.Schema, Iterator[pa.Table]]:
-    """The schema to write, and the content cast to it and checked, in tables of at most one row group if streamed."""
+    """Schema to write, and the content checked and cast to it, in tables of at most one row group if streamed."""
     import pyarrow as pa
 
     schema = _schema(artifact, content.schema)
@@ -156,7 +157,7 @@ def _uniform(artifact: Artifact, content: pa.Table | pa.RecordBatchReader) -> tu
 
 
 def _schema(artifact: Artifact, found: pa.Schema) -> pa.Schema:
-    """The artifact's columns in its order, then covariates as found, each nullable only where the schema says so."""
+    """Columns of the artifact in order, then covariates as found; nullable only as in the definition."""
     import pyarrow as pa
 
     missing = [name for name in artifact.columns if name not in found.names]
@@ -178,7 +179,7 @@ def _checked(artifact: Artifact, table: pa.Table, schema: pa.Schema) -> pa.Table
     faults = artifact.faults(table)
     if faults:
         raise SchemaBreach("\n".join(str(fault) for fault in faults))
-    # One chunk per row group, lest the sizes of a reader's batches show in the bytes.
+    # One chunk per row group, so that the bytes do not depend on the reader's batch sizes.
     return table.select(schema.names).cast(schema).unify_dictionaries().combine_chunks()
 
 
@@ -200,7 +201,7 @@ def _rebatched(batches: Iterable[pa.RecordBatch]) -> Iterator[pa.Table]:
 
 
 def read_artifact(folder: Path, artifact: Artifact) -> pa.Table | str:
-    """An artifact's table (or text); raises Unreadable where it is not what its schema says, or not there."""
+    """Table (or text) of an artifact; raises Unreadable if it is missing or contradicts its schema."""
     path = folder / artifact.file
     try:
         regular_size(path)
@@ -214,7 +215,7 @@ def read_artifact(folder: Path, artifact: Artifact) -> pa.Table | str:
 
 
 def table_of(folder: Path, name: str) -> pa.Table | None:
-    """The table of an artifact by its name; None where the folder has none that can be read."""
+    """Table of an artifact by name; None if the folder has no readable one."""
     try:
         found = read_artifact(folder, ARTIFACTS[name])
     except Unreadable:
@@ -223,7 +224,7 @@ def table_of(folder: Path, name: str) -> pa.Table | None:
 
 
 def read_provenance(folder: Path, artifact: Artifact) -> dict[str, str] | None:
-    """The metadata that an artifact carries, or None where the file is absent, broken, or not of this project."""
+    """Metadata of an artifact; None if the file is absent, broken, or not of this project."""
     path = folder / artifact.file
     if not path.is_file():
         return None

@@ -1,4 +1,4 @@
-"""Everything that is wrong with a campaign, in campaign.toml and in the raw files, found in one go."""
+"""Validation of a campaign: all faults of campaign.toml and of the raw files together."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from truing.pipeline.stage_order import RAW_READERS, is_optional, stage_module
 from truing.pipeline.starter import unconfirmed
 from truing.schemas.faults import CampaignFaults, Fault
 
-_MOST_ROWS = 300_000  # of object points that a look beforehand compares with their readings; `run` compares all
-_UNITS = ("temperature-unit", "time-unit")  # checks of single columns, that a mapping cures
-_ROUNDS = 3  # taking out a faulty key may uncover what stood behind it
+_MOST_ROWS = 300_000  # rows of object points that `check` compares with readings; `run` compares all
+_UNITS = ("temperature-unit", "time-unit")  # checks of single columns that a mapping can correct
+_ROUNDS = 3  # removing a faulty key may reveal further faults
 
 
 @dataclass(frozen=True)
 class CampaignCheck:
-    """What was read of a campaign without a fault, what its stages will make of it, and what looks like a mistake."""
+    """Result of reading a campaign without faults: tables, stages that can run, and probable mistakes."""
 
     read: str
     prospects: tuple[str, ...] = ()
     attention: tuple[str, ...] = ()
     rows: int = 0  # of the object points
-    is_evaluated: bool = True  # by any stage but quality
+    is_evaluated: bool = True  # by any stage except qa
 
 
 def check_campaign(campaign: CampaignFolder) -> CampaignCheck:
-    """Read and check everything, write nothing. Raises CampaignFaults with every fault."""
+    """Read and check everything without writing. Raises CampaignFaults with every fault."""
     from truing.formats.source import OF_IMAGES, CampaignFiles
     from truing.stages.attention import attention
     from truing.stages.ingestion.loading_tables import TABLES
@@ -43,7 +43,7 @@ def check_campaign(campaign: CampaignFolder) -> CampaignCheck:
 
     faults = _settings_faults(campaign)
     if faults:
-        taken_out = {(None, fault.column) for fault in faults if fault.column}  # no file can do without what these say
+        taken_out = {(None, fault.column) for fault in faults if fault.column}  # every file needs these settings
         further = (each for each in _raw_faults_despite(campaign) if (each.row, each.column) not in taken_out)
         raise CampaignFaults([*faults, *further])
     run = detached_run(campaign)
@@ -60,12 +60,12 @@ def check_campaign(campaign: CampaignFolder) -> CampaignCheck:
 
 
 def check_before_photographs(run: CampaignRun) -> None:
-    """Check what can be checked before photographs are measured, which takes long; raises CampaignFaults."""
+    """Check everything except photographs before they are measured, which takes long; raises CampaignFaults."""
     _read_raw(run, measure=False)
 
 
 def _settings_faults(campaign: CampaignFolder) -> list[Fault]:
-    """Every fault of campaign.toml itself."""
+    """All faults of campaign.toml."""
     known = {fault.column: fault for fault in identity_faults(campaign)}
     try:
         campaign.validated()
@@ -78,7 +78,7 @@ def _settings_faults(campaign: CampaignFolder) -> list[Fault]:
 
 @dataclass
 class _Raw:
-    """What the raw files hold: in words, the small tables, how many targets each body shows in each pose, and which."""
+    """Content of the raw files: summary, small tables, and targets of each body and pose."""
 
     messages: list[str] = field(default_factory=list)
     tables: dict[str, Any] = field(default_factory=dict)
@@ -90,7 +90,7 @@ class _Raw:
         return "; ".join(self.messages)
 
     def counted(self, observations: Any) -> Iterator[Any]:
-        """The batches of observations, their targets counted as they pass."""
+        """Pass on batches of observations and count their targets."""
         for batch in observations:
             bodies = batch.column("body").to_pylist()
             pairs = zip(bodies, batch.column("pose").to_pylist(), strict=True)
@@ -101,7 +101,7 @@ class _Raw:
             yield batch
 
     def keep(self, artifacts: Mapping[str, Any]) -> dict[str, Any]:
-        """The artifacts, the small tables kept, and the stream of observations so that it is counted."""
+        """Keep the small tables, and wrap the stream of observations so that it is counted."""
         import pyarrow as pa
 
         self.tables |= {name: content for name, content in artifacts.items() if isinstance(content, pa.Table)}
@@ -112,7 +112,7 @@ class _Raw:
 
 
 def _read_raw(run: CampaignRun, *, measure: bool = True) -> _Raw:
-    """What the raw files hold; ``measure``: photographs are opened too. Raises CampaignFaults with every fault."""
+    """Content of the raw files; ``measure``: photographs are opened too. Raises CampaignFaults with every fault."""
     from truing.formats.source import CampaignFiles
     from truing.pipeline.artifacts import drain
 
@@ -120,7 +120,7 @@ def _read_raw(run: CampaignRun, *, measure: bool = True) -> _Raw:
     faults: list[Fault] = []
     for stage in run.order:
         if stage.name not in RAW_READERS or not all(map(is_optional, stage.reads)):
-            continue  # what needs the work of others is no look at the files
+            continue  # measuring photographs is too long for a check of the files
         try:
             source = CampaignFiles(run.campaign.folder, run.settings)
             if stage.name == "images" and source.entries("images") and not measure:
@@ -144,7 +144,7 @@ def _read_raw(run: CampaignRun, *, measure: bool = True) -> _Raw:
 
 
 def _raw_faults_despite(campaign: CampaignFolder) -> tuple[Fault, ...]:
-    """Faults of the raw files of a campaign whose campaign.toml has faults too, as far as they can be judged."""
+    """Faults of the raw files of a campaign whose campaign.toml has faults too, where they can be determined."""
     corrected = _without_faulty_keys(campaign)
     if corrected is None:
         return ()
@@ -152,16 +152,16 @@ def _raw_faults_despite(campaign: CampaignFolder) -> tuple[Fault, ...]:
         _read_raw(detached_run(corrected))
     except CampaignFaults as error:
         return error.faults
-    except Exception:  # a campaign with keys taken out is none that ingest must be able to read
+    except Exception:  # ingest need not accept a campaign with removed keys
         return ()
     return ()
 
 
 def _without_faulty_keys(campaign: CampaignFolder) -> CampaignFolder | None:
-    """The campaign without the keys at fault; None where it cannot do without them."""
+    """The campaign without the faulty keys; None if it needs them."""
     document = copy.deepcopy(dict(campaign.document))
     if isinstance(document.get("campaign"), dict):
-        document["campaign"]["name"] = "campaign"  # no data hang on the name
+        document["campaign"]["name"] = "campaign"  # no data depend on the name
     corrected = replace(campaign, document=document)
     for _ in range(_ROUNDS):
         faults = _settings_faults(corrected)
@@ -173,14 +173,14 @@ def _without_faulty_keys(campaign: CampaignFolder) -> CampaignFolder | None:
 
 
 def _is_read_otherwise(campaign: CampaignFolder, corrected: CampaignFolder) -> bool:
-    """Whether a campaign without its faulty keys is of another kind of mechanism, which has other files."""
+    """Whether a campaign without its faulty keys has another kind of mechanism, which needs other files."""
     of_types = getattr(stage_module("ingest"), "OF_TYPES", {})
     own, left = (document.get("mechanism") for document in (campaign.document, corrected.document))
     return isinstance(own, dict) and own.get("type") in of_types and not left
 
 
 def _remove(document: Mapping[str, Any], dotted: str) -> bool:
-    """Take out the value at a fault's dotted path (list indices count from 1); False where it is not there."""
+    """Remove the value at a fault's dotted path (list indices count from 1); False if it is missing."""
     place: Any = document
     *way, last = dotted.split(".")
     try:
@@ -193,14 +193,14 @@ def _remove(document: Mapping[str, Any], dotted: str) -> bool:
 
 
 def report_check(place: Path) -> ExitCode:
-    """`truing check` on one campaign: says that it can be used, or raises CampaignFaults."""
+    """`truing check` for one campaign: print what can be evaluated, or raise CampaignFaults."""
     campaign = open_campaign(place)
     found, console = check_campaign(campaign), RunConsole(quiet=False)
     unrelated = campaign.has_photographs or found.rows > _MOST_ROWS
     apart, doubtful = ((), ()) if unrelated else _apart(place)
-    verdict = "no fault" if found.is_evaluated else "nothing but quality can be evaluated"
+    verdict = "no fault" if found.is_evaluated else "only the quality checks can be evaluated"
     if apart:
-        verdict = "the files can be read, but the data do not belong together"
+        verdict = "the files can be read, but the data contradict the campaign's description"
     console.line(f"{campaign.file}: {verdict}; {found.read}")
     for line in apart or found.prospects:
         console.line(line)
@@ -210,7 +210,7 @@ def report_check(place: Path) -> ExitCode:
 
 
 def _apart(place: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What the quality checks say of parts of a campaign that do not belong together, and of those in doubt."""
+    """Messages of quality checks that contradict the campaign's description, failed or in doubt."""
     from truing.pipeline.in_memory import stage_line
     from truing.stages.common.belonging import failed_relations
 
@@ -228,7 +228,7 @@ def _apart(place: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def _is_far(ratio: float | None) -> bool:
-    """Whether a scatter is so far from the declared noise that only another unit explains it."""
+    """Whether a scatter differs so much from the declared noise that only another unit explains it."""
     from truing.stages.quality.unit_slips import FAR
 
     return ratio is not None and not 1.0 / FAR <= ratio <= FAR

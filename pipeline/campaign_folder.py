@@ -1,4 +1,4 @@
-"""A campaign's folder: where its campaign.toml is, what it says, what a stage sees of it, where its run belongs."""
+"""Campaign folder: its campaign.toml, the settings that a stage may read, and its run folder."""
 
 from __future__ import annotations
 
@@ -20,25 +20,25 @@ if TYPE_CHECKING:
 
 FILE = "campaign.toml"
 _UNSAFE = re.compile(r'[/\\:*?"<>|\x00-\x1f]')
-# Names that Windows keeps for devices, whatever their ending.
+# Device names that Windows reserves, with any extension.
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class CampaignFolder:
-    """A campaign as it lies on the disk: its folder, and campaign.toml as parsed but not yet validated."""
+    """A campaign on disk: its folder, and campaign.toml parsed but not yet validated."""
 
     file: Path
     document: Mapping[str, Any]
 
     @property
     def folder(self) -> Path:
-        """The folder that paths in campaign.toml are relative to."""
+        """Folder to which paths in campaign.toml are relative."""
         return self.file.parent
 
     @property
     def name(self) -> str:
-        """The campaign's name, which names its run's folder."""
+        """Name of the campaign, also of its run folder."""
         return str(self.document["campaign"]["name"])
 
     @property
@@ -48,13 +48,13 @@ class CampaignFolder:
 
     @property
     def has_photographs(self) -> bool:
-        """Whether its object points come out of photographs."""
+        """Whether its object points come from photographs."""
         from truing.formats.source import has_photographs
 
         return self.kind == "photogrammetry" and has_photographs(self.folder, self.document)
 
     def validated(self) -> Campaign:
-        """The campaign's settings; raises CampaignFaults with every fault of campaign.toml."""
+        """Settings of the campaign; raises CampaignFaults with every fault of campaign.toml."""
         from truing.schemas.campaign import read_campaign
 
         settings = read_campaign(dict(self.document), str(self.file))
@@ -71,7 +71,7 @@ class CampaignFolder:
         return self.section("diagnosis.judge_on") is not None
 
     def section(self, dotted: str) -> Any:
-        """The raw value of a section, by its dotted name; None where campaign.toml does not hold it."""
+        """Raw value of a section by its dotted name; None if campaign.toml lacks it."""
         value: Any = self.document
         for part in dotted.split("."):
             value = value.get(part) if isinstance(value, Mapping) else None
@@ -79,14 +79,14 @@ class CampaignFolder:
 
 
 def open_campaign(place: Path) -> CampaignFolder:
-    """Parse the campaign.toml in a folder (or the file itself); raises CampaignFaults where that cannot be."""
+    """Parse the campaign.toml in a folder (or the file itself); raises CampaignFaults."""
     file = place if place.suffix == ".toml" and place.is_file() else place / FILE
     try:
         text = read_settings_text(file)
     except FileNotFoundError:
         raise CampaignFaults([Fault(str(file), _expected_instead(place))]) from None
     except TooLarge as error:
-        expected = f"settings of at most {LARGEST >> 20} MB; measured values belong into tables"
+        expected = f"settings of at most {LARGEST >> 20} MB; put measured values into tables"
         raise CampaignFaults([Fault(str(file), expected, value=f"{error.size >> 20} MB")]) from None
     except UnicodeDecodeError as error:
         found = str(error.object[error.start : error.end])
@@ -97,14 +97,14 @@ def open_campaign(place: Path) -> CampaignFolder:
         raise CampaignFaults([_toml_fault(file, error)]) from None
     except TooDeep as error:
         raise CampaignFaults([Fault(str(file), f"valid TOML; {error}")]) from None
-    except ValueError:  # Python turns no longer text into an integer
+    except ValueError:  # Python converts no longer text to an integer
         longest = sys.get_int_max_str_digits()
         raise CampaignFaults([Fault(str(file), f"numbers of at most {longest} digits")]) from None
 
 
 def _expected_instead(place: Path) -> str:
     if os.path.lexists(place / FILE):
-        return "a regular file: no folder, no pipe or device, and no link that leads nowhere"
+        return "a regular file, not a folder, pipe, device or broken link"
     if place.is_dir():
         return f"a campaign.toml in this folder; `truing init {place}` writes one to complete"
     return "a campaign folder that exists, with a campaign.toml in it"
@@ -118,7 +118,7 @@ def _toml_fault(file: Path, error: tomllib.TOMLDecodeError) -> Fault:
 
 
 def identity_faults(campaign: CampaignFolder) -> list[Fault]:
-    """What is wrong with the two keys that a run cannot begin without: the name and the kind."""
+    """Faults of the two keys that a run needs first: name and kind."""
     from truing.pipeline.stage_order import ORDER
 
     section = campaign.document.get("campaign")
@@ -139,21 +139,21 @@ def _shown(value: object) -> str | None:
 
 
 def is_safe_name(name: str) -> bool:
-    """Whether a campaign's name is a file name on Linux, macOS and Windows alike."""
+    """Whether a campaign's name is a valid file name on Linux, macOS and Windows."""
     if not 0 < len(os.fsencode(name)) <= 120 or _UNSAFE.search(name) or _RESERVED.fullmatch(name):
         return False
     return name == name.strip(" .") and name.isprintable()
 
 
 def run_folder_of(campaign: CampaignFolder, out: Path | None, several: bool) -> Path:
-    """Where a campaign's run belongs: ``--out``, else runs/<campaign name> below the current folder."""
+    """Folder of a campaign's run: ``--out``, else runs/<campaign name> below the current folder."""
     if out is None:
         return Path("runs") / campaign.name
     return out / campaign.name if several else out
 
 
 def relative_name(path: Path, folder: Path) -> str:
-    """A raw file's name relative to its campaign, with forward slashes; absolute on another drive."""
+    """Name of a raw file relative to its campaign, with forward slashes; absolute on another drive."""
     try:
         return Path(os.path.relpath(path, folder)).as_posix()
     except ValueError:
@@ -165,9 +165,9 @@ class UndeclaredSetting(Exception):
 
 
 class SettingsView:
-    """Reads like the validated campaign; raises UndeclaredSetting outside the declared sections.
+    """The validated campaign, restricted to the declared sections; others raise UndeclaredSetting.
 
-    ``read`` collects the declared sections that were read, so that a test can hold the declaration against the truth.
+    ``read`` collects the declared sections that were read, so that a test can compare it with the declaration.
     """
 
     __slots__ = ("_declared", "_path", "_read", "_value")
@@ -180,13 +180,13 @@ class SettingsView:
 
     @property
     def sections_read(self) -> frozenset[str]:
-        """The declared sections that were read so far."""
+        """Declared sections that were read so far."""
         return frozenset(self._read)
 
     def __getattr__(self, name: str) -> Any:
         derived = getattr(type(self._value), name, None)
         if isinstance(derived, property) and derived.fget is not None:
-            return derived.fget(self)  # what is derived from sections reads them through this view
+            return derived.fget(self)  # properties derived from sections read them through this view
         path = f"{self._path}.{name}" if self._path else name
         if path in self._declared:
             self._read.add(path)
@@ -197,5 +197,5 @@ class SettingsView:
         raise UndeclaredSetting(f"{path} is read but not declared; declared are {', '.join(self._declared) or 'none'}")
 
     def _inner(self, name: str) -> Any:
-        """What the section holds under a name; of one whose names are the campaign's own, None where it has no such."""
+        """Value of a name in the section; None for an absent name chosen by the campaign."""
         return self._value.get(name) if isinstance(self._value, Mapping) else getattr(self._value, name)

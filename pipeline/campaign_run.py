@@ -1,4 +1,4 @@
-"""A campaign and its run folder: which stages there are, where each stands, and running one of them."""
+"""A campaign with its run folder: its stages, their status, and their execution."""
 
 from __future__ import annotations
 
@@ -45,32 +45,32 @@ Result = TypeVar("Result")
 
 @dataclass
 class CampaignRun:
-    """Reads the run folder when made; writes to it only in ``execute`` and ``save``, which need its lock."""
+    """Reads the run folder when created; writes to it only in ``execute`` and ``save``, which need its lock."""
 
     campaign: CampaignFolder
     folder: Path
     digest_cache: DigestCache
     manifest: Manifest
-    scratch: Path | None = None  # for temporary files of whoever reads raw files; absent: the system's own place
-    workers: int = 1  # processes for what one stage can do in independent pieces
+    scratch: Path | None = None  # for temporary files of raw-file readers; absent: the system's folder
+    workers: int = 1  # processes for the independent pieces of one stage
     _found: dict[str, tuple[Path, ...]] = field(default_factory=dict)
 
     @cached_property
     def evidence(self) -> Evidence:
-        """What freshness is judged from."""
+        """Basis for judging freshness."""
         source = SourceTree(PROJECT, self.digest_cache)
         return Evidence(self.campaign, self.folder, source, ARTIFACTS, self.digest_cache, self.manifest)
 
     @cached_property
     def order(self) -> tuple[Stage, ...]:
-        """The declarations of this campaign's stages, in order."""
+        """Declarations of this campaign's stages, in order."""
         names = _names_of(self.campaign)
         order = tuple(self._declaration(name) for name in names)
         makers(order)
         return order
 
     def _declaration(self, name: str) -> Stage:
-        """A stage's declaration, without importing the stage where its source is known."""
+        """Declaration of a stage, without importing the stage if its source is known."""
         key = f"declaration of {name} {digest_of(self.evidence.source_of(name))}"
         known = self.digest_cache.fact(key)
         if known is None:
@@ -80,15 +80,15 @@ class CampaignRun:
         return Stage(name=known["name"], summary=known["summary"], **lists)
 
     def made_from(self, stage: Stage) -> MadeFrom:
-        """What a stage would be made from now."""
+        """Current inputs of a stage."""
         raw = self._raw_files(stage.name)
         if gone := [path for path in raw if self._digest_of_raw(path) is None]:
-            expected = "a file that stays where it is while it is read; this one has just vanished"
+            expected = "a file that exists while it is read; this file has just disappeared"
             raise CampaignFaults(Fault(relative_name(path, self.campaign.folder), expected) for path in gone)
         return self.evidence.made_from(stage, raw)
 
     def _raw_files(self, stage: str) -> tuple[Path, ...]:
-        """The raw files that a stage opens, as they were found the first time."""
+        """Raw files that a stage opens, as first found."""
         if stage in OF_SECOND_CAMPAIGNS and stage not in self._found:
             from truing.pipeline.second_campaign import files_of_second
 
@@ -102,14 +102,14 @@ class CampaignRun:
         return self._found[stage]
 
     def status(self, stage: Stage, now: MadeFrom) -> StageStatus:
-        """Where a stage stands; a fresh one is entered into the manifest (in memory) if it was not there."""
+        """Status of a stage; a fresh one is added to the manifest (in memory) if it was missing."""
         stage_status = self.evidence.status(stage, now)
         if stage_status.entry is not None:
             self.manifest.entries[stage.name] = stage_status.entry
         return stage_status
 
     def statuses(self) -> Iterator[tuple[Stage, StageStatus]]:
-        """Where every stage stands, those included that wait for a stale one."""
+        """Status of every stage, those included that wait for a stale one."""
         maker = makers(self.order)
         behind: dict[str, str] = {}
         for stage in self.order:
@@ -123,19 +123,19 @@ class CampaignRun:
 
     @cached_property
     def settings(self) -> Campaign:
-        """The validated settings; raises CampaignFaults."""
+        """Validated settings; raises CampaignFaults."""
         return self.campaign.validated()
 
     def validate(self) -> None:
-        """Validate campaign.toml unless this very content was found valid before; raises CampaignFaults."""
+        """Validate campaign.toml unless the same content was found valid before; raises CampaignFaults."""
         validator = self.evidence.source.digests("truing.schemas.campaign")
         digest = digest_of([dict(self.campaign.document), validator])
         if digest != self.manifest.valid_campaign:
-            _ = self.settings  # raises where it is not valid
+            _ = self.settings  # raises CampaignFaults if invalid
             self.manifest.valid_campaign = digest
 
     def execute(self, stage: Stage, now: MadeFrom, progress: Progress) -> str:
-        """Run a stage, write what it leaves, enter it into the manifest; returns its closing line."""
+        """Run a stage, write its artifacts and manifest entry; returns its closing line."""
         started = time.perf_counter()
         outcome = self.outcome(stage, progress)
         _check_artifacts(stage, outcome)
@@ -144,7 +144,7 @@ class CampaignRun:
         return f"{words}; {time.perf_counter() - started:.2f} s"
 
     def outcome(self, stage: Stage, progress: Progress) -> Outcome:
-        """Call a stage with exactly what it declares."""
+        """Call a stage with exactly its declared inputs."""
         arguments: list[Any] = [self._tables(stage), SettingsView(self.settings, stage.settings), progress]
         if stage.name in RAW_READERS:
             from truing.formats.source import CampaignFiles
@@ -162,7 +162,7 @@ class CampaignRun:
     def _each(
         self, work: Callable[[_Piece], Result], pieces: Sequence[_Piece], progress: Callable[[int], None]
     ) -> Iterator[Result]:
-        """The result of every piece, in their order, by as many processes as there are for this campaign."""
+        """Results of all pieces, in order, computed in the processes of this campaign."""
         from truing.pipeline.executor import Workforce, results
 
         return results(work, pieces, Workforce(self.workers), _lost, progress)
@@ -172,16 +172,16 @@ class CampaignRun:
         return {name: self._read(ARTIFACTS[name]) for name in present}
 
     def _read(self, artifact: Artifact) -> pa.Table | str:
-        """An artifact that a stage before has left; raises EnvironmentProblem where somebody has damaged it since."""
+        """Artifact of an earlier stage; raises EnvironmentProblem if it was damaged since."""
         from truing.pipeline.artifacts import Unreadable, read_artifact
 
         path = self.folder / artifact.file
         try:
             return read_artifact(self.folder, artifact)
         except Unreadable as error:
-            self.digest_cache.forget(path)  # lest its old digest be trusted again
+            self.digest_cache.forget(path)  # so that its old digest is not used again
             self.digest_cache.save()
-            raise EnvironmentProblem(f"{path} is no longer as it was written ({error})") from None
+            raise EnvironmentProblem(f"{path} was changed after it was written ({error})") from None
 
     def _store(self, stage: Stage, now: MadeFrom, outcome: Outcome) -> None:
         from truing import __version__
@@ -190,7 +190,7 @@ class CampaignRun:
         left, failed = tuple(outcome.artifacts), tuple(outcome.failed_checks)
         text = outcome.figure if type(outcome.figure) is str else ""  # ingest counts while its rows stream past
         stamp = Stamp(stage.name, now.digest, self.campaign.name, __version__, left, failed, text, outcome.why_not)
-        files = {ARTIFACTS[name].file for name in left}  # two artifacts may have the same file, of which one is left
+        files = {ARTIFACTS[name].file for name in left}  # two artifacts may share a file; a run writes one of them
         obsolete = [file for name in map(bare, stage.leaves) if (file := ARTIFACTS[name].file) not in files]
         digests = write_artifacts(
             self.folder, outcome.artifacts, stamp, obsolete, lambda: self._check_unchanged(stage.name, now)
@@ -199,11 +199,13 @@ class CampaignRun:
         self.save()
 
     def _check_unchanged(self, stage: str, then: MadeFrom) -> None:
-        """Raise EnvironmentProblem where a raw file is not what it was before it was read: it is being written to."""
+        """Raise EnvironmentProblem if a raw file changed while it was read."""
         for path in self._raw_files(stage) if then.raw else ():
             name = relative_name(path, self.campaign.folder)
             if self._digest_of_raw(path) != then.raw.get(name):
-                raise EnvironmentProblem(f"{name} changed or vanished while it was read: something writes to it")
+                raise EnvironmentProblem(
+                    f"{name} changed or disappeared while it was read: another program writes to it"
+                )
 
     def _digest_of_raw(self, path: Path) -> str | None:
         try:
@@ -212,17 +214,17 @@ class CampaignRun:
             return None
 
     def save(self) -> None:
-        """Write the manifest and the digest cache where they changed."""
+        """Write the manifest and the digest cache if they changed."""
         self.manifest.save(self.folder / PRIVATE / "ledger.json")
         self.digest_cache.save()
 
     def failed_checks(self, stages: tuple[Stage, ...]) -> tuple[str, ...]:
-        """The checks that failed in these stages' last success."""
+        """Failed checks in the last success of these stages."""
         entries = (entry for entry in self._entries(stages) if _VERDICT not in entry.artifacts)
         return tuple(check for entry in entries for check in entry.failed_checks)
 
     def is_refused(self, stages: tuple[Stage, ...]) -> bool:
-        """Whether the verdict refuses the data; where no stage here gives a verdict, whether a check failed."""
+        """Whether the verdict refuses the data; without a verdict among these stages, whether a check failed."""
         entries = self._entries(stages)
         verdicts = [entry for entry in entries if _VERDICT in entry.artifacts]
         return any(entry.failed_checks for entry in verdicts or entries)
@@ -233,7 +235,7 @@ class CampaignRun:
 
 
 def _lost(piece: object) -> NoReturn:
-    raise EnvironmentProblem(f"the process at work on {piece} vanished several times (killed, or out of memory)")
+    raise EnvironmentProblem(f"the process working on {piece} was lost several times (killed, or out of memory)")
 
 
 def _check_artifacts(stage: Stage, outcome: Outcome) -> None:
@@ -244,20 +246,20 @@ def _check_artifacts(stage: Stage, outcome: Outcome) -> None:
 
 
 def _names_of(campaign: CampaignFolder) -> tuple[str, ...]:
-    """The stages of a campaign, in order."""
+    """Stages of a campaign, in order."""
     return order_of(campaign.kind, photographs=campaign.has_photographs, second=campaign.has_second)
 
 
 def detached_run(campaign: CampaignFolder) -> CampaignRun:
-    """A campaign without a run folder: nothing is known of it, and nothing can be written."""
+    """A campaign without a run folder, so that nothing can be written."""
     return CampaignRun(campaign, campaign.folder, DigestCache(None), Manifest())
 
 
 def open_run(campaign: CampaignFolder, folder: Path, *, distrust: bool = False, workers: int = 1) -> CampaignRun:
-    """What a run folder holds of a campaign; ``distrust`` reads every file anew. Nothing is written."""
+    """A campaign with the content of its run folder; ``distrust`` reads every file again. Nothing is written."""
     private = folder / PRIVATE
     manifest = read_manifest(private / "ledger.json")
-    manifest.entries = {  # another version may have had other stages, and they may have left other artifacts
+    manifest.entries = {  # another version may have had other stages with other artifacts
         name: entry
         for name, entry in manifest.entries.items()
         if name in _names_of(campaign) and entry.artifacts.keys() <= ARTIFACTS.keys()

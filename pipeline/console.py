@@ -1,4 +1,4 @@
-"""What a person sees of a run: a progress bar on a terminal, plain lines elsewhere, nothing when asked for quiet."""
+"""Output of a run: a progress bar on a terminal, plain lines elsewhere, nothing if quiet."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 _SECONDS_BETWEEN_LINES = 5.0
-_WIDE = 200  # characters of a table that nobody watches
+_WIDE = 200  # characters of a table without a terminal
 
 
 class RunConsole:
-    """Says what a run does. Used as a context around one stage, it is that stage's ``progress(done, total, what)``."""
+    """Output of a run. As a context around one stage, it is that stage's ``progress(done, total, what)``."""
 
     def __init__(self, *, quiet: bool) -> None:
         self._quiet = quiet
@@ -28,18 +28,18 @@ class RunConsole:
         self._last_line = 0.0
 
     def line(self, line: str) -> None:
-        """One line for whoever watches."""
+        """Print one line unless quiet."""
         if self._quiet:
             return
         try:
             sys.stdout.write(f"{line}\n")
             sys.stdout.flush()
-        except BrokenPipeError:  # whoever listened has gone; the run goes on
+        except BrokenPipeError:  # the reader of the output has ended; the run continues
             self._quiet = True
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
     def show(self, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        """A table, as wide as the terminal, or as it needs where there is none."""
+        """Print a table, as wide as the terminal, or as needed without one."""
         from rich.console import Console
         from rich.table import Table
         from rich.text import Text
@@ -54,7 +54,7 @@ class RunConsole:
             self.line(line.rstrip())
 
     def warn(self, line: str) -> None:
-        """One line that is said even when quiet."""
+        """Print one line on stderr, even if quiet."""
         sys.stderr.write(f"{line}\n")
         sys.stderr.flush()
 
@@ -79,7 +79,7 @@ class RunConsole:
             self._bar = None
 
     def __call__(self, done: int, total: int, what: str) -> None:
-        """The progress of the stage: ``done`` of ``total`` (0: not known), working on ``what``."""
+        """Show the progress of the stage: ``done`` of ``total`` (0: unknown), working on ``what``."""
         if self._bar is not None:
             task = self._bar.task_ids[0]
             self._bar.update(task, completed=done, total=total or None, description=f"{self._stage}: {what}")
@@ -89,22 +89,22 @@ class RunConsole:
 
 
 class Recorder(RunConsole):
-    """Keeps what is said where nobody watches, for whoever asked for the work; each line with whether it warns."""
+    """Collects output without a terminal, to be repeated later; each line with whether it is a warning."""
 
     def __init__(self) -> None:
         super().__init__(quiet=True)
         self.lines: list[tuple[bool, str]] = []
 
     def line(self, line: str) -> None:
-        """Keep one line."""
+        """Collect one line."""
         self.lines.append((False, line))
 
     def warn(self, line: str) -> None:
-        """Keep one line that is said even when quiet."""
+        """Collect one warning."""
         self.lines.append((True, line))
 
     def __call__(self, done: int, total: int, what: str) -> None:
-        """Progress is for those who watch."""
+        """Ignore progress."""
 
 
 def _bar() -> Bar:

@@ -1,4 +1,4 @@
-"""`truing design`: where to measure, from a campaign.toml alone or beside what has been measured."""
+"""`truing design`: choice of configurations, with or without existing measurements."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from truing.stages.load_design import plan_loads
 
 @dataclass(frozen=True)
 class DesignFiles:
-    """The files that a call names, each of which may be absent."""
+    """Files named in the call, each of which may be absent."""
 
     extend: Path | None = None
     avoid: Path | None = None
@@ -36,7 +36,7 @@ class DesignFiles:
 
 
 def design_campaign(place: Path, options: DesignOptions, files: DesignFiles) -> ExitCode:
-    """Choose configurations, say how good they are, and write them to a file or say them. Raises CampaignFaults."""
+    """Choose configurations, print their quality, and write them to a file or stdout. Raises CampaignFaults."""
     campaign = open_campaign(place)
     check_file(files.out, reads=(files.extend, files.avoid), campaign=campaign)
     console = RunConsole(quiet=False)
@@ -57,7 +57,7 @@ def design_campaign(place: Path, options: DesignOptions, files: DesignFiles) -> 
 
 
 def _plan_loads(campaign: CampaignFolder, options: DesignOptions, files: DesignFiles, console: RunConsole) -> ExitCode:
-    """Choose load steps for a sensor; raises CampaignFaults for what only poses have."""
+    """Choose load steps for a sensor; raises CampaignFaults for options of poses."""
     _check_of_loads(options, files)
     found = plan_loads(campaign.validated(), options, _loads_of(campaign))
     for line in words_of_loads(found):
@@ -74,8 +74,8 @@ def _plan_loads(campaign: CampaignFolder, options: DesignOptions, files: DesignF
 def _loads_for_causes(
     campaign: CampaignFolder, options: DesignOptions, files: DesignFiles, console: RunConsole
 ) -> ExitCode:
-    """Choose runs of loads that show causes, beside the campaign's own load steps, measured or planned."""
-    from truing.pipeline.power_command import check_causes  # which loads all that a diagnosis needs
+    """Choose runs of loads that show causes, in addition to the campaign's own load steps."""
+    from truing.pipeline.power_command import check_causes  # imported here, because it loads the whole diagnosis
 
     _check_of_loads(options, files)
     settings = campaign.validated()
@@ -85,7 +85,7 @@ def _loads_for_causes(
         found = loads_for_causes(tables, settings, options.causes, measured=measured, seed=options.seed)
     except ValueError as why:
         raise CampaignFaults([Fault(str(campaign.file), f"a campaign that can be simulated: {why}")]) from None
-    for line in found.sentences or ("nothing in this campaign that these causes could concern",):
+    for line in found.sentences or ("a campaign in which these causes can act",):
         console.line(line)
     if found.table.num_rows:
         _hand_over(
@@ -95,7 +95,7 @@ def _loads_for_causes(
 
 
 def _loads_of(campaign: CampaignFolder) -> dict[str, pa.Table]:
-    """The campaign's own readings and signals; nothing where it holds none yet, or has faults."""
+    """The campaign's own readings and signals; nothing if it has none yet, or has faults."""
     settings, log = campaign.validated(), FaultLog()
     source = CampaignFiles(campaign.folder, settings)
     if not any(source.entries(name) for name in TABLES):
@@ -105,7 +105,7 @@ def _loads_of(campaign: CampaignFolder) -> dict[str, pa.Table]:
 
 
 def _check_of_loads(options: DesignOptions, files: DesignFiles) -> None:
-    """Raise CampaignFaults for what only poses have."""
+    """Raise CampaignFaults for options that only poses have."""
     given = {"--extend": files.extend, "--avoid": files.avoid, "--parameters": " ".join(options.parameters) or None}
     if of_poses := [Fault(name, "no such table for loads", value=str(one)) for name, one in given.items() if one]:
         raise CampaignFaults(of_poses)
@@ -129,7 +129,7 @@ def _tables(campaign: CampaignFolder, files: DesignFiles) -> DesignTables:
 
 
 def _measured(campaign: CampaignFolder) -> tuple[pa.Table | None, pa.Table | None]:
-    """Return the campaign's own configurations and survey; None for what it does not hold yet, or holds with faults."""
+    """Return the campaign's own configurations and survey; None for missing or faulty ones."""
     settings = campaign.validated()
     source = CampaignFiles(campaign.folder, settings)
     tables: list[pa.Table | None] = []

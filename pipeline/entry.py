@@ -1,4 +1,4 @@
-"""Where a call of `truing` begins and ends: signals are heard before libraries load, and until they are unloaded."""
+"""Entry point of `truing`: handles signals from before libraries load until they are unloaded."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from truing.pipeline.problems import ExitCode, Interrupted, environment_problem
 
 
 def main() -> None:
-    """The entry point of `truing` and of `python -m pipeline`."""
-    atexit.register(_ignore)  # registered first, called last, when nothing waits any more
+    """Entry point of `truing` and of `python -m pipeline`."""
+    atexit.register(_ignore)  # registered first, so called last
     code = 0
     try:
         with interruptible():
             _call()
     except Interrupted as error:
         code = _end_interrupted(error)
-    except (ImportError, MemoryError) as error:  # before any action began
+    except (ImportError, MemoryError) as error:  # before any action started
         known = environment_problem(error, "loading the program")
         if known is None:
             raise
@@ -39,17 +39,17 @@ def main() -> None:
 def _call() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")  # a console that lacks Δ shall not end a run
-    # Matrices are small here: threads within one product cost more than they give, and change its last bits.
+            stream.reconfigure(errors="replace")  # a console without Δ must not end a run
+    # Matrices are small: threads within one product are slower, and change its last bits.
     for library in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
-        os.environ.setdefault(library, "1")  # read when numpy is first imported, which is later
+        os.environ.setdefault(library, "1")  # numpy reads these at its first import, later
     from truing.pipeline.command_line import app
 
     app()
 
 
 def _end_interrupted(error: Interrupted) -> int:
-    """Interrupted before any action began, as while libraries load."""
+    """Exit code of an interruption before any action started, as while libraries load."""
     from truing.pipeline.console import RunConsole
     from truing.pipeline.exit_status import end_interrupted
 
@@ -57,7 +57,7 @@ def _end_interrupted(error: Interrupted) -> int:
 
 
 def _keep(code: int) -> None:
-    """Let no signal change the exit code while the interpreter closes: the call has ended."""
+    """Keep the exit code even if a signal arrives while the interpreter closes."""
 
     with suppress(OSError, ValueError):
         sys.stdout.flush()
@@ -70,6 +70,6 @@ def _keep(code: int) -> None:
 
 
 def _ignore() -> None:
-    """Outlast handlers in Python, which end before the interpreter does."""
+    """Ignore signals after Python's handlers have ended."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)

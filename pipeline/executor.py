@@ -1,8 +1,7 @@
-"""Many independent pieces of work: here, in several processes or on a Dask cluster, with the same results.
+"""Execution of many independent pieces of work in several processes or on a Dask cluster, with the same results.
 
-Processes of this machine may vanish without taking the rest along. Dask would do it too, but a cluster on this machine
-takes eight times as long to start (3.3 s, not 0.4 s). Pools of loky and joblib break as a whole when one worker
-vanishes, as that of the standard library does.
+A lost process does not end the others. A Dask cluster on this machine would start eight times slower (3.3 s, not 0.4
+s). Pools of loky, joblib and the standard library break as a whole when one worker is lost.
 """
 
 from __future__ import annotations
@@ -34,20 +33,20 @@ if TYPE_CHECKING:
 
 Piece = TypeVar("Piece")
 Result = TypeVar("Result")
-# A piece whose workers vanish so often is given up: it is what ends them.
+# A piece is given up after this number of lost workers, because it probably ends them.
 TRIES = 3
 LOCAL = "local"
 
 _SECONDS_TO_LEAVE = 10.0
-# So often a wait looks up: where a signal cannot end the waiting itself, it is heard then.
+# Poll interval for pending signals, s.
 _SECONDS_BETWEEN_LOOKS = 0.5
 
 _SECONDS_TO_ANSWER = 30.0
-_AHEAD = 4  # pieces handed out per thread of the workers
+_AHEAD = 4  # pieces submitted per thread of the workers
 
 
 def processors() -> int:
-    """How many processors this process may use."""
+    """Number of processors that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -55,10 +54,10 @@ def processors() -> int:
 
 @dataclass(frozen=True)
 class Workforce:
-    """Who does the work: this process alone, several processes of this machine, or a Dask cluster.
+    """Means of execution: this process, several processes of this machine, or a Dask cluster.
 
-    ``scheduler`` is a Dask scheduler's address (``tcp://host:port``), or ``local`` for a cluster on this machine;
-    ``workers`` is how many processes, one where absent (with ``local``: one per processor).
+    ``scheduler``: address of a Dask scheduler (``tcp://host:port``), or ``local`` for a cluster on this machine;
+    ``workers``: number of processes, by default one (with ``local``: one per processor).
     """
 
     workers: int | None = None
@@ -66,7 +65,7 @@ class Workforce:
 
     @property
     def is_alone(self) -> bool:
-        """Whether this process does everything itself."""
+        """Whether this process does all the work."""
         return self.scheduler is None and (self.workers or 1) == 1
 
     def __str__(self) -> str:
@@ -82,12 +81,12 @@ def results(
     lost: Callable[[Piece], Result],
     progress: Callable[[int], None] = lambda done: None,
 ) -> Generator[Result]:
-    """Yield the result of every piece, in the order of the pieces, as soon as those before it are there.
+    """Yield the results of all pieces, in order, as soon as available.
 
-    ``work`` and the pieces must be picklable, and ``work`` importable where it is done; its exceptions end everything.
-    A piece whose worker vanished (killed, out of memory, its machine gone) is done again, and after the third time
-    ``lost`` says what stands in its place. ``progress`` is told how many are done. An exception, an interruption or
-    closing the generator ends the workers that were started here, and cancels what a cluster has not begun.
+    ``work`` and the pieces must be picklable, and ``work`` importable by the workers; its exceptions end everything. A
+    piece whose worker was lost (killed, out of memory, machine gone) is repeated; after the third loss ``lost`` gives
+    its result. ``progress`` receives the number done. An exception, an interruption or closing the generator ends local
+    workers, and cancels what a cluster has not started.
     """
     early: dict[int, Result] = {}
     following = 0
@@ -106,7 +105,7 @@ def _completed(
     workforce: Workforce,
     lost: Callable[[Piece], Result],
 ) -> Generator[tuple[int, Result]]:
-    """Yield number and result of every piece, in the order in which they are completed."""
+    """Yield number and result of every piece, in order of completion."""
     if workforce.scheduler is not None:
         yield from _completed_on_cluster(work, pieces, workforce, lost)
     elif workforce.is_alone:
@@ -118,7 +117,7 @@ def _completed(
 def _completed_by_processes(
     work: Callable[[Piece], Result], pieces: Sequence[Piece], workers: int, lost: Callable[[Piece], Result]
 ) -> Iterator[tuple[int, Result]]:
-    """Yield number and result of every piece, in the order in which they are completed."""
+    """Yield number and result of every piece, in order of completion."""
     queue = _Queue(work, pieces, lost, deque(range(len(pieces))))
     while queue.waiting or queue.suspects:
         with _pool(workers) as pool:
@@ -127,8 +126,8 @@ def _completed_by_processes(
 
 @dataclass
 class _Queue:
-    """What is left to do. Pieces that were under way when a worker vanished are suspects: they are done again one at a
-    time, so that the one that ends its workers is known and costs the others nothing."""
+    """Remaining pieces. Pieces in progress when a worker is lost are suspects: they are repeated one at a time, to
+    identify the one that ends its workers without cost to the others."""
 
     work: Callable[[Any], Any]
     pieces: Sequence[Any]
@@ -138,7 +137,7 @@ class _Queue:
     losses: Counter[int] = field(default_factory=Counter)
 
     def worked_off(self, pool: ProcessPoolExecutor, workers: int) -> Iterator[tuple[int, Any]]:
-        """Yield what is completed until nothing is left, or the pool has lost a worker."""
+        """Yield completed pieces until none is left, or the pool has lost a worker."""
         under_way: dict[Future[Any], int] = {}
         while self._hand_out(pool, under_way, workers):
             done, _ = wait(under_way, timeout=_SECONDS_BETWEEN_LOOKS, return_when=FIRST_COMPLETED)
@@ -150,7 +149,7 @@ class _Queue:
                 return
 
     def _hand_out(self, pool: ProcessPoolExecutor, under_way: dict[Future[Any], int], workers: int) -> bool:
-        """Keep the workers busy; returns whether anything is under way. One broken pool refuses all further work."""
+        """Keep the workers busy; returns whether anything is in progress. A broken pool refuses all further work."""
         while self.suspects and not under_way:
             self._submit(pool, under_way, self.suspects.popleft())
         while self.waiting and not self.suspects and len(under_way) < workers and not self._is_alone(under_way):
@@ -164,13 +163,13 @@ class _Queue:
         try:
             with children_without_interrupts():
                 under_way[pool.submit(_in_good_order, self.work, self.pieces[number])] = number
-        except BrokenProcessPool as error:  # a worker vanished before it was given anything
+        except BrokenProcessPool as error:  # a worker was lost before it received anything
             failed: Future[Any] = Future()
             failed.set_exception(error)
             under_way[failed] = number
 
     def _suspect(self, numbers: list[int]) -> Iterator[tuple[int, Any]]:
-        """Put back what was under way; yield what stands in the place of a piece that is given up."""
+        """Put back the pieces in progress; yield the substitute result of a piece that is given up."""
         self.losses.update(numbers)
         for number in numbers:
             if self.losses[number] >= TRIES:
@@ -181,10 +180,10 @@ class _Queue:
 
 @contextmanager
 def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """A pool of fresh processes; whatever ends its use ends them, too."""
+    """A pool of new processes, which end with the context."""
     others = set(multiprocessing.active_children())
-    context = multiprocessing.get_context("spawn")  # a fork would carry this process's locks and threads along
-    with safe_children():  # they are started when there is work for them
+    context = multiprocessing.get_context("spawn")  # a fork would copy this process's locks and threads
+    with safe_children():  # processes start when there is work for them
         pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_become_worker)
         try:
             yield pool
@@ -196,7 +195,7 @@ def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 def _end(children: list[Any]) -> None:
-    """Ask processes to leave in good order, and end those that do not."""
+    """Ask processes to end, and kill those that do not."""
     for ask in ("terminate", "kill"):
         for child in children:
             getattr(child, ask)()
@@ -205,9 +204,9 @@ def _end(children: list[Any]) -> None:
 
 
 def _in_good_order(work: Callable[[Any], Any], piece: Any) -> Any:
-    """The result of a piece; asked to end, a worker leaves nothing half made, and vanishes as if it had been killed."""
+    """Result of a piece in a worker, which cleans up when asked to end."""
     try:
-        # A pool that misses one worker asks the others to end, which were asked already and are tidying.
+        # A pool that lost a worker asks the others to end; they were asked before and are cleaning up.
         with interruptible(once=True), raise_if_interrupted():
             return work(piece)
     except Interrupted:
@@ -215,7 +214,7 @@ def _in_good_order(work: Callable[[Any], Any], piece: Any) -> Any:
 
 
 def _become_worker() -> None:
-    """Leave interruptions to the process that asked for the work, and end where that is no more."""
+    """Leave interruptions to the parent process, and end when it ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -230,9 +229,9 @@ def _end_with_parent() -> None:
 def _completed_on_cluster(
     work: Callable[[Piece], Result], pieces: Sequence[Piece], workforce: Workforce, lost: Callable[[Piece], Result]
 ) -> Iterator[tuple[int, Result]]:
-    """Yield number and result of every piece, in the order in which they are completed.
+    """Yield number and result of every piece, in order of completion.
 
-    Raises EnvironmentProblem where no scheduler answers, no worker joins, or the connection breaks.
+    Raises EnvironmentProblem if no scheduler answers, no worker joins, or the connection breaks.
     """
     with _client(workforce) as client:
         suspects = []
@@ -241,7 +240,7 @@ def _completed_on_cluster(
                 suspects.append(number)
             else:
                 yield number, future.result()
-        # A scheduler blames all that a vanished worker had in hand; done alone, only the guilty piece is lost again.
+        # A scheduler blames all pieces of a lost worker; repeated alone, only the piece at fault is lost again.
         for number in suspects:
             ((_, future),) = _futures(client, work, pieces, [number])
             yield number, lost(pieces[number]) if _lost_its_workers(future, workforce) else future.result()
@@ -250,9 +249,9 @@ def _completed_on_cluster(
 def _futures(
     client: Client, work: Callable[[Piece], Result], pieces: Sequence[Piece], numbers: Sequence[int]
 ) -> Iterator[tuple[int, DaskFuture]]:
-    """Yield pieces' futures as they are completed; what is not cannot begin any more once nobody waits for it.
+    """Yield the futures of pieces as they complete; others are cancelled when the generator closes.
 
-    Only some pieces ahead of the workers are handed out, so that a scheduler need not hold thousands.
+    Only a limited number of pieces is submitted ahead, so that the scheduler need not hold thousands.
     """
     from distributed import as_completed
 
@@ -276,7 +275,7 @@ def _futures(
 
 
 def _lost_its_workers(future: DaskFuture, workforce: Workforce) -> bool:
-    """Whether a piece is done for want of a worker that survives it; raises EnvironmentProblem without a scheduler."""
+    """Whether a piece ended because it lost its workers; raises EnvironmentProblem without a scheduler."""
     from distributed import KilledWorker
 
     if future.cancelled():
@@ -286,12 +285,12 @@ def _lost_its_workers(future: DaskFuture, workforce: Workforce) -> bool:
 
 @contextmanager
 def _client(workforce: Workforce) -> Iterator[Client]:
-    """A client of the cluster, with at least one worker; a local cluster ends with it."""
+    """A client of the cluster with at least one worker; a local cluster ends with it."""
     import dask
     from distributed import Client
 
     with ExitStack() as stack:
-        # A scheduler's own word for "given up" counts the tries after the first.
+        # The scheduler's limit counts the tries after the first.
         quiet = {"distributed.scheduler.allowed-failures": TRIES - 1, "distributed.admin.tick.limit": "1h"}
         stack.enter_context(dask.config.set(quiet))
         address = workforce.scheduler
@@ -311,7 +310,7 @@ def _local_cluster(workers: int | None) -> Iterator[str]:
     from distributed import LocalCluster
 
     with ExitStack() as stack:
-        # Dask's scratch folder would stay behind where everybody's temporary files are.
+        # Dask's scratch folder would otherwise stay behind in the system's temporary folder.
         scratch = stack.enter_context(tempfile.TemporaryDirectory(prefix="truing-", ignore_cleanup_errors=True))
         stack.enter_context(dask.config.set({"temporary-directory": scratch}))
         stack.enter_context(safe_children())
@@ -327,5 +326,5 @@ def _local_cluster(workers: int | None) -> Iterator[str]:
         try:
             yield cluster.scheduler_address
         finally:
-            with suppress(Exception):  # it stumbles over a worker that vanished a moment ago and is being replaced
+            with suppress(Exception):  # fails for a worker that was just lost and is being replaced
                 cluster.close()

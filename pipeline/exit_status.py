@@ -1,4 +1,4 @@
-"""From a call to its exit code: whatever happens is said in one sentence, and told to the shell."""
+"""From an action to its exit code; every problem is reported in one sentence."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ _LEAST_MB = 2000
 
 
 def end(action: Callable[[], ExitCode], console: RunConsole) -> ExitCode:
-    """The exit code of an action, its trouble told on stderr; interruptions pass, for they end the whole call."""
+    """Exit code of an action, with problems reported on stderr; interruptions pass, because they end the whole call."""
     try:
         with raise_if_interrupted():
             _check_memory_limit()
             return action()
     except CampaignFaults as error:
-        if shortage(error) is not None:  # what could not be read for want of memory is no fault of the campaign
+        if shortage(error) is not None:  # a memory shortage is no fault of the campaign
             return _end_of(error, console)
         for line in dict.fromkeys(map(str, error.faults)):
             console.warn(" ".join(line.split("\n")))
@@ -49,7 +49,7 @@ def end(action: Callable[[], ExitCode], console: RunConsole) -> ExitCode:
 
 
 def _end_of(error: Exception, console: RunConsole) -> ExitCode:
-    known = environment_problem(error, "the work was prevented")
+    known = environment_problem(error, "the work could not be done")
     if known is not None:
         console.warn(f"{known}; {KEPT}")
         return ExitCode.ENVIRONMENT
@@ -59,7 +59,7 @@ def _end_of(error: Exception, console: RunConsole) -> ExitCode:
 
 
 def end_all(actions: list[Callable[[], ExitCode]], console: RunConsole) -> ExitCode:
-    """Several actions, one after the other; the gravest ending is the call's, and an interruption ends them all."""
+    """Run several actions in turn; the worst exit code is the call's, and an interruption ends them all."""
     try:
         with interruptible():
             return gravest([end(action, console) for action in actions])
@@ -68,7 +68,7 @@ def end_all(actions: list[Callable[[], ExitCode]], console: RunConsole) -> ExitC
 
 
 def end_interrupted(error: Interrupted, console: RunConsole) -> ExitCode:
-    """The exit code of a call that a signal has ended, said on stderr."""
+    """Exit code of a call ended by a signal, reported on stderr."""
     answered()
     console.warn(f"interrupted ({error}); {KEPT}")
     return exit_code_of(str(error))
@@ -76,7 +76,7 @@ def end_interrupted(error: Interrupted, console: RunConsole) -> ExitCode:
 
 @contextmanager
 def defects_logged(log: Path, doing: str) -> Iterator[None]:
-    """Turn what nobody expected into a Defect, its traceback in ``log``; blame the environment where it is to blame."""
+    """Turn unexpected errors into a Defect with the traceback in ``log``, or into an EnvironmentProblem."""
     try:
         with raise_if_interrupted():
             yield
@@ -90,7 +90,7 @@ def defects_logged(log: Path, doing: str) -> Iterator[None]:
             log.write_text("".join(traceback.format_exception(error)), encoding="utf-8")
         except OSError:
             if not log.parent.is_dir():
-                raise EnvironmentProblem(f"{doing}: the folder {log.parent} has vanished") from error
+                raise EnvironmentProblem(f"{doing}: the folder {log.parent} has disappeared") from error
             raise error from None
         brief = (str(error).splitlines() or [""])[0][:200]
         sentence = f"truing has a defect: {doing} ended with {type(error).__name__}: {brief} (traceback in {log})"
@@ -98,7 +98,7 @@ def defects_logged(log: Path, doing: str) -> Iterator[None]:
 
 
 def _limit_mb() -> float | None:
-    """The address space that this process may use (ulimit -v); None where it has no limit, or the system knows none."""
+    """Address space limit of this process (ulimit -v); None if there is none or it is unknown."""
     try:
         import resource
     except ImportError:  # Windows
@@ -108,7 +108,7 @@ def _limit_mb() -> float | None:
 
 
 def _check_memory_limit() -> None:
-    """Raise EnvironmentProblem where the limit is below what loading the libraries needs."""
+    """Raise EnvironmentProblem if the limit is too low for loading the libraries."""
     most = _limit_mb()
     if most is not None and most < _LEAST_MB:
         least = f"at least {_LEAST_MB} MB are needed to load the libraries"

@@ -1,4 +1,4 @@
-"""Whether a stage is up to date, and if not, why: by content, never by clocks."""
+"""Freshness of stages: whether a stage is up to date, and the reason if not, by content and never by time stamps."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
     from truing.schemas.artifact import Artifact
     from truing.stages.declaration import Stage
 
-# The settings reach a stage through the one, its tables through the other: both shape what it leaves.
+# Modules through which settings and tables reach every stage, so that both affect its results.
 _COMMON_SOURCE = ("truing.schemas.campaign", "truing.schemas.artifacts")
 _SHOWN_REASONS = 3
-# What an artifact has to carry to speak for its stage where the manifest is gone.
+# Metadata from which an artifact replaces a missing manifest entry of its stage.
 _SPOKEN = {"digest", "left", "failed_checks"}
 
 
 class Freshness(StrEnum):
-    """Where a stage stands."""
+    """State of a stage."""
 
     FRESH = "fresh"
     STALE = "stale"
@@ -35,7 +35,7 @@ class Freshness(StrEnum):
 
 @dataclass(frozen=True)
 class StageStatus:
-    """A stage's state, the reasons where it is not fresh, and the manifest entry that speaks for it where it is."""
+    """State of a stage, the reasons if it is not fresh, and its manifest entry if it is."""
 
     state: Freshness
     reasons: tuple[str, ...] = ()
@@ -43,14 +43,14 @@ class StageStatus:
 
     @property
     def why(self) -> str:
-        """The reasons in one line."""
+        """Reasons in one line."""
         more = len(self.reasons) - _SHOWN_REASONS
         return "; ".join(self.reasons[:_SHOWN_REASONS]) + (f"; and {more} more" if more > 0 else "")
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What freshness is judged from: the campaign, the run folder and the project's source."""
+    """Basis for judging freshness: the campaign, the run folder and the project's source."""
 
     campaign: CampaignFolder
     run_folder: Path
@@ -60,12 +60,12 @@ class Evidence:
     manifest: Manifest
 
     def source_of(self, stage: str) -> dict[str, str]:
-        """Digests of the source files that a stage consists of."""
+        """Digests of the source files of a stage."""
         called = (f"truing.stages.{name}" for name in (stage, *OF_SECOND_CAMPAIGNS.get(stage, ())))
         return self.source.digests(*called, *_COMMON_SOURCE)
 
     def made_from(self, stage: Stage, raw: tuple[Path, ...]) -> MadeFrom:
-        """What the stage would be made from if it ran now; ``raw`` are the files that it reads besides artifacts."""
+        """Inputs of the stage if it ran now; ``raw``: files that it reads besides artifacts."""
         folder = self.campaign.folder
         return MadeFrom(
             campaign=self.campaign.name,
@@ -76,14 +76,14 @@ class Evidence:
         )
 
     def input_digest(self, artifact: str) -> str | None:
-        """The digest of an artifact that some stage left, or None where no stage left it."""
+        """Digest of an artifact of an earlier stage, or None."""
         return next((e.artifacts[artifact] for e in self.manifest.entries.values() if artifact in e.artifacts), None)
 
     def status(self, stage: Stage, now: MadeFrom) -> StageStatus:
-        """Whether the stage's artifacts are whole, as written, and made from what is there ``now``."""
+        """Whether the stage's artifacts are unchanged since writing, and made from the inputs ``now``."""
         entry = self.manifest.entries.get(stage.name) or self._embedded(stage)
         if entry is None:
-            return StageStatus(Freshness.NEVER_RUN, ("nothing of it is there",))
+            return StageStatus(Freshness.NEVER_RUN, ("it has no artifacts",))
         reasons = [*self._artifact_reasons(entry), *_changes(entry, now)]
         if reasons:
             return StageStatus(Freshness.STALE, tuple(reasons))
@@ -94,12 +94,12 @@ class Evidence:
             file = self.artifacts[name].file
             try:
                 if self.digest_cache.digest(self.run_folder / file) != digest:
-                    yield f"{file} is not as it was written"
+                    yield f"{file} was changed after it was written"
             except FileNotFoundError:
                 yield f"{file} is missing"  # or a folder, or a pipe
 
     def _embedded(self, stage: Stage) -> Entry | None:
-        """The entry that a stage's artifacts speak for themselves, where the manifest is gone."""
+        """Entry from the metadata of a stage's artifacts, if the manifest is missing."""
         from truing.pipeline.artifacts import read_provenance
 
         for name in map(bare, stage.leaves):
@@ -107,7 +107,7 @@ class Evidence:
             if carried is not None and carried.get("stage") == stage.name and carried.keys() >= _SPOKEN:
                 try:
                     return self._entry_from(carried)
-                except (ValueError, KeyError, TypeError, RecursionError):  # no words of this version
+                except (ValueError, KeyError, TypeError, RecursionError):  # written by another version
                     return None
         return None
 
@@ -127,7 +127,7 @@ def _changes(entry: Entry, now: MadeFrom) -> Iterator[str]:
         return
     then = entry.made_from
     if then is None:
-        yield "it was made from something else (the run folder's ledger is gone, so what changed is not known)"
+        yield "its inputs differ (the manifest of the run folder is missing, so the change is unknown)"
         return
     if then.campaign != now.campaign:
         yield f"the campaign is {now.campaign!r}, not {then.campaign!r}"
@@ -144,9 +144,9 @@ def _present(inputs: Mapping[str, str | None]) -> dict[str, str]:
 def _file_changes(label: str, then: Mapping[str, str], now: Mapping[str, str], ending: str = "") -> Iterator[str]:
     for name in sorted({*then, *now}):
         if name not in now:
-            yield f"{label}{name}{ending} is no longer part of it"
+            yield f"{label}{name}{ending} is no longer an input"
         elif name not in then:
-            yield f"{label}{name}{ending} is new to it"
+            yield f"{label}{name}{ending} is a new input"
         elif then[name] != now[name]:
             yield f"{label}{name}{ending} changed"
 
@@ -164,7 +164,7 @@ def _setting_changes(then: Any, now: Any, path: str = "") -> Iterator[str]:
     elif then is None:
         yield f"{path} is new: {_brief(now)}"
     elif now is None:
-        yield f"{path} is gone: it was {_brief(then)}"
+        yield f"{path} was removed: it was {_brief(then)}"
     else:
         yield f"{path} changed from {_brief(then)} to {_brief(now)}"
 

@@ -1,4 +1,4 @@
-"""Files that a call names: tables to read as they are, and places to write to, never a raw file or a file of a run."""
+"""Files named in a call: tables to read, and output paths that are neither raw files nor files of a run."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ _OPTION = "--out"
 
 
 def read_given(path: Path, what: str) -> pa.Table:
-    """Return the table in a .csv or .parquet file; raises CampaignFaults where there is none."""
+    """Return the table in a .csv or .parquet file; raises CampaignFaults."""
     if path.suffix not in ENDINGS:
         raise CampaignFaults([Fault(str(path), f"{what}, .csv or .parquet")])
     try:
-        regular_size(path)  # a pipe would be waited for without end
+        regular_size(path)  # reading a pipe could block for ever
         table = pa.parquet.read_table(path) if path.suffix == ".parquet" else pa.csv.read_csv(path)
         table.validate(full=True)
-        names = table.column_names  # raises where one is no text
+        names = table.column_names  # raises if one is not text
     except FileNotFoundError:
         raise CampaignFaults([Fault(str(path), "a file that exists")]) from None
     except (pa.ArrowException, OSError, UnicodeError) as error:
@@ -51,7 +51,7 @@ def read_given(path: Path, what: str) -> pa.Table:
 def table_bytes(table: pa.Table, ending: str, quoting: Literal["none", "needed"] = "none") -> bytes:
     """Return a table as the bytes of a .csv or .parquet file.
 
-    quoting, of a .csv: ``needed`` where text may hold what separates; ``none`` raises pyarrow's ArrowInvalid then.
+    quoting, for .csv: ``needed`` if text may contain separators; ``none`` then raises pyarrow's ArrowInvalid.
     """
     sink = pa.BufferOutputStream()
     if ending == ".parquet":
@@ -62,11 +62,11 @@ def table_bytes(table: pa.Table, ending: str, quoting: Literal["none", "needed"]
 
 
 def leave_tables(file: Path, tables: Mapping[str, pa.Table], page: str) -> list[Path]:
-    """Write tables beside ``file``, each with its ending behind that name, and a page of the name; the files, in order.
+    """Write tables next to ``file``, with its name and the given endings, and a page; returns the files in order.
 
     Raises EnvironmentProblem.
     """
-    with environment(f"{file.parent} cannot be made"):
+    with environment(f"{file.parent} cannot be created"):
         file.parent.mkdir(parents=True, exist_ok=True)
     written = {file.with_name(f"{file.stem}{ending}{file.suffix}"): table for ending, table in tables.items()}
     for path, table in written.items():
@@ -78,7 +78,7 @@ def leave_tables(file: Path, tables: Mapping[str, pa.Table], page: str) -> list[
 def check_file(
     place: Path | None, *, reads: Sequence[Path | None] = (), campaign: CampaignFolder | None = None
 ) -> None:
-    """Raise CampaignFaults where a file that a call shall write is no table, or one that nobody may overwrite."""
+    """Raise CampaignFaults if an output file is no table, or must not be overwritten."""
     if place is not None and (why := next(_file_objections(place, reads, campaign), None)):
         raise CampaignFaults([Fault(_OPTION, why, value=str(place))])
 
@@ -89,15 +89,15 @@ def _file_objections(place: Path, reads: Sequence[Path | None], campaign: Campai
     if place.is_dir():
         yield "a file to write, not a folder"
     if any(_is_same(place, read) for read in reads if read is not None):
-        yield "another file than those that this call reads"
+        yield "a file that this call does not read"
     if (campaign is not None and _is_raw(place, campaign)) or _is_raw_there(place):
-        yield "another file than the raw files of a campaign; remove it first if it holds nothing measured"
+        yield "a file that is no raw file of a campaign; remove it first if it contains no measurements"
     if (place.parent / PRIVATE).is_dir() and place.name in {artifact.file for artifact in ARTIFACTS.values()}:
-        yield "another file than those of a run"
+        yield "a file that is not part of a run"
 
 
 def check_folder(place: Path) -> None:
-    """Raise CampaignFaults where a folder that a call shall fill is a campaign's."""
+    """Raise CampaignFaults if an output folder is a campaign's."""
     if os.path.lexists(place / FILE):
         raise CampaignFaults([Fault(_OPTION, "a folder that holds no campaign", value=str(place))])
 
@@ -107,7 +107,7 @@ def _is_same(place: Path, other: Path) -> bool:
 
 
 def _is_raw_there(place: Path) -> bool:
-    """Whether a file is one that the campaign beside it reads; any, where its campaign.toml cannot be read."""
+    """Whether the campaign in the same folder reads a file; True if its campaign.toml cannot be read."""
     if not place.exists() or not os.path.lexists(place.parent / FILE):
         return False
     try:

@@ -1,4 +1,4 @@
-"""Stages called in this process, tables handed from one to the next and nothing written: for notebooks and draws."""
+"""Execution of stages in this process without writing, for notebooks and simulated campaigns."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from truing.stages.declaration import Outcome
 
 @dataclass
 class StageLine:
-    """A campaign's settings and files, the tables that its stages have left so far, and what each stage said."""
+    """Settings and files of a campaign, tables of its stages so far, and their messages."""
 
     settings: Campaign
     source: CampaignFiles
@@ -26,9 +26,9 @@ class StageLine:
     outcomes: dict[str, Outcome] = field(default_factory=dict)
 
     def call(self, *names: str) -> StageLine:
-        """Call stages by name, in this order; absent: every stage of this kind of campaign. Returns the line itself.
+        """Call stages by name, in this order; by default, all stages of this kind of campaign. Returns the line itself.
 
-        A table put into ``tables`` before takes the place of what a stage had left there.
+        A table put into ``tables`` before replaces that of a stage.
         """
         kind = self.settings.campaign.kind
         for name in names or order_of(kind, photographs=self.source.has_photographs):  # without a second campaign
@@ -39,9 +39,9 @@ class StageLine:
 
 
 def stage_line(campaign: str | Path, scratch: Path | None = None) -> StageLine:
-    """A line for a campaign's folder, no stage called yet; raises CampaignFaults with every fault of its toml.
+    """A line for a campaign's folder before the first stage; raises CampaignFaults with every fault of its toml.
 
-    scratch: where temporary files may lie; absent: the system's own place.
+    scratch: folder for temporary files; absent: the system's.
     """
     opened = open_campaign(Path(campaign))
     settings = opened.validated()
@@ -49,7 +49,7 @@ def stage_line(campaign: str | Path, scratch: Path | None = None) -> StageLine:
 
 
 def call_stage(name: str, tables: Mapping[str, pa.Table | str], settings: Campaign, *more: Any) -> Outcome:
-    """What a stage makes of those of the tables that it declares, each artifact whole and as its file gives it back."""
+    """Artifacts of a stage for its declared tables, as if read back from file."""
     stage = stage_module(name)
     wanted = {bare(read) for read in stage.DECLARATION.reads}
     given = {key: table for key, table in tables.items() if key in wanted}
@@ -58,7 +58,7 @@ def call_stage(name: str, tables: Mapping[str, pa.Table | str], settings: Campai
 
 
 def _as_read(left: pa.Table | pa.RecordBatchReader | str) -> pa.Table | str:
-    """A stream read to its end, and text without its dictionary."""
+    """A stream as one table, and text columns without dictionary."""
     if isinstance(left, str):
         return left
     table = left.read_all() if isinstance(left, pa.RecordBatchReader) else left
@@ -67,7 +67,7 @@ def _as_read(left: pa.Table | pa.RecordBatchReader | str) -> pa.Table | str:
 
 
 def bench_tables(campaign: CampaignFolder, settings: Campaign) -> tuple[dict[str, pa.Table], bool]:
-    """Load steps with what was read, and True; or as they are planned, with zeros, and False. Raises CampaignFaults."""
+    """Load steps with readings, and True; or planned steps with zeros, and False. Raises CampaignFaults."""
     from truing.stages.ingestion.planned_loads import planned_loads
 
     source = CampaignFiles(campaign.folder, settings)

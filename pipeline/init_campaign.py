@@ -1,4 +1,4 @@
-"""`truing init`: looks at the raw files of a folder and writes a campaign.toml to complete."""
+"""`truing init`: writes a campaign.toml for the raw files of a folder, to be completed."""
 
 from __future__ import annotations
 
@@ -39,7 +39,12 @@ if TYPE_CHECKING:
 
 _TEMPLATE = Path(__file__).with_name("campaign_template.toml")
 _LOADING_TABLES = {"interferometer", "displacement", "signals", "quadrature", "positioning"}
-_APART = ("targets", "configurations", "scans", "surfaces")  # what words in their names tell apart is not one table
+_APART = (
+    "targets",
+    "configurations",
+    "scans",
+    "surfaces",
+)  # files that differ by words in their names are not one table
 _AXES, _LONGER = 3, 4
 _MOST_FILES = 5000
 _SHOWN_COLUMNS = 40
@@ -51,7 +56,7 @@ _NOT_RAW = {".toml", ".md", ".html", ".pdf", ".yaml", ".yml", ".json"}
 
 @dataclass(frozen=True)
 class RawGroup:
-    """Raw files that are read alike: their glob, one of them, how many, all their names, what finds no other file."""
+    """Raw files with the same mapping: glob, an example, number, names, and glob without other files."""
 
     glob: str
     example: Path
@@ -61,8 +66,10 @@ class RawGroup:
 
 
 def init_campaign(folder: Path, *, every_key: bool = False) -> ExitCode:
-    """Write the folder's campaign.toml, with every key explained or with those that this campaign needs; raises
-    CampaignFaults where there is no folder, or one already."""
+    """Write the folder's campaign.toml, with all keys or with those that this campaign needs.
+
+    Raises CampaignFaults if the folder is missing or has a campaign.toml.
+    """
     target = folder / FILE
     if not folder.is_dir():
         raise CampaignFaults([Fault(str(folder), "a folder that exists, with raw files in it")])
@@ -89,17 +96,19 @@ def _write_new(target: Path, text: str) -> None:
         try:
             file = open(target, "xb")  # noqa: SIM115 (closed below; who opens it first, owns it)
         except FileExistsError:
-            raise CampaignFaults([Fault(str(target), "no such file yet: it is never overwritten")]) from None
+            raise CampaignFaults(
+                [Fault(str(target), "no campaign.toml yet, because it is never overwritten")]
+            ) from None
         try:
             with file:
                 file.write(content)
         except BaseException:
-            target.unlink(missing_ok=True)  # half of it would never be overwritten
+            target.unlink(missing_ok=True)  # an incomplete file would never be overwritten
             raise
 
 
 def _raw_groups(folder: Path) -> list[RawGroup]:
-    """The files below a folder but photographs, those together whose names differ in numbers alone."""
+    """Files below a folder except photographs, grouped if their names differ only in numbers."""
     groups: dict[str, list[Path]] = {}
     for path in _files(folder):
         if is_picture(path):
@@ -117,7 +126,7 @@ def _group(folder: Path, pattern: str, paths: list[Path]) -> RawGroup:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """The raw files below a folder: nothing hidden, no text about them, and no results of a run."""
+    """Raw files below a folder, except hidden files, descriptions and results of a run."""
     found = 0
     results = {mark.parent for mark in folder.rglob(PRIVATE)}
     for path in sorted(folder.rglob("*")):
@@ -139,7 +148,7 @@ def _guess(group: RawGroup) -> Guess:
     from truing.formats.sniff import sniff_file
 
     if not _is_text(group.glob):
-        return Guess(notes=("its name is no text in UTF-8, as campaign.toml is: rename it",))
+        return Guess(notes=("its name is not UTF-8 text, as campaign.toml requires: rename it",))
     guess = sniff_file(group.example)
     if guess.table is None and group.glob in [f"{table}.csv" for table in OF_IMAGES]:
         return replace(guess, mapping={}, table=group.example.stem)
@@ -148,7 +157,7 @@ def _guess(group: RawGroup) -> Guess:
 
 
 def _together(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
-    """Groups whose files are read by the same keys as one, where a glob finds these files and no other."""
+    """Join groups that are read by the same keys, if a glob finds exactly these files."""
     everything = [str(Path(group.glob).parent / name) for group, _ in guesses for name in group.names]
     alike: dict[str, list[tuple[RawGroup, Guess]]] = {}
     for group, guess in guesses:
@@ -170,7 +179,7 @@ def _joined(own: list[tuple[RawGroup, Guess]], everything: list[str]) -> list[tu
 
 
 def _apart(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
-    """The groups with what finds their files and none of another group."""
+    """Give each group a glob that finds no file of another group."""
     held: dict[Path, list[str]] = {}
     for group, _ in guesses:
         held.setdefault(Path(group.glob).parent, []).extend(group.names)
@@ -179,12 +188,12 @@ def _apart(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]
 
 
 def _separate_tables(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
-    """Every table of a file by itself, where it holds several with keys of their own."""
+    """One entry for each table of a file with several tables."""
     return [(group, one) for group, guess in guesses for one in (replace(guess, beside=()), *guess.beside)]
 
 
 def _with_surfaces(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
-    """Of dense scans, many files are poses, and a file of its own beside them is the surface they are laid onto."""
+    """Among dense scans, many files are poses, and a separate file is their reference surface."""
     poses = any(guess.table == "scans" and group.count > 1 for group, guess in guesses)
     return [
         (group, replace(guess, table="surfaces") if poses and guess.table == "scans" and group.count == 1 else guess)
@@ -208,12 +217,12 @@ def _listed(columns: tuple[str, ...], most: int = _SHOWN_COLUMNS) -> str:
 
 
 def _shown(text: str) -> str:
-    """A text on one line that a terminal shows and TOML has as a comment, whatever a file is called."""
+    """A text on one line, printable and valid in a TOML comment."""
     return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 def _is_text(name: str) -> bool:
-    """Whether a file's name is text: a file system may hold other bytes, which Python carries as surrogates."""
+    """Whether a file's name is valid text; other bytes appear as surrogates in Python."""
     try:
         name.encode()
     except UnicodeEncodeError:
@@ -222,7 +231,7 @@ def _is_text(name: str) -> bool:
 
 
 def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
-    """The campaign.toml with every key explained, to complete."""
+    """Text of a campaign.toml with every key explained."""
     tables = Counter(guess.table for _, guess in guesses)
     kind = _kind(tables)
     files = (_file_lines(group, guess, alone=tables[guess.table] == 1) for group, guess in guesses)
@@ -237,7 +246,7 @@ def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
 
 
 def _starter(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
-    """The campaign.toml with what this campaign needs, to complete."""
+    """Text of a campaign.toml with the keys that this campaign needs."""
     from truing.pipeline.starter import starter_text
 
     tables = Counter(guess.table for _, guess in guesses)
@@ -250,17 +259,16 @@ def _starter(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
     if counted > 1:
         files += [
             "",
-            "# Several entries of poses count from 1: keep those of this campaign, or let the others begin later.",
+            "# Several entries number their poses from 1: keep those of this campaign, or change the first number of "
+            "the others.",
         ]
-    files += _listing(
-        "Found as well; truing init --all writes their entries:", [_found_words(*one[:2]) for one in more]
-    )
+    files += _listing("Also found; truing init --all writes their entries:", [_found_words(*one[:2]) for one in more])
     files += _listing("Not read:", [_left_words(group, guess) for group, guess in left])
     return starter_text(_name(name), _kind(tables), [guess for _, guess in read], files)
 
 
 def _within(entries: list[_Entry], most: int) -> tuple[list[_Entry], list[_Entry]]:
-    """The first entry of each table, others while all have so many lines together, and those left over."""
+    """First entry of each table, others while there is space, and the remaining ones."""
     firsts = {entry[1].table: number for number, entry in reversed(list(enumerate(entries)))}
     order = sorted(range(len(entries)), key=lambda number: (number not in firsts.values(), number))
     kept: set[int] = set()
@@ -272,7 +280,7 @@ def _within(entries: list[_Entry], most: int) -> tuple[list[_Entry], list[_Entry
 
 
 def _listing(head: str, words: list[str]) -> list[str]:
-    """Lines of remarks below a head; none without words."""
+    """Lines of remarks below a heading; none if there are no remarks."""
     more = [f"#   and {len(words) - _FEW} others"] if len(words) > _FEW else []
     return ["", f"# {head}", *(f"#   {_shown(one)}" for one in words[:_FEW]), *more] if words else []
 
@@ -295,7 +303,7 @@ def _kind(tables: Counter[str | None]) -> str:
 
 
 def _mapping_keys() -> Iterator[str]:
-    """One line per key of [files.<table>], from the definition of what it may hold."""
+    """One line per key of [files.<table>], from its definition."""
     from truing.schemas.mapping import FileMapping
 
     for key, field in FileMapping.model_fields.items():
@@ -305,7 +313,7 @@ def _mapping_keys() -> Iterator[str]:
 
 
 def _quality_limits(kind: str) -> Iterator[str]:
-    """One line per check of a kind of campaign whose limits it may set, from the check's declaration."""
+    """One line per check of a kind of campaign with settable limits, from its declaration."""
     from truing.schemas.quality_checks import settable
 
     for name, limits in settable(kind).items():
@@ -314,7 +322,7 @@ def _quality_limits(kind: str) -> Iterator[str]:
 
 
 def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOWN_COLUMNS) -> Iterator[str]:
-    """The entry of a group of raw files; as a comment where it was not recognised, none where none is needed."""
+    """Entry of a group of raw files; a comment if the group was not recognised."""
     held = counted(group.count, "photograph") if guess.table == "images" else f"columns {_listed(guess.columns, most)}"
     yield ""
     if most or guess.table == "images":
@@ -329,7 +337,7 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOW
     if alone and not mapping and group.glob in (f"{guess.table}.csv", f"{guess.table}.parquet"):
         return
     if guess.table == "images" and not mapping:
-        return  # where the contract has them
+        return  # at the standard place
     mark = "" if guess.table else "# "
     heading = f"files.{guess.table or 'points'}"
     yield f"{mark}[{heading}]" if alone or not guess.table else f"{mark}[[{heading}]]"
@@ -340,13 +348,13 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOW
 
 
 def _names_a_body(guess: Guess, mapping: dict[str, Any]) -> bool:
-    """Whether anything tells which body a file's targets are on."""
+    """Whether anything names the body of a file's targets."""
     given = (*guess.columns, *mapping.get("columns", {}), *mapping.get("constants", {}), mapping.get("wide", ""))
     return "body" in given or "body" in mapping.get("from_name", "") or "constants" in mapping or "{body}" in given[-1]
 
 
 def _with_names(group: RawGroup, mapping: dict[str, Any], guess: Guess) -> dict[str, Any]:
-    """The keys for a group's files, with what their names tell: which pose each is, or which target."""
+    """Keys for a group's files, with the pose or target in their names."""
     named = {*guess.columns, *mapping.get("columns", {}), *mapping.get("number_rows", {})}
     style = mapping.get("format")
     if guess.table in _LOADING_TABLES and group.count > 1 and "run" in mapping.get("constants", {}):
@@ -376,7 +384,7 @@ def _with_names(group: RawGroup, mapping: dict[str, Any], guess: Guess) -> dict[
 
 
 def _rows_are_poses(group: RawGroup, guess: Guess) -> bool:
-    """Whether a few long files of bare coordinates hold a target each, and their rows are the poses."""
+    """Whether each of a few long files of bare coordinates holds one target, with poses as rows."""
     from truing.formats.compression import open_plain
 
     if set(guess.mapping.get("columns", {})) != {"x_mm", "y_mm", "z_mm"} or len(guess.columns) != _AXES:
@@ -387,7 +395,7 @@ def _rows_are_poses(group: RawGroup, guess: Guess) -> bool:
 
 
 def _body_from_name(group: RawGroup, guess: Guess) -> dict[str, Any]:
-    """Scans and surfaces name no body: it is the word that their files' name leaves, without those for scans."""
+    """Body of scans and surfaces: the word of the file's name that does not mean scan."""
     if guess.table not in ("scans", "surfaces"):
         return {}
     return {"constants": {"body": scanned_body(group.glob)}}

@@ -1,4 +1,4 @@
-"""What `truing init` makes of raw files by their names: globs, what names tell, photographs, tables of networks."""
+"""Guesses of `truing init` from names of raw files: globs, poses and targets in names, photographs, network tables."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ _NEEDED = (
 _Group = TypeVar("_Group")
 
 _ADJUSTED = ("aicon", "colmap", "photomodeler")
-_INSTEAD = "not read: the rays beside it give these points with their whole covariance"
+_INSTEAD = "not read, because the rays in the same folder give these points with their full covariance"
 
 
 def common_glob(names: Sequence[str]) -> str:
-    """The glob of names: what is the same in all of them at both ends, or token by token where they are built alike."""
+    """Glob of names: their common start and end, or token by token if they have the same structure."""
     first, *others = tokens = [_TOKEN.findall(name) for name in names]
     if similar_names(tokens):
         same = [all(own[i] == token for own in others) for i, token in enumerate(first)]
@@ -60,7 +60,7 @@ def common_glob(names: Sequence[str]) -> str:
 
 
 def without_others(pattern: str, names: Sequence[str], others: Sequence[str]) -> str | list[str]:
-    """What finds files and not ``others`` of their folder: their glob, else as many digits as they have, else names."""
+    """Glob that finds files but not ``others`` of their folder, else one by digits, else the names."""
     strange = [other for other in others if other not in names]
     folder, slash, last = pattern.rpartition("/")
     if not fnmatch.filter(strange, last):
@@ -72,7 +72,7 @@ def without_others(pattern: str, names: Sequence[str], others: Sequence[str]) ->
 
 
 def similar_names(tokens: Sequence[Sequence[str]]) -> bool:
-    """Whether names are built alike: as many tokens, numbers, words and marks in the same order."""
+    """Whether names have the same structure: equal numbers of tokens, numbers, words and marks in order."""
     return len({tuple(_kind(token) for token in own) for own in tokens}) == 1
 
 
@@ -81,7 +81,7 @@ def _kind(token: str) -> str:
 
 
 def _ends(tokens: Sequence[Sequence[str]]) -> tuple[int, int]:
-    """How many tokens are the same in all names from the beginning, and from the end."""
+    """Number of tokens that all names share at the start, and at the end."""
     least = min(map(len, tokens))
     before = next((i for i in range(least) if len({own[i] for own in tokens}) > 1), least)
     least -= before
@@ -90,7 +90,7 @@ def _ends(tokens: Sequence[Sequence[str]]) -> tuple[int, int]:
 
 
 def distinguishing_pattern(names: Sequence[str], column: str) -> dict[str, Any]:
-    """A ``from_name`` that gives every file its own value of a column: a number if one does, else all that varies."""
+    "A ``from_name`` that gives each file a different value of a column: a number if possible, else all that varies."
     tokens = [_TOKEN.findall(name) for name in names]
     if similar_names(tokens):
         varying = [i for i, column_of in enumerate(zip(*tokens, strict=True)) if len(set(column_of)) > 1]
@@ -102,14 +102,14 @@ def distinguishing_pattern(names: Sequence[str], column: str) -> dict[str, Any]:
             return {"from_name": "".join(parts)}
     before, after = _ends(tokens)
     if before and any(len(own) == before + after for own in tokens):
-        before -= 1  # what one name lacks is no value: the token before it is in all of them
+        before -= 1  # a token missing in one name is no value, because the token before it is in all names
     first = tokens[0]
     head, tail = "".join(first[:before]), "".join(first[len(first) - after :])
     return {"from_name": f"{re.escape(head)}(?P<{column}>.+){re.escape(tail)}"}
 
 
 def bodies_and_targets(names: Sequence[str]) -> dict[str, Any]:
-    """The ``from_name`` of files with one target each: the body is the word before it; nothing where none fits."""
+    """The ``from_name`` of files with one target each, with the word before it as body; none if none fits."""
     found = _one_body(names) or _several_bodies(names)
     if found is None:
         return {}
@@ -119,7 +119,7 @@ def bodies_and_targets(names: Sequence[str]) -> dict[str, Any]:
 
 
 def _one_body(names: Sequence[str]) -> str | None:
-    """Names that begin with the same word: it is the body, and what varies behind it the target."""
+    """Names with the same first word, which is the body; the varying part is the target."""
     words = [_WORD.findall(Path(name).name.partition(".")[0]) for name in names]
     before, _ = _ends(words)
     if not before or any(len(own) == before for own in words):
@@ -141,25 +141,25 @@ def _several_bodies(names: Sequence[str]) -> str | None:
 
 
 def _text_after_target(words: Sequence[Sequence[str]]) -> str:
-    """What stands behind the target: the first word that is in all names, or their ending."""
+    """Text after the target: the first word in all names, or their ending."""
     common = next((word for word in words[0][1:] if all(word in own[1:] for own in words)), None)
     return r"\." if common is None else rf"_{re.escape(common)}"
 
 
 def scanned_body(pattern: str) -> str:
-    """The body of dense scans: the word that their files' name leaves, without those for scans."""
+    """Body of dense scans: the word of the file's name that does not mean scan."""
     stem = Path(pattern).stem
     words = re.findall(r"[^\W\d_]+", stem.split("*")[-1] or stem)
     return next((word for word in words if word.casefold() not in _SCAN_WORDS), "body")
 
 
 def is_picture(path: Path) -> bool:
-    """Whether a file is a photograph by its ending."""
+    """Whether a file is a photograph by its extension."""
     return path.suffix.lower().removeprefix(".") in PICTURES
 
 
 def photograph_entries(folder: Path, pictures: Sequence[Path]) -> list[tuple[str, Path, int, Guess]]:
-    """An entry per folder tree and ending: glob, one of the photographs, how many, and the keys for [files.images]."""
+    """One entry per folder tree and extension: glob, an example, number, and keys of [files.images]."""
     from truing.formats.guess import Guess
 
     groups: dict[tuple[str, str], list[Path]] = {}
@@ -179,13 +179,15 @@ def photograph_entries(folder: Path, pictures: Sequence[Path]) -> list[tuple[str
 
 
 def _read_by(top: str, suffix: str, paths: Sequence[Path], *, alone: bool) -> tuple[str, dict[str, Any]]:
-    """The glob that finds these photographs, and what tells their poses; ``alone``: no other folder holds any."""
+    """Glob for these photographs, and the source of their pose numbers; ``alone``: no other folder has any."""
     depth = max(len(path.parts) for path in paths)
     head = f"{glob.escape(top)}/" if top else ""
     if depth > (2 if top else 1):
         return f"{head}**/*{suffix}", {"from_name": _IN_FOLDERS}
     before = [match["pose"] if (match := _NUMBERED.fullmatch(path.stem)) else "" for path in paths]
-    if top and not alone and len(set(before)) == 1:  # cameras number on: IMG_0412 tells nothing, its folder does
+    if (
+        top and not alone and len(set(before)) == 1
+    ):  # cameras number continuously, so the folder and not IMG_0412 gives the pose
         return f"{head}*{suffix}", {"from_name": _IN_FOLDERS}
     if all(before):
         return f"{head}*{suffix}", {"from_name": _in_names(before)}
@@ -193,7 +195,7 @@ def _read_by(top: str, suffix: str, paths: Sequence[Path], *, alone: bool) -> tu
 
 
 def _in_names(before: Sequence[str]) -> str:
-    """What finds the pose in names that begin so: the number alone where they differ in a number at their end."""
+    """Pattern for the pose in names with this start: the number alone if names end in different numbers."""
     parts = [re.fullmatch(r"(.*?)(\d+)", text) for text in before]
     heads = {part[1] if part else None for part in parts}
     (head,) = heads if len(heads) == 1 else (None,)
@@ -202,12 +204,12 @@ def _in_names(before: Sequence[str]) -> str:
 
 def _remarks(mapping: dict[str, Any]) -> tuple[str, ...]:
     if "constants" in mapping:
-        return ("all photographs are of one pose, as far as their names tell",)
+        return ("by their names, all photographs are of one pose",)
     return ()
 
 
 def network_tables(guesses: Sequence[tuple[_Group, Guess]]) -> list[tuple[_Group, Guess]]:
-    """An entry for every table of a file; adjusted points are not read where their rays lie beside them."""
+    """One entry for each table of a file; adjusted points are not read if their rays are available."""
     every = [
         (group, replace(guess, table=table, others=()))
         for group, guess in guesses

@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM end a call in good order, and no library that discards exceptions can make them unheard.
+"""SIGINT and SIGTERM end a call cleanly, even if a library discards exceptions.
 
 The first signal raises Interrupted where the main thread stands. Code that discards exceptions loses it there: C
 extensions while they initialise, callbacks, finalizers. So the request is a fact that stays, and a thread of its own
@@ -22,7 +22,7 @@ from truing.pipeline.problems import ExitCode, Interrupted
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _SECONDS_BETWEEN_LOOKS = 0.02
-# Workers of a pool have ten seconds to leave before they are killed; who tidies longer does not tidy.
+# Workers of a pool have ten seconds to end before they are killed.
 _SECONDS_TO_TIDY = 30.0
 
 if sys.platform == "win32":
@@ -31,19 +31,19 @@ if sys.platform == "win32":
     def _nudge() -> None:
         _thread.interrupt_main(_AGAIN)
 else:
-    _AGAIN = signal.SIGURG  # of no use to a program without sockets' urgent data, and ignored where no handler is
+    _AGAIN = signal.SIGURG  # unused by programs without urgent socket data, and ignored by default
 
     def _nudge() -> None:
         signal.pthread_kill(threading.main_thread().ident or 0, _AGAIN)
 
 
 def exit_code_of(name: str) -> ExitCode:
-    """Exit code of a call that a signal has ended: 130 after Ctrl-C, as of other programs, else the environment's."""
+    """Exit code of a call ended by a signal: 130 after Ctrl-C, as usual, else that of the environment."""
     return ExitCode.KEYBOARD if name == signal.SIGINT.name else ExitCode.ENVIRONMENT
 
 
 class _Request:
-    """A signal that asked this process to end, from its arrival until somebody has answered it."""
+    """A signal that asked this process to end, from its arrival until it is answered."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -51,18 +51,18 @@ class _Request:
         self._raised: weakref.ref[Interrupted] | None = None
 
     def error(self) -> Interrupted:
-        """An exception to raise now; it counts as lost once nobody holds it any more."""
+        """An exception to raise now; it counts as lost once nothing refers to it."""
         error = Interrupted(self.name)
         self._raised = weakref.ref(error)
         return error
 
     @property
     def is_lost(self) -> bool:
-        """Whether the exception has been discarded by code that does not know it."""
+        """Whether other code has discarded the exception."""
         return not self.answered and self._raised is not None and self._raised() is None
 
     def insist(self) -> None:
-        """Raise again what is lost, until it is answered; end the process where tidying has no end."""
+        """Raise a lost exception again until it is answered; end the process if cleaning up takes too long."""
         until = time.monotonic() + _SECONDS_TO_TIDY
         while not self.answered:
             if time.monotonic() > until:
@@ -107,14 +107,14 @@ def interruptible(*, once: bool = False) -> Iterator[None]:
 
 
 def _do_nothing(number: int, frame: FrameType | None) -> None:
-    """Take the place of SIG_IGN, which Python reports as a race where a signal has just arrived."""
+    """Replacement of SIG_IGN, which Python reports as a race if a signal has just arrived."""
 
 
 def _request_end(name: str) -> Interrupted:
     global _request
     _request = _Request(name)
     error = _request.error()
-    _thread.start_new_thread(_request.insist, ())  # threading.Thread takes locks, which the main thread may hold here
+    _thread.start_new_thread(_request.insist, ())  # threading.Thread needs locks, which the main thread may hold here
     return error
 
 
@@ -124,13 +124,13 @@ def _repeat_request(number: int, frame: FrameType | None) -> None:
 
 
 def _report_unless_interrupted(unraisable: sys.UnraisableHookArgs) -> None:
-    """An interruption within a finalizer or callback is raised again elsewhere: it is no trouble to report."""
+    """Report errors of finalizers and callbacks except interruptions, which are raised again elsewhere."""
     if not isinstance(unraisable.exc_value, Interrupted):
         sys.__unraisablehook__(unraisable)
 
 
 def answered() -> None:
-    """The request has reached who ends the call: nothing raises it again."""
+    """Mark the request as received by the caller, so that it is not raised again."""
     global _request
     if _request is not None:
         _request.answered = True
@@ -139,9 +139,9 @@ def answered() -> None:
 
 @contextmanager
 def raise_if_interrupted() -> Iterator[None]:
-    """Raise Interrupted at the end where this process was asked to end meanwhile, whatever has come of it.
+    """Raise Interrupted at the end if this process was asked to end meanwhile, whatever the outcome.
 
-    An import that an interruption broke fails with an error of its own; work that lost it completes.
+    An interrupted import fails with an error of its own; work that lost the exception completes.
     """
     try:
         yield
@@ -152,14 +152,17 @@ def raise_if_interrupted() -> Iterator[None]:
 
 
 def _raise_if_requested() -> None:
-    """Raise Interrupted where a signal has asked this process to end."""
+    """Raise Interrupted if a signal has asked this process to end."""
     if _request is not None:
         raise _request.error() from None
 
 
 @contextmanager
 def children_without_interrupts() -> Iterator[None]:
-    """Start no child that hears SIGINT: a terminal sends it to all, and one that still loads would show a traceback."""
+    """Start child processes that ignore SIGINT.
+
+    A terminal sends it to all processes, and a child that still loads would show a traceback.
+    """
     if sys.platform == "win32":
         yield
         return

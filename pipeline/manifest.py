@@ -1,4 +1,4 @@
-"""What a run folder remembers: what each stage was made from and left, and digests of files that did not change."""
+"""Manifest of a run folder: inputs and artifacts of each stage, and digests of unchanged files."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from typing import Any
 from truing.pipeline.whole_file import write_atomically
 from truing.schemas.settings_text import regular_size
 
-# A file changed again within one tick of its file system's clock keeps its time; FAT ticks every two seconds.
+# Two changes within one clock tick of the file system give the same time; the tick of FAT is two seconds.
 TICK_NS = 2_000_000_000
-# Facts that hold of the same bytes wherever they are asked for: a process that runs many campaigns works out each once.
+# Facts that depend only on the bytes of a file, shared by all campaigns of this process.
 _OF_THIS_PROCESS: dict[str, Any] = {}
 
 
 def canonical(value: Any) -> str:
-    """JSON that is equal where the values are equal, whatever their order of writing."""
+    """JSON that is equal for equal values, independent of key order."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
 
 
@@ -35,7 +35,7 @@ def digest_of(value: Any) -> str:
 
 @dataclass(frozen=True)
 class MadeFrom:
-    """Everything that a stage's artifacts follow from; digests are SHA-256, an absent input is None."""
+    """Inputs that determine a stage's artifacts; digests are SHA-256, None for an absent input."""
 
     campaign: str
     source: Mapping[str, str]
@@ -45,13 +45,13 @@ class MadeFrom:
 
     @property
     def digest(self) -> str:
-        """The digest that the stage's artifacts carry."""
+        """Digest that the stage's artifacts carry."""
         return digest_of(asdict(self))
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One stage's last success. ``artifacts`` maps names to the SHA-256 of the file's bytes."""
+    """Last success of a stage. ``artifacts`` maps names to the SHA-256 of the file's bytes."""
 
     digest: str
     artifacts: Mapping[str, str]
@@ -61,8 +61,8 @@ class Entry:
 
 @dataclass(frozen=True)
 class Owner:
-    """The campaign whose run a folder holds: name, absolute place of its campaign.toml, digest of what that says; and
-    where the run folder lay then, by which a copy of it is known."""
+    """Campaign of a run folder: name, absolute path and digest of its campaign.toml; and the path of the run folder at
+    that time, to recognise a copy."""
 
     name: str
     file: str
@@ -72,21 +72,21 @@ class Owner:
 
 @dataclass
 class Manifest:
-    """The entries of a run folder, the digest of the last campaign.toml that was found valid, and whose run it is."""
+    """Entries of a run folder, digest of the last valid campaign.toml, and owner."""
 
     entries: dict[str, Entry] = field(default_factory=dict)
     valid_campaign: str = ""
     owner: Owner | None = None
 
     def save(self, store: Path) -> None:
-        """Write the manifest whole, unless it stands there already."""
+        """Write the manifest atomically, unless it is unchanged."""
         content = json.dumps(asdict(self), indent=1, default=str).encode()
         if not store.is_file() or store.read_bytes() != content:
             write_atomically(store, content)
 
 
 def read_manifest(store: Path) -> Manifest:
-    """The manifest of a run folder; an empty one where there is none, or none that can be read."""
+    """Manifest of a run folder; empty if missing or unreadable."""
     try:
         regular_size(store)
         content = json.loads(store.read_bytes())
@@ -97,7 +97,7 @@ def read_manifest(store: Path) -> Manifest:
 
 
 def _entry(row: dict[str, Any]) -> Entry:
-    """An entry as it was written, by this version or another; raises where it is none."""
+    """An entry written by this or another version; raises if it is none."""
     reported = row["made_from"]
     made_from = None
     if reported is not None:
@@ -107,12 +107,12 @@ def _entry(row: dict[str, Any]) -> Entry:
 
 
 def _owner(reported: Any) -> Owner | None:
-    """The owner as it was written; None where nobody has noted one."""
+    """The owner as written; None if absent."""
     return None if reported is None else Owner(*(str(reported[key]) for key in ("name", "file", "settings", "folder")))
 
 
 class DigestCache:
-    """SHA-256 of files, and facts derived from their bytes, kept in one JSON file of the run folder."""
+    """SHA-256 of files, and facts derived from their bytes, in one JSON file of the run folder."""
 
     def __init__(self, store: Path | None, *, distrust: bool = False) -> None:
         self._store = store
@@ -120,10 +120,10 @@ class DigestCache:
         self._files: dict[str, list[Any]] = {} if distrust else self._content["files"]
         self._facts: dict[str, Any] = self._content["facts"]
         self._changed = distrust
-        self.trusts_times = not distrust  # of files that did not change since they were looked at
+        self.trusts_times = not distrust  # of files unchanged since the last digest
 
     def digest(self, path: Path) -> str:
-        """The SHA-256 of a file's bytes; raises FileNotFoundError."""
+        """SHA-256 of a file's bytes; raises FileNotFoundError."""
         key = os.path.abspath(path)
         status = os.stat(path)
         if not stat.S_ISREG(status.st_mode):
@@ -140,22 +140,22 @@ class DigestCache:
         return digest
 
     def forget(self, path: Path) -> None:
-        """Read a file anew when its digest is asked for again."""
+        """Read a file again at the next request of its digest."""
         self._changed = self._files.pop(os.path.abspath(path), None) is not None or self._changed
 
     def fact(self, digest: str) -> Any | None:
-        """What was noted about the file with these bytes, here or for another run folder, or None."""
+        """Fact noted about the file with these bytes, here or for another run folder, or None."""
         if digest not in self._facts and digest in _OF_THIS_PROCESS:
             self.note(digest, _OF_THIS_PROCESS[digest])
         return self._facts.get(digest)
 
     def note(self, digest: str, fact: Any) -> None:
-        """Note something (JSON) that follows from a file's bytes alone."""
+        """Note a fact (JSON) that depends only on a file's bytes."""
         self._facts[digest] = _OF_THIS_PROCESS[digest] = fact
         self._changed = True
 
     def save(self) -> None:
-        """Write what is new to the run folder."""
+        """Write new digests and facts to the run folder."""
         if self._changed and self._store is not None:
             content = {"files": self._files, "facts": self._facts}
             write_atomically(self._store, json.dumps({**content, "sum": digest_of(content)}, indent=0).encode())

@@ -1,4 +1,4 @@
-"""`truing plan`: where to stand with a camera, from a campaign's targets and its camera alone."""
+"""`truing plan`: choice of camera stations from a campaign's targets and camera."""
 
 from __future__ import annotations
 
@@ -36,8 +36,7 @@ _DEFAULT_FILE = "plan.csv"
 
 @dataclass(frozen=True)
 class PlanFiles:
-    """What the call names: the camera of several, the run that adjusted it, a table of normals, the file to write; each
-    may be absent."""
+    """Names in the call, each optional: camera, run that adjusted it, table of normals, output file."""
 
     camera: str | None = None
     run: Path | None = None
@@ -46,7 +45,7 @@ class PlanFiles:
 
 
 def plan_campaign(place: Path, options: PlanOptions, files: PlanFiles) -> ExitCode:
-    """Choose stations, say how well the targets will be known, and leave tables and a page. Raises CampaignFaults."""
+    """Choose stations, predict the uncertainty of targets, and write tables and a page. Raises CampaignFaults."""
     campaign, console = usable_campaign(place), RunConsole(quiet=False)
     settings = campaign.validated()
     _check(settings.campaign.kind, options)
@@ -82,13 +81,13 @@ def _of_camera(text: str, plan: PhotographPlan) -> str:
 
 
 def _not_modelled(targets: PlannedTargets) -> list[str]:
-    """What the plan takes to be seen that may not be."""
+    """Sentence on obstructions that the plan ignores."""
     turned = int((~isnan(targets.layout.normals).any(axis=1)).sum())
-    text = "Nothing is taken to stand in the way of a ray, neither other things nor the object itself"
+    text = "The plan assumes that nothing blocks a ray, neither other objects nor the object itself"
     if turned == len(targets.name):
-        return [f"{text}, but for what faces away."]
+        return [f"{text}, except for targets that face away."]
     count = f"{turned} of {len(targets.name)} targets have" if turned else "no target has"
-    return [f"{text}; {count} a normal, without which it counts as seen from behind, too (--normals)."]
+    return [f"{text}; {count} a normal; targets without one count as visible also from behind (--normals)."]
 
 
 def _check(kind: str, options: PlanOptions) -> None:
@@ -106,7 +105,7 @@ def _check(kind: str, options: PlanOptions) -> None:
 
 
 def _tables(campaign: CampaignFolder) -> dict[str, pa.Table]:
-    """The survey, and what is known of cameras, scale bars and codes; raises CampaignFaults."""
+    """Survey, and prior knowledge of cameras, scale bars and codes; raises CampaignFaults."""
     settings, log = campaign.validated(), FaultLog()
     source = CampaignFiles(campaign.folder, settings)
     targets = read_image_targets(source, tuple(board.label for board in settings.photographs.boards), log)
@@ -126,7 +125,7 @@ def _tables(campaign: CampaignFolder) -> dict[str, pa.Table]:
 def _leave(
     name: str, plan: PhotographPlan, tables: Mapping[str, pa.Table], left_out: tuple[str, ...], file: Path
 ) -> list[Path]:
-    """Write the tables and the page; the files, in order."""
+    """Write the tables and the page; returns the files in order."""
     frames = {ending.lstrip("-") or "stations": table.to_pandas() for ending, table in tables.items()}
     points = 1e3 * plan.planned.layout.points
     for axis, column in zip("xyz", points.T, strict=True):
@@ -142,8 +141,8 @@ def _leave(
 
 @dataclass(frozen=True)
 class _KnownCameras:
-    """Cameras, a row per parameter as in cameras_given; by camera the noise of an image coordinate in px, where a run
-    found it; and where all that is from, in words."""
+    """Cameras with one row per parameter as in cameras_given; noise of an image coordinate by camera in px, if a run
+    found it; and their source, in words."""
 
     table: pa.Table | None
     noise_px: Mapping[str, float] = field(default_factory=dict)
@@ -151,9 +150,9 @@ class _KnownCameras:
 
 
 def known_cameras(campaign: CampaignFolder, given: pa.Table | None, run: Path | None) -> _KnownCameras:
-    """Those of a run that is named, else those of campaign.toml, else of the campaign's own run, else of its pictures.
+    """Cameras of the named run, else of campaign.toml, else of the campaign's run, else of its photographs.
 
-    Raises CampaignFaults where the run that is named has none.
+    Raises CampaignFaults if the named run has none.
     """
     if given is not None and run is None:
         return _KnownCameras(given)
@@ -165,7 +164,7 @@ def known_cameras(campaign: CampaignFolder, given: pa.Table | None, run: Path | 
 
 
 def _adjusted(run: Path) -> _KnownCameras | None:
-    """The cameras of a run as it adjusted them; what it calibrated would be calibrated again."""
+    """Cameras as a run adjusted them; parameters that it calibrated are free again."""
     cameras, rays = table_of(run, "cameras"), table_of(run, "image_residuals")
     if cameras is None or rays is None:
         return None
@@ -177,7 +176,7 @@ def _adjusted(run: Path) -> _KnownCameras | None:
 
 
 def _of_pictures(campaign: CampaignFolder) -> _KnownCameras | None:
-    """The cameras that the heads of a campaign's photographs tell of: format and principal distance."""
+    """Cameras from the metadata of a campaign's photographs: format and principal distance."""
     settings, log = campaign.validated(), FaultLog()
     source = CampaignFiles(campaign.folder, settings)
     rows: dict[str, dict[str, Any]] = {}
@@ -188,5 +187,5 @@ def _of_pictures(campaign: CampaignFolder) -> _KnownCameras | None:
     if not rows:
         return None
     return _KnownCameras(
-        cameras_table(rows), description=f"With {', '.join(rows)} as the photographs' files tell, not calibrated."
+        cameras_table(rows), description=f"With {', '.join(rows)} from the photographs' metadata, not calibrated."
     )

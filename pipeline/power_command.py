@@ -1,4 +1,4 @@
-"""`truing power`: which effects a campaign's own layout would show, and from which size; of photographs in theory."""
+"""`truing power`: detectable effects of a campaign's layout, and their smallest sizes; for photographs by theory."""
 
 from __future__ import annotations
 
@@ -72,22 +72,22 @@ from truing.stages.simulated_campaigns.tables import rates_table, sizes_table
 if TYPE_CHECKING:
     from truing.stages.power import Plan
 
-# So many campaigns without an effect per campaign of each size with one.
+# Campaigns without an effect, per campaign of each size with one.
 _NOTHING_PER_DRAW = 5
 _DEFAULT_FILE = "power.parquet"
 _SURVEY = "the survey of the targets, or their planned places"
 
 HEADS = ("cause that photographs show", "concerns", "theory, in the run")
 _DRAWN = (
-    "Points come from photographs, and photographs are not drawn: points scatter by noise.point_mm each, every "
-    "surveyed target counts as seen in every pose, and no error of a camera or of a scale bar is shared among points. "
+    "Points come from photographs, but photographs are not simulated: each point has the noise noise.point_mm, every "
+    "surveyed target is seen in every pose, and points share no error of a camera or of a scale bar. "
 )
-_ASKED = " With their names after --causes, rays are drawn from the run's network, and these looked for."
+_ASKED = " With their names after --causes, rays of the run's network are simulated and searched for these causes."
 
 
 @dataclass(frozen=True)
 class PowerOptions:
-    """What the caller asked for: causes (all where none is named), draws per size, share of gross errors, seed."""
+    """Options of the call: causes (all if none is named), draws per size, share of gross errors, seed."""
 
     causes: tuple[str, ...] = ()
     draws: int = 4
@@ -96,7 +96,7 @@ class PowerOptions:
 
 
 def power_campaign(place: Path, options: PowerOptions, workforce: Workforce, out: Path | None) -> ExitCode:
-    """Tell what a campaign's layout would show, and leave tables and a page. Raises CampaignFaults."""
+    """Report the detectable effects of a campaign's layout, and write tables and a page. Raises CampaignFaults."""
     console, campaign = RunConsole(quiet=False), usable_campaign(place)
     settings = campaign.validated()
     of_rays = asks_for_ray_causes(options.causes, campaign)
@@ -118,14 +118,14 @@ def power_campaign(place: Path, options: PowerOptions, workforce: Workforce, out
             answers.append(given)
     except Interrupted:
         if answers:
-            _report(campaign, asked, answers, (file, beside), console)  # hours may lie behind them
+            _report(campaign, asked, answers, (file, beside), console)  # computed over hours, perhaps
         raise
     _report(campaign, asked, answers, (file, beside), console)
     return ExitCode.DONE
 
 
 def check_causes(names: Sequence[str], settings: Campaign) -> None:
-    """Raise CampaignFaults for names that are no causes of this kind of campaign."""
+    """Raise CampaignFaults for unknown causes of this kind of campaign."""
     known = [kind.id for kind in searched_for(settings, kinds_of(settings).values()) if kind.catalogued]
     strange = [name for name in names if name not in known]
     if strange:
@@ -133,8 +133,11 @@ def check_causes(names: Sequence[str], settings: Campaign) -> None:
 
 
 def _plan(campaign: CampaignFolder, settings: Campaign, options: PowerOptions, run: Path | None = None) -> Plan:
-    """The campaign as a plan, from what was measured or from survey and configurations alone; of its rays, from what a
-    run left of them. Raises CampaignFaults."""
+    """The campaign as a plan, from measurements or from survey and configurations; for rays, from the artifacts of a
+    run.
+
+    Raises CampaignFaults.
+    """
     if run is not None:
         with _to_be_drawn(campaign):
             return plan_of_rays(run, settings).with_gross(options.gross)
@@ -152,19 +155,21 @@ def _plan(campaign: CampaignFolder, settings: Campaign, options: PowerOptions, r
 
 @contextmanager
 def _to_be_drawn(campaign: CampaignFolder) -> Iterator[None]:
-    """Whatever prevents drawing or diagnosing a campaign of this layout as a fault of the campaign."""
+    """Report any error of simulating or diagnosing this layout as a fault of the campaign."""
     try:
         yield
     except ValueError as why:
-        raise CampaignFaults([Fault(str(campaign.file), f"a campaign that can be drawn again: {why}")]) from None
+        raise CampaignFaults([Fault(str(campaign.file), f"a campaign that can be simulated: {why}")]) from None
 
 
 def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]:
-    """Survey and configurations and, where there are points, observations and poses; raises CampaignFaults."""
+    """Survey and configurations and, if there are points, observations and poses; raises CampaignFaults."""
     if settings.campaign.kind == "interferometer":
         return bench_tables(campaign, settings)[0]
     if not settings.mechanism.is_legged:
-        expected = "a mechanism of legs, whose points can be simulated (bodies without one cannot be drawn yet)"
+        expected = (
+            "a mechanism of legs, whose points can be simulated (bodies without a mechanism are not supported yet)"
+        )
         expected += NO_DRAWING.get(settings.mechanism.type, "")
         fault = Fault(str(campaign.file), expected, column="mechanism.type", value=settings.mechanism.type)
         raise CampaignFaults([fault])
@@ -191,7 +196,7 @@ def _posed(tables: Mapping[str, pa.Table], settings: Campaign) -> dict[str, pa.T
 
 
 def _drawn(plan: Plan, effects: Sequence[Effect], seed: Any, settings: Campaign) -> dict[str, pa.Table]:
-    """The tables of a drawn campaign, taken through the stages before the diagnosis."""
+    """Tables of a simulated campaign, after the stages before the diagnosis."""
     tables = plan.drawn(effects, np.random.default_rng(seed))
     for name in plan.through:
         tables = {**tables, **call_stage(name, tables, settings).artifacts}
@@ -201,9 +206,9 @@ def _drawn(plan: Plan, effects: Sequence[Effect], seed: Any, settings: Campaign)
 def _questions(
     campaign: CampaignFolder, plan: Plan, settings: Campaign, options: PowerOptions
 ) -> list[DetectionQuestion]:
-    """What is asked, with what theory expects of it, from a campaign that is drawn without any effect.
+    """Questions with their theoretical expectations, from a campaign simulated without any effect.
 
-    Raises CampaignFaults where such a campaign could not be diagnosed.
+    Raises CampaignFaults if such a campaign cannot be diagnosed.
     """
     drawn = _drawn(plan, (), options.seed, settings)
     with _to_be_drawn(campaign):
@@ -220,7 +225,7 @@ def _answers(
     workforce: Workforce,
     console: RunConsole,
 ) -> Generator[Answer]:
-    """Draw and diagnose all campaigns, wherever that is done; the same answers everywhere."""
+    """Simulate and diagnose all campaigns; the answers do not depend on the workers."""
     pieces = trials(asked, plan, options.draws, _NOTHING_PER_DRAW * options.draws, options.seed)
     work = partial(diagnosed_trial, plan, settings)
     with console.during("power") as progress:
@@ -230,24 +235,24 @@ def _answers(
 
 
 def diagnosed_trial(plan: Plan, settings: Campaign, trial: Trial) -> Answer:
-    """Draw one campaign, push it through the stages that lead to a diagnosis, and read off what that says."""
+    """Simulate one campaign, run the stages up to the diagnosis, and read its result."""
     judge = _diagnosed_rays if isinstance(plan, RayPlan) else diagnosed
     return judge(_drawn(plan, trial.effects, trial.seed, settings), settings, trial)
 
 
 def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) -> Answer:
-    """What the diagnosis of a drawn campaign's tables, up to the poses, says of what was hidden in it."""
+    """Diagnosis of a simulated campaign's tables, compared with the hidden effect."""
     try:
         data = assembled_data(tables, settings)
         diagnosis = decided(data, settings, lambda *_: None)
-    except (ValueError, np.linalg.LinAlgError):  # the stage says then that it was not evaluated
+    except (ValueError, np.linalg.LinAlgError):  # the stage then reports that it was not evaluated
         return answer(trial, ())
     table = diagnosis_table(diagnosis, DetectionAdvice(shown=data.shown), settings.diagnosis.false_alarm)
     return answer(trial, table.to_pylist())
 
 
 def _diagnosed_rays(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) -> Answer:
-    """What the diagnosis of a drawn campaign's rays says of what was hidden in them."""
+    """Diagnosis of a simulated campaign's rays, compared with the hidden effect."""
     rule = rule_of(settings)
     data, _ = assemble_rays(tables, settings)
     diagnosis = decided_of_rays(data, settings, lambda *_: None)
@@ -256,7 +261,7 @@ def _diagnosed_rays(tables: Mapping[str, pa.Table], settings: Campaign, trial: T
 
 
 def _lost(trial: Trial) -> Answer:
-    raise EnvironmentProblem(f"no worker survives the campaign drawn from seed {trial.seed}: not enough memory?")
+    raise EnvironmentProblem(f"every worker ended on the campaign of seed {trial.seed}: not enough memory?")
 
 
 def _report(
@@ -266,7 +271,7 @@ def _report(
     out: tuple[Path, PhotographNote | None],
     console: RunConsole,
 ) -> None:
-    """Say and leave what was found, and what an ``out`` beside the file says of photographs."""
+    """Print and write the results, with a note on photographs."""
     file, photographs = out
     if file == run_folder_of(campaign, None, several=False) / _DEFAULT_FILE:
         note_owner(campaign, file.parent)
@@ -288,14 +293,14 @@ def _report(
 
 @dataclass(frozen=True)
 class PhotographNote:
-    """The sentence that says what is not judged, and what the run tells of that: cause, subject, size in words."""
+    """A sentence on causes that are not simulated, and rows on them from the run: cause, subject, size in words."""
 
     sentence: str
     rows: tuple[tuple[str, ...], ...] = ()
 
 
 def of_photographs(campaign: CampaignFolder, run: Path) -> PhotographNote | None:
-    """What the run in a folder tells of causes that are not drawn; None where no point comes from photographs."""
+    """Note on causes of photographs that are not simulated; None if no point comes from photographs."""
     if not campaign.has_photographs:
         return None
     catalogues: tuple[Mapping[str, Cause], ...] = (catalogue_of_rays(), catalogue_of_photographed_points())
@@ -304,10 +309,10 @@ def of_photographs(campaign: CampaignFolder, run: Path) -> PhotographNote | None
     table = table_of(run, "detectable")
     own = None if table is None else table.to_pandas().query("cause in @names")
     if own is None or not len(own):
-        why = f"{listed.capitalize()} are not judged here: `truing run` tells from which size on they would be found."
+        why = f"{listed.capitalize()} are not tested here: `truing run` gives their detectable sizes."
         return PhotographNote(_DRAWN + why)
-    what = f"{listed.capitalize()} are not drawn either: what the run in {run.as_posix()} would have shown of them, "
-    return PhotographNote(_DRAWN + what + "with a probability of 80 %, is told by theory alone." + _ASKED, _rows(own))
+    what = f"{listed.capitalize()} are not simulated either: the sizes that the run in {run.as_posix()} would show "
+    return PhotographNote(_DRAWN + what + "with a probability of 80 % follow from theory alone." + _ASKED, _rows(own))
 
 
 def _rows(own: pd.DataFrame) -> tuple[tuple[str, ...], ...]:
@@ -318,7 +323,7 @@ def _rows(own: pd.DataFrame) -> tuple[tuple[str, ...], ...]:
 
 
 def asks_for_ray_causes(causes: Sequence[str], campaign: CampaignFolder) -> bool:
-    """Whether causes are asked for that rays show; raises CampaignFaults where others are asked for beside them."""
+    """Whether the causes are those that rays show; raises CampaignFaults for a mixture with others."""
     if not campaign.has_photographs:
         return False
     known = _names_of_rays()
@@ -331,23 +336,23 @@ def asks_for_ray_causes(causes: Sequence[str], campaign: CampaignFolder) -> bool
 
 
 def _names_of_rays() -> list[str]:
-    """The ids of the causes that rays show."""
+    """Ids of the causes that rays show."""
     return [name for name, kind in catalogue_of_rays().items() if kind.catalogued]
 
 
 def plan_of_rays(run: Path, settings: Campaign) -> RayPlan:
-    """The network of the run in a folder; raises CampaignFaults where it has left none."""
+    """Network of the run in a folder; raises CampaignFaults if it has none."""
     tables = {name: table for name in NEEDS if (table := table_of(run, name)) is not None}
     try:
         return power.ray_plan_of(tables, settings)
     except ValueError as why:
-        expected = f"a run of the campaign, from whose network rays can be drawn ({why}): truing run"
+        expected = f"a run of the campaign with a network of rays ({why}): truing run"
         raise CampaignFaults([Fault(run.as_posix(), expected)]) from None
 
 
 def ray_power_sentence(run: Path) -> PhotographNote:
-    """The sentence that says what is drawn."""
+    """Note on the simulation of rays."""
     return PhotographNote(
-        f"Rays are drawn, not photographs: with the network, the noise and the cameras of the run in {run.as_posix()}, "
-        "as small departures from these. What an effect does to the machine's points is not looked at."
+        f"Rays are simulated, not photographs, with the network, noise and cameras of the run in {run.as_posix()}, "
+        "linearised about it. Effects on the machine's points are not included."
     )

@@ -1,4 +1,4 @@
-"""`truing predict`: poses, readings or wrenches where nothing was measured, or the errors in a second campaign."""
+"""`truing predict`: poses, readings or wrenches for new inputs, or errors of predictions for a second campaign."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from truing.stages.predict import predict
 from truing.stages.second_campaign.errors import second_campaign_errors
 from truing.stages.sensor.wrenches_of_signals import is_of_signals
 
-# What is predicted, by a column that tells it from poses.
+# Artifact of a prediction, by a column that only it has.
 _ARTIFACTS = {"reading": "readings", "encoder": "axis_prediction", "prediction_by": "second_campaign_errors"}
 _ARTIFACTS |= {"cov_fx_fy": "wrenches"}
 _INPUTS = "a table of configurations, load steps, commands or signals"
-_CALIBRATION = ("calibration", "model_choice")  # of the run that left the model, where they lie beside it
+_CALIBRATION = ("calibration", "model_choice")  # of the run that wrote the model, if they are in its folder
 
 
 def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
     """Predict poses, readings of a loaded sensor, or wrenches of its signals; CSV on stdout, or the file ``out``.
 
-    model: a model file, or a run's folder, of which signals take sensor.toml and everything else model.toml. Where
-    ``inputs`` is a campaign's folder, the errors of the models in that campaign. Raises CampaignFaults.
+    model: a model file, or a run's folder (sensor.toml for signals, else model.toml). If ``inputs`` is a campaign's
+    folder, the result is the errors of the models in that campaign. Raises CampaignFaults.
     """
     check_file(out, reads=(model, inputs))
     model = _model_in(model, inputs) if model.is_dir() else model
@@ -55,18 +55,20 @@ def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
 
 
 def _model_in(run: Path, inputs: Path) -> Path:
-    """The file of a run's folder that predicts for the inputs."""
+    """File of a run's folder that predicts for the inputs."""
     is_table = inputs.suffix in ENDINGS and inputs.is_file()
     of_signals = is_table and is_of_signals(read_given(inputs, _INPUTS))
     return run / ARTIFACTS["sensor" if of_signals else "model"].file
 
 
 def _errors(model: Path, text: str, place: Path) -> pa.Table:
-    """The errors of a second campaign by nominal and extended model, and by the calibration that lies beside it."""
+    "Errors of a second campaign by the nominal and the extended model, and by the calibration in the model's folder."
     try:
         beside = {name: read_artifact(model.parent, ARTIFACTS[name]) for name in _CALIBRATION if _is_there(model, name)}
     except Unreadable as error:
-        raise CampaignFaults([Fault(str(model.parent), f"the tables of a run beside its model ({error})")]) from None
+        raise CampaignFaults(
+            [Fault(str(model.parent), f"readable tables of the run in the model's folder ({error})")]
+        ) from None
     campaign = open_campaign(place)
     if faults := identity_faults(campaign):
         raise CampaignFaults(faults)
@@ -74,7 +76,7 @@ def _errors(model: Path, text: str, place: Path) -> pa.Table:
     try:
         return second_campaign_errors(text, campaign_of(campaign, stages), cast("dict[str, pa.Table]", beside))[0]
     except ValueError as error:
-        raise CampaignFaults([Fault(str(place), f"a campaign that {model} predicts ({error})")]) from None
+        raise CampaignFaults([Fault(str(place), f"a campaign that {model} can predict ({error})")]) from None
 
 
 def _is_there(model: Path, name: str) -> bool:

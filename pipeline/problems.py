@@ -1,4 +1,4 @@
-"""How a run may end: exit codes, and what the environment can do to it."""
+"""Exit codes, and problems of the environment."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from truing.schemas.memory import shortage
 
 
 class ExitCode(IntEnum):
-    """What the shell is told."""
+    """Exit code for the shell."""
 
     DONE = 0
     DEFECT = 1
     UNUSABLE_CAMPAIGN = 2
     FAILED_CHECK = 3
     ENVIRONMENT = 4
-    KEYBOARD = 130  # Ctrl-C: 128 + SIGINT, as shells expect it
+    KEYBOARD = 130  # Ctrl-C: 128 + SIGINT, as is usual
 
 
-# Of several campaigns in one call the gravest ending is the call's.
+# With several campaigns, the worst exit code is the call's.
 _GRAVITY = (
     *(ExitCode.DONE, ExitCode.FAILED_CHECK, ExitCode.UNUSABLE_CAMPAIGN, ExitCode.ENVIRONMENT),
     *(ExitCode.KEYBOARD, ExitCode.DEFECT),
@@ -30,7 +30,7 @@ _GRAVITY = (
 
 
 def gravest(codes: list[ExitCode]) -> ExitCode:
-    """The worst of several endings."""
+    """The worst of several exit codes."""
     return max(codes, key=_GRAVITY.index, default=ExitCode.DONE)
 
 
@@ -39,11 +39,11 @@ class EnvironmentProblem(Exception):
 
 
 class Defect(Exception):
-    """Something that must not happen did; its traceback is in a log already."""
+    """An unexpected error; its traceback is in a log."""
 
 
 class Interrupted(BaseException):
-    """The run was asked to stop (SIGINT or SIGTERM); no ordinary handler may swallow it."""
+    """The run was asked to stop (SIGINT or SIGTERM); no ordinary handler may catch it."""
 
 
 _MORE_MEMORY = "run it where there is more, or raise its limit (ulimit -v)"
@@ -63,7 +63,7 @@ _CAUSES = {
 
 
 def environment_problem(error: Exception, doing: str) -> EnvironmentProblem | None:
-    """The problem in words where the environment is to blame for ``error``, else None."""
+    """The problem in words if ``error`` comes from the environment, else None."""
     if (found := shortage(error)) is not None:
         return EnvironmentProblem(f"{doing}: there is not enough memory{_brief(found)}; {_MORE_MEMORY}")
     cause = _CAUSES.get(error.errno or 0) if isinstance(error, OSError) else None
@@ -74,14 +74,14 @@ def environment_problem(error: Exception, doing: str) -> EnvironmentProblem | No
 
 
 def _brief(error: BaseException) -> str:
-    """What a library says of the memory that it lacks, as how much it wanted; empty where it says nothing."""
+    """A library's own message about a memory shortage, in brackets; empty if there is none."""
     text = " ".join(str(error).split())[:160]
     return f" ({text})" if text else ""
 
 
 @contextmanager
 def environment(doing: str) -> Iterator[None]:
-    """Turn every OSError of a step in which only the environment can fail into a sentence."""
+    """Turn every OSError of a step into an EnvironmentProblem with one sentence."""
     try:
         yield
     except OSError as error:

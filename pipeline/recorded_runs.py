@@ -1,4 +1,4 @@
-"""`truing export` and `truing compare`: the commands that read what runs have left."""
+"""`truing export` and `truing compare`: commands that read finished runs."""
 
 from __future__ import annotations
 
@@ -32,28 +32,28 @@ from truing.schemas.certificate import Certificate
 from truing.schemas.faults import CampaignFaults, Fault
 
 _PAGE = ARTIFACTS["report"].file
-_AGAIN = "`truing run` makes it again"
+_AGAIN = "`truing run` writes it again"
 
 FORMS = ("csv", "xlsx", "json", "controller")
-_CERTIFICATE = "dcc"  # by itself alone: it needs more than a run
+_CERTIFICATE = "dcc"  # not by default, because it needs more than a run
 _EXPORTS = "exports"
 _FILE = "campaign.toml"
 
 _COMPARISON, PAGE = "comparison", "comparison.html"
 _MEASURED = ("observations", "readings")
-# What the page shows of each run beside its numbers.
+# Artifacts that the page uses besides the compared numbers.
 _SHOWN = ("qa", "diagnosis", "model_choice", "requirements", "error_classes")
 
 
 def opened_run(folder: Path) -> Run:
-    """Open a run; raises CampaignFaults where there is none, or where it is not what its stages have left together."""
+    """Open a run; raises CampaignFaults if it is missing or its files do not come from the same run."""
     try:
         run = load(folder)
     except (FileNotFoundError, NotADirectoryError):
         raise CampaignFaults([Fault(str(folder), "a folder that `truing run` has filled")]) from None
     except ValueError as broken:
         raise CampaignFaults(_broken_run(folder, broken)) from None
-    manifest = read_manifest(folder / PRIVATE / "ledger.json")  # empty where somebody has copied the tables alone
+    manifest = read_manifest(folder / PRIVATE / "ledger.json")  # empty if only the tables were copied
     if faults := [*_changed(folder, manifest), *_mixed(folder, manifest)]:
         raise CampaignFaults(faults)
     try:
@@ -64,37 +64,37 @@ def opened_run(folder: Path) -> Run:
 
 
 def _broken_run(folder: Path, broken: Exception) -> list[Fault]:
-    """The faults of a run of which a file is not what its schema says, or cannot be read: a line each."""
-    return [Fault(str(folder), f"a run that is whole ({line})") for line in str(broken).split("\n")]
+    """Faults of a run with unreadable files or files that contradict their schema, one per line."""
+    return [Fault(str(folder), f"an intact run ({line})") for line in str(broken).split("\n")]
 
 
 def _changed(folder: Path, manifest: Manifest) -> Iterator[Fault]:
-    """A fault per file that is no longer what its stage has written."""
+    """One fault per file that changed after its stage wrote it."""
     digests = DigestCache(None)
     for entry in manifest.entries.values():
         for name, digest in entry.artifacts.items():
             file = ARTIFACTS[name].file if name in ARTIFACTS else _PAGE
             try:
                 if file != _PAGE and digests.digest(folder / file) != digest:
-                    yield Fault(str(folder / file), f"the file as its stage has written it; {_AGAIN}")
+                    yield Fault(str(folder / file), f"the file unchanged since its stage wrote it; {_AGAIN}")
             except FileNotFoundError:
-                yield Fault(str(folder / file), f"this file, which its stage has written; {_AGAIN}")
+                yield Fault(str(folder / file), f"this file, which its stage wrote; {_AGAIN}")
 
 
 def _mixed(folder: Path, manifest: Manifest) -> Iterator[Fault]:
-    """A fault per stage that was made from other tables than lie there now: a run that did not come to its end."""
+    """One fault per stage that was made from other tables than the present ones, because a run did not finish."""
     there = {name: digest for entry in manifest.entries.values() for name, digest in entry.artifacts.items()}
     for stage, entry in manifest.entries.items():
         inputs = {} if entry.made_from is None else entry.made_from.inputs
         if any(there.get(name) != digest for name, digest in inputs.items()):
-            yield Fault(str(folder), f"a run of one piece; {stage} was made from other tables than these, {_AGAIN}")
+            yield Fault(str(folder), f"a complete run; {stage} was made from other tables than these, {_AGAIN}")
 
 
 def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign: Path | None = None) -> ExitCode:
-    """Write the forms into a folder, one file after the other, each whole; raises CampaignFaults.
+    """Write the formats into a folder, each file atomically; raises CampaignFaults.
 
-    A certificate takes what no measurement tells from the campaign's folder, and is refused where a check failed or
-    all of its results rest on a model that fails.
+    A certificate takes its other entries from the campaign's folder. It is refused if a check failed, or if all of its
+    results depend on a model that fails.
     """
     known = (*FORMS, _CERTIFICATE)
     unknown = [form for form in forms if form not in known]
@@ -102,7 +102,7 @@ def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign:
         raise CampaignFaults(Fault("--to", f"one of {', '.join(known)}", value=form) for form in unknown)
     run, place = opened_run(folder), out or folder / _EXPORTS
     check_folder(place)
-    with environment(f"the folder {place} cannot be made"):
+    with environment(f"the folder {place} cannot be created"):
         place.mkdir(parents=True, exist_ok=True)
     console = RunConsole(quiet=False)
     for form in forms or FORMS:
@@ -130,7 +130,7 @@ def _files(form: str, run: Run, campaign: Path | None) -> Iterable[tuple[str, by
     }
     try:
         yield from makers[form](run)
-    except ValueError as broken:  # a file of the run is not what its schema says
+    except ValueError as broken:  # a file of the run contradicts its schema
         raise CampaignFaults(_broken_run(run.folder, broken)) from None
 
 
@@ -141,30 +141,34 @@ def _write(place: Path, name: str, content: bytes) -> str:
 
 def _exported_files_text(place: Path, written: list[str]) -> str:
     if not written:
-        return "nothing, for the run has left no extended model"
+        return "nothing, because the run has no extended model"
     return f"{place / written[0]}" if len(written) == 1 else f"{len(written)} files in {place}"
 
 
 class _NoCertificate(Exception):
-    """The run may not be certified: its data, or the model that its results rest on, fail."""
+    """The run cannot be certified, because its data or the model of its results fail."""
 
 
 def certificate_files(run: Run, campaign: Path | None) -> Iterable[tuple[str, bytes]]:
-    """The certificate; raises NoCertificate where data or model fail, CampaignFaults with all that is missing."""
+    """The certificate; raises NoCertificate if data or model fail, CampaignFaults with all missing entries."""
     if campaign is None:
         raise CampaignFaults([Fault("--campaign", "the campaign's folder, whose campaign.toml has [certificate]")])
     settings = open_campaign(campaign).validated()
     if settings.campaign.name != run.campaign:
         raise CampaignFaults([Fault("--campaign", f"the campaign {run.campaign}", value=settings.campaign.name)])
     if failed := failed_checks(run):
-        raise _NoCertificate(f"no certificate: failed checks of quality, accepted by nobody: {', '.join(failed)}")
+        raise _NoCertificate(f"no certificate: quality checks failed and were not accepted: {', '.join(failed)}")
     if failed := gates(run.verdict.to_dict("records")):
-        raise _NoCertificate(f"no certificate: what was recorded fails ({', '.join(failed)}): see the page of the run")
+        raise _NoCertificate(
+            f"no certificate: sections of the report fail ({', '.join(failed)}): see the report of the run"
+        )
     found = qualified(run) if "uncertainty" in run else None
     if found is not None and not len(found.results) and found.left_out and doubts(run):
         raise _NoCertificate(f"no certificate: {' '.join(found.left_out)}")
     if found is None or not len(found.results):
-        wanted = "results with an uncertainty, which a certificate needs; `truing run` says why there are none"
+        wanted = (
+            "results with an uncertainty, which a certificate needs; `truing run` gives the reason for their absence"
+        )
         raise CampaignFaults([Fault(str(run.folder), wanted)])
     if faults := list(_faults(settings.certificate, temperature(run) is not None)):
         raise CampaignFaults(faults)
@@ -175,11 +179,11 @@ def _faults(document: Certificate, temperature_known: bool) -> Iterator[Fault]:
     missing = document.missing(temperature_known=temperature_known)
     yield from (Fault(_FILE, "this key to be present, for a certificate", column=key) for key in missing)
     if document.begin is not None and document.end is not None and document.end < document.begin:
-        yield Fault(_FILE, "a day not before certificate.begin", column="certificate.end", value=str(document.end))
+        yield Fault(_FILE, "a day on or after certificate.begin", column="certificate.end", value=str(document.end))
 
 
 def compare_runs(folders: Sequence[Path], out: Path | None) -> ExitCode:
-    """Leave the table and the page of a comparison, and say what has changed. Raises CampaignFaults."""
+    """Write the table and the page of a comparison, and print the changes. Raises CampaignFaults."""
     _distinct(folders)
     place = folders[0].parent / _COMPARISON if out is None else out
     check_folder(place)
@@ -190,10 +194,10 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> ExitCode:
         found = side_by_side(runs)
         shown = _shown(runs, found)
         head = comparison_head(shown)
-    except (ValueError, OSError) as broken:  # a file of a run is not what its schema says, or cannot be read
+    except (ValueError, OSError) as broken:  # a file of a run contradicts its schema, or cannot be read
         lines = str(broken).split("\n")
-        raise CampaignFaults(Fault("RUN", f"runs that are whole ({line})") for line in lines) from None
-    with environment(f"the folder {place} cannot be made"):
+        raise CampaignFaults(Fault("RUN", f"intact runs ({line})") for line in lines) from None
+    with environment(f"the folder {place} cannot be created"):
         place.mkdir(parents=True, exist_ok=True)
     artifact = ARTIFACTS["compared"]
     _leave_table(place / artifact.file, found, runs)
@@ -213,7 +217,7 @@ def _leave_table(path: Path, found: SideBySide, runs: Sequence[Run]) -> None:
 
 
 def _distinct(folders: Sequence[Path]) -> None:
-    """Raise where there are fewer than two runs, or one is named twice."""
+    """Raise for fewer than two runs, or a run named twice."""
     if len(folders) < 2:
         raise CampaignFaults([Fault("RUN", "two runs or more", value=str(folders[0]))])
     twice = [place for place, times in Counter(os.path.realpath(folder) for folder in folders).items() if times > 1]
@@ -229,17 +233,17 @@ def _opened(folder: Path) -> Run:
 
 
 def _of_one_machine(runs: Sequence[Run]) -> None:
-    """Raise where the runs are of different mechanisms; one without a model may be of any that its tables fit."""
+    """Raise for runs of different mechanisms; a run without a model fits any mechanism of its tables."""
     for reported in (kind_of, mechanism_of):
         known = [(run, what) for run in runs if (what := reported(run))]
         for run, what in known[1:]:
             if what != known[0][1]:
-                expected = f"runs of one machine, as {known[0][0].folder} is: {known[0][1]}"
+                expected = f"runs of the machine of {known[0][0].folder}: {known[0][1]}"
                 raise CampaignFaults([Fault(str(run.folder), expected, value=what)])
 
 
 def _of_own_measurements(runs: Sequence[Run]) -> None:
-    """Raise where two runs are of the same measurements: they agree whatever the machine did."""
+    """Raise for two runs of the same measurements, because they agree whatever the machine did."""
     first: dict[str, Run] = {}
     for run in runs:
         for name in _MEASURED:
@@ -268,7 +272,7 @@ def _shown(runs: Sequence[Run], found: SideBySide) -> RunComparison:
 
 
 def _labels(runs: Sequence[Run]) -> list[str]:
-    """What the runs are called: by campaign, by folder, or by the whole path, whichever tells them apart."""
+    """Labels of the runs: campaign, folder or whole path, whichever distinguishes them."""
     for names in ([run.campaign for run in runs], [run.folder.name for run in runs]):
         if len(set(names)) == len(runs):
             return names

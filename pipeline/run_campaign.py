@@ -1,4 +1,4 @@
-"""`truing run` and `truing stages`: what is fresh stays, what is stale runs, of one campaign or many at a time."""
+"""`truing run` and `truing stages`: runs stale stages of one or many campaigns."""
 
 from __future__ import annotations
 
@@ -38,14 +38,15 @@ _LOG = "defect.log"
 
 @dataclass(frozen=True)
 class StageSelection:
-    """``first``: rerun from this stage on; ``only``: this stage and what it needs; ``force``: run what is fresh too."""
+    """``first``: run again from this stage on; ``only``: this stage and those it needs; ``force``: run also fresh
+    stages."""
 
     first: str | None = None
     only: str | None = None
     force: bool = False
 
     def stages(self, order: tuple[Stage, ...]) -> tuple[Stage, ...]:
-        """The stages concerned, in order; raises CampaignFaults where a stage is named that this campaign lacks."""
+        """Selected stages in order; raises CampaignFaults for a stage that this campaign lacks."""
         names = [stage.name for stage in order]
         for option, name in (("--from", self.first), ("--only", self.only)):
             if name is not None and name not in names:
@@ -53,7 +54,7 @@ class StageSelection:
         return order if self.only is None else needed_for(self.only, order)
 
     def forces(self, stage: Stage, order: tuple[Stage, ...]) -> bool:
-        """Whether a stage shall run although it is fresh."""
+        """Whether a stage runs although it is fresh."""
         if self.only is not None:
             return self.force and stage.name == self.only
         names = [each.name for each in order]
@@ -66,16 +67,16 @@ def _expected(name: str, names: list[str]) -> str:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What the caller of `truing run` asked for besides the campaign."""
+    """Options of `truing run` besides the campaign."""
 
     selection: StageSelection = field(default_factory=StageSelection)
     distrust: bool = False
     accept_failed_checks: bool = False
-    workers: int = 1  # processes for what one stage can do in independent pieces
+    workers: int = 1  # processes for the independent pieces of one stage
 
 
 def usable_campaign(place: Path) -> CampaignFolder:
-    """The campaign at a place, its name and kind known to be good; raises CampaignFaults with all that is wrong."""
+    """Campaign at a path, with valid name and kind; raises CampaignFaults with all faults."""
     campaign = open_campaign(place)
     if identity_faults(campaign):
         check_campaign(campaign)
@@ -83,7 +84,7 @@ def usable_campaign(place: Path) -> CampaignFolder:
 
 
 def run_campaign(campaign: CampaignFolder, folder: Path, settings: RunOptions, console: RunConsole) -> ExitCode:
-    """Bring the wished stages of a campaign up to date in its run folder."""
+    """Bring the selected stages of a campaign up to date in its run folder."""
     with occupied(folder), defects_logged(folder / _LOG, "preparing the run"):
         run = open_run(campaign, folder, distrust=settings.distrust, workers=settings.workers)
         claim(run)
@@ -102,14 +103,14 @@ def _validate(run: CampaignRun) -> None:
     try:
         run.validate()
     except CampaignFaults:
-        check_campaign(run.campaign)  # tells what is wrong with the raw files in the same breath
+        check_campaign(run.campaign)  # reports faults of the raw files, too
         raise
     if run.campaign.has_second:
         second_folder(run.campaign).validated()
 
 
 def _check_before_photographs(run: CampaignRun, stages: tuple[Stage, ...], settings: RunOptions) -> None:
-    """Tell what is wrong with other files before photographs are measured, which takes long."""
+    """Report faults of other files before photographs are measured, which takes long."""
     slow = [stage for stage in stages if stage.name in OF_PHOTOGRAPHS]
     if any(
         settings.selection.forces(stage, run.order)
@@ -148,7 +149,7 @@ def _exit_code(run: CampaignRun, stages: tuple[Stage, ...], settings: RunOptions
 
 
 def show_status(place: Path, out: Path | None, *, distrust: bool) -> ExitCode:
-    """One line per stage: fresh, stale and why, or never run. Writes nothing."""
+    """Print one line per stage: fresh, stale and why, or never run. Writes nothing."""
     campaign = usable_campaign(place)
     run = open_run(campaign, run_folder_of(campaign, out, several=False), distrust=distrust)
     check_owner(run)
@@ -159,23 +160,23 @@ def show_status(place: Path, out: Path | None, *, distrust: bool) -> ExitCode:
 
 
 def show_all_stages() -> ExitCode:
-    """The stages of every kind of campaign, with what they read and leave."""
+    """Print the stages of every kind of campaign, with their inputs and artifacts."""
     console = RunConsole(quiet=False)
     for kind, names in ORDER.items():
         console.line(f"{kind}:")
         for name in names:
             stage = stage_module(name).DECLARATION
-            only = " (where there are photographs)" if name in OF_PHOTOGRAPHS else ""
-            only = " (where [diagnosis] judge_on names a second campaign)" if name in OF_SECOND_CAMPAIGNS else only
+            only = " (only with photographs)" if name in OF_PHOTOGRAPHS else ""
+            only = " (only if [diagnosis] judge_on names a second campaign)" if name in OF_SECOND_CAMPAIGNS else only
             read = (*(("raw files",) if name in RAW_READERS else ()), *stage.reads)
             console.line(f"  {name:<12} {stage.summary}{only}")
-            console.line(f"  {'':<12} reads {', '.join(read)}; leaves {', '.join(stage.leaves)}")
+            console.line(f"  {'':<12} reads {', '.join(read)}; writes {', '.join(stage.leaves)}")
     return ExitCode.DONE
 
 
 @dataclass(frozen=True)
 class _Job:
-    """One campaign to run, where, and the line that its messages stand under."""
+    """One campaign to run, its run folder, and the heading of its messages."""
 
     campaign: CampaignFolder
     folder: Path
@@ -185,20 +186,20 @@ class _Job:
 
 @dataclass(frozen=True)
 class _RunOutcome:
-    """How a campaign ended, and what was said meanwhile: each line with whether it warns."""
+    """Exit code of a campaign, and its messages, each with whether it is a warning."""
 
     code: ExitCode
     lines: tuple[tuple[bool, str], ...]
 
     def repeat(self, console: RunConsole) -> None:
-        """Say it to whoever watches."""
+        """Print the collected messages."""
         for warns, line in self.lines:
             (console.warn if warns else console.line)(line)
 
 
 @dataclass
 class _JobPlan:
-    """From the places of a call to jobs; no two campaigns of a call may share a run folder."""
+    """Jobs for the paths of a call; no two campaigns of a call may share a run folder."""
 
     out: Path | None
     options: RunOptions
@@ -206,13 +207,13 @@ class _JobPlan:
     taken: set[Path] = field(default_factory=set)
 
     def job(self, place: Path) -> _Job:
-        """The job for one place; raises CampaignFaults where there can be none."""
+        """The job for one path; raises CampaignFaults."""
         campaign = usable_campaign(place)
         folder = run_folder_of(campaign, self.out, several=self.several)
-        # Not everywhere do capitals, or how an accent is composed, tell folders apart.
+        # Some systems ignore capitals and the composition of accents in folder names.
         taken = Path(unicodedata.normalize("NFC", str(folder)).casefold())
         if taken in self.taken:
-            expected = "a name that no other campaign of this call has: it names the run's folder"
+            expected = "a name that no other campaign of this call has, because it names the run's folder"
             raise CampaignFaults([Fault(str(campaign.file), expected, column="campaign.name", value=campaign.name)])
         self.taken.add(taken)
         refuse_raw_files(campaign, folder)
@@ -222,7 +223,7 @@ class _JobPlan:
 def run_campaigns(
     places: Sequence[Path], out: Path | None, settings: RunOptions, *, quiet: bool, workforce: Workforce | None = None
 ) -> ExitCode:
-    """Run campaigns; the gravest ending is the call's. Nothing but an interruption of one ends the others."""
+    """Run campaigns and return the worst exit code; only an interruption of one ends the others."""
     console, plan = RunConsole(quiet=quiet), _JobPlan(out, settings, several=len(places) > 1)
     if workforce is None or workforce.is_alone or (len(places) == 1 and workforce.scheduler is None):
         plan.options = replace(settings, workers=(workforce and workforce.workers) or processors())
@@ -241,7 +242,7 @@ def _run(job: _Job, console: RunConsole) -> ExitCode:
 
 
 def _run_at_a_time(places: Sequence[Path], plan: _JobPlan, workforce: Workforce, console: RunConsole) -> ExitCode:
-    """Several campaigns at a time, their messages in the order of the call, each whole."""
+    """Run several campaigns in parallel, with messages grouped in the order of the call."""
     planned = [_planned(place, plan, workforce) for place in places]
     jobs = [job for job in planned if isinstance(job, _Job)]
     codes = []
@@ -256,7 +257,7 @@ def _run_at_a_time(places: Sequence[Path], plan: _JobPlan, workforce: Workforce,
 
 
 def _planned(place: Path, plan: _JobPlan, workforce: Workforce) -> _Job | _RunOutcome:
-    """The job for one place, or why there is none."""
+    """The job for one path, or the reason why there is none."""
     found: list[_Job] = []
     recorder = Recorder()
 
@@ -270,18 +271,18 @@ def _planned(place: Path, plan: _JobPlan, workforce: Workforce) -> _Job | _RunOu
 
 
 def _for_other_machines(job: _Job) -> _Job:
-    """The same job by paths that hold wherever the worker stands, its folders shared."""
+    """The same job with paths that are valid on other machines with shared folders."""
     campaign = replace(job.campaign, file=job.campaign.file.resolve())
     return replace(job, campaign=campaign, folder=job.folder.resolve())
 
 
 def _run_in_worker(job: _Job) -> _RunOutcome:
-    """What a worker does: run the campaign, and keep what it says."""
+    """Run the campaign in a worker, and collect its messages."""
     recorder = Recorder()
     code = end(lambda: _run(job, recorder), recorder)
     return _RunOutcome(code, tuple(recorder.lines))
 
 
 def _lost(job: _Job) -> _RunOutcome:
-    why = f"{job.campaign.name}: whatever worker ran it vanished (killed, or out of memory); {KEPT}"
+    why = f"{job.campaign.name}: its worker was lost (killed, or out of memory); {KEPT}"
     return _RunOutcome(ExitCode.ENVIRONMENT, ((True, why),))

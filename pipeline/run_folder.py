@@ -1,4 +1,4 @@
-"""The folder of one run: entered under its lock, swept of what dead runs left, never left half made.
+"""The folder of one run: locked while in use, cleaned of remains of dead runs, never left incomplete.
 
 One run per folder: an operating-system lock, which a dead process cannot hold. The lock file names its holder. filelock
 locks the first byte of the file, which hides that name from others on Windows.
@@ -21,13 +21,13 @@ from truing.schemas.artifacts import ARTIFACTS
 
 PRIVATE = ".truing"  # manifest, digest cache and lock; deleting it loses no result
 
-# Windows locks are mandatory: the locked byte lies beyond the note that others shall be able to read.
+# Windows locks are mandatory, so the locked byte lies after the note that others must be able to read.
 _LOCKED_BYTE = 1 << 20
 
 
 @contextmanager
 def occupied(folder: Path) -> Iterator[Path]:
-    """The run folder, created where needed and ours alone; one that received nothing vanishes again."""
+    """The locked run folder, created if needed; removed again if it stays empty."""
     created = _make(folder / PRIVATE)
     lock = folder / PRIVATE / "lock"
     with hold(lock):
@@ -41,13 +41,13 @@ def occupied(folder: Path) -> Iterator[Path]:
 def _make(folder: Path) -> list[Path]:
     """Create a folder with its parents; returns the created ones, innermost first."""
     missing = [place for place in (folder, *folder.parents) if not place.exists()]
-    with environment(f"the run folder {folder.parent} cannot be made"):
+    with environment(f"the run folder {folder.parent} cannot be created"):
         folder.mkdir(parents=True, exist_ok=True)
     return missing
 
 
 def _sweep(folder: Path) -> None:
-    with environment(f"the run folder {folder} cannot be tidied"):
+    with environment(f"the run folder {folder} cannot be cleaned up"):
         own = [part_of(folder / artifact.file) for artifact in ARTIFACTS.values()]
         for leftover in (*own, *(folder / PRIVATE).glob(f".*{PART}")):
             leftover.unlink(missing_ok=True)
@@ -60,13 +60,13 @@ def _remove_empty(lock: Path, created: list[Path]) -> None:
         lock.unlink()
         for place in created:
             place.rmdir()
-    except OSError:  # somebody put something there or took it away, or Windows keeps the open lock: what is there stays
+    except OSError:  # another program changed the folder, or Windows keeps the open lock: the content stays
         return
 
 
 @contextmanager
 def hold(path: Path) -> Iterator[None]:
-    """Hold the lock file ``path``; raises EnvironmentProblem that names the holder where another run has it."""
+    """Hold the lock file ``path``; raises EnvironmentProblem with the holder's name if another run has it."""
     descriptor = _acquire(path)
     try:
         yield
@@ -86,7 +86,7 @@ def _acquire(path: Path) -> int:
             if _is_still_there(descriptor, path):
                 _sign(descriptor)
                 return descriptor
-        os.close(descriptor)  # the holder before us removed the file while we were opening it
+        os.close(descriptor)  # the previous holder removed the file while it was being opened
 
 
 def _is_still_there(descriptor: int, path: Path) -> bool:
@@ -109,7 +109,7 @@ def _holder(descriptor: int) -> str:
         note = json.loads(os.read(descriptor, 4096))
         return f"process {note['pid']} on {note['host']}, since {note['since']}"
     except (OSError, ValueError, KeyError, TypeError):
-        return "a process that has only just started"
+        return "a process that has just started"
 
 
 if sys.platform == "win32":

@@ -1,4 +1,4 @@
-"""Whose run folder it is: no campaign overwrites the results of another one, whatever name they share.
+"""Owner of a run folder, so that no campaign overwrites the results of another one with the same name.
 
 A campaign is known by the place of its campaign.toml. One that was corrected stays the same campaign; so does one that
 has been moved (nothing lies at the old place any more) or copied (campaign.toml and raw files hold the same).
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def claim(run: CampaignRun) -> None:
-    """Note that a run folder is this campaign's (in memory, until the manifest is saved); raises CampaignFaults."""
+    """Note the owner of a run folder (in memory, until the manifest is saved); raises CampaignFaults."""
     check_owner(run)
     if not run.manifest.entries:
         _refuse_strange_files(run.folder)
@@ -33,7 +33,7 @@ def claim(run: CampaignRun) -> None:
 
 
 def check_owner(run: CampaignRun) -> None:
-    """Raise CampaignFaults where a run folder holds what another campaign has left there."""
+    """Raise CampaignFaults if a run folder holds results of another campaign."""
     known = run.manifest.owner
     here = _owner(run)
     if known is not None and known.folder == here.folder:
@@ -52,7 +52,7 @@ def _owner(run: CampaignRun) -> Owner:
 
 
 def _check_names(run: CampaignRun) -> None:
-    """Judge by names where a folder's owner is not known: it was copied, or made before owners were noted."""
+    """Check the owner by names if it is not recorded: the folder was copied, or is of an older version."""
     names = {entry.made_from.campaign for entry in run.manifest.entries.values() if entry.made_from is not None}
     if not names and not (names := set(_carried_names(run.folder))):
         return
@@ -61,7 +61,7 @@ def _check_names(run: CampaignRun) -> None:
 
 
 def _carried_names(folder: Path) -> Iterator[str]:
-    """The campaigns that the artifacts of a folder name."""
+    """Campaign names in the artifacts of a folder."""
     from truing.pipeline.artifacts import read_provenance
 
     for artifact in _there(folder):
@@ -75,16 +75,16 @@ def _there(folder: Path) -> list[Artifact]:
 
 
 def _refuse_strange_files(folder: Path) -> None:
-    """Raise CampaignFaults where files bear the names of artifacts, and none of them is one."""
+    """Raise CampaignFaults if files have names of artifacts but none is one."""
     there = _there(folder)
     if there and not any(_carried_names(folder)):
         files = ", ".join(dict.fromkeys(artifact.file for artifact in there))
-        expected = f"a folder of its own for a run, not one with files that no run has left ({files})"
+        expected = f"a separate folder for a run, not one with files of another origin ({files})"
         raise CampaignFaults([Fault("--out", expected, value=str(folder))])
 
 
 def _holds_measurements(run: CampaignRun) -> bool:
-    """Whether the folder's tables were made from the raw files that this campaign has now."""
+    """Whether the folder's tables were made from the campaign's present raw files."""
     made = {name: entry.made_from.raw for name, entry in run.manifest.entries.items() if entry.made_from is not None}
     read = [stage for stage in run.order if made.get(stage.name)]
     return bool(read) and all(run.made_from(stage).raw == made[stage.name] for stage in read)
@@ -93,7 +93,7 @@ def _holds_measurements(run: CampaignRun) -> bool:
 def _refusal(run: CampaignRun, holds: str) -> CampaignFaults:
     campaign = run.campaign
     expected = (
-        f"a folder of its own for the run of {campaign.name!r} ({os.path.realpath(campaign.file)}); this one holds "
+        f"a separate folder for the run of {campaign.name!r} ({os.path.realpath(campaign.file)}); this one holds "
         f"{holds}. Give the campaigns different names ([campaign] name), choose another folder by --out, or remove "
         "this one"
     )
@@ -101,7 +101,7 @@ def _refusal(run: CampaignRun, holds: str) -> CampaignFaults:
 
 
 def refuse_raw_files(campaign: CampaignFolder, folder: Path) -> None:
-    """Raise CampaignFaults where a run would write among raw files: an artifact may bear a raw file's name."""
+    """Raise CampaignFaults if a run would write among raw files, because an artifact may have a raw file's name."""
     from truing.formats.source import raw_files
 
     place = os.path.realpath(folder)
@@ -110,18 +110,18 @@ def refuse_raw_files(campaign: CampaignFolder, folder: Path) -> None:
     if among or any(path.startswith(place + os.sep) for path in raw):
         raise CampaignFaults([Fault("--out", "a folder that holds no raw files of the campaign", value=str(folder))])
     if os.path.lexists(folder / FILE):
-        raise CampaignFaults([Fault("--out", "a folder of its own for a run, not a campaign's", value=str(folder))])
+        raise CampaignFaults([Fault("--out", "a separate folder for a run, not a campaign's", value=str(folder))])
 
 
 def folder_next_to_run(campaign: CampaignFolder) -> Path:
-    """The default folder of what other commands leave beside a run; raises CampaignFaults where it is another's."""
+    "Default output folder of other commands next to a run; raises CampaignFaults if it belongs to another campaign."
     folder = run_folder_of(campaign, None, several=False)
     check_owner(open_run(campaign, folder))
     return folder
 
 
 def note_owner(campaign: CampaignFolder, folder: Path) -> None:
-    """Note whose folder it is before a run is there; where one is under way, it has noted that itself."""
+    """Note the owner of a folder before its first run; a run in progress has already noted it."""
     with suppress(EnvironmentProblem), occupied(folder):
         run = open_run(campaign, folder)
         check_owner(run)

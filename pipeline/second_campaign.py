@@ -1,4 +1,4 @@
-"""The second campaign that a campaign's models predict: where it lies, its files, and its tables up to the poses."""
+"""The second campaign that a campaign's models predict: its folder, files and tables up to the poses."""
 
 from __future__ import annotations
 
@@ -16,18 +16,20 @@ _KEY = "diagnosis.judge_on"
 
 
 def second_folder(campaign: CampaignFolder) -> CampaignFolder:
-    """The campaign that [diagnosis] judge_on names; raises CampaignFaults where that is no second campaign of its kind
-    and type of mechanism."""
+    """Campaign named by [diagnosis] judge_on; raises CampaignFaults if it is no second campaign of the same kind and
+    type of mechanism."""
     named = str(campaign.section(_KEY))
     place = campaign.folder / named
     try:
         found = open_campaign(place)
-    except (CampaignFaults, ValueError) as error:  # a name of a path may hold what no path can
+    except (CampaignFaults, ValueError) as error:  # the text may be no valid path
         text = "; ".join(fault.expected for fault in getattr(error, "faults", ())) or "a path"
         raise _fault(campaign, f"the folder of a second campaign, relative to campaign.toml: {text}", named) from None
     if found.file.resolve() == campaign.file.resolve():
         raise _fault(
-            campaign, "another campaign than this one: models are to predict what they were not fitted to", named
+            campaign,
+            "another campaign than this one, because models must predict data that they were not fitted to",
+            named,
         )
     if faults := identity_faults(found):
         raise CampaignFaults(faults)
@@ -44,7 +46,7 @@ def _fault(campaign: CampaignFolder, expected: str, value: str) -> CampaignFault
 
 
 def files_of_second(campaign: CampaignFolder) -> tuple[Path, ...]:
-    """The files that the second campaign consists of; raises CampaignFaults as `second_folder`."""
+    """Files of the second campaign; raises CampaignFaults like `second_folder`."""
     from truing.formats.source import raw_files
 
     found = second_folder(campaign)
@@ -52,12 +54,12 @@ def files_of_second(campaign: CampaignFolder) -> tuple[Path, ...]:
 
 
 def second_campaign(campaign: CampaignFolder, stages: Sequence[str], scratch: Path | None = None) -> SecondCampaign:
-    """The second campaign with the tables that its stages leave; raises CampaignFaults as these stages do."""
+    """The second campaign with the tables of its stages; raises CampaignFaults like these stages."""
     return campaign_of(second_folder(campaign), stages, scratch)
 
 
 def campaign_of(found: CampaignFolder, stages: Sequence[str], scratch: Path | None = None) -> SecondCampaign:
-    """A campaign with the tables that some of its stages leave, those of photographs before them."""
+    """A campaign with the tables of some of its stages, after those of photographs."""
     from truing.pipeline.in_memory import stage_line
     from truing.pipeline.stage_order import OF_PHOTOGRAPHS
     from truing.stages.second_campaign.compared import SecondCampaign

@@ -1,7 +1,7 @@
-"""What a stage's code consists of: its module, all it imports from the project, and the data files beside them.
+"""Source files of a stage: its module, all its imports from the project, and their data files.
 
-Only statements that import are parsed: 0.16 s for the whole project, not 1.0 s, in a run folder that is new. Libraries
-that draw import graphs tell modules alone; a stage hangs on data files beside them, too.
+Only import statements are parsed: 0.16 s for the whole project instead of 1.0 s, in a new run folder. Libraries for
+import graphs ignore data files.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from pathlib import Path
 from truing.pipeline.manifest import TICK_NS, DigestCache
 
 _NAME = "truing"
-_BESIDE = ("schemas", "stages", "pipeline")  # packages of `truing` whose folders stand beside its own in a checkout
+_BESIDE = ("schemas", "stages", "pipeline")  # packages of `truing` with separate folders in a checkout
 ROOMS = (_NAME, *_BESIDE)
 _TELLING = re.compile(rf"\b{_NAME}\b|\bfrom[\s\\]*\.".encode())
-# Where a statement of a file begins; in a text of several lines too, where what follows is then no Python.
+# Start of a statement; also matches inside multi-line strings, where the rest is no Python.
 _STATEMENT = re.compile(rb"^(?=[^\s#)\]}])", re.MULTILINE)
 _DATA_FILES = {".css", ".csv", ".html", ".jinja", ".js", ".json", ".toml"}
 
 _Told = dict[tuple[str, ...], dict[str, str]]
 State = tuple[tuple[str, int, int, int], ...]
-# By the root: how its files stood when this process last looked, and what it told of them since.
+# By root: file stamps at the last look of this process, and digests computed since.
 _OF_THIS_PROCESS: dict[Path, tuple[State, _Told]] = {}
 
 
 class SourceTree:
-    """The project's source as it stands now; every file is looked at once."""
+    """The project's present source; every file is read at most once."""
 
     def __init__(self, root: Path, digest_cache: DigestCache) -> None:
         self._root = root
@@ -48,8 +48,7 @@ class SourceTree:
     def digests(self, *modules: str) -> dict[str, str]:
         """SHA-256 of each file (path relative to the root) that ``modules`` execute, directly or through imports.
 
-        A package's ``__init__`` counts where a name is taken from it, not where it merely lies on the way to a module.
-        Data files count where they lie beside a module.
+        A package's ``__init__`` counts only if a name is imported from it. Data files next to a module count.
         """
         if modules not in self._told:
             self._told[modules] = self._digests_of(modules)
@@ -88,7 +87,7 @@ class SourceTree:
         return list(known)
 
     def _resolve(self, name: str) -> Path | None:
-        """The file behind ``package.module`` or ``package.module:attribute``."""
+        """File of ``package.module`` or ``package.module:attribute``."""
         module, _, attribute = name.partition(":")
         inner = self._file(f"{module}.{attribute}") if attribute else None
         return inner or self._file(module)
@@ -103,7 +102,7 @@ class SourceTree:
         return self._files[name]
 
     def _is_file(self, path: str) -> bool:
-        """Whether a file is there; most names are those of functions, and asked for in vain."""
+        """Whether a file exists; most names are those of functions, without a file."""
         folder, name = os.path.split(path)
         if folder not in self._names:
             self._names[folder] = frozenset(os.listdir(folder)) if os.path.isdir(folder) else frozenset()
@@ -116,7 +115,7 @@ class SourceTree:
 
 
 def _cached_digests(root: Path) -> _Told:
-    """What this process has told of the files as they stand, to be added to; nothing where their times may deceive."""
+    """Digests computed by this process for the present files, to be extended; empty if file times are unreliable."""
     state = tuple(sorted(entry for room in ROOMS for entry in _file_stamps(os.path.join(root, room))))
     if not state or time.time_ns() - max(changed for _, _, changed, _ in state) <= TICK_NS:
         return {}
@@ -128,7 +127,7 @@ def _cached_digests(root: Path) -> _Told:
 
 
 def _file_stamps(folder: str) -> Iterator[tuple[str, int, int, int]]:
-    """Path, size, time and inode of every file below a folder but what is compiled."""
+    """Path, size, time and inode of every file below a folder, except compiled ones."""
     if os.path.isdir(folder):
         with os.scandir(folder) as entries:
             for entry in entries:
@@ -142,7 +141,7 @@ def _file_stamps(folder: str) -> Iterator[tuple[str, int, int, int]]:
 
 @cache
 def _imports_of(source: bytes, package: str) -> list[str]:
-    """Project modules that a source executes; kept for all runs of this process, each of which remembers for itself."""
+    """Project modules that a source executes, cached for all runs of this process."""
     try:
         parts = [(part, ast.parse(part)) for part in _import_statements(source)]
     except SyntaxError:
@@ -151,7 +150,7 @@ def _imports_of(source: bytes, package: str) -> list[str]:
 
 
 def _import_statements(source: bytes) -> Iterator[bytes]:
-    """The statements, not indented, in which a room is named or a relative import begins: few of a file's."""
+    """Statements that name a package of the project or a relative import."""
     ends = [*(match.start() for match in _STATEMENT.finditer(source)), len(source)]
     for start, end in pairwise(ends):
         if _TELLING.search(source, start, end):
@@ -159,7 +158,7 @@ def _import_statements(source: bytes) -> Iterator[bytes]:
 
 
 def _import_lines(source: bytes) -> list[int]:
-    """Numbers of the lines in which a room is named or a relative import begins: nothing else is looked at."""
+    """Numbers of the lines that name a package of the project or a relative import."""
     starts = [match.start() for match in _TELLING.finditer(source)]
     return [1 + source.count(b"\n", 0, start) for start in starts]
 
@@ -196,7 +195,7 @@ def _from_import(node: ast.ImportFrom, package: str) -> Iterator[str]:
 
 
 def _named_module(value: object) -> Iterator[str]:
-    """A string that is a dotted name in one of the rooms: how modules are named for importing them late."""
+    """A string that is a dotted module name of the project, as used for late imports."""
     if not isinstance(value, str) or "." not in value or not _is_ours(value):
         return
     if all(part.isidentifier() for part in value.split(".")):
@@ -214,7 +213,7 @@ def _is_type_checking(test: ast.expr) -> bool:
 
 
 def _data_files(folder: Path) -> Iterator[Path]:
-    """Files that a package carries beside its modules, in subfolders too unless those are packages themselves."""
+    """Data files of a package, also in subfolders that are no packages."""
     for entry in folder.iterdir():
         if entry.is_file() and entry.suffix in _DATA_FILES:
             yield entry

@@ -1,4 +1,4 @@
-"""The campaign.toml that `truing init` starts a campaign with: what it needs, and guesses marked as such."""
+"""The campaign.toml of `truing init`: needed keys, and guesses marked as such."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _AT = 33  # column of remarks
 _WITH_SIGMAS = ("vstars", "aicon", "colmap", "photomodeler")
 MARK = "# check:"
-_GUESSED = f"# A remark that begins with {MARK} tells a guess, which no file says: take it out once it is right."
+_GUESSED = f"# A remark that begins with {MARK} marks a guess: delete the remark once the guess is right."
 _KINDS = {
     "photogrammetry": "points and poses of bodies; interferometer: motion of a platform under load",
     "interferometer": "motion of a platform under load; photogrammetry: points and poses of bodies",
@@ -34,7 +34,10 @@ _OF_READINGS = {
     "signals": (("signal_mv = 0.01", f"{_NEEDED} a signal"),),
 }
 _LEGS = (
-    ("[mechanism]", "needed to calibrate or diagnose the machine; without it, poses and deformation of bodies"),
+    (
+        "[mechanism]",
+        "needed to calibrate or diagnose the machine; without it, results are poses and deformation of bodies",
+    ),
     ('type = "6-pus"', "fixed legs, moved actuators; ups: legs of variable length"),
     ("reference_temperature_c = 20.0", ""),
     ("legs = [", "one such entry per leg, in leg order; a and u in the base frame, b in the platform's"),
@@ -49,11 +52,11 @@ _SHOWN = 8
 
 
 def starter_text(name: str, kind: str, guesses: Sequence[Guess], files: Sequence[str]) -> str:
-    """The whole file; name and kind as TOML, files: the lines of [files]."""
+    """Text of the whole file; name and kind as TOML, files: the lines of [files]."""
     tables = {guess.table for guess in guesses if guess.table}
     lines = [
-        "# What was measured, and how precisely. Complete the lines that say needed, then ask:  truing check .",
-        "# A line behind a # is switched off. Raw files are never changed. All keys, explained:  truing init --all",
+        '# Settings of a measurement campaign. Complete the lines marked "needed", then run:  truing check .',
+        "# A line after a # is inactive. Raw files are never changed. All keys, with explanations:  truing init --all",
         *([_GUESSED] if any(line.startswith(MARK) for line in files) else []),
         "",
         "format = 1",
@@ -82,18 +85,18 @@ def _off(line: str, remark: str) -> str:
 
 
 def _has(guesses: Sequence[Guess], *columns: str) -> bool:
-    """Whether any file gives one of these columns, or one that begins so."""
+    """Whether any file gives one of these columns, or one with such a prefix."""
     named = (name for guess in guesses for name in (*guess.columns, *guess.mapping.get("columns", {})))
     return any(name.startswith(columns) for name in named)
 
 
 def _drives(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
     if "configurations" in tables and not _has(guesses, "rho") and not _axis_columns(guesses):
-        yield _off('drives = ["elevation_deg"]', "columns of configurations that deformation may follow")
+        yield _off('drives = ["elevation_deg"]', "columns of configurations on which deformation may depend")
 
 
 def _axis_columns(guesses: Sequence[Guess]) -> list[str]:
-    """The columns of a single axis by their names: a command, and the encoders beside it; none where there is none."""
+    """Columns of a single axis by name: a command and its encoders; empty if there is no axis."""
     names = [name for guess in guesses if guess.table == "configurations" for name in guess.columns]
     for unit in ("deg", "mm"):
         if f"command_{unit}" in names:
@@ -109,12 +112,12 @@ def _axis(columns: Sequence[str]) -> Iterator[tuple[str, str]]:
     for column in columns:
         what = column.partition("_")[0]
         if what != "measured":
-            yield f'{what} = "{column}"', "" if what != "command" else "where the axis was sent"
-    yield 'loop = "motor"', "the encoder that the controller holds to the command: motor or load"
+            yield f'{what} = "{column}"', "" if what != "command" else "column of the command"
+    yield 'loop = "motor"', "encoder in the controller's feedback loop: motor or load"
 
 
 def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tuple[str, str]]:
-    """Keys of [noise] that the tables ask for."""
+    """Keys of [noise] that the tables need."""
     if not tables and kind == "photogrammetry":
         yield "point_mm = 0.005", f"{_NEEDED} a coordinate of a point"
     if tables & {"points", "scans", "surfaces"}:
@@ -126,16 +129,16 @@ def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tu
         )
         yield (
             "point_mm = 0.005",
-            "one standard deviation, where a file gives none" if known else f"{_NEEDED} a coordinate",
+            "one standard deviation, if a file gives none" if known else f"{_NEEDED} a coordinate",
         )
     if "poses" in tables:
-        given = "where the file gives none" if _has(guesses, "sigma_") else "of the poses' places"
+        given = "if the file gives none" if _has(guesses, "sigma_") else "for the positions of the poses"
         yield "displacement_mm = 0.01", f"{_NEEDED} a coordinate, {given}"
-        yield "rotation_rad = 1e-5", f"{_NEEDED} a rotation about an axis, {given.replace('places', 'attitudes')}"
+        yield "rotation_rad = 1e-5", f"{_NEEDED} a rotation about an axis, {given.replace('positions', 'orientations')}"
     if tables & {"images", "image_points"}:
-        yield "image_px = 0.05", "one standard deviation of an image coordinate, where a file gives none"
+        yield "image_px = 0.05", "one standard deviation of an image coordinate, if a file gives none"
     for column in _axis_columns(guesses):
-        what = "how far the axis stands from its command; absent: 0" if column.startswith("command") else ""
+        what = "one standard deviation of the axis from its command; absent: 0" if column.startswith("command") else ""
         yield f"{column} = 0.001", what or f"{_NEEDED} that encoder"
     if _has(guesses, "rho"):
         yield "actuator_mm = 0.001", "one standard deviation of an actuator's reading; absent: exact"
@@ -148,13 +151,13 @@ def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tu
 
 
 def _sections(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
-    """Sections beside the noise, each after an empty line."""
+    """Sections other than [noise], each after an empty line."""
     if "poses" in tables:
         yield from ("", "[measurement]")
-        yield _off('frame = "campaign"', "the instrument stood still; absent: every pose has a frame of its own")
+        yield _off('frame = "campaign"', "the instrument did not move; absent: every pose has its own frame")
     if any("euler_a_deg" in guess.mapping.get("columns", {}) for guess in guesses):
         yield from ("", "[poses]")
-        yield _off('euler = "XYZ"', "needed: the order; about turned axes in capitals, about fixed axes as xyz")
+        yield _off('euler = "XYZ"', "needed: the order; capitals for rotating axes, xyz for fixed axes")
     if _has(guesses, "rho"):
         yield ""
         yield from (_off(line, remark) for line, remark in _LEGS)
@@ -162,7 +165,7 @@ def _sections(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
         yield from ("", *(_off(line, remark) for line, remark in _axis(columns)))
     elif tables & {"points", "poses", "scans", "images", "image_points"}:
         yield from ("", _off("[bodies]", ""))
-        yield _off('reference = "base"', "the body that the others are seen from; absent: the frame of the measurement")
+        yield _off('reference = "base"', "body in whose frame the others are given; absent: the measurement frame")
     if tables & {"interferometer", "displacement", "signals"}:
         yield from (
             "",
@@ -175,14 +178,14 @@ def _sections(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
 
 
 def guess_lines(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
-    """Yield one marked remark on all keys of an entry that the files themselves do not say; none where they say all."""
+    """Yield one marked remark with all guessed keys of an entry; none if nothing is guessed."""
     statements = (*_of_constants(mapping.get("constants", {})), *_of_units(mapping, guess), *_of_rows(mapping))
     if statements:
         yield f"{MARK} {'; '.join(statements)}"
 
 
 def unconfirmed(file: Path) -> str:
-    """Return which guesses nobody has confirmed yet, by lines of campaign.toml; empty where there are none."""
+    """Return the unconfirmed guesses by lines of campaign.toml; empty if there are none."""
     lines = file.read_text(encoding="utf-8").splitlines()
     found = [str(number) for number, line in enumerate(lines, 1) if line.strip().startswith(MARK)]
     if not found:
@@ -190,19 +193,19 @@ def unconfirmed(file: Path) -> str:
     shown = ", ".join(found[:_SHOWN]) + (f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else "")
     many = len(found) > 1
     what = f"line{'s' * many} {shown} of {file.name} mark{'s' * (not many)} {'guesses' if many else 'a guess'}"
-    return f"{what} of truing init ({MARK}): correct what is wrong, and take the remark out once it is right"
+    return f"{what} of truing init ({MARK}): correct what is wrong, then delete the remark"
 
 
 def _of_constants(constants: Mapping[str, Any]) -> Iterator[str]:
     if "body" in constants:
-        yield f'body = "{constants["body"]}" is a guess, all of this is taken for one rigid body'
+        yield f'body = "{constants["body"]}" is a guess; all points are assumed to be on one rigid body'
     if "channel" in constants:
-        yield f'channel = "{constants["channel"]}" is a guess, no file says which channel this is'
+        yield f'channel = "{constants["channel"]}" is a guess; no file names the channel'
     if "load_axis" in constants:
-        yield f'load_axis = "{constants["load_axis"]}", load = {constants.get("load")}, taken to be without a load'
+        yield f'load_axis = "{constants["load_axis"]}", load = {constants.get("load")}, assumed to be without a load'
     for name in ("run", "pose"):
         if name in constants:
-            yield f"{name} = {constants[name]!r}, all rows are taken for one {name}".replace("'", '"')
+            yield f"{name} = {constants[name]!r}, all rows are assumed to be one {name}".replace("'", '"')
 
 
 def _of_units(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
@@ -212,14 +215,14 @@ def _of_units(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
             by_unit.setdefault(unit, []).append(f"column {raw}" if isinstance(raw, int) else raw)
     whole = _common_unit(mapping, guess)
     if whole:
-        yield f'no unit is named, coordinates are taken for {whole} (else: unit = "in")'
+        yield f'no unit is given; coordinates are assumed to be in {whole} (else: unit = "in")'
     elif by_unit:
         words = ", ".join(f"{unit} for {_span(names)}" for unit, names in by_unit.items())
-        yield f'no unit is named, taken are {words} (else: units = {{ dx_mm = "in" }})'
+        yield f'no unit is given; assumed are {words} (else: units = {{ dx_mm = "in" }})'
 
 
 def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any]) -> str | None:
-    """The unit that a raw column without one is taken to be in; None where it is told."""
+    """Assumed unit of a raw column without a unit; None if it is known."""
     from truing.formats.units import bare_and_unit
 
     known = find_column(column)
@@ -230,7 +233,7 @@ def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any]) -> str | None
 
 
 def _common_unit(mapping: Mapping[str, Any], guess: Guess) -> str | None:
-    """The unit that all coordinates of files without one are taken to be in; None where columns have one each."""
+    """Assumed unit of all coordinates of files without a unit; None if columns have units of their own."""
     if "unit" in mapping:
         return None
     is_bare = guess.table in ("points", "scans", "surfaces") and guess.columns == ("x", "y", "z")
@@ -245,8 +248,8 @@ def _span(names: list[str]) -> str:
 
 def _of_rows(mapping: Mapping[str, Any]) -> Iterator[str]:
     if reported := re.findall(r"\(\?P<(\w+)>", mapping.get("from_name", "")):
-        yield f"the files' names tell {' and '.join(reported)}"
+        yield f"the files' names give {' and '.join(reported)}"
     if "coverage" in mapping:
-        yield f"coverage = {mapping['coverage']:g}, uncertainties are taken for expanded ones (1: one sigma)"
+        yield f"coverage = {mapping['coverage']:g}, uncertainties are assumed to be expanded (1: one sigma)"
     if (axes := mapping.get("number_rows")) and "pose" in axes:
-        yield "number_rows, every row is taken for a pose, in the order taken"
+        yield "number_rows: every row is assumed to be a pose, in the order of measurement"

@@ -1,4 +1,4 @@
-"""Files appear whole or not at all: written beside their place, flushed to the disk, then renamed."""
+"""Atomic files: written next to their path, flushed to disk, then renamed."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from typing import BinaryIO
 
 from truing.pipeline.problems import environment
 
-PART = ".part"  # ending of files that are still being written
+PART = ".part"  # extension of files that are still being written
 
 
 def part_of(path: Path) -> Path:
-    """Where ``path`` is written before it appears."""
+    """Path of a file while it is written."""
     return path.with_name(f".{path.name}{PART}")
 
 
 def write_part(path: Path, write: Callable[[BinaryIO], None]) -> str:
-    """Write and flush the part file of ``path``; returns the SHA-256 of its bytes. ``write``'s errors pass."""
+    """Write and flush the part file of ``path``; returns the SHA-256 of its bytes. Errors of ``write`` pass."""
     with environment(f"{path} cannot be written"):
         file = open(part_of(path), "w+b")  # noqa: SIM115 (closed below; opening alone is the environment's)
     with file:
@@ -33,32 +33,32 @@ def write_part(path: Path, write: Callable[[BinaryIO], None]) -> str:
 
 
 def reveal(path: Path) -> None:
-    """Put the finished part file of ``path`` in its place."""
-    with environment(f"{path} cannot be put in place"):
+    """Rename the finished part file of ``path`` to its final name."""
+    with environment(f"{path} cannot be renamed to its final name"):
         os.replace(part_of(path), path)
 
 
 def sync_folder(folder: Path) -> None:
-    """Make renames within ``folder`` survive a power cut, where the system can."""
+    """Make renames within ``folder`` durable against a power cut, where the system supports it."""
     if sys.platform == "win32":
         return
     descriptor = os.open(folder, os.O_RDONLY)
     try:
-        with suppress(OSError):  # some network file systems know no flushing of folders
+        with suppress(OSError):  # some network file systems cannot flush folders
             os.fsync(descriptor)
     finally:
         os.close(descriptor)
 
 
 def discard_parts(paths: Iterable[Path]) -> None:
-    """Remove the part files of ``paths``, those that exist."""
+    """Remove the existing part files of ``paths``."""
     for path in paths:
-        with suppress(OSError):  # the next run sweeps, and says what it cannot remove
+        with suppress(OSError):  # the next run cleans up, and reports files that it cannot remove
             part_of(path).unlink(missing_ok=True)
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write one small file whole; raises EnvironmentProblem where that is prevented."""
+    """Write one small file atomically; raises EnvironmentProblem."""
 
     def write(file: BinaryIO) -> None:
         file.write(content)

@@ -1,1 +1,1 @@
-"""One module per stage, in the order in which data flows; each is tables in, tables out."""
+"""One module per stage, in the order of the data flow; each converts tables to tables."""

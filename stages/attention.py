@@ -1,4 +1,4 @@
-"""What may well be a mistake in a campaign, and need not be one: said where a campaign is checked."""
+"""Probable mistakes in a campaign, reported by `truing check`."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 _GIVE_SCALE = {"scale_bars", "known_points", "image_targets"}
 _KEYS_OF_READINGS = {"d": "linear_um", "r": "angular_arcsec"}
 _KEYS_OF_MOTION = {"d": "displacement_mm", "r": "rotation_rad"}
-_COSTS = "their own scatter stands in for it and is not tested"
+_COSTS = "their measured scatter is used instead and is not tested"
 _READING = re.compile(r"rho\d+_mm")
 
 
 def attention(settings: Campaign, found: CampaignContents) -> Iterator[str]:
-    """Yield a sentence for everything that a person should look at before the campaign is run."""
+    """Yield a sentence for each point that a person should check before the run."""
     if settings.campaign.kind == "photogrammetry":
         yield from _of_frame(settings)
         yield from _of_poses(found)
@@ -39,8 +39,9 @@ def attention(settings: Campaign, found: CampaignContents) -> Iterator[str]:
 def _of_frame(settings: Campaign) -> Iterator[str]:
     if settings.measurement.frame == "series":
         yield (
-            '[measurement] frame = "series": frames of series are not estimated. It is taken as "pose": every pose in '
-            "a frame of its own, in which the base has to be seen. That the frame stays in a series is not used"
+            '[measurement] frame = "series": frames of series are not estimated. It is treated like "pose": every '
+            "pose in a frame of its own, in which the base has to be seen. That the frame stays in a series is not "
+            "used"
         )
 
 
@@ -53,7 +54,7 @@ def _of_poses(found: CampaignContents) -> Iterator[str]:
     if "role" in configurations.column_names:
         roles = set(configurations.column("role").to_pylist())
         if roles and FITTED not in roles:
-            yield f"no pose has the role {FITTED}; there are {', '.join(sorted(roles))} alone"
+            yield f"no pose has the role {FITTED}; found only {', '.join(sorted(roles))}"
     if without:
         yield f"no point was measured in {_listed('pose', without)} of configurations"
 
@@ -81,18 +82,18 @@ def _of_machine(settings: Campaign, found: CampaignContents) -> Iterator[str]:
 
 
 def _of_scale(settings: Campaign, found: CampaignContents) -> Iterator[str]:
-    """Photographs that nothing gives a scale: every length that comes out of them stays open."""
+    """Photographs without a source of scale, so that all lengths are undetermined."""
     known = settings.photographs
     is_scaled = known.boards or known.marker_mm or found.given & _GIVE_SCALE or "survey" in found.tables
     if found.is_photographed and not is_scaled:
         yield (
-            "nothing gives the photographs a scale, and the quality check fails by it: scale_bars.csv "
+            "the photographs have no scale, so the quality check `scale` will fail; give one in scale_bars.csv "
             "(bar,first,second,length_mm,sigma_mm), known_points.csv, targets.csv or [photographs] marker_mm"
         )
 
 
 def _of_undeclared_noise(settings: Campaign, found: CampaignContents) -> Iterator[str]:
-    """Channels without a standard deviation: their own scatter stands in for it, and nothing tests it."""
+    """Channels without a declared standard deviation; their measured scatter is used and not tested."""
     keys = _KEYS_OF_MOTION if "displacement" in found.given else _KEYS_OF_READINGS
     measured = (found.tables.get(name) for name in ("readings", "signals"))
     readings, signals = (table if table is not None and table.num_rows else None for table in measured)
@@ -108,13 +109,13 @@ def _of_undeclared_noise(settings: Campaign, found: CampaignContents) -> Iterato
 
 
 def _without_sigma(readings: pa.Table) -> list[str]:
-    """The channels of readings of which some have no standard deviation."""
+    """Channels of readings of which some have no standard deviation."""
     pairs = zip(readings.column("channel").to_pylist(), readings.column("sigma").to_pylist(), strict=True)
     return sorted({channel for channel, sigma in pairs if sigma is None or sigma != sigma})
 
 
 def _of_names(found: CampaignContents) -> Iterator[str]:
-    """Names that differ in their spelling alone, in one table or in two that should hold the same."""
+    """Names that differ only in spelling, in one table or in two tables that should agree."""
     tables, bodies = found.tables, dict.fromkeys(map(str, [*_column(found.tables.get("survey"), "body"), *found.names]))
     poses = dict.fromkeys(pose for seen in found.targets.values() for pose in seen)
     kinds: dict[str, list[object]] = {
@@ -125,7 +126,7 @@ def _of_names(found: CampaignContents) -> Iterator[str]:
     kinds |= {f"targets of body {body}": [*_surveyed(found, body), *found.names.get(body, ())] for body in bodies}
     for kind, names in kinds.items():
         for group in similar_names(names):
-            yield f"{kind} {' and '.join(group)} are different ones; did you mean one?"
+            yield f"{kind} {' and '.join(group)} are treated as different; did you mean one?"
 
 
 def _column(table: pa.Table | None, name: str) -> list[object]:
@@ -133,7 +134,7 @@ def _column(table: pa.Table | None, name: str) -> list[object]:
 
 
 def _surveyed(found: CampaignContents, body: object) -> list[object]:
-    """The targets that the survey has of a body."""
+    """Targets of a body in the survey."""
     survey = found.tables.get("survey")
     pairs = zip(_column(survey, "body"), _column(survey, "target"), strict=True)
     return [target for of, target in pairs if of == body]

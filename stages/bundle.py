@@ -1,4 +1,4 @@
-"""Bundle: rays of photographs become object points, orientations and cameras, with their whole covariance."""
+"""Stage bundle: rays of photographs give object points, orientations and cameras with full covariance."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ DECLARATION = Stage(
         *("photographs.marker_mm", "photographs.target_mm", "photographs.boards", "photographs.eccentricity"),
         *("bodies.reference", "mechanism.type", "noise.point_mm", "files.targets"),
     ),
-    summary="adjusts the rays of all photographs together: object points, cameras, what is wrong with which ray",
+    summary="bundle adjustment of the rays of all photographs: object points, cameras, rejected rays",
 )
 
 
 def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, source: CampaignFiles) -> Outcome:
-    """The adjusted network as tables; raises CampaignFaults where the rays do not make one."""
+    """The adjusted network as tables; raises CampaignFaults if the rays form no network."""
     from truing.estimation.bundle.determinable import UndeterminedNetworkError
     from truing.estimation.bundle.named_adjustment import Choices, KnownPointMismatchError, adjust_network
     from truing.stages.bundle_adjustment import statistics
@@ -74,6 +74,8 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     artifacts |= ray_tables(adjusted.observed, adjusted.state, named.poses, named.points.tolist(), named.bars)
     read = f"{counted(len(rays.point), 'ray')} of {counted(len(photographs), 'image')}"
     if settings.noise.point_mm is None and any(bar.startswith(FROM_MARKER) for bar in named.bars):
-        read += f"; sizes of markers and boards counted as known to {PRINTED_TO:.1%}, for lack of [noise] point_mm"
+        read += (
+            f"; sizes of markers and boards assumed known to {PRINTED_TO:.1%}, because [noise] point_mm is not declared"
+        )
     figure = statistics.main_figure(found)
     return Outcome(artifacts, read=read, left_out=statistics.left_out(found, unseen), figure=figure)

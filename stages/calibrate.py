@@ -1,4 +1,4 @@
-"""Calibration: the machine's numbers under every model of its structure, what data can know, how accurate it is."""
+"""Stage calibrate: parameters of the machine under every model of its structure, observability and accuracy."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ DECLARATION = Stage(
         *("noise.point_mm", "noise.actuator_mm", "noise.signal_mv", "noise.load_n", "noise.load_nm"),
         *("requirement", "exclude", "keep"),
     ),
-    summary="kinematic and stiffness models identified, with what the data can know of them",
+    summary="kinematic and stiffness models identified, with their observability",
 )
 
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
-    """Calibrate every model that the mechanism's numbers allow, choose among them, and hold them against repeats."""
+    """Fit every model that the mechanism allows, choose one, and test them against repeats."""
     from truing.stages.common.belonging import withheld
 
     if settings.campaign.kind == "interferometer":

@@ -1,6 +1,6 @@
-"""Which loads show given causes best, found or not: what to apply where one is wanted that a campaign sees weakly.
+"""Choice of loads that show given causes best.
 
-As `stages.load_design`, no stage of a run: tables in, a table and sentences out.
+Like `stages.load_design` no stage of a run: tables in, a table and sentences out.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CauseLoads:
-    """Runs of loads as rows of next_loads.parquet, and a sentence per cause and subject."""
+    """Runs of loads as rows of next_loads.parquet, and one sentence per cause and subject."""
 
     table: pa.Table
     sentences: tuple[str, ...]
@@ -36,10 +36,10 @@ class CauseLoads:
 def loads_for_causes(
     tables: Mapping[str, pa.Table], settings: Campaign, wanted: Sequence[str], *, measured: bool, seed: int
 ) -> CauseLoads:
-    """Choose runs after which each wanted cause is known twice as well, beside the load steps of the tables.
+    """Choose runs that halve the uncertainty of each wanted cause, in addition to the load steps of the tables.
 
-    measured: whether these hold readings, or are a plan that is drawn first. Raises ValueError, saying why, where the
-    campaign cannot be simulated.
+    measured: whether these contain readings, or are a plan to be simulated first. Raises ValueError with the reason if
+    the campaign cannot be simulated.
     """
     drawn = dict(tables) if measured else reading_plan_of(tables, settings).drawn((), np.random.default_rng(seed))
     data = assembled_data(drawn, settings)
@@ -54,8 +54,8 @@ def loads_for_causes(
 
 
 def _members(candidates: Iterable[Cause]) -> Iterator[Cause]:
-    """A cause per subject that a kind may concern: of its forms the middle one; none of what ends with a campaign's
-    runs."""
+    """One cause per possible subject of a kind, with the middle one of its forms; without causes that end with a
+    campaign's runs."""
     by_subject: dict[str, list[Cause]] = {}
     for cause in candidates:
         by_subject.setdefault(cause.subject, []).append(cause)

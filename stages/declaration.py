@@ -1,4 +1,4 @@
-"""What a stage declares about itself, what it hands back, and which module does its part of a type of mechanism."""
+"""Declaration and outcome of a stage, and choice of its module by type of mechanism."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ if TYPE_CHECKING:
 
     from truing.schemas.campaign import Campaign
 
-Progress = Callable[[int, int, str], None]  # done, total, what is being worked on
+Progress = Callable[[int, int, str], None]  # done, total, current item
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage's name, the artifacts it reads and leaves, and the sections of campaign.toml it may read.
+    """Name of a stage, artifacts that it reads and writes, and sections of campaign.toml that it may read.
 
-    A trailing ``?`` in ``reads`` or ``leaves`` marks an artifact that a campaign may do without. Which stage is
-    stale, and in which order what depends on what, follows from these declarations alone.
+    A trailing ``?`` in ``reads`` or ``leaves`` marks an optional artifact. Freshness and order of stages follow from
+    these declarations alone.
     """
 
     name: str
@@ -32,22 +32,22 @@ class Stage:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a stage made, and the words of its closing line: what it read, what it left out and why, its main figure."""
+    """Artifacts of a stage, and its closing line: what it read, what it left out and why, its main figure."""
 
     artifacts: Mapping[str, pa.Table | pa.RecordBatchReader | str]
     read: str
     left_out: str
     figure: str
     failed_checks: tuple[str, ...] = ()
-    why_not: str = ""  # why it evaluated nothing; empty where it did
+    why_not: str = ""  # reason for evaluating nothing; else empty
 
     @classmethod
     def not_evaluated(cls, left: Mapping[str, pa.Table], why: str) -> Outcome:
-        """The outcome of a campaign that does not hold what a stage needs; ``left``: its tables without rows."""
+        """Outcome of a campaign without the needed data; ``left``: its tables without rows."""
         return cls(left, "nothing", "nothing", f"not evaluated: {why}", why_not=why)
 
 
 def registered(modules: Mapping[str, str], settings: Campaign) -> Any:
-    """Return the module that a stage lists for the campaign's type of mechanism; None where it lists none."""
+    """Return the module of a stage for the campaign's type of mechanism, or None."""
     name = modules.get(settings.mechanism.type)
     return None if name is None else import_module(name)

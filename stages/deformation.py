@@ -1,4 +1,4 @@
-"""Deformation: what moves within a body that was taken for rigid, and the drive that it follows."""
+"""Stage deformation: motion within bodies assumed rigid, and the drive on which it depends."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ DECLARATION = Stage(
         *("campaign.kind", "campaign.drives", "mechanism.type", "mechanism.legs", "mechanism.height_mm"),
         *("mechanism.elements", "mechanism.tolerance", "interferometer", "noise.load_n", "noise.load_nm"),
     ),
-    summary="deformation residuals, linear and matrix deformation models",
+    summary="deformation residuals, and linear and matrix models of them",
 )
 
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
-    """Fit the deformation models that the campaign's instrument and mechanism allow."""
+    """Fit the deformation models for the campaign's instrument and mechanism."""
     from truing.stages.common.belonging import withheld
 
     progress(0, 1, "deformation models")

@@ -1,6 +1,6 @@
-"""Where to measure: configurations from which a calibration learns most, in the order in which to measure them.
+"""Choice of configurations that give the most information for a calibration, in order of measurement.
 
-Not a stage of a run, for it comes before there is anything to run: tables in, a table and words out.
+No stage of a run, because it comes before any measurement: tables in, a table and words out.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def design(settings: Campaign, options: DesignOptions, tables: DesignTables) -> Design:
-    """Return configurations for a calibration and how far they are from the best; raises CampaignFaults."""
+    """Return configurations for a calibration and their efficiency; raises CampaignFaults."""
     limits = limits_of(
         settings, pose_too=options.within == "workspace", avoid=tables.avoid, avoid_file=tables.avoid_file
     )
@@ -59,7 +59,7 @@ def design(settings: Campaign, options: DesignOptions, tables: DesignTables) -> 
         check = verification(problem, x, options.verification, rng)
     placed = problem.regressors.at(np.concatenate([x, check]))
     order = ordered(problem, placed, None if kept_rho is None else kept_rho[-1], rng, options.trade_off)
-    # a new set begins at the reference, unless that is forbidden
+    # a new set begins at the reference unless it is forbidden
     is_new = tables.extend is None and bool(problem.region.allowed(np.zeros((1, 6)))[0])
     rest = problem.regressors.machine.legs.rho0 if is_new else None
     table = configurations_table(placed.rho, order, rest, options, tables.extend)
@@ -68,7 +68,7 @@ def design(settings: Campaign, options: DesignOptions, tables: DesignTables) -> 
 
 @contextmanager
 def _fault_of(place: str, value: str | None = None) -> Iterator[None]:
-    """Raise CampaignFaults for a ValueError, which says what was expected of a file or an option."""
+    """Raise CampaignFaults for a ValueError with the expectation of a file or an option."""
     try:
         yield
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""Diagnosis: what the simulation gets wrong, why, and the extended model that gets it right."""
+"""Stage diagnose: effects that the simulation lacks, their causes, and the extended model."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ DECLARATION = Stage(
 
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
-    """Search the catalogue for what makes the campaign depart from its simulation."""
+    """Search the catalogue for causes of the campaign's departure from its simulation."""
     import numpy as np
 
     from truing.stages.common.belonging import withheld
@@ -66,8 +66,8 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         if rays is not None:
             data = with_shared_errors(data, tables, rays)
         diagnosis = decided(data, settings, progress)
-        progress(0, 1, "what could have stayed hidden, and what to measure next")
+        progress(0, 1, "detectable sizes, and next measurements")
         return outcome(diagnosis, data, rays, settings)
     except np.linalg.LinAlgError:
-        why = "the fit left what the legs can reach: geometry, survey or readings are far from right"
+        why = "the fit left the reach of the legs: geometry, survey or readings have large errors"
         return not_evaluated(why, settings)

@@ -1,4 +1,4 @@
-"""Images: photographs become rays, or rays measured elsewhere are read; what is known of the network beforehand."""
+"""Stage images: rays from photographs or files, and prior knowledge of the network."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def run(
 
 
 def look(settings: Any, source: CampaignFiles) -> str:
-    """What photographs and the tables beside them hold, without measuring; raises CampaignFaults as ``run`` does."""
+    """Summary of photographs and their tables, without measuring; raises CampaignFaults like ``run``."""
     from truing.stages.image_tables.photographs import opened
 
     return opened(source, settings)

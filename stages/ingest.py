@@ -1,4 +1,4 @@
-"""Raw files become the campaign's tables: mapped, in the contract's units, checked against each other."""
+"""Stage ingest: raw files as tables of the campaign, in standard units, checked against each other."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ DECLARATION = Stage(
         *("noise.angular_arcsec", "noise.displacement_mm", "noise.rotation_rad", "measurement.frame", "poses.euler"),
         *("bodies.reference", "photographs.boards", "renamed", "resurvey", "files"),
     ),
-    summary="reads the raw files, brings them into the contract's units and names, and refuses what cannot be",
+    summary="reads the raw files, converts units and names, and rejects invalid data",
 )
 # What reads the files of a mechanism that is neither of legs nor a sensor on its bench, by its type.
 OF_TYPES = {"axis": "truing.stages.ingestion.axis_rows"}
 
 
 def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, source: CampaignFiles) -> Outcome:
-    """The campaign's tables from its raw files; raises CampaignFaults with everything that is wrong at once.
+    """Tables of the campaign from its raw files; raises CampaignFaults with all faults together.
 
-    Observations are a stream, read and checked while it is drained: the faults may come at its end.
+    Observations are a stream, checked while it is read, so faults may come at its end.
     """
     from truing.formats.faultlog import FaultLog
 

@@ -1,6 +1,6 @@
-"""Which loads to apply: load steps from which a sensor's calibration learns most, by the design code of the poses.
+"""Choice of load steps that give the most information for a sensor's calibration.
 
-As `stages.design`, no stage of a run: a campaign.toml in, a table and words out.
+Like `stages.design` no stage of a run: a campaign.toml in, a table and words out.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Pose: where each body is in each pose, by every estimator, and what its targets say against it."""
+"""Stage pose: pose of each body in each pose of the campaign by every estimator, with residuals of its targets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a campaign's layout would show: the diagnosis of campaigns that are drawn from it."""
+"""Detectable effects of a campaign's layout, by diagnosis of simulated campaigns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Prediction where nothing was measured: poses, readings under load, or the wrench that signals tell."""
+"""Prediction for new inputs: poses, readings under load, or wrenches from signals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tables of a campaign let each stage evaluate: facts that the stages themselves go by, told without a fit."""
+"""Stages that the tables of a campaign allow, by the conditions of the stages themselves, without a fit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""QA: whether the measurements are fit to be used, check by check, before anything is concluded from them."""
+"""Stage qa: quality checks of the measurements, before any conclusion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Report: the verdict on the campaign, and everything the run knows on one page that opens without a network."""
+"""Stage report: verdict on the campaign, and all results on one page that needs no network."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Transfer: how far models that were fitted to this campaign miss a second campaign of the same machine."""
+"""Stage transfer: errors in a second campaign of the same machine, by models fitted to this one."""
 
 from __future__ import annotations
 

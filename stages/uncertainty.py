@@ -1,4 +1,4 @@
-"""Uncertainty: a statement for every result that is quoted, with a budget, in the terms of the GUM."""
+"""Stage uncertainty: a GUM statement with budget for every reported result."""
 
 from __future__ import annotations
 

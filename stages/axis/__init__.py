@@ -1,1 +1,1 @@
-"""What an extended model of an axis predicts."""
+"""Prediction by an extended model of an axis."""

@@ -1,4 +1,4 @@
-"""What an extended model of an axis predicts at commands where nothing was measured."""
+"""Prediction of encoder readings by an extended model of an axis."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _check(table: pa.Table, file: str, unit: str, followed: dict[str, str]) -> N
         raise CampaignFaults(
             Fault(file, f"a column of that name, {what}", column=name) for name, what in missing.items()
         )
-    first = 2 if file.endswith(".csv") else 1  # an editor counts the line of heads too
+    first = 2 if file.endswith(".csv") else 1  # an editor counts the header line too
     faults = []
     for name in (f"command_{unit}", "time_s", *followed):
         if name in names:

@@ -1,1 +1,1 @@
-"""From tables of rays to an adjusted network, and from that to tables."""
+"""Conversion between tables of rays and an adjusted network."""

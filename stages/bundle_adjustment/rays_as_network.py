@@ -1,4 +1,4 @@
-"""The tables of a campaign of photographs as one network: cameras as given, rays, bars, and their names."""
+"""Tables of a campaign of photographs as one network: given cameras, rays, bars, and their names."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ _CORNERS = 4
 
 
 def given_cameras(photographs: pa.Table, given: pa.Table | None) -> tuple[tuple[Camera, ...], Array]:
-    """The cameras (C) that took any photograph, in order of appearance, and their interior (C, 10) to start from, NaN
-    where c is not known."""
+    """Cameras (C) of all photographs, in order of appearance, and their initial interior parameters (C, 10), NaN for
+    unknown c."""
     rows = photographs.to_pylist()
     known: dict[str, list[dict[str, Any]]] = {}
     for row in [] if given is None else given.to_pylist():
@@ -59,7 +59,7 @@ def _camera(name: str, photograph: dict[str, Any], reported: list[dict[str, Any]
 
 
 def image_points(table: pa.Table, photographs: pa.Table) -> ImagePoints:
-    """The rows of image_points, images numbered as photographs lists them."""
+    """Rows of image_points, with images numbered as in photographs."""
     kinds = tuple(dict.fromkeys(table.column("kind").to_pylist()))
     poses = pose_ids(photographs)
     keys = list(zip(photographs.column("pose").to_pylist(), photographs.column("image").to_pylist(), strict=True))
@@ -95,7 +95,7 @@ def named_network(
     tables: Mapping[str, pa.Table],
     marker_mm: float | None,
 ) -> NamedNetwork:
-    """The network of all rays that have a point's name."""
+    """Network of all rays with a point name."""
     poses = pose_ids(photographs)
     rows = np.flatnonzero(table.point != "")
     keys: dict[tuple[int, str], int] = {}
@@ -124,7 +124,7 @@ def named_network(
 
 
 def stated_sizes(targets: pa.Table | None, column: str) -> dict[str, float]:
-    """The sizes in mm that a column of image_targets states, by the name body/target."""
+    """Sizes in mm from a column of image_targets, by name body/target."""
     if targets is None or column not in targets.column_names:
         return {}
     rows = targets.select(["body", "target", column]).to_pylist()
@@ -132,7 +132,7 @@ def stated_sizes(targets: pa.Table | None, column: str) -> dict[str, float]:
 
 
 def radii(targets: pa.Table | None, target_mm: float | None) -> dict[str, float]:
-    """The radii in m of circular targets by the names of their points; of those that no table tells under ""."""
+    """Radii in m of circular targets by point name; the default size under ""."""
     found = {} if target_mm is None else {"": 0.5e-3 * target_mm}
     return found | {name: 0.5e-3 * size for name, size in stated_sizes(targets, "diameter_mm").items()}
 
@@ -140,7 +140,7 @@ def radii(targets: pa.Table | None, target_mm: float | None) -> dict[str, float]
 def bar_ends(
     bars: pa.Table | None, poses: Sequence[Pose], keys: Mapping[tuple[int, str], int]
 ) -> list[tuple[int, int, int, int]]:
-    """(row of the table, pose, first point, second point) wherever both ends of a bar are points of a pose."""
+    """(row of the table, pose, first point, second point) for each pose that has both ends of a bar."""
     if bars is None:
         return []
     own = bars.column("pose").to_pylist() if "pose" in bars.column_names else [None] * len(bars)
@@ -158,7 +158,7 @@ def bar_ends(
 def _bars(
     table: pa.Table | None, poses: Sequence[Pose], keys: Mapping[tuple[int, str], int]
 ) -> tuple[Bars, tuple[str, ...]]:
-    """The bars that give the scale, and their names; those that check it take no part."""
+    """Bars that give the scale, and their names, without those that check it."""
     if table is None:
         return Bars.none(), ()
     serves, bar = table.column("serves").to_pylist(), table.column("bar").to_pylist()
@@ -188,7 +188,7 @@ def _known(table: pa.Table | None, poses: Sequence[Pose], keys: Mapping[tuple[in
 
 
 def _markers(pose: Index, names: Names, body: Names, targets: pa.Table | None, marker_mm: float | None) -> Markers:
-    """Square markers of which a pose has all four corners, and whose edge is known."""
+    """Square markers of known edge with all four corners in a pose."""
     sizes = stated_sizes(targets, "size_mm")
     corners: dict[tuple[int, str], dict[int, int]] = {}
     for number, (p, name) in enumerate(zip(pose.tolist(), names.tolist(), strict=True)):

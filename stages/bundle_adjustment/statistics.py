@@ -1,4 +1,4 @@
-"""Figures of an adjustment, one row each: its network, what gives the scale, whether cameras stayed as they were."""
+"""Figures of an adjustment, one row each: network, sources of scale, stability of cameras."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from truing.stages.bundle_adjustment.tables import table_of_rows
 
 Figure = tuple[str, str, float | None, str]
 
-_SIMILARITY = 7  # freedoms of a pose whose scale nothing gives, either
-_FEWEST = 4  # points of a body: fewer tell no scale of it
+_SIMILARITY = 7  # degrees of freedom of a pose without scale
+_FEWEST = 4  # points of a body; fewer give no scale
 
 
 def statistics_table(found: AdjustedNetwork, more: Sequence[Figure]) -> pa.Table:
@@ -62,7 +62,7 @@ def statistics_table(found: AdjustedNetwork, more: Sequence[Figure]) -> pa.Table
 
 
 def _components(found: AdjustedNetwork, components: VarianceComponents) -> list[Figure]:
-    """What each camera and kind of target scatters over what is stated, and how well that is known."""
+    """Noise of each camera and kind of target over the stated noise, with its uncertainty."""
     cameras, kinds = found.named.network.cameras, found.named.kinds
     rows: list[Figure] = []
     for g, factor in enumerate(components.factor):
@@ -85,7 +85,7 @@ def _coverage(found: AdjustedNetwork) -> list[Figure]:
 
 
 def _regions(found: AdjustedNetwork) -> list[Figure]:
-    """What residuals keep in common in some part of the format: the least p-value of each camera."""
+    """Common part of residuals in regions of the format: least p-value of each camera."""
     adjusted = found.adjustment
     network = adjusted.network
     C = network.rays.cov_px2 * found.screened.components.of_rays()[:, None, None]
@@ -102,15 +102,14 @@ def _regions(found: AdjustedNetwork) -> list[Figure]:
 
 
 def _origins(found: AdjustedNetwork) -> list[Figure]:
-    """What gives each pose its scale; 1 behind each. Known points that are no datum give it to the start alone."""
+    """Source of each pose's scale; value 1 for each. Known points outside the datum give only the initial scale."""
     poses, free = found.named.poses, found.adjustment.defect == _SIMILARITY
     scales = ["none" if free[p] else scale for p, scale in enumerate(found.start.scale)]
     return [(f"scale from {scale}", f"pose {poses[p]}", 1.0, "1") for p, scale in enumerate(scales)]
 
 
 def _sizes(found: AdjustedNetwork) -> list[Figure]:
-    """How large targets are over what is stated of them, in the middle: circles, and markers where these do not give
-    the scale."""
+    """Median ratio of measured to stated target sizes: circles, and markers that do not give the scale."""
     markers, points = found.named.markers, found.adjustment.state.points[found.named.markers.corners]
     stated = markers.size_m > 0.0
     edges = np.linalg.norm(points - np.roll(points, -1, axis=1), axis=-1).mean(axis=1)
@@ -122,8 +121,11 @@ def _sizes(found: AdjustedNetwork) -> list[Figure]:
 
 
 def scale_sources(found: AdjustedNetwork, bars: pa.Table | None, survey: SurveyedPoints | None) -> list[Figure]:
-    """Figures: the lengths of each bar, of the survey and of known points over those of the rays, in the middle of all
-    poses, with sigma; what is common to all of them is no more than the rays' own scale."""
+    """Figures: lengths of each bar, of the survey and of known points over those of the rays, as median over all poses,
+    with sigma.
+
+    A factor common to all of them is the scale of the rays.
+    """
     state = found.screened.by_rays.state
     ratios: dict[str, list[tuple[float, float]]] = {}
     for pose in range(len(found.named.poses)):
@@ -156,7 +158,7 @@ def _of_bars(places: dict[str, Array], bars: pa.Table | None) -> list[tuple[str,
 
 
 def _of_survey(places: dict[str, Array], survey: SurveyedPoints | None) -> list[tuple[str, float, float]]:
-    """The survey of each body of which a pose shows enough targets: as rigid as bodies are."""
+    """Survey of each body with enough targets in a pose, assumed rigid."""
     if survey is None:
         return []
     found = []
@@ -169,7 +171,7 @@ def _of_survey(places: dict[str, Array], survey: SurveyedPoints | None) -> list[
 
 
 def _of_known(found: AdjustedNetwork, state: NetworkState, pose: int) -> list[tuple[str, float, float]]:
-    """Known points that the rays do not contradict by their shape."""
+    """Known points whose shape agrees with the rays."""
     network = found.adjustment.network
     here = network.point_pose[network.known.point] == pose
     rows = np.flatnonzero(here & np.isfinite(state.points[network.known.point, 0]))
@@ -180,8 +182,8 @@ def _of_known(found: AdjustedNetwork, state: NetworkState, pose: int) -> list[tu
 
 
 def image_cameras(found: AdjustedNetwork) -> tuple[pa.Table, list[tuple[str, str, float, str]]]:
-    """The table image_cameras, a row per image whose principal distance its rays tell; and figures: a p-value per
-    camera, and by how much points of each pose move where images that differ are given a camera of their own."""
+    """Table image_cameras, one row per image whose rays determine its principal distance; and figures: a p-value per
+    camera, and the shift of each pose's points if deviating images get a separate camera."""
     named, network = found.named, found.adjustment.network
     stable = image_stability(found.screened.by_rays, found.screened.components.of_rays())
     rows = [
@@ -202,16 +204,16 @@ def image_cameras(found: AdjustedNetwork) -> tuple[pa.Table, list[tuple[str, str
 
 
 def left_out(found: AdjustedNetwork, unseen: Sequence[str]) -> str:
-    """Rays that took no part and why, elements of cameras that were held, bars that no pose shows, in words."""
+    """Rejected rays with reasons, fixed camera parameters, and bars that no pose shows, in words."""
     reasons = Counter([*found.screened.rejected.reason, *found.unmatched_reason])
     texts = [f"{counted(count, 'ray')}: {reason}" for reason, count in reasons.most_common()]
     held = ", ".join(f"{camera} {element}" for camera, element in found.screened.held)
-    texts += [f"held, since these images do not determine them: {held}"] if held else []
+    texts += [f"kept fixed, because these images do not determine them: {held}"] if held else []
     return "; ".join([*texts, *unseen]) or "nothing"
 
 
 def main_figure(found: AdjustedNetwork) -> str:
-    """How much was adjusted, and how well the rays fit, in words."""
+    """Size and fit of the adjustment, in words."""
     adjusted = found.adjustment
     sigma0 = found.screened.sigma0.variance_factor**0.5
     points = set(found.named.network.rays.point[adjusted.used].tolist())

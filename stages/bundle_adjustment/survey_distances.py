@@ -1,4 +1,4 @@
-"""Distances of the survey, or sizes of markers and boards, in place of scale bars: where no bar gives a scale."""
+"""Distances of the survey, or sizes of markers and boards, as scale if no scale bar gives one."""
 
 from __future__ import annotations
 
@@ -20,14 +20,16 @@ from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
 from truing.stages.bundle_adjustment.rays_as_network import stated_sizes
 from truing.stages.common.point_arrays import number_column
 
-# An edge of a marker is known to this share of it where no noise is declared: what printers keep.
+# Relative uncertainty of a marker's edge without declared noise: that of printers.
 PRINTED_TO = 1e-3
 
 
 def with_scale(tables: Mapping[str, pa.Table], settings: Any, source: CampaignFiles) -> Mapping[str, pa.Table]:
-    """The tables with further scale bars for poses that show both ends of none, unless known points are their datum:
-    distances between surveyed targets, else diagonals of markers and boards of known size; as they are without
-    either."""
+    """Tables with further scale bars for poses without a complete bar, unless known points are their datum: distances
+    between surveyed targets, else diagonals of markers and boards of known size.
+
+    The tables are unchanged if there are neither.
+    """
     bars, rays = tables.get("scale_bars"), tables["image_points"]
     seen = _visible_in_poses(rays)
     lacking = [pose for pose in seen if pose not in _with_bar(bars, seen)]
@@ -50,7 +52,7 @@ def with_scale(tables: Mapping[str, pa.Table], settings: Any, source: CampaignFi
 
 
 def unobserved_bars(bars: pa.Table | None, rays: pa.Table) -> list[str]:
-    """What to say of each scale bar of the table of which no pose shows both ends."""
+    """Message for each scale bar whose ends no pose shows together."""
     if bars is None:
         return []
     seen = _visible_in_poses(rays)
@@ -73,7 +75,7 @@ def _visible_in_poses(rays: pa.Table) -> dict[Any, frozenset[str]]:
 
 
 def _with_bar(bars: pa.Table | None, seen: Mapping[Any, frozenset[str]]) -> set[Any]:
-    """The poses that show both ends of a bar that gives the scale."""
+    """Poses with both ends of a bar that gives the scale."""
     rows = [] if bars is None else [row for row in bars.to_pylist() if row["serves"] == "scale"]
     return {
         pose
@@ -86,10 +88,10 @@ def _with_bar(bars: pa.Table | None, seen: Mapping[Any, frozenset[str]]) -> set[
 def _markers(
     targets: pa.Table | None, seen: frozenset[str], marker_mm: float | None, noise_mm: float | None
 ) -> list[dict[str, object]]:
-    """Rows of scale_bars: both diagonals of every square marker of known size whose corners are all seen.
+    """Rows of scale_bars: both diagonals of every square marker of known size with all corners measured.
 
-    They are lengths with an error that all poses share, also where nothing says how well they are known: each pose
-    would else keep the scale that its start values happened to have.
+    Their error is common to all poses, also without a declared uncertainty, because each pose would otherwise keep the
+    scale of its start values.
     """
     sizes = stated_sizes(targets, "size_mm")
     found: list[dict[str, object]] = []
@@ -109,8 +111,8 @@ def _markers(
 
 
 def _board(board: Any, seen: Sequence[frozenset[str]], noise_mm: float | None) -> list[dict[str, object]]:
-    """Rows of scale_bars: the two longest diagonals of a board of known squares, between corners that all poses show
-    that show any of it; seen: the points of each pose."""
+    """Rows of scale_bars: two longest diagonals of a board of known squares, between corners in all poses with the
+    board; seen: points of each pose."""
     there = [points for points in seen if any(name.startswith(f"{board.label}-") for name in points)]
     if board.square_mm is None or not there:
         return []
@@ -126,8 +128,8 @@ def _board(board: Any, seen: Sequence[frozenset[str]], noise_mm: float | None) -
 
 
 def _surveyed(settings: Any, survey: SurveyedPoints | None) -> list[dict[str, object]]:
-    """Rows of scale_bars: the longest distances of the reference body (of every one where none is) whose ends no other
-    shares, so that their errors are independent. A mechanism stands on its base, whose shape is trusted."""
+    """Rows of scale_bars: longest distances of the reference body (of every body without one) that share no end, so
+    that their errors are independent. The shape of a mechanism's base is trusted."""
     if survey is None:
         return []
     reference = settings.bodies.reference or ("base" if settings.mechanism.type != "none" else None)
@@ -146,8 +148,8 @@ def _surveyed(settings: Any, survey: SurveyedPoints | None) -> list[dict[str, ob
 
 @dataclass(frozen=True)
 class SurveyedPoints:
-    """Surveyed targets that rays see: names (N,) as rays call them, bodies (N,), places xyz_mm (N, 3) in the body's
-    frame, their variances (N, 3) in mm^2, NaN where neither the survey nor the campaign states them."""
+    """Surveyed targets with rays: ray names (N,), bodies (N,), positions xyz_mm (N, 3) in the body's frame, and
+    variances (N, 3) in mm^2, NaN if not stated."""
 
     names: NDArray[np.object_]
     bodies: NDArray[np.object_]
@@ -156,12 +158,10 @@ class SurveyedPoints:
 
 
 def surveyed_points(source: CampaignFiles, seen: frozenset[str], settings: Any) -> SurveyedPoints | None:
-    """The survey of targets that rays see; None where there is none."""
+    """Survey of targets with rays; None if there is none."""
     if not settings.files.targets and not source.entries("targets"):
         return None
-    found = collect_rows(
-        source, TARGETS, FaultLog()
-    )  # what is wrong with the survey is told when it is read for the poses
+    found = collect_rows(source, TARGETS, FaultLog())  # faults of the survey are reported when it is read for the poses
     if found is None or any(name not in found.table.column_names for name in TARGETS.required):
         return None
     body, target = (np.array(found.table.column(name).to_pylist(), dtype=object) for name in ("body", "target"))
@@ -179,12 +179,12 @@ def _variance(table: pa.Table, name: str, declared: float | None) -> Array:
 
 
 def _name(body: str, target: str, seen: frozenset[str]) -> str:
-    """What rays call a surveyed target: with its body, or by the code alone."""
+    """Ray name of a surveyed target: with its body, or by the code alone."""
     return next((name for name in (f"{body}/{target}", target) if name in seen), "")
 
 
 def _apart(xyz: Array) -> list[tuple[int, int]]:
-    """Pairs of points (N, 3), the furthest apart first, each point in one pair at most."""
+    """Pairs of points (N, 3), the most distant first, each point in at most one pair."""
     first, second = np.triu_indices(len(xyz), 1)
     order = np.argsort(-np.linalg.norm(xyz[first] - xyz[second], axis=1), kind="stable")
     pairs: list[tuple[int, int]] = []

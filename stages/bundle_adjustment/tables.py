@@ -1,4 +1,4 @@
-"""The adjusted network as tables: points with covariance, cameras, images, residuals, scale bars, known points."""
+"""Tables of the adjusted network: points with covariance, cameras, images, residuals, scale bars, known points."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ UNRESOLVED = "contradicts the rays or other known points; which is wrong cannot 
 
 
 class NetworkTables:
-    """The tables of one adjusted network; covariances are as the residuals themselves say."""
+    """Tables of one adjusted network; covariances are scaled by the residuals."""
 
     def __init__(self, found: AdjustedNetwork, table: ImagePoints) -> None:
         self.found, self.table = found, table
@@ -47,7 +47,7 @@ class NetworkTables:
         return f"bar {self.named.bars[int(what)]}" if of == "bar" and not isinstance(what, str) else f"{of} {what}"
 
     def all(self, bars: pa.Table | None) -> dict[str, pa.Table]:
-        """Every table by the name of its artifact."""
+        """All tables by artifact name."""
         tables = {
             "object_points": self.object_points(),
             "point_correlations": self.point_correlations(),
@@ -90,7 +90,7 @@ class NetworkTables:
         )
 
     def _squares(self, index: Index, count: int) -> Array:
-        """Root mean square residual per coordinate of what rays belong to, NaN without any."""
+        """Root mean square residual per coordinate for each group of rays, NaN for none."""
         used = self.adjusted.used
         square = np.sum(self.adjusted.residuals_px[used] ** 2, axis=1)
         total = np.bincount(index[used], square, minlength=count)
@@ -114,7 +114,7 @@ class NetworkTables:
         return _joined("point_correlations", parts, self.named)
 
     def point_sensitivities(self) -> pa.Table:
-        """A row per point and parameter common to all poses: what one standard deviation of it does."""
+        """One row per point and common parameter: effect of one standard deviation."""
         parts: list[dict[str, Any]] = []
         for pose in self.poses:
             numbers = self.covariance.point_numbers(pose)
@@ -132,7 +132,7 @@ class NetworkTables:
         return _joined("point_sensitivities", parts, self.named)
 
     def cameras(self) -> pa.Table:
-        """A row per camera and parameter; without sigma where it was held."""
+        """One row per camera and parameter, without sigma if fixed."""
         sigma = dict(zip(self.covariance.names, self.common_sigma, strict=True))
         rows = []
         for number, camera in enumerate(self.network.cameras):
@@ -158,7 +158,7 @@ class NetworkTables:
         return table_of_rows("cameras", rows, self.named)
 
     def camera_correlations(self) -> pa.Table:
-        """A row per pair of parameters that are common to all poses."""
+        """One row per pair of common parameters."""
         first, second = np.triu_indices(len(self.parameters), 1)
         correlation = np.clip(self.common / self.common_sigma[:, None] / self.common_sigma, -1.0, 1.0)
         names = np.array(self.parameters, dtype=object)
@@ -190,7 +190,7 @@ class NetworkTables:
         )
 
     def image_residuals(self) -> pa.Table:
-        """A row per ray, those that took no part with the reason, and circles that belong to no point."""
+        """One row per ray, rejected rays and circles without a point included."""
         rays, named, snooped = self.network.rays, self.named, self.found.screened
         rejected = snooped.rejected
         reason = np.full(rays.count, None, dtype=object)
@@ -221,7 +221,7 @@ class NetworkTables:
         return _table("image_residuals", both, self.named)
 
     def scale_bar_lengths(self, bars: pa.Table) -> pa.Table:
-        """A row per bar and pose: what the adjusted points say of its length."""
+        """One row per bar and pose with its adjusted length."""
         numbers = np.concatenate([np.zeros(0, np.int64), *map(self.covariance.point_numbers, self.poses)]).tolist()
         keys = {(int(self.network.point_pose[n]), str(self.named.points[n])): n for n in numbers}
         rows = []
@@ -238,8 +238,8 @@ class NetworkTables:
         return table_of_rows("scale_bar_lengths", rows, self.named)
 
     def _deviation_sigma(self, reported: dict[str, Any], sigma_mm: float, alone_mm: float) -> float:
-        """Of adjusted less calibrated: both together where the bar checks; the difference of the squares where it took
-        part, for then the adjusted length has the calibrated one in it."""
+        """Sigma of adjusted minus calibrated length: root sum of squares for a checking bar; root difference of squares
+        for a bar in the adjustment, whose adjusted length includes the calibrated one."""
         if reported["serves"] == "check":
             return float(np.hypot(sigma_mm, alone_mm))
         return float(np.sqrt(max(alone_mm**2 - sigma_mm**2, 0.0)))
@@ -257,7 +257,7 @@ class NetworkTables:
 
 
 def _sigma_and_correlation(cov: Array) -> tuple[Array, Array]:
-    """Standard deviations (..., n) and correlations (..., n, n); of what a minimal datum holds, both are zero."""
+    """Standard deviations (..., n) and correlations (..., n, n); both zero for coordinates fixed by a minimal datum."""
     variance = np.diagonal(cov, axis1=-2, axis2=-1)
     largest = variance.max(axis=-1, initial=0.0)[..., None]
     sigma = np.sqrt(np.where(variance > 1e-14 * largest, variance, 0.0))
@@ -292,7 +292,7 @@ def _table(name: str, columns: dict[str, Any], named: NamedNetwork) -> pa.Table:
 
 
 def known_points_table(named: NamedNetwork, found: KnownTested, used: Mask) -> pa.Table:
-    """The table known_point_errors: a row per known point with rays in the network as it was given."""
+    """Table known_point_errors: one row per known point with rays in the initial network."""
     network = named.network
     left = np.bincount(network.rays.point[used[: network.rays.count]], minlength=len(network.point_pose))
     seen = np.bincount(network.rays.point, minlength=len(network.point_pose))
@@ -314,7 +314,7 @@ def known_points_table(named: NamedNetwork, found: KnownTested, used: Mask) -> p
 
 
 def _about(errors: KnownPointErrors, place: int) -> dict[str, Any]:
-    """What the rays say of one known point, in mm."""
+    """Deviation of one known point from the rays, in mm."""
     wrong = bool(errors.wrong[place])
     reason = WRONG if wrong else None if errors.resolved else UNRESOLVED
     if not np.isfinite(errors.p_value[place]):
@@ -327,17 +327,17 @@ def _about(errors: KnownPointErrors, place: int) -> dict[str, Any]:
 
 
 def undetermined(error: UndeterminedNetworkError, rays: int, named: int) -> Fault:
-    """The fault of rays of which so many have a name, and which make no network."""
+    """Fault of rays that form no network, with the number of named ones."""
     expected = "rays that make a network: images that see points in common, from different sides"
     if named:
         return Fault("image_points", expected, value=str(error))
-    # circles find each other along lines of sight of images that codes oriented
+    # circles are matched along lines of sight of images oriented by codes
     expected = f"targets with a code or a name, four in common to neighbouring images; none of {rays:,} rays has one"
     return Fault("image_points", expected, column="point")
 
 
 def faults_of(error: KnownPointMismatchError) -> list[Fault]:
-    """A fault per pose whose known points are of another object."""
+    """One fault per pose whose known points belong to another object."""
     return [
         Fault(
             "known_points",

@@ -1,1 +1,1 @@
-"""The parts of the stage calibrate: question, fits, choice, what can be known, accuracy."""
+"""Parts of the stage calibrate: problem, fits, choice, observability, accuracy."""

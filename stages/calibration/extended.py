@@ -1,6 +1,6 @@
-"""The extended model beside the calibrations: the machine's numbers and effects that it holds, and how accurate it is.
+"""The extended model in the tables of the calibrations: parameters, effects and accuracy.
 
-It was fitted to the points themselves, by the diagnosis; here it is put into the tables of the calibrations.
+The diagnosis fitted it to the points themselves.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ if TYPE_CHECKING:
 def extended_of(
     text: str, tables: Mapping[str, pa.Table], measured: MeasuredPlatform, fitted: NDArray, *, is_main: bool = False
 ) -> Extended:
-    """The model that a model.toml describes, held against measured poses; fitted (B,): poses that it was fitted to."""
+    """Model of a model.toml compared with measured poses; fitted (B,): poses that it was fitted to."""
     found = read_model(text)
     conditions = _conditions(found, tables["configurations"], measured)
     return Extended(found, errors_at(found, conditions, measured, fitted), is_main)
 
 
 def _conditions(found: ExtendedModel, configurations: pa.Table, measured: MeasuredPlatform) -> Conditions:
-    """Conditions of the measured poses; what depends on the order in time is told by all poses."""
+    """Conditions of the measured poses; conditions that depend on the order in time use all poses."""
     every = pose_ids(configurations)
     whole = pose_conditions(configurations, every, found.model.nominal.count, found.model.known.reading_sigma)
     place = {pose: n for n, pose in enumerate(every)}
@@ -54,7 +54,7 @@ def _conditions(found: ExtendedModel, configurations: pa.Table, measured: Measur
 
 
 def extended_parameters(extended: Extended) -> Rows:
-    """The numbers of the machine, then the parameters of the effects, as rows of calibration.parquet."""
+    """Parameters of the machine, then those of the effects, as rows of calibration.parquet."""
     rows, geometry = Rows("calibration"), extended.geometry
     si = np.array([entry.si for entry in geometry.parameters])
     reported = identifiable(geometry)
@@ -80,7 +80,7 @@ def extended_parameters(extended: Extended) -> Rows:
 
 
 def _add_effects(rows: Rows, extended: Extended) -> None:
-    """Add what is a number of each effect; a text (the pose from which on) stands in diagnosis.parquet."""
+    """Add the numeric parameters of each effect; texts (first pose) are in diagnosis.parquet."""
     for effect, covariance in extended.effects:
         for reported in effect.cause.reported(effect.values, covariance, extended.found.model.nominal.count):
             if not isinstance(reported.value, str) and reported.sigma is not None:
@@ -100,7 +100,7 @@ def _add_effects(rows: Rows, extended: Extended) -> None:
 
 
 def extended_figures(extended: Extended) -> list[tuple[str, float, str]]:
-    """What the tables say of how the model fits: how many numbers it has, and how far the geometry had to move."""
+    """Figures of the model's fit: number of parameters, and shift of the geometry."""
     geometry = extended.geometry
     own = np.flatnonzero(geometry.known)
     found = pulls(
@@ -116,7 +116,7 @@ def extended_figures(extended: Extended) -> list[tuple[str, float, str]]:
 
 
 def extended_correlations(extended: Extended) -> Rows:
-    """Correlated pairs of the model's numbers; of effects those that are told as they were fitted."""
+    """Correlated pairs of the model's parameters, with those of effects in their fitted form."""
     model, geometry = extended.found.model, extended.geometry
     names = [(entry.name, entry.leg_number) for entry in geometry.parameters]
     by_shared = [geometry.by_shared]
@@ -130,9 +130,9 @@ def extended_correlations(extended: Extended) -> Rows:
 
 
 def compared_rows(chosen: AssessedCalibration, extended: Extended, fitted: NDArray) -> Rows:
-    """Errors of the chosen calibration and of the extended model at the poses that nothing was fitted to.
+    """Errors of the chosen calibration and of the extended model at held-out poses.
 
-    fitted (B,): the others; where all poses were fitted, the errors at those.
+    fitted (B,): the other poses; if all were fitted, the errors are at those.
     """
     rows, held = Rows("calibrations_compared"), ~fitted
     asked, tested_on = (held, "verification poses") if held.any() else (fitted, "calibration poses")
@@ -177,10 +177,8 @@ def add_extended(
     fitted: NDArray,
     why_not: str,
 ) -> None:
-    """Add the extended model to the tables of the calibrations; it was fitted to other data, and is not chosen from.
-
-    ``why_not``: by what it fails, so that it meets no requirement; empty where it does not.
-    """
+    """Add the extended model to the tables of the calibrations; it is no candidate of the choice, because it was fitted
+    to other data. ``why_not``: reason of a failed test, so that it meets no requirement; else empty."""
     key, measured = (MODEL, extended.deformation), data.measured
     rows["calibration"].extend(extended_parameters(extended))
     rows["correlations"].extend(extended_correlations(extended))

@@ -1,4 +1,4 @@
-"""Calibrations as table rows: numbers, errors, figures, what the data can know, and what is asked of the machine."""
+"""Calibrations as table rows: parameters, errors, figures, observability and requirements."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 
 Key = tuple[str, str]  # model, deformation
 
-LEAST_CORRELATION = 0.05  # pairs of parameters less correlated than this are not told
+LEAST_CORRELATION = 0.05  # pairs of parameters below this correlation are not listed
 _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
 
 def parameter_rows(artifact: str, calibrations: Sequence[MachineCalibration]) -> Rows:
-    """Every identified parameter of every calibration, in the units of the tables."""
+    """Every identified parameter of every calibration, in table units."""
     rows = Rows(artifact)
     for calibration in calibrations:
         entries, units = calibration.parameters.entries, calibration.parameters.units
@@ -62,7 +62,7 @@ def parameter_rows(artifact: str, calibrations: Sequence[MachineCalibration]) ->
 
 
 def correlation_rows(calibrations: Sequence[MachineCalibration]) -> Rows:
-    """The correlated pairs of every calibration's parameters."""
+    """Correlated pairs of every calibration's parameters."""
     rows = Rows("correlations")
     for calibration in calibrations:
         names = [(entry.name, entry.leg_number) for entry in calibration.parameters.entries]
@@ -71,7 +71,7 @@ def correlation_rows(calibrations: Sequence[MachineCalibration]) -> Rows:
 
 
 def add_correlations(rows: Rows, key: Key, names: Sequence[tuple[str, int | None]], covariance: NDArray) -> None:
-    """Add the correlated pairs of a model's numbers, by name and leg, with their covariance (P, P)."""
+    """Add the correlated pairs of a model's parameters, by name and leg, with their covariance (P, P)."""
     sigma = np.sqrt(np.diag(covariance))
     correlation = np.clip(np.nan_to_num(covariance / np.outer(sigma, sigma)), -1.0, 1.0)
     first, second = np.argwhere(np.triu(np.abs(correlation) >= LEAST_CORRELATION, 1)).T.tolist()
@@ -87,7 +87,7 @@ def add_correlations(rows: Rows, key: Key, names: Sequence[tuple[str, int | None
 
 
 def choice_rows(assessed: Sequence[AssessedCalibration], roles: NDArray, made: ContenderChoice) -> Rows:
-    """The figures of every calibration; ``made`` concerns those by maximum likelihood, which come first."""
+    """Figures of every calibration; ``made``: those by maximum likelihood, which come first."""
     rows = Rows("model_choice")
     for i, one in enumerate(assessed):
         figures = [*error_figures(one.errors, roles), *fit_figures(one)]
@@ -105,8 +105,8 @@ def add_figures(rows: Rows, key: Key, estimator: str, figures: Sequence[Figure])
 
 
 def add_uncalibrated(rows: Rows, machine: Machine, measured: MeasuredPlatform) -> None:
-    """Add the figures of the machine before any calibration, and how far every other model of its structure departs
-    from rigid legs over the campaign's own readings."""
+    """Add the figures of the nominal machine, and the departure of every other model of its structure from rigid legs
+    over the campaign's readings."""
     rigid, *others = structures(machine)
     errors = nominal_errors(rigid, machine, measured)
     add_figures(rows, (rigid.name, "none"), "nominal", error_figures(errors, measured.roles))
@@ -122,7 +122,7 @@ def add_uncalibrated(rows: Rows, machine: Machine, measured: MeasuredPlatform) -
 
 
 def accuracy_rows(artifact: str, reported: Sequence[tuple[Key, PoseErrors]], measured: MeasuredPlatform) -> Rows:
-    """The errors of all models as rows of accuracy.parquet or its like."""
+    """Errors of all models as rows of accuracy.parquet or implicit_accuracy.parquet."""
     rows = Rows(artifact)
     parts = ("dx_um", "dy_um", "dz_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
     units = np.array([1e-6] * 3 + [ARCSEC] * 3)
@@ -145,14 +145,13 @@ def accuracy_rows(artifact: str, reported: Sequence[tuple[Key, PoseErrors]], mea
 def requirement_rows(
     requirement: Requirement, key: Key, errors: PoseErrors, noise: NDArray, held_out: NDArray, why_not: str = ""
 ) -> Rows:
-    """A row per component that something is asked of, judged by the errors of a model.
+    """One row per required component, evaluated by the errors of a model.
 
-    noise (B, 6, 6): covariance of the measured poses, which is not the machine's; held_out (B,): the poses judged by,
-    and where there are none all of them. ``why_not``: by what the model fails, and what to do; such a model meets
-    nothing.
+    noise (B, 6, 6): covariance of the measured poses, which is subtracted; held_out (B,): poses used, all if there are
+    none. ``why_not``: failed test of the model and remedy; such a model meets no requirement.
     """
     rows, assessed = Rows("requirements"), held_out if held_out.any() else ~held_out
-    by = "" if held_out.any() else ", judged by the poses that were fitted"
+    by = "" if held_out.any() else ", evaluated at the fitted poses"
     for i, component in enumerate(_COMPONENTS):
         unit, si = ("mm", 1e-3) if i < 3 else ("deg", np.pi / 180)
         limit = getattr(requirement, f"{component}_{unit}")
@@ -182,7 +181,7 @@ def requirement_rows(
 
 
 def _open(decision: Decision | None) -> dict[str, float | int | None]:
-    """What would decide a requirement that is undecided; nothing of others."""
+    """Measurement that would decide an undecided requirement; empty for others."""
     if decision is None:
         return dict.fromkeys(("poses_judged", "measurements", "lower_expected", "upper_expected"))
     then = (None, None) if decision.then is None else (decision.then.lower, decision.then.upper)
@@ -204,15 +203,15 @@ def _verdict(found: Interval | None, limit: float) -> str:
 
 def _requirement_words(found: Interval | None, verdict: str, limit: float, unit: str) -> str:
     if found is None:
-        return "no pose to judge by"
+        return "no pose for the test"
     text = f"95 of 100 poses stay below {found.value:.2g} {unit} (between {found.lower:.2g} and {found.upper:.2g})"
     if found.value == 0:
-        text = f"no error beyond the measurement's own noise (at most {found.upper:.2g} {unit})"
-    return f"{text}, asked for {limit:g} {unit}: {verdict}"
+        text = f"no error above the measurement noise (at most {found.upper:.2g} {unit})"
+    return f"{text}, required {limit:g} {unit}: {verdict}"
 
 
 def observability_rows(data: CalibrationData, fitted: MeasuredPlatform, chosen: MachineCalibration) -> Rows:
-    """What the data can know: leg by leg of the rigid legs with all their numbers, and of the chosen model."""
+    """Observability: leg by leg of the rigid legs with all parameters, and of the chosen model."""
     rows = Rows("observability")
     for leg, found in enumerate(observe_legs(data, fitted)):
         _observed_rows(rows, data.machine.legs.closure.name, "linear", leg + 1, found, len(fitted.poses))
@@ -239,7 +238,7 @@ def _observed_rows(rows: Rows, model: str, deformation: str, leg: int | None, fo
     for value in found.singular_values:
         rows.add(**common, figure="singular_value", value=float(value))
     for group in inseparable(found):
-        # one sentence for the group where it says it all, else one for each change that goes unseen
+        # one sentence for the group if sufficient, else one per unobservable change
         texts = group.texts if len(group.seen) > 1 else (group.text,)
         for text, sigma in zip(texts, group.sigma, strict=False):
             value = float(sigma) if np.isfinite(sigma) else None
@@ -249,7 +248,7 @@ def _observed_rows(rows: Rows, model: str, deformation: str, leg: int | None, fo
 def absorption_rows(
     data: CalibrationData, fitted: MeasuredPlatform, calibrations: Sequence[MachineCalibration]
 ) -> Rows:
-    """What the parameters of models with less deformation take over of K, predicted and as the fits did it."""
+    """Bias of the parameters of models with less deformation by K, predicted and observed in the fits."""
     rows = Rows("absorption")
     known = data.deformations.get("matrix")
     if known is None or not np.isfinite(known.K).all():

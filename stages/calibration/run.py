@@ -1,4 +1,4 @@
-"""All calibrations of a mechanism one after the other, and the tables that they leave."""
+"""All calibrations of a mechanism, and their tables."""
 
 from __future__ import annotations
 
@@ -52,18 +52,18 @@ LEAVES = (
     *("calibration", "implicit_calibration", "correlations", "accuracy", "implicit_accuracy"),
     *("model_choice", "observability", "absorption", "requirements"),
 )
-LEAST_MOVEMENT = 10.0  # of the platform, in sigmas of its place, below which nothing was asked of the machine
+LEAST_MOVEMENT = 10.0  # of the platform, in sigmas of its position, below which the machine did not move
 _DISAGREES = "the pose disagrees with all others: its weight in a robust fit is 0"
-_ELSEWHERE = "targets of the leg put its joints elsewhere than in the other poses"
+_ELSEWHERE = "targets of the leg give other joint positions than in the other poses"
 _NO_FRAME = (
     "models of deformation: fewer than three platform targets away from the attachments, whose frame deforms too"
 )
-_FREE = "accuracy and requirements: fewer than six legs leave the platform free, readings do not say where it is"
+_FREE = "accuracy and requirements: fewer than six legs do not constrain the platform, so readings give no pose"
 _DEFORMATION = {"none": "rigid platform", "linear": "linear deformation", "matrix": "matrix deformation"}
 
 
 def calibrate_mechanism(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
-    """Calibrate every model that the mechanism's numbers allow, choose among them, and say what the data can know."""
+    """Fit every model that the mechanism allows, choose one, and determine the observability."""
     if why := why_no_calibration(settings.mechanism, tables):
         return nothing_calibrated(why)
     try:
@@ -81,7 +81,7 @@ def calibrate_mechanism(tables: Mapping[str, pa.Table], settings: Campaign, prog
 
 
 def incomplete_picture(tables: Mapping[str, pa.Table]) -> str:
-    """How far the picture of the diagnosis is from complete, where its adequacy fails; empty elsewhere."""
+    """Misfit of the last model of the diagnosis if its adequacy fails; else empty."""
     from truing.report.diagnosis.adequacy import adequacy_verdict
 
     known = {name: tables[name].to_pandas() for name in ("diagnosis", "adequacy", "prediction") if name in tables}
@@ -90,22 +90,22 @@ def incomplete_picture(tables: Mapping[str, pa.Table]) -> str:
 
 
 def nothing_calibrated(why: str) -> Outcome:
-    """The outcome of a campaign of which no machine can be calibrated."""
+    """Outcome of a campaign without a calibration."""
     return Outcome.not_evaluated({name: ARTIFACTS[name].empty() for name in LEAVES}, why)
 
 
 def _too_little(data: CalibrationData) -> str:
-    """Why these poses say too little of any machine; empty where they do not."""
+    """Reason why these poses determine no machine; else empty."""
     platform = data.measured.platform
     away = np.concatenate([platform.p - platform.p[0], log_so3(platform.R @ platform.R[0].T)], -1)
     noise = np.sqrt(np.diagonal(platform.covariance, axis1=1, axis2=2).mean(0))
     if np.all(np.ptp(away, axis=0) <= LEAST_MOVEMENT * noise):
-        return "the platform hardly moved: its poses differ by no more than their noise"
+        return "the platform hardly moved: its poses differ only by their noise"
     return ""
 
 
 def _unreached(data: CalibrationData) -> str:
-    """Why the nominal mechanism cannot be calibrated at these readings; empty where it can."""
+    """Reason why the nominal mechanism cannot be calibrated at these readings; else empty."""
     legs, rho, platform = data.machine.legs, data.measured.rho, data.measured.platform
     if 2 * np.isfinite(inverse(legs, platform.p, platform.R)).all(1).sum() < len(rho):
         return "the legs of [mechanism] do not reach these poses at any reading"
@@ -126,9 +126,9 @@ def _calibrated(
     incomplete: str,
     progress: Progress,
 ) -> Outcome:
-    """The tables of all calibrations of the poses fitted (B,); the extended model stands beside them.
+    """Tables of all calibrations of the poses fitted (B,), and of the extended model.
 
-    ``incomplete``: by how much the last model of the diagnosis fails; empty where it does not.
+    ``incomplete``: misfit of the last model of the diagnosis; else empty.
     """
     every = list(cases(data, structures(data.machine)))
     clean = screened_poses(data, fitted, every)
@@ -175,7 +175,7 @@ def _calibrated(
 
 
 def _applied(extended: Extended | None) -> str:
-    """Which findings the main calibration holds, in words; empty where it is of the data as recorded."""
+    """Findings in the main calibration, in words; empty for the data as recorded."""
     if extended is None or not extended.is_main:
         return ""
     names = dict.fromkeys(effect.cause.id for effect, _ in extended.effects)
@@ -196,7 +196,7 @@ def _screened_words(clean: ScreenedPoses) -> list[str]:
     texts, legs = [], [f"leg{one.leg + 1} in pose {one.pose}" for one in clean.legs_out]
     if clean.poses_out:
         texts.append(f"poses that disagree with all others: {', '.join(map(str, clean.poses_out))}")
-    return [*texts, f"legs whose targets put them elsewhere: {listed(legs)}"] if legs else texts
+    return [*texts, f"legs with inconsistent targets: {listed(legs)}"] if legs else texts
 
 
 def _words(case: Case) -> str:

@@ -1,4 +1,4 @@
-"""The calibration of a force sensor: from its drawing to G, from signals to G_B, and the errors that are left."""
+"""Calibration of a force sensor: G from its drawing, G_B from signals, and remaining errors."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from truing.schemas.mechanism import SensorMechanism
 
 Array = NDArray[np.float64]
-Name = tuple[str, str]  # a matrix, and the model that it is of
+Name = tuple[str, str]  # a matrix and its model
 NOMINAL, SYNTHETIC, WITH_JOINTS = "nominal", "synthetic error", "elastic joints"
 _PER_MV = ("N/mV", "N m/mV")
 _UNITS = {"f": "N", "m": "N m"}
@@ -55,8 +55,8 @@ CLASSES = ("nonlinearity", "interpolation", "hysteresis", "repeatability", "zero
 _WHY_NOT = {
     "nonlinearity": "fewer than two loads on the way up",
     "interpolation": "fewer than two loads on the way up",
-    "hysteresis": "no load was met on the way back",
-    "repeatability": "the axis was loaded but once",
+    "hysteresis": "no load was repeated on the way back",
+    "repeatability": "the axis was loaded only once",
     "zero return": "no run came back to zero",
     "crosstalk": "no other component has a range",
     "creep": f"no load was held from {CREEP_S[0]:g} to {CREEP_S[1]:g} s",
@@ -66,7 +66,7 @@ _WHY_NOT = {
 def leg_matrix(
     found: SensorCalibrations, sensitivity: float | tuple[float, ...] | None, tolerance: float | None
 ) -> LegMatrix | None:
-    """G_B' of the chosen calibration (eq. 33, 34), mV per N being k / c; None where no sensitivity is stated."""
+    """G_B' of the chosen calibration (eq. 33, 34) in mV per N, as k / c; None without a stated sensitivity."""
     if sensitivity is None:
         return None
     newton_per_mv = 1.0 / np.asarray(sensitivity, float)
@@ -75,7 +75,7 @@ def leg_matrix(
 
 @dataclass(frozen=True)
 class OtherCalibrations:
-    """The calibrations that are not the main ones: with the loads as recorded, or as they act by the findings."""
+    """Alternative calibrations: with the loads as recorded, or with those that the findings give."""
 
     found: RecordedLoads
     fitted: SensorCalibrations
@@ -105,7 +105,7 @@ def matrix_rows(
 
 
 def _drawn(theory: Theory | None) -> list[tuple[Name, MatrixEstimate]]:
-    """The matrices that the drawing tells, by name and model."""
+    """Matrices from the drawing, by name and model."""
     if theory is None:
         return []
     found = [(("G", NOMINAL), theory.nominal), (("G'", SYNTHETIC), theory.with_error)]
@@ -114,7 +114,7 @@ def _drawn(theory: Theory | None) -> list[tuple[Name, MatrixEstimate]]:
 
 
 def _exactly(matrix: Array) -> MatrixEstimate:
-    """A matrix of which nobody says how sure it is."""
+    """A matrix without stated uncertainty."""
     return MatrixEstimate(matrix, np.full((matrix.size, matrix.size), np.nan))
 
 
@@ -152,7 +152,7 @@ def _entries(
 
 
 def _term_rows(rows: Rows, found: SensorCalibrations) -> None:
-    """The coefficients of the chosen fit as it was made: response = coefficients . terms + zero."""
+    """Coefficients of the chosen fit: response = coefficients . terms + zero."""
     fit = found.chosen
     spread = np.sqrt(np.diag(fit.covariance)).reshape(len(fit.matrix), -1)
     labels = (*fit.terms.labels, *(("zero",) if fit.zeros.shape[1] == 1 else ()))
@@ -172,7 +172,7 @@ def _term_rows(rows: Rows, found: SensorCalibrations) -> None:
 
 
 def merit_rows(theory: Theory | None, found: SensorCalibrations | None, legs: LegMatrix | None) -> Rows:
-    """Condition, isotropy and sensitivities of every matrix, moments as they are and over a characteristic length."""
+    """Condition, isotropy and sensitivities of every matrix, for moments in N m and over a characteristic length."""
     rows, drawn = Rows("sensor_merit"), _drawn(theory)
     length = 1.0 if theory is None else theory.length_m
     lengths = (1.0,) if length == 1.0 else (1.0, length)
@@ -211,7 +211,7 @@ def _merit(rows: Rows, name: Name, estimate: MatrixEstimate, length: float) -> N
 def _theory_errors(
     rows: Rows, name: Name, estimate: MatrixEstimate, legs: LegMatrix, lengths: tuple[float, ...]
 ) -> None:
-    """How far theory is from calibration, as the paper's Table 5 has it: with the synthetic error, and without."""
+    """Difference of theory and calibration as in the paper's Table 5, with and without the synthetic error."""
     figure = "type_1_error" if name[0] == "G'" else "type_2_error"
     found = relative_errors(sensitivities(estimate).value, sensitivities(legs.estimate))
     for load, value, sigma in zip(LOADS, found.value.tolist(), found.sigma.tolist(), strict=True):
@@ -246,7 +246,7 @@ def _merit_row(
 
 
 def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
-    """Say what the drawing says of the sensor, and calibrate it where its signals were recorded."""
+    """Evaluate the drawing of the sensor, and calibrate it if its signals were recorded."""
     progress(0, 2, "theory")
     drawn = theory(settings, tables)
     found, fitted, why = _fitted(tables, settings, progress)
@@ -281,7 +281,7 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
 
 
 def _with_other_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> OtherCalibrations | None:
-    """The calibrations with the other loads; None where no finding changes a load, or those determine none."""
+    """Calibrations with the other loads; None if no finding changes a load, or these loads determine none."""
     try:
         other = recorded_with_other_loads(tables, settings)
         return None if other is None else OtherCalibrations(other, calibrations(other))
@@ -290,9 +290,9 @@ def _with_other_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> Oth
 
 
 def compared_rows(found: RecordedLoads, fitted: SensorCalibrations, beside: OtherCalibrations) -> Rows:
-    """Errors of held-out loads of the main calibration, and of the one beside it.
+    """Errors of held-out loads of the main calibration and of the alternative one.
 
-    ``rms_unchanged`` is over the load steps that both have and that no finding changes.
+    ``rms_unchanged`` is over the load steps of both that no finding changes.
     """
     rows, both = Rows("calibrations_compared"), ((found, fitted), (beside.found, beside.fitted))
     moved = {name for one, _ in both for name in compress(_steps(one), one.moved.tolist())}
@@ -328,21 +328,21 @@ def _steps(found: RecordedLoads) -> list[tuple[int | str, int]]:
 
 
 def _held_out_steps(found: RecordedLoads) -> list[tuple[int | str, int]]:
-    """Those that calibrate, in the order of their held-out errors."""
+    """Calibrating steps in the order of their held-out errors."""
     return list(compress(_steps(found), (~found.steps.held_out).tolist()))
 
 
 def _fitted(
     tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress
 ) -> tuple[RecordedLoads | None, SensorCalibrations | None, str]:
-    """The signals and their calibrations, or why there are none."""
+    """Signals and their calibrations, or the reason for their absence."""
     if "signals" not in tables or not tables["signals"].num_rows:
         return None, None, "the campaign holds no signals"
     progress(1, 2, "calibrations")
     try:
         found = recorded(tables, settings)
         if found.steps.held_out.all():
-            return found, None, "every run is for verification, and nothing may be fitted to those"
+            return found, None, "every run is for verification, so none may be fitted"
         return found, calibrations(found), ""
     except ValueError as error:
         return None, None, str(error)
@@ -359,13 +359,13 @@ def _figure_of_sensor(found: RecordedLoads, fitted: SensorCalibrations, ranges: 
 
 
 def nothing_of_sensor(why: str) -> Outcome:
-    """The outcome of a campaign without anything to calibrate, or whose data cannot be used."""
+    """Outcome of a campaign without data for a calibration, or with unusable data."""
     empty = {name: ARTIFACTS[name].empty() for name in LEAVES}
     return Outcome.not_evaluated(empty, why)
 
 
 def choice_rows(found: RecordedLoads, fitted: SensorCalibrations) -> Rows:
-    """The figures of every contender, and why others could not contend."""
+    """Figures of every candidate, and reasons why others were not fitted."""
     rows = Rows("sensor_choice")
     equal = fitted.choice.choice.indistinguishable
     for k, one in enumerate(fitted.choice.contenders):
@@ -407,10 +407,10 @@ def _add_figure(rows: Rows, one: HeldOutPredictions, figure: str, subject: str |
 
 
 def error_class_rows(found: RecordedLoads, fitted: SensorCalibrations, ranges: Array) -> Rows:
-    """Every class of every axis that was loaded by itself; ranges (6,) N and N m, NaN where an axis has none."""
+    """Every error class of every axis that was loaded alone; ranges (6,) in N and N m, NaN if undeclared."""
     rows = Rows("error_classes")
     every = found.table(np.ones(len(found.steps.run), bool), found.steps.run)
-    # less what acted beside the loads: the axis alone is meant to be loaded
+    # without other acting loads, because only the axis should be loaded
     indicated = predicted_loads(fitted.chosen, every).value - (found.load - found.steps.load)
     matrix = fitted.matrix.value
     sigma = np.sqrt(np.einsum("wc,c->w", matrix**2, found.sigma**2))
@@ -440,7 +440,7 @@ def _add_class(rows: Rows, one: ErrorClass) -> None:
 
 
 def theory(settings: Campaign, tables: Mapping[str, pa.Table]) -> Theory | None:
-    """The theory of [mechanism]; None where it is no such sensor."""
+    """Theory of [mechanism]; None for other mechanisms."""
     if settings.mechanism.type != "6-upur":
         return None
     section: SensorMechanism = settings.mechanism  # type: ignore[assignment]
@@ -450,7 +450,7 @@ def theory(settings: Campaign, tables: Mapping[str, pa.Table]) -> Theory | None:
 
 
 def _largest(sensor: NominalSensor, tables: Mapping[str, pa.Table]) -> Array:
-    """The largest displacement (6,) of any load case: measured, else simulated, else none."""
+    """Largest displacement (6,) of any load case: measured, else simulated, else none."""
     found = np.zeros(6)
     cases = tables.get("displacement")
     load = None

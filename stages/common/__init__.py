@@ -1,1 +1,1 @@
-"""What several stages need: tables as arrays, arrays as tables, and what campaign.toml declares as values in SI."""
+"""Conversions that several stages use: tables to arrays and back, and settings of campaign.toml in SI."""

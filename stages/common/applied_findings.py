@@ -1,4 +1,4 @@
-"""The effects that a campaign's calibration holds, or that stand beside it, by the choices in campaign.toml."""
+"""Effects that a campaign's calibration includes or lists, by the choices in campaign.toml."""
 
 from __future__ import annotations
 
@@ -10,22 +10,20 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 APPLIED = "applied"
-AS_RECORDED, WITH_FINDINGS = "as recorded", "with findings"  # what a calibration is of
+AS_RECORDED, WITH_FINDINGS = "as recorded", "with findings"  # data of a calibration
 
 
 @dataclass(frozen=True)
 class AppliedFindings:
-    """The text of an extended model, None where there is none, and whether the main calibration holds its effects.
-
-    Where it does not, what is calibrated is the data as recorded, and the effects stand beside it.
-    """
+    """Text of an extended model (None if there is none), and whether the main calibration includes its effects; if not,
+    the data are calibrated as recorded."""
 
     text: str | None
     is_main: bool
 
 
 def applied_findings(tables: Mapping[str, pa.Table | str]) -> AppliedFindings:
-    """The effects that the diagnosis left of a campaign: those that were asked for, else all that were found."""
+    """Effects from the diagnosis of a campaign: those applied in campaign.toml, else all found."""
     choices = tables.get("diagnosis_choices")
     rows = [] if choices is None or isinstance(choices, str) else choices.to_pylist()
     text = tables.get("applied_model", tables.get("model"))

@@ -1,4 +1,4 @@
-"""The columns of an axis' campaign: which hold its command and encoders, and what one of their units is in SI."""
+"""Columns of an axis campaign for command and encoders, and their units in SI."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 NUMBERED = ("pose", "role", "time_s", "event", "repeat_of")
 SI = {"deg": np.pi / 180.0, "mm": 1e-3}
 TOLD = {"deg": ("arcsec", np.pi / 180.0 / 3600.0), "mm": ("um", 1e-6)}
-"""The unit in which errors are told, by that of the axis, and what it is in SI."""
+"""Unit of reported errors by the unit of the axis, and its value in SI."""
 _TURN = 2.0 * np.pi
-# A command differs from the one before by so many times what the axis stands off: else it did not move.
+# Smallest change of the command that counts as a movement, in standard deviations of the axis from its command.
 _MOVED = 5.0
 
 
 @dataclass(frozen=True)
 class AxisColumns:
-    """What holds what: the command's column, the encoders' by name; ``per_unit``: counts per deg or mm."""
+    """Columns of the command and of the encoders by name; ``per_unit``: counts per deg or mm."""
 
     kind: str
     unit: str
@@ -45,7 +45,7 @@ class AxisColumns:
 
     @classmethod
     def of(cls, section: AxisMechanism, names: list[str]) -> AxisColumns:
-        """Return the columns that campaign.toml names, and the outside instrument's where the table has it."""
+        """Return the columns named in campaign.toml, and that of the external instrument if the table has it."""
         named = dict(section.columns)
         command = named.pop(COMMAND)
         if (measured := f"{MEASURED}_{section.unit}") in names:
@@ -59,16 +59,16 @@ class AxisColumns:
 
     @property
     def reported_unit(self) -> tuple[str, float]:
-        """Return the unit in which errors are told, and what it is in SI."""
+        """Return the unit of reported errors, and its value in SI."""
         return TOLD[self.unit]
 
     def si(self, table: pa.Table, column: str) -> Array:
-        """Return a column (N,) in rad or m, NaN where it is empty."""
+        """Return a column (N,) in rad or m, NaN if empty."""
         per = self.per_unit if column.endswith("_counts") and self.per_unit else 1.0
         return number_column(table, column) / per * SI[self.unit]
 
     def rows(self, table: pa.Table, command_sigma: float) -> AxisRows:
-        """Return the rows of a table; command_sigma: one standard deviation of where the axis stands, rad or m."""
+        """Return the rows of a table; command_sigma: standard deviation of the axis from its command, rad or m."""
         command, time_s = self.si(table, self.command), number_column(table, "time_s")
         held = {self.command, *self.encoders.values(), *NUMBERED}
         others = {
@@ -80,7 +80,7 @@ class AxisColumns:
         return AxisRows.of(poses, time_s, command, least, _events(table, time_s), others)
 
     def deviations(self, table: pa.Table) -> Array:
-        """Return what the encoders read more than the command (N, K), rad or m, whole turns taken out; NaN if empty."""
+        """Return encoder readings minus command (N, K), rad or m, without whole turns; NaN if empty."""
         command = self.si(table, self.command)
         found = np.column_stack([self.si(table, column) for column in self.encoders.values()]) - command[:, None]
         if self.kind != ROTARY:
@@ -90,25 +90,28 @@ class AxisColumns:
 
 
 def columns_of(settings: Any, table: pa.Table) -> AxisColumns:
-    """Return which columns of a campaign's table hold what."""
+    """Return the columns of a campaign's table by content."""
     return AxisColumns.of(cast("AxisMechanism", settings.mechanism), table.schema.names)
 
 
 def command_sigma(settings: Any) -> float:
-    """Return one standard deviation of how far the axis stands from its command, rad or m."""
+    """Return the standard deviation of the axis from its command, rad or m."""
     unit = settings.mechanism.unit
     return float(getattr(settings.noise, f"command_{unit}") * SI[unit])
 
 
 def encoder_sigma(settings: Any, encoder: str) -> float | None:
-    """Return one standard deviation of an encoder's reading, rad or m; None where it is not declared."""
+    """Return the standard deviation of an encoder's reading, rad or m; None if not declared."""
     unit = settings.mechanism.unit
     sigma = getattr(settings.noise, f"{encoder}_{unit}")
     return None if sigma is None else float(sigma * SI[unit])
 
 
 def _events(table: pa.Table, time_s: Array) -> tuple[tuple[str, float], ...]:
-    """Return the events and the time of the first row after each: where the text changes to another, not empty, one."""
+    """Return the events, and the time of the first row after each.
+
+    An event is a change to another text that is not empty.
+    """
     if "event" not in table.schema.names:
         return ()
     named = table.column("event").to_pylist()

@@ -1,4 +1,4 @@
-"""What the rows of an axis let each stage evaluate: facts that the stages go by, told without a fit."""
+"""Stages that the rows of an axis allow, determined without a fit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _FEWEST_ROWS = 6
 
 
 def prospects(settings: Campaign, tables: Mapping[str, pa.Table]) -> Iterator[tuple[str, str, str]]:
-    """Yield of each stage its name, why it evaluates nothing (else empty), and what it evaluates."""
+    """Yield for each stage its name, the reason why it evaluates nothing (else empty), and its result."""
     kind = settings.mechanism.type
     yield "pose", NO_BODIES[kind], ""
     yield "deformation", NO_BODIES[kind], ""
@@ -30,7 +30,7 @@ def prospects(settings: Campaign, tables: Mapping[str, pa.Table]) -> Iterator[tu
 
 
 def why_no_diagnosis(tables: Mapping[str, pa.Table], settings: Campaign) -> str:
-    """Why the rows of an axis tell nothing of it; empty where they do."""
+    """Reason why the rows of an axis allow no diagnosis; else empty."""
     if "configurations" not in tables or not tables["configurations"].num_rows:
         return "no rows of the axis"
     table = tables["configurations"]
@@ -46,17 +46,19 @@ def why_no_diagnosis(tables: Mapping[str, pa.Table], settings: Campaign) -> str:
 
 
 def could_not_show(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[str, ...]:
-    """Which causes the rows could not show, each with the reason; none where they could show all."""
+    """Causes that the rows cannot show, each with the reason."""
     table = tables["configurations"]
     columns = columns_of(settings, table)
     found = []
     if not np.ptp(columns.rows(table, command_sigma(settings)).direction) > 0.0:
         found.append("lost-motion: all rows were approached from one side")
     elif tuple(columns.encoders) == (columns.loop,):
-        found.append(f"any: only the encoder of the loop ({columns.loop}) was recorded, which follows the command")
+        found.append(
+            f"any: only the encoder in the feedback loop ({columns.loop}) was recorded, which follows the command"
+        )
     return tuple(found)
 
 
 def is_held_out(table: pa.Table) -> Mask:
-    """Return which rows (N,) nothing is fitted to."""
+    """Mask (N,) of the rows that are not fitted."""
     return np.array([role == HELD_OUT for role in table.column("role").to_pylist()], bool)

@@ -1,4 +1,4 @@
-"""Rows by which channels follow the platform's motion, from the beams that campaign.toml declares."""
+"""Linear relation between channels and platform motion, from the declared beams."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LINEAR = 3  # channels ahead of the angular ones
 
 
 def channel_rows(beams: Beams) -> Array:
-    """Rows (6, 6) by which channels follow displacement (m) and rotation vector (rad) of the platform's origin."""
+    """Matrix (6, 6) from displacement (m) and rotation vector (rad) of the platform's origin to channels."""
     found = []
     for k, name in enumerate(CHANNELS):
         beam = getattr(beams, name)
@@ -30,5 +30,5 @@ def channel_rows(beams: Beams) -> Array:
 
 
 def beam_direction(k: int, beam: RotationAxis) -> Array:
-    """The direction (3,) in which a channel, by number, counts positive."""
+    """Direction (3,) in which a channel, by number, counts positive."""
     return np.eye(LINEAR)[k % LINEAR] if beam.direction is None else np.array(beam.direction)

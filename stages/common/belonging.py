@@ -1,4 +1,4 @@
-"""The tests of belonging in tables: their rows, and which stages must not evaluate what rests on a failed one."""
+"""Belonging tests as tables, and results that a failed test withholds."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ def _json(slips: Sequence[RecordSlip]) -> str:
 
 
 def failed_relations(tables: Mapping[str, pa.Table], *, of_poses: bool = False) -> list[str]:
-    """Return the checks that withhold what follows, failed, and that nobody accepted, each once, in order.
+    """Return the failed checks that withhold results and were not accepted, each once, in order.
 
-    ``tables`` holds ``qa``; which checks withhold what is declared with them (``QualityCheck.withholds``).
-    ``of_poses``: only those that withhold poses too.
+    ``tables`` contains ``qa``; ``QualityCheck.withholds`` declares them. ``of_poses``: only those that withhold poses
+    too.
     """
     rows = tables["qa"].to_pylist() if "qa" in tables else []
     failed = (row["check"] for row in rows if row["verdict"] == "fail" and not row.get("accepted"))
@@ -55,18 +55,18 @@ def failed_relations(tables: Mapping[str, pa.Table], *, of_poses: bool = False) 
 
 
 def withheld(tables: Mapping[str, pa.Table], *, of_poses: bool = False) -> str:
-    """Return why nothing may rest on these tables, as ``failed_relations`` has it; empty where all may."""
+    """Return the reason why results of these tables are withheld (``failed_relations``); else empty."""
     failed = failed_relations(tables, of_poses=of_poses)
-    return f"the data do not belong together: see {', '.join(failed)} under Quality" if failed else ""
+    return f"the data contradict the campaign's description: see {', '.join(failed)} under Quality" if failed else ""
 
 
 def subject_of(run: int | str) -> str:
-    """Return what a row of qa.parquet calls a positioning run."""
+    """Return the subject of a positioning run in qa.parquet."""
     return f"run {run}"
 
 
 def withheld_runs(tables: Mapping[str, pa.Table]) -> Mapping[str, str]:
-    """Return why positioning runs must not be evaluated, by subject: the first failed check that nobody accepted."""
+    """Return the reason by positioning run that is not evaluated: its first failed check that was not accepted."""
     rows = tables["qa"].to_pylist() if "qa" in tables else []
     failed = [r for r in rows if r["check"] in OF_POSITIONS and r["verdict"] == "fail" and not r.get("accepted")]
     return {row["subject"]: f"{row['message'].rstrip('.')} (check {row['check']})" for row in reversed(failed)}

@@ -1,4 +1,4 @@
-"""What the epochs of a campaign belong to: series, runs, days, directions of approach, regions of what was asked."""
+"""Blocks of a campaign's epochs: series, runs, days, directions of approach, regions of the inputs."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LABELS = {"series": BlockKind.SERIES, "run": BlockKind.RUN}
 def groupings_of(
     inputs: Array, time_s: Array | None, approach: Array | None, labels: Mapping[BlockKind, Integers] | None = None
 ) -> dict[BlockKind, Integers]:
-    """The groupings (B,) by kind, -1 for none: of inputs (B, D), times (B,), and directions (B, L) where known."""
+    """Groupings (B,) by kind, -1 for none: from inputs (B, D), times (B,), and directions (B, L) if known."""
     found = dict(labels or {})
     if time_s is not None:
         found[BlockKind.DAY] = days(time_s)
@@ -32,7 +32,7 @@ def groupings_of(
 
 
 def labels_of(table: pa.Table | None, poses: Sequence[int | str]) -> dict[BlockKind, Integers]:
-    """The series and the run (B,) that the configurations name for each pose, by number, -1 for none."""
+    """Series and run (B,) of each pose in the configurations, by number, -1 for none."""
     found = {}
     for name, kind in _LABELS.items() if table is not None else ():
         if table is not None and name in table.column_names:
@@ -45,7 +45,7 @@ def labels_of(table: pa.Table | None, poses: Sequence[int | str]) -> dict[BlockK
 
 
 def readings_of(table: pa.Table | None, poses: Sequence[int | str], drives: tuple[str, ...]) -> Array:
-    """Readings (B, D) of actuators or drives that vary, NaN where a pose has none."""
+    """Varying readings (B, D) of actuators or drives, NaN for missing ones."""
     if table is None or not table.num_rows:
         return np.zeros((len(poses), 0))
     own, place = drive_readings(table, drives), positions(table.column("pose"), tuple(poses))
@@ -57,8 +57,7 @@ def readings_of(table: pa.Table | None, poses: Sequence[int | str], drives: tupl
 def repeats_of(
     table: pa.Table | None, poses: Sequence[int | str], drives: tuple[str, ...], actuator_mm: float
 ) -> Integers | None:
-    """Numbers (B,) of the commands that poses share with others, -1 for commands that were given once; None where no
-    command is known."""
+    """Numbers (B,) of commands that several poses share, -1 for single commands; None if no command is known."""
     if table is None or not table.num_rows:
         return None
     if DECLARED not in table.column_names and not drive_readings(table, drives).shape[1]:
@@ -71,5 +70,5 @@ def repeats_of(
 
 
 def chosen(groupings: Mapping[BlockKind, Integers], rows: NDArray[np.bool_]) -> dict[BlockKind, Integers]:
-    """The groupings of some epochs (mask B)."""
+    """Groupings of selected epochs (mask B)."""
     return {kind: numbers[rows] for kind, numbers in groupings.items()}

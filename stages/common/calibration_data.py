@@ -1,4 +1,4 @@
-"""From a run's tables to what a calibration compares: poses and readings with their covariances, and what is known."""
+"""Data of a calibration from a run's tables: poses and readings with their covariances, and prior knowledge."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ _TABLES = ("pose_sensitivities", "pose_covariances", "shift_covariances", "shift
 def network_errors(
     tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], bodies: Mapping[str, NDArray], legs: int
 ) -> NetworkErrors | None:
-    """Return what the network of rays left of the poses of bodies, each with its covariances (B, 6, 6), and of the
-    shifts of the attachments; None where points are independent."""
+    """Return the errors of body poses from the network of rays, each with covariances (B, 6, 6), and of the attachment
+    shifts; None for independent points."""
     if not any(name in tables and tables[name].num_rows for name in _TABLES):
         return None
     numbers = [str(name) for body in bodies for name in pose_numbers(body)]
@@ -59,7 +59,7 @@ def network_errors(
     for name in ("pose_covariances", "shift_covariances"):
         _fill(covariance, tables.get(name), poses, tuple(numbers))
     of_survey = _of_survey(tables.get("survey_covariances"), tuple(numbers))
-    shifted = np.arange(len(numbers)) >= 6 * len(bodies)  # whose covariances are told without the survey
+    shifted = np.arange(len(numbers)) >= 6 * len(bodies)  # whose covariances do not include the survey
     covariance += np.where(shifted[:, None] | shifted, of_survey, 0.0)
     parameters, effects = _effects(tables, poses, list(bodies), legs)
     root = _root(common_correlation(tables.get("camera_correlations"), parameters))
@@ -68,7 +68,7 @@ def network_errors(
 
 
 def _of_survey(table: pa.Table | None, numbers: tuple[str, ...]) -> NDArray:
-    """Return the covariance (Q, Q) that the survey brings to all poses alike."""
+    """Return the covariance (Q, Q) from the survey, common to all poses."""
     found = np.zeros((len(numbers), len(numbers)))
     if table is not None and table.num_rows:
         one, other = (positions(table.column(f"{name}_number"), numbers) for name in ("measured", "other"))
@@ -91,7 +91,7 @@ def _fill(covariance: NDArray, table: pa.Table | None, poses: tuple[int | str, .
 def _effects(
     tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], bodies: list[str], legs: int
 ) -> tuple[tuple[str, ...], NDArray]:
-    """Return the parameters common to all poses, and what one standard deviation of each does (B, Q, K), SI."""
+    """Return the common parameters, and the effect of one standard deviation of each (B, Q, K), SI."""
     given = [tables.get(name) for name in ("pose_sensitivities", "shift_sensitivities")]
     found = [table for table in given if table is not None]
     parameters = tuple(dict.fromkeys(name for table in found for name in table.column("parameter").to_pylist()))
@@ -112,7 +112,7 @@ def _effects(
 
 
 def _root(covariance: NDArray) -> NDArray:
-    """Return G (K, k) with G G' the covariance, of columns that say anything."""
+    """Return G (K, k) with G G' the covariance, without empty columns."""
     scale = np.sqrt(np.diag(covariance))
     scale = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
@@ -121,7 +121,7 @@ def _root(covariance: NDArray) -> NDArray:
 
 
 def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> CalibrationData:
-    """Return what a calibration compares; raises ValueError, saying why, where the campaign does not hold it."""
+    """Return the data of a calibration; raises ValueError with the reason if the campaign lacks them."""
     section_ = cast("LeggedMechanism", settings.mechanism)
     count = len(section_.legs)
     poses = pose_ids(tables["configurations"])
@@ -153,12 +153,12 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> CalibrationD
 
 
 def _rests_on_attachments(platform: SurveyPoints) -> bool:
-    """Whether the platform's frame rests on the attachments themselves, so that it cannot tell how they move."""
+    """Whether the attachments themselves define the platform's frame, so that their motion is not observable."""
     return bool(np.any(platform.frame & (platform.leg > 0)))
 
 
 def body_poses(table: pa.Table, body: str, poses: tuple[int | str, ...], parent: str = "base") -> PosesWithCovariance:
-    """The default poses of a body in its parent, in the given order; NaN where there is none or its fit failed."""
+    """Default poses of a body in its parent, in the given order; NaN for missing or failed ones."""
     own = pc.and_(pc.equal(table.column("body"), body), pc.equal(table.column("parent"), parent))
     good = pc.and_(table.column("default"), pc.equal(table.column("status"), "ok"))
     rows = table.filter(pc.and_(own, good))
@@ -218,7 +218,7 @@ def _coefficients(rows: list[dict[str, Any]], legs: int) -> Deformation:
 
 
 def _surveyed_attachments(tables: Mapping[str, pa.Table], settings: Campaign) -> SurveyedAttachments | None:
-    """Where the survey says that the attachments are; None where it cannot say so in the frame of the platform."""
+    """Surveyed attachment positions; None if the survey does not give them in the frame of the platform."""
     from truing.simulation.targets import PLATFORM, Targets, shape_unknowns
 
     if "survey" not in tables or settings.noise.point_mm is None:

@@ -1,4 +1,4 @@
-"""How well the geometry of beams is known that campaign.toml declares."""
+"""Uncertainty of the declared beam geometry."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MM = 1e-3
 
 
 def declared_optics(section: Interferometer) -> Optics:
-    """Cosine and Abbe terms of every channel, and what sigmas leave open of them and of the frame's growth."""
+    """Cosine and Abbe terms of every channel, with their uncertainties and that of the frame's expansion."""
     growth = [
         _MM * abs(own.length_mm) * own.expansion_sigma_per_k * np.eye(len(CHANNELS))[k]
         for k, name in enumerate(CHANNELS[:LINEAR])
@@ -38,7 +38,7 @@ def beam_optics(beams: Beams) -> Optics:
 
 
 def _changes(k: int, beam: RotationAxis) -> list[Array]:
-    """How the rows (6, 6) change per sigma of a channel's angles across its direction, and of its arm across it."""
+    """Change of the rows (6, 6) per sigma of a channel's transverse angles, and of its arm across it."""
     direction = beam_direction(k, beam)
     across = np.linalg.svd(direction[None])[2][1:]  # (2, 3)
     turned = np.zeros((2, 6))

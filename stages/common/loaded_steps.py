@@ -1,4 +1,4 @@
-"""Readings that were kept, step by step, with what the declared geometry of their beams adds to them."""
+"""Accepted readings by load step, with the effect of the declared beam geometry."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def accepted_readings(residuals: pa.Table, steps: RecordedSteps) -> AcceptedReadings:
-    """What reading_residuals says of the readings of load steps; a reading whose geometry is unknown is not kept."""
+    """Content of reading_residuals for the readings of load steps; readings without known geometry are excluded."""
     place = {key: row for row, key in enumerate(zip((steps.runs[r] for r in steps.run), steps.step, strict=True))}
     keys = zip(residuals.column("run").to_pylist(), residuals.column("step").to_pylist(), strict=True)
     row = np.array([place[key] for key in keys], dtype=np.int64)
@@ -41,7 +41,7 @@ def accepted_readings(residuals: pa.Table, steps: RecordedSteps) -> AcceptedRead
 
 
 def loaded_steps(tables: Mapping[str, pa.Table], noise: Noise, simulated: SimulatedCompliance | None) -> Loaded:
-    """Readings without gross errors and without the drifts that runs show beyond chance."""
+    """Readings without gross errors and without significant drifts of runs."""
     steps = load_steps({"readings": tables["readings"]})
     own = accepted_readings(tables["reading_residuals"], steps)
     drift = _drifts(tables["run_terms"], steps)
@@ -53,14 +53,14 @@ def loaded_steps(tables: Mapping[str, pa.Table], noise: Noise, simulated: Simula
     load_sigma = np.repeat([noise.load_n, noise.load_nm], 3)
     if not load_sigma.any():
         return loaded
-    # a load that is not quite what was declared moves the platform as well
+    # an error of the load also moves the platform
     entries = fitted_compliance(loaded, "matrix").entries if simulated is None else simulated.entries
     by_loads = (np.nan_to_num(entries) ** 2) @ load_sigma**2
     return replace(loaded, variance=own.sigma**2 + by_loads, by_loads=by_loads)
 
 
 def _drifts(terms: pa.Table, steps: RecordedSteps) -> Array:
-    """The drift (R, 6) per s of runs that show one beyond chance; zero of the others."""
+    """Significant drift (R, 6) of each run, per s; zero for the others."""
     found = np.zeros((len(steps.runs), 6))
     rows = [row for row in terms.to_pylist() if row["term"] == "drift"]
     real = holm_significant(np.array([row["p_value"] for row in rows]), FALSE_ALARM)

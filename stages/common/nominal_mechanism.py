@@ -1,4 +1,4 @@
-"""The mechanism that campaign.toml describes, as numbers in m."""
+"""The mechanism of campaign.toml, in m."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FILE = "campaign.toml"
 
 
 def nominal_legs(section: LeggedMechanism) -> Legs:
-    """The mechanism that campaign.toml describes, in m."""
+    """Legs of campaign.toml, in m."""
     legs = section.legs
     directions = [unit(np.array(leg.u)) for leg in legs if leg.u is not None]
     return mechanism(
@@ -40,9 +40,9 @@ def nominal_legs(section: LeggedMechanism) -> Legs:
 
 
 def facing(legs: Legs, poses: pa.Table) -> Legs:
-    """Return legs without actuators of their own direction as assembled on the side where the platform was measured.
+    """Return legs without actuator directions, assembled on the side of the measured platform.
 
-    Lengths alone leave two sides open; the direction u, which such a closure does not use, says from where to search.
+    Lengths alone leave two sides; the direction u, which such a closure does not use, selects the start of the search.
     """
     if "u" in legs.closure.geometry:
         return legs
@@ -55,7 +55,7 @@ def facing(legs: Legs, poses: pa.Table) -> Legs:
 
 
 def nominal_machine(mechanism: LeggedMechanism) -> Machine:
-    """The machine that campaign.toml describes, before any deformation."""
+    """Machine of campaign.toml, without deformation."""
     lengths = [leg.flexure_length_mm for leg in mechanism.legs]
     known = all(length is not None for length in lengths)
     return Machine(
@@ -72,7 +72,7 @@ def _section(rod: RodSection | None) -> BeamSection | None:
 
 
 def plain_machine(settings: Campaign) -> Machine:
-    """Return the nominal mechanism, its platform rigid; raises CampaignFaults where none has six legs or more."""
+    """Return the nominal mechanism with rigid platform; raises CampaignFaults for fewer than six legs."""
     section = settings.mechanism
     if not section.is_legged:
         expected = "a mechanism whose configurations can be chosen: legs and actuators, photogrammetry"
@@ -80,6 +80,6 @@ def plain_machine(settings: Campaign) -> Machine:
         raise CampaignFaults([Fault(FILE, expected, column="mechanism.type", value=section.type)])
     legs = nominal_legs(cast("LeggedMechanism", section))
     if legs.count < 6:
-        expected = "six legs or more: fewer leave the platform free, and its pose is no matter of choice"
+        expected = "six legs or more, because fewer do not constrain the pose of the platform"
         raise CampaignFaults([Fault(FILE, expected, column="mechanism.legs", value=str(legs.count))])
     return Machine(legs, np.zeros((legs.count, legs.count)))

@@ -1,4 +1,4 @@
-"""The sensor that campaign.toml describes: joints, elements or a given compliance, and how well they are known."""
+"""The sensor of campaign.toml: joints, elements or a given compliance, and tolerances."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _MM = 1e-3
 
 
 def nominal_sensor(section: SensorMechanism, given: pa.Table | None = None) -> NominalSensor:
-    """The sensor of [mechanism], with the compliance of compliance_file where there is one.
+    """Sensor of [mechanism], with the compliance of compliance_file if given.
 
-    Raises ValueError where elements do not fit the legs, or leave them rigid, or a compliance cannot be one.
+    Raises ValueError for elements that do not fit the legs or are all rigid, and for an impossible compliance.
     """
     joints = sensor_joints(section)
     elastic = elastic_parts(section)
@@ -35,7 +35,7 @@ def nominal_sensor(section: SensorMechanism, given: pa.Table | None = None) -> N
 
 
 def simulated_compliance(settings: Campaign, given: pa.Table | None) -> SimulatedCompliance | None:
-    """The simulation of [mechanism]; None where it says nothing of how the sensor gives."""
+    """Simulation of [mechanism]; None without elasticity."""
     if settings.mechanism.type != "6-upur":
         return None
     section: SensorMechanism = settings.mechanism  # type: ignore[assignment]

@@ -1,4 +1,4 @@
-"""Readings and signals of a bench that a person left out or kept, by run, step and channel, and with a reason."""
+"""Readings and signals of a bench that a person excluded or kept, by run, step and channel."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Decided:
-    """Which readings and signals (B, 6 + S) a person decided on, and in which words (B, 6 + S)."""
+    """Masks and reasons (B, 6 + S) of the readings and signals that a person decided on."""
 
     chosen: Mask
     words: NDArray[np.object_]
 
     @property
     def readings(self) -> Mask:
-        """Which readings (B, 6)."""
+        """Mask (B, 6) of readings."""
         return self.chosen[:, : len(CHANNELS)]
 
     @property
     def signals(self) -> Mask:
-        """Which signals (B, S)."""
+        """Mask (B, S) of signals."""
         return self.chosen[:, len(CHANNELS) :]
 
 
 def chosen_by(
     shape: tuple[int, ...], rules: Iterable[Overrule], verb: str, names: Callable[[Overrule], Mask]
 ) -> tuple[Mask, NDArray[np.object_]]:
-    """What rules choose of an array of a shape, as ``names`` tells of each rule, and in which words.
+    """Mask and reasons of the entries of an array that rules match, by ``names`` of each rule.
 
     verb: excluded, or kept.
     """
@@ -51,9 +51,9 @@ def chosen_by(
 
 
 def exclusion_row(number: int, rule: Overrule, subject: str, change: Array, over: Array) -> dict[str, object]:
-    """What is told of any [[exclude]], by number from 1, and a subject that it concerns.
+    """Row on an [[exclude]], by number from 1, and one subject.
 
-    change, over (N,): what taking it back changes, in a unit and in sigmas; NaN where there is nothing to compare with.
+    change, over (N,): effect of its removal, in a unit and in sigmas; NaN if there is no comparison.
     """
     reported = np.isfinite(change)
     return {
@@ -68,13 +68,13 @@ def exclusion_row(number: int, rule: Overrule, subject: str, change: Array, over
 
 
 def decided(steps: RecordedSteps, rules: Sequence[Overrule], verb: str) -> Decided:
-    """What rules choose of the readings and signals that there are; verb: excluded, or kept."""
+    """Readings and signals that rules match; verb: excluded, or kept."""
     there = np.isfinite(np.concatenate([steps.reading, steps.signal], 1))
     return Decided(*chosen_by(there.shape, rules, verb, lambda rule: matched(steps, rule) & there))
 
 
 def matched(steps: RecordedSteps, rule: Overrule) -> Mask:
-    """Which readings and signals (B, 6 + S) a rule names; an absent key stands for all, and poses have none."""
+    """Mask (B, 6 + S) of readings and signals that a rule matches; an absent key matches all, poses match none."""
     channels = (*CHANNELS, *steps.signals)
     if any(key is not None for key in (rule.pose, rule.body, rule.target)):
         return np.zeros((len(steps.run), len(channels)), bool)
@@ -85,14 +85,14 @@ def matched(steps: RecordedSteps, rule: Overrule) -> Mask:
 
 
 def without_excluded(steps: RecordedSteps, settings: Campaign) -> tuple[RecordedSteps, Decided]:
-    """The steps without what a person left out, and that; their loads were applied all the same."""
+    """Steps without excluded readings, and the exclusions; the loads of these steps still count."""
     out = decided(steps, settings.exclude, "excluded")
     reading = np.where(out.readings, np.nan, steps.reading)
     return replace(steps, reading=reading, signal=np.where(out.signals, np.nan, steps.signal)), out
 
 
 def excluded_words(out: Decided) -> str:
-    """How much a person left out; empty where nothing."""
+    """Number of excluded readings and signals in words; empty for none."""
     counts = {"reading": int(out.readings.sum()), "signal": int(out.signals.sum())}
     text = " and ".join(f"{n} {what}{'s' * (n > 1)}" for what, n in counts.items() if n)
     return f"{text} excluded by a person" if text else ""

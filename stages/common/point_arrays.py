@@ -1,4 +1,4 @@
-"""From tables of points to dense arrays in metres: what every stage that computes over poses begins with."""
+"""Tables of points as dense arrays in metres, for all stages that work on poses."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def text_column(table: pa.Table, name: str) -> NDArray[np.object_]:
 
 
 def decisions(excluded: Mask, kept: Mask) -> NDArray[np.object_]:
-    """What a person decided, as the column of that name: excluded, kept, or None."""
+    """Decisions of a person from that column: excluded, kept, or None."""
     found = np.full(excluded.shape, None, dtype=object)
     found[kept], found[excluded] = "kept", "excluded"
     return found
@@ -34,7 +34,7 @@ def number_column(table: pa.Table, name: str) -> Array:
 
 
 def number_columns(table: pa.Table, names: Iterable[str]) -> Array:
-    """(N, K) columns of numbers side by side, NaN where empty."""
+    """(N, K) columns of numbers, NaN if empty."""
     return np.column_stack([number_column(table, name) for name in names])
 
 
@@ -44,7 +44,7 @@ def pose_ids(table: pa.Table, name: str = "pose") -> tuple[int | str, ...]:
 
 
 def roles_of(configurations: pa.Table, poses: tuple[int | str, ...]) -> NDArray[np.object_]:
-    """The role (B,) of each pose; empty where the table does not have it."""
+    """Role (B,) of each pose; empty if the table lacks it."""
     place = positions(configurations.column("pose"), poses)
     roles = np.full(len(poses), "", object)
     roles[place[place >= 0]] = text_column(configurations, "role")[place >= 0]
@@ -52,7 +52,7 @@ def roles_of(configurations: pa.Table, poses: tuple[int | str, ...]) -> NDArray[
 
 
 def survey_points(survey: pa.Table, body: str) -> SurveyPoints:
-    """The survey of one body; without rows where the body was not surveyed."""
+    """Survey of one body; no rows for an unsurveyed body."""
     rows = survey.filter(pc.equal(survey.column("body"), body))
     leg = np.nan_to_num(number_column(rows, "leg")).astype(np.int64)
     return SurveyPoints(tuple(rows.column("target").to_pylist()), *points_and_cov(rows), leg)
@@ -61,8 +61,7 @@ def survey_points(survey: pa.Table, body: str) -> SurveyPoints:
 def pose_points(
     observations: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...] | None = None
 ) -> PosePoints:
-    """One body's observations as dense arrays, in the given orders of poses and targets; targets not named are
-    left out."""
+    """Observations of one body as dense arrays, in the given orders of poses and targets; other targets are omitted."""
     rows = observations.filter(pc.equal(observations.column("body"), body))
     if targets is None:
         targets = tuple(dict.fromkeys(rows.column("target").to_pylist()))
@@ -77,8 +76,7 @@ def pose_points(
 def observation_rows(
     observations: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]
 ) -> Index:
-    """(B, T) which row of the observations holds each of a body's points, targets not named being left out; -1 where it
-    was not seen."""
+    """(B, T) row of the observations of each point of a body; -1 if not measured."""
     at = np.flatnonzero(text_column(observations, "body") == body)
     known, place = _cells(observations.take(at), poses, targets)
     dense = np.full((len(poses), len(targets)), -1, np.int64)
@@ -87,7 +85,7 @@ def observation_rows(
 
 
 def pose_vectors(table: pa.Table) -> Array:
-    """(N, 6) place in m and rotation vector in rad of each row of poses."""
+    """(N, 6) position in m and rotation vector in rad of each row of poses."""
     names = [*(f"p{a}_mm" for a in _AXES), *(f"r{a}_rad" for a in _AXES)]
     return number_columns(table, names) * ([1e-3] * 3 + [1.0] * 3)
 
@@ -99,21 +97,21 @@ def pose_covariances(table: pa.Table) -> Array:
 
 
 def _cells(rows: pa.Table, poses: tuple[int | str, ...], targets: tuple[str, ...]) -> tuple[Mask, tuple[Index, Index]]:
-    """Which rows (N,) have one of these poses and targets, and the place of each of those among them."""
+    """Mask (N,) of rows with one of these poses and targets, and the indices of both."""
     at_pose, at_target = positions(rows.column("pose"), poses), positions(rows.column("target"), targets)
     known = (at_pose >= 0) & (at_target >= 0)
     return known, (at_pose[known], at_target[known])
 
 
 def points_and_cov(rows: pa.Table) -> tuple[Array, Array]:
-    """(N, 3) points in m and (N, 3, 3) covariances in m^2 from coordinates, sigmas and, where given, correlations."""
+    """(N, 3) points in m and (N, 3, 3) covariances in m^2 from coordinates, sigmas and optional correlations."""
     points = number_columns(rows, [f"{a}_mm" for a in _AXES]) * 1e-3
     sigma, correlation = sigmas_and_correlations(rows)
     return points, correlation * sigma[:, :, None] * sigma[:, None, :]
 
 
 def sigmas_and_correlations(rows: pa.Table) -> tuple[Array, Array]:
-    """(N, 3) standard deviations in m and (N, 3, 3) correlations of each point by itself."""
+    """(N, 3) standard deviations in m and (N, 3, 3) correlations of each point."""
     sigma = number_columns(rows, [f"sigma_{a}_mm" for a in _AXES]) * 1e-3
     correlation = np.broadcast_to(np.eye(3), (len(sigma), 3, 3)).copy()
     for pair, i, j in _PAIRS:
@@ -123,7 +121,7 @@ def sigmas_and_correlations(rows: pa.Table) -> tuple[Array, Array]:
 
 
 def positions(column: pa.ChunkedArray, order: tuple[int | str, ...]) -> Index:
-    """Where each value of a column stands in ``order``; -1 where it does not."""
+    """Index of each value of a column in ``order``; -1 if absent."""
     if not order:
         return np.full(len(column), -1, np.int64)
     found = pc.index_in(column, value_set=pa.array(order, column.type))
@@ -133,7 +131,7 @@ def positions(column: pa.ChunkedArray, order: tuple[int | str, ...]) -> Index:
 def fitted_points(
     tables: Mapping[str, pa.Table], body: str, poses: tuple[int | str, ...], targets: tuple[str, ...] | None = None
 ) -> FittedPoints:
-    """A body's observations with what residuals and poses say of them, in the given orders of poses and targets."""
+    """Observations of a body with their residuals and poses, in the given orders of poses and targets."""
     points = pose_points(tables["observations"], body, poses, targets)
     residual = residual_points(tables["residuals"], body, poses, points.targets)
     used = used_targets(tables["residuals"], body, poses, points.targets)
@@ -141,7 +139,7 @@ def fitted_points(
 
 
 def used_targets(residuals: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]) -> Mask:
-    """(B, T) which targets entered the fit of the body's frame."""
+    """(B, T) mask of targets in the fit of the body's frame."""
     rows = residuals.filter(
         pc.and_(pc.equal(residuals.column("body"), body), pc.greater(residuals.column("weight"), 0.0))
     )
@@ -151,15 +149,14 @@ def used_targets(residuals: pa.Table, body: str, poses: tuple[int | str, ...], t
 
 
 def default_rotations(poses_table: pa.Table, body: str, poses: tuple[int | str, ...]) -> Array:
-    """(B, 3, 3) rotation from the body frame to the measurement, through its parents; identity where a pose
-    has none."""
+    """(B, 3, 3) rotation from the body frame to the measurement, through its parents; identity for missing poses."""
     R, t = default_motions(poses_table, body, poses)
     return np.where(np.isfinite(t[:, :1, None]), R, np.eye(3))
 
 
 def default_motions(poses_table: pa.Table, body: str, poses: tuple[int | str, ...]) -> tuple[Array, Array]:
-    """R (B, 3, 3) and t (B, 3) in m from the body frame to the measurement, through its parents; NaN where a pose
-    has none."""
+    "R (B, 3, 3) and t (B, 3) in m from the body frame to the measurement, through its parents; NaN for missing"
+    "poses."
     from truing.estimation.rotation import exp_so3
 
     rows = poses_table.filter(pc.and_(poses_table.column("default"), pc.equal(poses_table.column("body"), body)))
@@ -168,7 +165,7 @@ def default_motions(poses_table: pa.Table, body: str, poses: tuple[int | str, ..
     found[place[place >= 0]] = pose_vectors(rows)[place >= 0]
     R = np.where(np.isfinite(found).all(1)[:, None, None], exp_so3(np.nan_to_num(found[:, 3:])), np.nan)
     parent = next(iter(rows.column("parent").to_pylist()), "measurement")
-    if parent not in poses_table.column("body").unique().to_pylist():  # measurement, or a base that stands for it
+    if parent not in poses_table.column("body").unique().to_pylist():  # measurement frame, or a base in its place
         return R, found[:, :3]
     above, origin = default_motions(poses_table, parent, poses)
     return above @ R, origin + (above @ found[:, :3, None])[..., 0]
@@ -177,7 +174,7 @@ def default_motions(poses_table: pa.Table, body: str, poses: tuple[int | str, ..
 def point_residuals(
     table: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]
 ) -> PointResiduals:
-    """What the table of residuals says of a body's points, in the given orders of poses and targets."""
+    """Residuals of a body's points, in the given orders of poses and targets."""
     rows = table.filter(pc.equal(table.column("body"), body))
     (known, place), shape = _cells(rows, poses, targets), (len(poses), len(targets))
     found = PointResiduals(np.full((*shape, 3), np.nan), np.zeros(shape, bool), np.zeros(shape, bool))
@@ -189,6 +186,6 @@ def point_residuals(
 
 
 def residual_points(residuals: pa.Table, body: str, poses: tuple[int | str, ...], targets: tuple[str, ...]) -> Array:
-    """(B, T, 3) residuals of a body's targets in m, body frame; NaN where a target was not seen or was rejected."""
+    """(B, T, 3) residuals of a body's targets in m, body frame; NaN for missing or rejected targets."""
     found = point_residuals(residuals, body, poses, targets)
     return np.where(found.rejected[..., None], np.nan, found.values)

@@ -1,4 +1,4 @@
-"""Errors that object points have in common: within a pose, and through what is common to all poses."""
+"""Common errors of object points: within a pose, and of parameters common to all poses."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ def point_errors(
     sensitivities: pa.Table | None,
     object_points: pa.Table | None = None,
 ) -> PointErrors | None:
-    """The errors of object points that came out of a network; None where nothing is known to be common to them.
+    """Errors of object points from a network; None without common errors.
 
-    Their own are those of object_points, in the datum that the correlations are in; without it, of the observations.
+    Errors of single points are those of object_points, in the datum of the correlations; else of the observations.
     """
     if correlations is None or "point" not in observations.column_names or not correlations.num_rows:
         return None
@@ -56,14 +56,14 @@ def _same_rows(object_points: pa.Table, of_row: _ObservationRows) -> pa.Table:
 
 @dataclass(frozen=True)
 class _ObservationRows:
-    """Which row of observations has which pose and point, by code (N,) = pose * points + point."""
+    """Row of observations by pose and point, by code (N,) = pose * points + point."""
 
     code: Index
     poses: tuple[int | str, ...]
     points: tuple[str, ...]
 
     def find(self, table: pa.Table, point: str) -> Index:
-        """The rows (M,) that a table's poses and points mean; -1 where there is none."""
+        """Rows (M,) for a table's poses and points; -1 for none."""
         pose, name = positions(table.column("pose"), self.poses), positions(table.column(point), self.points)
         wanted = np.where((pose >= 0) & (name >= 0), pose * len(self.points) + name, -1)
         order = np.argsort(self.code)
@@ -83,7 +83,7 @@ def _effects(table: pa.Table | None, of_row: _ObservationRows, count: int) -> tu
 
 
 def common_correlation(table: pa.Table | None, parameters: tuple[str, ...]) -> Array:
-    """The correlations (K, K) of parameters common to all poses, by name."""
+    """Correlations (K, K) of common parameters, by name."""
     out = np.eye(len(parameters))
     if table is not None and table.num_rows:
         i, j = (positions(table.column(name), parameters) for name in ("parameter", "other_parameter"))

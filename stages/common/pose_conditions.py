@@ -1,4 +1,4 @@
-"""What is known of each pose beside its points: readings, covariates, and the direction from which actuators came."""
+"""Conditions of each pose: readings, covariates, and directions of approach of the actuators."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER, approac
 from truing.simulation.mechanisms.recording import Conditions
 from truing.stages.common.point_arrays import number_column, number_columns, positions
 
-# An actuator's direction of approach is that of its last movement larger than so many reading sigmas.
+# Smallest movement that defines an actuator's direction of approach, in sigmas of its reading.
 _MOVED = 5.0
-# How much of a movement a memory keeps from pose to pose.
+# Share of a movement that a memory effect keeps from pose to pose.
 _KEPT = 0.7
 
 
 def pose_conditions(
     configurations: pa.Table, poses: tuple[int | str, ...], legs: int, reading_sigma: float
 ) -> Conditions:
-    """Readings (B, L) in m and covariates by column; NaN where a pose has none; directions where poses have a time."""
+    """Readings (B, L) in m and covariates by column, NaN if missing; directions of approach for poses with a time."""
     place = positions(configurations.column("pose"), poses)
 
     def dense(values: NDArray) -> NDArray:

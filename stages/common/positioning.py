@@ -1,4 +1,4 @@
-"""Positions of an axis as deviations, and what is known of the axis."""
+"""Positions of an axis as deviations, and prior knowledge of the axis."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def deviations(rows: pa.Table) -> tuple[Array, Array]:
 
 
 def instrument(rows: pa.Table, optics: Interferometer) -> InstrumentUncertainty:
-    """What the correction to 20 degrees C leaves uncertain of the axis' length; nothing where none was made."""
+    """Uncertainty of the axis' length by the correction to 20 degrees C; none without a correction."""
     axis, spread = optics.material.axis, optics.surroundings_sigma
     if axis is None:
         return InstrumentUncertainty()

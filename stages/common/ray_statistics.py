@@ -1,4 +1,4 @@
-"""Tables of what rays tell, pose by pose, of numbers that all poses should share: made and read back."""
+"""Tables on shared parameters from the rays of each pose: writing and reading."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _MM = 1e3
 def ray_tables(
     observed: Observed, state: NetworkState, poses: Sequence[int | str], points: Sequence[str], bars: Sequence[str]
 ) -> dict[str, pa.Table]:
-    """The artifacts ray_statistics, ray_information and ray_effects of an adjusted network.
+    """Artifacts ray_statistics, ray_information and ray_effects of an adjusted network.
 
-    Names of its poses, points (by number) and scale bars; points without a name are left out.
+    Arguments: names of its poses, points (by number) and scale bars; points without a name are omitted.
     """
     from truing.estimation.bundle.ray_statistics import ray_statistics
 
@@ -100,7 +100,7 @@ def _table(artifact: str, columns: Mapping[str, Any], poses: Sequence[int | str]
 
 
 def shared_numbers(table: pa.Table) -> tuple[RayParameter, ...]:
-    """The numbers of ray_statistics, each once, in their order."""
+    """Shared parameters of ray_statistics, each once, in their order."""
     found: dict[str, RayParameter] = {}
     suffixes = ("unit", "scale", "sigma", "mean")
     for row in table.select(
@@ -117,7 +117,7 @@ def shared_numbers(table: pa.Table) -> tuple[RayParameter, ...]:
 def information_and_score(
     tables: Mapping[str, pa.Table], poses: Sequence[int | str], numbers: Sequence[RayParameter]
 ) -> tuple[Array, Array]:
-    """Information (B, T, T) and score (B, T), per scale of each number; zero for poses without rays."""
+    """Information (B, T, T) and score (B, T), per scale of each parameter; zero for poses without rays."""
     at = {number.called: place for place, number in enumerate(numbers)}
     information, score = np.zeros((len(poses), len(at), len(at))), np.zeros((len(poses), len(at)))
     table = tables["ray_statistics"]
@@ -133,7 +133,7 @@ def information_and_score(
 
 
 def effects_on_points(table: pa.Table, numbers: Sequence[RayParameter]) -> tuple[list[tuple[Any, str]], Array]:
-    """Pose and name (N) of the points of ray_effects, and how they move (N, 3, T), m per scale of each number."""
+    """Pose and name (N) of the points of ray_effects, and their shifts (N, 3, T), m per scale of each parameter."""
     at = {number.called: place for place, number in enumerate(numbers)}
     keys = list(zip(table.column("pose").to_pylist(), table.column("point").to_pylist(), strict=True))
     rows = {key: n for n, key in enumerate(dict.fromkeys(keys))}

@@ -1,4 +1,4 @@
-"""From tables of readings and signals to dense arrays in SI, one row per load step: what every stage begins with."""
+"""Tables of readings and signals as dense arrays in SI, one row per load step."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _SIGNAL = re.compile(r"v[1-8]_mv")
 
 
 def load_steps(tables: Mapping[str, pa.Table]) -> RecordedSteps:
-    """The load steps of the tables ``readings`` and ``signals``, either of which may be absent.
+    """Load steps of the tables ``readings`` and ``signals``, either of which may be absent.
 
-    A step of both is one: they share run and step. Steps are in the order of time within the order of runs.
+    Rows of both with equal run and step are one step. Steps are in order of time within the order of runs.
     """
     found = {name: tables[name] for name in _OF_TABLE if name in tables and tables[name].num_rows}
     if not found:
@@ -58,7 +58,7 @@ def _key_rows(table: pa.Table) -> list[tuple[int | str, int]]:
 
 
 def _common(tables: Mapping[str, pa.Table], at: Mapping[str, Index], count: int) -> dict[str, Array]:
-    """What every row of a step repeats, (B,) by column: time, loads, whether it is held out, covariates."""
+    """Values that every row of a step repeats, (B,) by column: time, loads, role, covariates."""
     found: dict[str, Array] = {"held_out": np.zeros(count)}
     for kind, table in tables.items():
         rows, covariates = at[kind], covariate_columns(kind, table)
@@ -76,7 +76,7 @@ def _common(tables: Mapping[str, pa.Table], at: Mapping[str, Index], count: int)
 
 
 def covariate_columns(kind: str, table: pa.Table) -> dict[str, str]:
-    """Return the covariates of the readings or signals: what each stands under, by its column of the table."""
+    """Return the covariates of the readings or signals: internal name by column of the table."""
     own = _OF_TABLE[kind]
     return {
         field.name: column_alias(field.name)
@@ -92,7 +92,7 @@ def _complete(found: dict[str, Array], name: str, rows: Index, values: Array, co
 
 
 def _differ(known: Array | None, rows: Index, values: Array) -> bool:
-    """Whether two tables have a column of one name that says different things of the same steps."""
+    """Whether two tables have a column of the same name with different values for the same steps."""
     if known is None:
         return False
     both = np.isfinite(known[rows]) & np.isfinite(values)

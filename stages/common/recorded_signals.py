@@ -1,4 +1,4 @@
-"""What a calibration of a sensor begins with: clean signals beside loads, tared where runs have zeros of their own."""
+"""Input of a sensor calibration: clean signals with their loads, tared if runs have separate zeros."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ TEMPERATURES = ("material_temperature_c", "air_temperature_c")
 
 
 def recorded(tables: Mapping[str, pa.Table], settings: Campaign) -> RecordedLoads:
-    """The signals of a campaign with the loads as recorded, or as they act by the findings that the campaign applies.
+    """Signals of a campaign with the loads as recorded, or as changed by the applied findings.
 
-    Raises ValueError where no step has a reading of every channel.
+    Raises ValueError if no step has a reading of every channel.
     """
     findings = applied_findings(tables)
     return _recorded(tables, settings, findings.text if findings.is_main else None)
 
 
 def recorded_with_other_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> RecordedLoads | None:
-    """The same signals with the loads that `recorded` does not take; None where no finding changes a load."""
+    """The same signals with the alternative loads; None if no finding changes a load."""
     findings = applied_findings(tables)
     other = _recorded(tables, settings, findings.text)
     if not other.causes:
@@ -46,9 +46,9 @@ def recorded_with_other_loads(tables: Mapping[str, pa.Table], settings: Campaign
 def recorded_elsewhere(
     tables: Mapping[str, pa.Table], settings: Campaign, model: str | None, tared: bool
 ) -> RecordedLoads:
-    """The signals of another campaign of the same sensor; model: whose lasting effects make other loads act, if any.
+    """Signals of another campaign of the same sensor; model: persistent effects that change its loads, if any.
 
-    tared: whether signals are counted from each run's unloaded readings. Raises ValueError as `recorded`.
+    tared: whether signals count from each run's unloaded readings. Raises ValueError as `recorded`.
     """
     return _recorded(tables, settings, model, elsewhere=True, tared=tared)
 
@@ -61,7 +61,7 @@ def _recorded(
     elsewhere: bool = False,
     tared: bool | None = None,
 ) -> RecordedLoads:
-    """The signals beside the loads as recorded; with the text of a model, beside those that act by its effects."""
+    """Signals with the loads as recorded; with the text of a model, also with the loads by its effects."""
     steps = load_steps({name: tables[name] for name in ("signals", "readings") if name in tables})
     steps, out = without_excluded(steps, settings)
     steps = steps.chosen(np.isfinite(steps.signal).all(axis=1) & (steps.signal.shape[1] > 0))
@@ -99,7 +99,7 @@ def _recorded(
 
 
 def _exchanged(model: str | None, steps: RecordedSteps) -> tuple[RowsExchanged, ...]:
-    """The exchanges of loads that an extended model holds, of rows that are there."""
+    """Exchanges of loads in an extended model, for existing rows."""
     from truing.simulation.bench.extended_model import read_sensor
 
     names = set(zip([steps.runs[run] for run in steps.run], steps.step.tolist(), strict=True))
@@ -108,7 +108,7 @@ def _exchanged(model: str | None, steps: RecordedSteps) -> tuple[RowsExchanged, 
 
 
 def _acting(model: str | None, steps: RecordedSteps) -> tuple[Array, tuple[str, ...]]:
-    """The wrenches (B, 6) that act by an extended model, and its causes that make them differ from what is written."""
+    """Wrenches (B, 6) that act by an extended model, and the causes that make them differ from the recorded ones."""
     from truing.simulation.bench.extended_model import acting_wrenches, drives, read_sensor
     from truing.simulation.bench.known_readings import ReadingConditions
 
@@ -125,7 +125,7 @@ def _acting(model: str | None, steps: RecordedSteps) -> tuple[Array, tuple[str, 
 
 
 def _covariates(steps: RecordedSteps, reference_c: float) -> tuple[Array, tuple[str, ...]]:
-    """The temperature less its reference (B, 1), where one was recorded and moved."""
+    """Temperature minus its reference (B, 1), if recorded and varying."""
     for name in TEMPERATURES:
         values = steps.covariates.get(name)
         if values is not None and np.isfinite(values).all() and np.ptp(values) > 0.0:
@@ -134,7 +134,7 @@ def _covariates(steps: RecordedSteps, reference_c: float) -> tuple[Array, tuple[
 
 
 def ranges_of(settings: Campaign, found: RecordedLoads) -> np.ndarray:
-    """The range (6,) of every axis: as [loading] has it, else its largest load; NaN where it was never loaded."""
+    """Range (6,) of every axis by [loading], else its largest load; NaN if never loaded."""
     largest = np.abs(found.steps.load).max(axis=0)
     stated = [getattr(settings.loading, name) for name in LOAD_COLUMNS]
     return np.array([one or (own if own > 0.0 else np.nan) for one, own in zip(stated, largest, strict=True)])

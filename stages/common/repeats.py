@@ -1,4 +1,4 @@
-"""Which poses and which runs repeat one another."""
+"""Poses and runs that repeat one another."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from truing.schemas.columns import COLUMNS
 from truing.stages.common.point_arrays import number_column
 
 DECLARED, SAME_READINGS, SAME_LOADS = "repeat_of", "the same readings", "the same loads in the same order"
-_SAME = 5.0  # sigmas of an actuator's reading that are one and the same position
+_SAME = 5.0  # difference of actuator readings within one position, in sigmas
 
 
 def repeated_poses(configurations: pa.Table, drives: tuple[str, ...], actuator_mm: float) -> tuple[list[Index], str]:
-    """Rows of the configurations that repeat one another, group by group, and how that is known.
+    """Rows of the configurations that repeat one another, by group, and the evidence.
 
-    A column ``repeat_of`` says so where there is one; else readings (of actuators, or drives) that agree do.
+    The column ``repeat_of`` has precedence; else equal readings (of actuators or drives) count.
     """
     if DECLARED in configurations.column_names:
         return _declared(configurations), DECLARED
@@ -43,7 +43,7 @@ def _declared(configurations: pa.Table) -> list[Index]:
 
 
 def drive_readings(configurations: pa.Table, drives: tuple[str, ...]) -> Array:
-    """(B, D) readings of actuators or drives, those that vary."""
+    """(B, D) varying readings of actuators or drives."""
     names = [name for name in configurations.column_names if COLUMNS["rho"].matches(name) or name in drives]
     columns = [number_column(configurations, name) for name in names]
     varying = [column for column in columns if np.isfinite(column).any() and np.nanstd(column) > 0.0]

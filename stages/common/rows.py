@@ -1,4 +1,4 @@
-"""Rows of one artifact, gathered column by column."""
+"""Rows of one artifact, collected column by column."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from truing.schemas.artifacts import ARTIFACTS
 
 @dataclass
 class Rows:
-    """Rows of one artifact, gathered column by column; missing columns of a row are empty."""
+    """Rows of one artifact, collected column by column; missing columns of a row are empty."""
 
     artifact: str
     columns: dict[str, list[Any]] = field(default_factory=dict)
     count: int = 0
 
     def add(self, **values: Any) -> None:
-        """One row, or one row per element where values are sequences of equal length."""
+        """Add one row, or one row per element of sequences of equal length."""
         length = max((len(v) for v in values.values() if isinstance(v, (list, np.ndarray))), default=1)
-        for name in dict.fromkeys((*self.columns, *values)):  # an order of columns that no hash decides
+        for name in dict.fromkeys((*self.columns, *values)):  # an order of columns independent of hashes
             column = self.columns.setdefault(name, [None] * self.count)
             value = values.get(name)
             column.extend(list(value) if isinstance(value, (list, np.ndarray)) else [value] * length)

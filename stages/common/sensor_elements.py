@@ -1,4 +1,4 @@
-"""The sensor's elements, joints and compliance as campaign.toml gives them, before tolerances and any simulation."""
+"""Elements, joints and compliance of the sensor in campaign.toml, without tolerances."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MM = 1e-3
 
 
 def elastic_parts(section: SensorMechanism) -> ElasticSensor | None:
-    """The sensor's stiffness by its elements, None where none are given; raises ValueError where they do not fit."""
+    """Stiffness of the sensor by its elements, None without elements; raises ValueError if they do not fit."""
     return elastic_sensor(sensor_joints(section), [_element(e) for e in section.elements]) if section.elements else None
 
 
@@ -43,7 +43,7 @@ def given_matrix(table: pa.Table) -> Array:
 
 
 def declared_compliance(tables: Mapping[str, pa.Table], settings: Campaign) -> Array | None:
-    """The compliance (6, 6), SI, of compliance_file, else of the elements; None where campaign.toml tells of none."""
+    """Compliance (6, 6), SI, of compliance_file, else of the elements; None if neither is given."""
     if settings.mechanism.type != "6-upur":
         return None
     if "given_compliance" in tables:
@@ -74,6 +74,6 @@ def _modulus(one: SensorElement) -> tuple[float, float]:
 
 
 def _si(value: float | None, unit: float) -> float:
-    """A number that the schema has checked to be there, in SI."""
+    """A number that the schema has validated, in SI."""
     assert value is not None
     return value * unit

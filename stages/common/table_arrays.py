@@ -1,4 +1,4 @@
-"""Gathered tables of a campaign: columns as arrays, units by row, standard deviations and keys checked."""
+"""Input tables of a campaign: columns as arrays, units by row, checks of standard deviations and keys."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from truing.formats.units import UnknownUnit, conversion
 from truing.schemas.column import SIGMA_BOUNDS
 from truing.schemas.faults import Fault
 
-# The square of a bound is no exact number.
+# The square of a bound is rounded.
 _ROUNDING = 1e-9
 
 
 def numbers(found: CollectedRows, name: str) -> Array:
-    """A column (N,) of numbers, NaN where it has none."""
+    """A column (N,) of numbers, NaN if empty."""
     return np.asarray(found.table.column(name).to_numpy(zero_copy_only=False), dtype=float)
 
 
 def texts(found: CollectedRows, name: str) -> NDArray[np.object_]:
-    """A column (N,) as it stands."""
+    """A column (N,) unchanged."""
     return np.asarray(found.table.column(name).to_pylist(), dtype=object)
 
 
 def numbered(found: CollectedRows, *names: str) -> Index:
-    """(N,) a number for every combination of values in these columns, in order of appearance."""
+    """(N,) number of each combination of values in these columns, in order of appearance."""
     rows = list(zip(*(found.table.column(name).to_pylist() for name in names), strict=True))
     place = {key: number for number, key in enumerate(dict.fromkeys(rows))}
     return np.array([place[key] for key in rows], dtype=np.int64)
 
 
 def unit_factors(found: CollectedRows, name: str, kind: str, wanted: Mapping[str, str], log: FaultLog) -> Array:
-    """(N,) what brings a column into the unit that the value of ``kind`` in each row wants.
+    """(N,) factor from a column's unit to the unit that ``kind`` requires in each row.
 
-    A unit of another dimension concerns other rows: kN says nothing of torques, nm nothing of angles. One that no row
-    could want is a fault.
+    A unit of another dimension concerns other rows: kN does not concern torques, nm does not concern angles. A unit
+    that fits no row is a fault.
     """
     values = texts(found, kind)
     factors = np.ones(len(values))
@@ -60,7 +60,7 @@ def unit_factors(found: CollectedRows, name: str, kind: str, wanted: Mapping[str
 
 
 def _factors(unit: str, wanted: Mapping[str, str]) -> dict[str, float]:
-    """What brings a unit into those that values want, where it is of their dimension."""
+    """Factors from a unit to the wanted units of its dimension."""
     found = {}
     for value, target in wanted.items():
         try:
@@ -71,7 +71,7 @@ def _factors(unit: str, wanted: Mapping[str, str]) -> dict[str, float]:
 
 
 def declared_missing(found: CollectedRows) -> Mask:
-    """(N,) rows of files whose mapping says which values mean missing."""
+    """(N,) mask of rows from files whose mapping declares missing values."""
     return np.concatenate([np.full(len(records), bool(file.entry.missing)) for file, records in found.parts])
 
 
@@ -92,9 +92,9 @@ def without(found: CollectedRows, rows: Mask, reason: str) -> CollectedRows:
 def check_sigma(
     found: CollectedRows, values: Array, name: str, unit: str, log: FaultLog, *, or_zero: bool = False, cure: str = ""
 ) -> None:
-    """Note rows whose standard deviation (N,), in ``unit``, is 0 or beyond ``SIGMA_BOUNDS``; NaN is none given.
+    """Note rows whose standard deviation (N,), in ``unit``, is 0 or outside ``SIGMA_BOUNDS``; NaN is not given.
 
-    ``or_zero``: 0 is allowed, and stands for what is taken as exact. ``cure``: what to do where none is known.
+    ``or_zero``: 0 is allowed and means exact. ``cure``: remedy if none is known.
     """
     least, most = SIGMA_BOUNDS[unit]
     too_small = (values < least) & ~((values == 0.0) & or_zero)
@@ -112,9 +112,9 @@ def check_variance(found: CollectedRows, values: Array, name: str, unit: str, lo
 def sigmas(
     found: CollectedRows, columns: Sequence[str], declared: float | None, key: str, what: str, log: FaultLog
 ) -> Array:
-    """Standard deviations (N, K) in the columns' unit, the declared one where a cell or column is missing.
+    """Standard deviations (N, K) in the columns' unit, with the declared one for missing cells or columns.
 
-    ``key``: where to declare one; ``what`` they are of, in words.
+    ``key``: where to declare one; ``what``: the quantity, in words.
     """
     values = np.full((len(found.table), len(columns)), np.nan)
     for number, name in enumerate(columns):
@@ -127,7 +127,7 @@ def sigmas(
 
 
 def filled(table: pa.Table, name: str, value: object, kind: pa.DataType) -> pa.Table:
-    """The table, a column filled with a value (None: left) where it is empty, made of it where absent."""
+    """The table with a value in the empty cells of a column (None: unchanged), or in a new column."""
     constant = pa.scalar(value, kind)
     if name not in table.column_names:
         return table.append_column(name, pa.repeat(constant, len(table)))
@@ -139,7 +139,7 @@ def filled(table: pa.Table, name: str, value: object, kind: pa.DataType) -> pa.T
 
 @dataclass
 class SmallTable:
-    """A table of the run, and how many raw rows were left out of it, by (file, reason)."""
+    """A table of the run, and the number of raw rows left out of it, by (file, reason)."""
 
     table: pa.Table
     left_out: dict[tuple[str, str], int] = field(default_factory=dict)
@@ -147,7 +147,7 @@ class SmallTable:
 
 
 def once(found: CollectedRows, log: FaultLog, *key: str, cure: str = "") -> None:
-    """A fault at every row whose key stood in a row before; cure: what to do where that is meant."""
+    """Fault at every row whose key occurred in an earlier row; cure: remedy if that is intended."""
     if any(name not in found.table.column_names for name in key):
         return
     again = found.sound(*key)

@@ -1,1 +1,1 @@
-"""The choice of configurations: the problem, the search, the words."""
+"""Choice of configurations: problem, search, words."""

@@ -1,4 +1,4 @@
-"""Configurations that were chosen, what was asked for, and how well a calibration sees them."""
+"""Chosen configurations, the options, and the quality for a calibration."""
 
 from __future__ import annotations
 
@@ -21,12 +21,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DesignOptions:
-    """What is asked for.
-
-    method: exchange, direct, ioops or random; within: ``workspace`` (limits of pose and readings) or ``actuators`` (of
-    readings alone); parameters: names of a leg's, all that can be told apart where empty; trade_off: see `order_poses`;
-    at_once: components of a load that may act together; causes: what loads are to show, not a calibration.
-    """
+    """Options. method: exchange, direct, ioops or random; within: ``workspace`` (limits of pose and readings) or
+    ``actuators`` (of readings alone); parameters: names for each leg, all separable ones if empty; trade_off: see
+    `order_poses`; at_once: number of load components that act together; causes: causes to show with loads instead of
+    a calibration."""
 
     poses: int
     verification: int = 0
@@ -46,7 +44,7 @@ class DesignOptions:
 
 @dataclass(frozen=True)
 class DesignTables:
-    """What there is beside campaign.toml; each may be absent. ``extend``: poses to keep; ``existing``: to compare."""
+    """Optional tables. ``extend``: poses to keep; ``existing``: poses to compare with."""
 
     extend: pa.Table | None = None
     extend_file: str = "--extend"
@@ -58,11 +56,8 @@ class DesignTables:
 
 @dataclass(frozen=True)
 class Design:
-    """Chosen configurations and what can be said of them.
-
-    placed: calibration poses, then verification poses; whole: the chosen with those kept; existing: the campaign's own;
-    candidates: what the bound is about, and the bound.
-    """
+    """Chosen configurations and their quality. placed: calibration poses, then verification poses; whole: chosen and
+    kept poses; existing: the campaign's own; candidates: candidates and the bound on them."""
 
     problem: DesignProblem
     options: DesignOptions
@@ -76,12 +71,12 @@ class Design:
 
     @property
     def efficiency(self) -> float:
-        """Return the share of the best possible."""
+        """Return the D-efficiency."""
         return efficiency(self.all_configurations.log_det, self.candidates.upper, self.problem.size)
 
     @property
     def existing_efficiency(self) -> float | None:
-        """Return what share of the best of as many poses the campaign's own are; None where there are none to judge."""
+        """Return the efficiency of the campaign's own poses, relative to the best of equal number; None without any."""
         if self.existing is None or self.kept is not None:
             return None
         best = self.candidates.upper + self.problem.size * float(np.log(self.existing.count / self.options.poses))
@@ -90,11 +85,9 @@ class Design:
 
 @dataclass(frozen=True)
 class LoadPlan:
-    """Chosen loads in the order in which to apply them, how good they are, and beside what.
-
-    sigma (6,): of a signal at the full load of each axis, in sigmas of a signal, for every channel the same; existing:
-    the campaign's own loads by the same measure, and one_of: what one chosen load is worth in them.
-    """
+    """Chosen loads in the order of application, and their quality. sigma (6,): of a signal at the full load of each
+    axis, in sigmas of a signal, equal for all channels; existing: the campaign's own loads by the same measure, and
+    one_of: information of one chosen load relative to one of them."""
 
     options: DesignOptions
     limits: LoadLimits

@@ -1,4 +1,4 @@
-"""From campaign.toml to what a choice of configurations needs: region, regressors in tolerances and noise, names."""
+"""Problem of choosing configurations from campaign.toml: region, regressors in tolerances and noise, names."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ if TYPE_CHECKING:
 
 _POSE = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
 _TO_SI = np.array([1e-3] * 3 + [np.pi / 180.0] * 3)
-# What stands for a tolerance that campaign.toml does not give: it only sets the scale in which rank is judged.
+# Default tolerances; they only set the scale for the numerical rank.
 _FREE = {"mm": 1e-3, "1": 1e-2}
 
 
 def design_problem(
     settings: Campaign, limits: ConfigurationLimits, parameters: Sequence[str], survey: pa.Table | None
 ) -> DesignProblem:
-    """Return the problem of choosing configurations for some parameters of each leg, or for all that can be told apart.
+    """Return the problem of choosing configurations for some parameters of each leg, or for all separable ones.
 
-    Raises CampaignFaults where the campaign does not say enough or a parameter is none of a leg's, ValueError where
-    forbidden regions leave no room.
+    Raises CampaignFaults for an incomplete campaign or unknown parameters, ValueError if forbidden regions leave no
+    room.
     """
     machine = plain_machine(settings)
     section = cast("LeggedMechanism", settings.mechanism)
@@ -66,9 +66,9 @@ def design_problem(
 
 
 def limits_of(settings: Campaign, *, pose_too: bool, avoid: pa.Table | None, avoid_file: str) -> ConfigurationLimits:
-    """Return the limits of [workspace], those of the pose only where wanted, and the boxes of a table to avoid.
+    """Return the limits of [workspace], those of the pose only if wanted, and the boxes of a table to avoid.
 
-    Raises CampaignFaults where the table holds no such boxes.
+    Raises CampaignFaults for a table without such boxes.
     """
     legs = plain_machine(settings).legs
     workspace = settings.workspace
@@ -132,7 +132,7 @@ def _named(names: tuple[LegParameter, ...], wanted: Sequence[str]) -> list[int]:
 
 
 def _residual_noise(settings: Campaign, regressors: PoseRegressors, survey: pa.Table | None) -> tuple[NDArray, str]:
-    """Return one sigma (L,), m, of the legs' residuals at the reference pose, and where it comes from, in words."""
+    """Return one sigma (L,), m, of the legs' residuals at the reference pose, and its source in words."""
     point, reading = (settings.noise.point_mm or 0.0) * 1e-3, settings.noise.actuator_mm * 1e-3
     pose, machine = regressors.reference, regressors.machine
     closing = regressors.structure.close(machine, pose.p, pose.R, np.atleast_2d(machine.legs.rho0), Change({}, 0))
@@ -143,7 +143,7 @@ def _residual_noise(settings: Campaign, regressors: PoseRegressors, survey: pa.T
         return np.sqrt(seen + own**2), "noise of points on the surveyed targets, and of readings"
     if point or reading:
         return np.sqrt(point**2 + own**2), "noise.point_mm on every leg, and that of readings"
-    return np.full(machine.legs.count, 1e-6), "1 um on every leg, for campaign.toml gives no noise"
+    return np.full(machine.legs.count, 1e-6), "1 um on every leg, because campaign.toml gives no noise"
 
 
 def _pose_covariance(survey: pa.Table, p: NDArray, R: NDArray, sigma: float) -> NDArray | None:

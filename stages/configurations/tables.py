@@ -1,4 +1,4 @@
-"""Tables that a design reads and leaves: readings of configurations, and what to measure, in order."""
+"""Tables of a design: readings of given configurations, and the chosen ones in order of measurement."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from truing.stages.common.point_arrays import number_columns
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
 from truing.stages.configurations.chosen import DesignOptions
 
-RUN = 10  # loads between two readings without load, so that zero and drift of every run are told
+RUN = 10  # loads between two readings without load, to determine zero and drift of every run
 
 
 def readings_of(table: pa.Table, legs: int, file: str) -> NDArray:
-    """The readings (N, L), m, of all poses but those for verification; raises CampaignFaults where they are none."""
+    """Readings (N, L), m, of all poses except those for verification; raises CampaignFaults for faulty ones."""
     names = [f"rho{leg + 1}_mm" for leg in range(legs)]
     missing = [name for name in names if name not in table.schema.names]
     if missing:
@@ -36,7 +36,7 @@ def readings_of(table: pa.Table, legs: int, file: str) -> NDArray:
 
 
 def existing_configurations(problem: DesignProblem, table: pa.Table | None) -> AssessedConfigurations | None:
-    """The campaign's own calibration poses as judged by the same measure; None where they cannot be."""
+    """The campaign's own calibration poses, evaluated by the same measure; None if impossible."""
     if table is None:
         return None
     try:
@@ -49,7 +49,7 @@ def existing_configurations(problem: DesignProblem, table: pa.Table | None) -> A
 def configurations_table(
     rho: NDArray, order: PoseOrder, rest: NDArray | None, options: DesignOptions, extend: pa.Table | None
 ) -> pa.Table:
-    """The configurations in the order of measurement, times still empty, after ``rest`` (L,) where given."""
+    """Configurations in the order of measurement, without times, after ``rest`` (L,) if given."""
     roles = np.repeat(["calibration", "verification"], [options.poses, options.verification])[order.order].tolist()
     values, first = rho[order.order], _first_number(extend)
     if rest is not None:
@@ -63,7 +63,7 @@ def configurations_table(
 
 
 def _first_number(extend: pa.Table | None) -> int:
-    """The first free number of a pose."""
+    """First free number of a pose."""
     if extend is None or "pose" not in extend.schema.names or not pa.types.is_integer(extend.schema.field("pose").type):
         return 1
     return int(pc.max(extend.column("pose")).as_py() or 0) + 1

@@ -1,4 +1,4 @@
-"""A choice of configurations in words: what was chosen, how good it is, and beside what."""
+"""A design in words: chosen configurations or loads, their efficiency, and comparison with existing ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _WITHIN = {"workspace": "within the limits of pose and readings in [workspace]",
 
 
 def words_of(design: Design) -> list[str]:
-    """Return the lines that a design is told in."""
+    """Return the output lines of a design."""
     return [*_chosen(design), *_quality(design), *_sigmas(design), *_order(design), *_existing(design)]
 
 
@@ -48,7 +48,7 @@ def _quality(design: Design) -> list[str]:
 
 
 def _bound(design: Design) -> str:
-    """Return what the bound is about."""
+    """Return the candidates of the bound in words."""
     candidates, size = design.candidates, design.problem.size
     found = f", {candidates.climbed} that climbs between them found" if candidates.climbed else ""
     missed = f", {candidates.unreached} more out of reach" if candidates.unreached else ""
@@ -112,7 +112,7 @@ def _existing(design: Design) -> list[str]:
 
 
 def words_of_loads(plan: LoadPlan) -> list[str]:
-    """The lines that a plan of loads is told in."""
+    """Output lines of a plan of loads."""
     options = plan.options
     held = f" and {options.verification} for verification" if options.verification else ""
     at_once = "all components at once" if options.may_all_act else f"at most {options.at_once} at once"

@@ -1,1 +1,1 @@
-"""The parts of the stage diagnose: what is compared, what was decided, what to measure next."""
+"""Parts of the stage diagnose: data, decisions, next measurements."""

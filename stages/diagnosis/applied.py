@@ -1,4 +1,4 @@
-"""What campaign.toml asks of single causes, [diagnosis] apply and ignore, and what became of it."""
+"""Outcome of [diagnosis] apply and ignore for each cause."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _ACCEPTED = (FOUND, SUSPECTED)  # verdicts whose effects the extended model hold
 def choices_table(
     settings: Campaign, diagnosis: pa.Table, is_calibrated: Callable[[Cause], bool] = lambda cause: False
 ) -> pa.Table | None:
-    """Rows of diagnosis_choices.parquet; None where campaign.toml names no cause.
+    """Rows of diagnosis_choices.parquet; None if campaign.toml names no cause.
 
-    diagnosis: rows of diagnosis.parquet; is_calibrated: whether a calibration can hold a cause's effect.
+    diagnosis: rows of diagnosis.parquet; is_calibrated: whether a calibration can include a cause's effect.
     """
     found = {row["cause"] for row in diagnosis.to_pylist() if row["verdict"] in _ACCEPTED}
     kinds: dict[str, Cause] = {**catalogue_of_rays(), **kinds_of(settings, photographed=True)}
@@ -44,7 +44,7 @@ def choices_table(
 def applied_model(
     diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign, choices: pa.Table | None
 ) -> str | None:
-    """The extended model with the applied causes alone; None where none is applied, or all that were found are."""
+    """Extended model with the applied causes only; None if none is applied, or all that were found are."""
     rows = [] if choices is None else choices.to_pylist()
     applied = {row["cause"] for row in rows if row["outcome"] == APPLIED}
     found = diagnosis.final.causes

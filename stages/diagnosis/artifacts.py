@@ -1,4 +1,4 @@
-"""All that the stage diagnose leaves, and its closing line, from what was decided."""
+"""Artifacts and closing line of the stage diagnose."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from truing.stages.diagnosis.diagnosis_data import DiagnosisData, ReportedRms
     from truing.stages.diagnosis.ray_findings import RayFindings
 
-# Fewer platform targets off the attachments leave their shifts free by a plane.
+# With fewer platform targets away from the attachments, shifts are known only modulo a plane.
 _FRAMING = 3
 
 
 def outcome(
     diagnosis: CauseDiagnosis, data: DiagnosisData[Any], rays: RayFindings | None, settings: Campaign
 ) -> Outcome:
-    """What the stage made of points or readings, with what rays tell before them."""
+    """Outcome for points or readings, after the results of rays."""
     rule = rule_of(settings)
     artifacts = artifacts_of(diagnosis, data, rule if rays is None else rule_with_rays(rule), settings)
     shown = data.shown.overall(diagnosis.final.error)
@@ -50,7 +50,7 @@ def outcome(
 
 
 def outcome_of_rays(rays: RayFindings, why: str, settings: Campaign) -> Outcome:
-    """What rays tell where points cannot be held against anything, and why not."""
+    """Outcome for rays if points cannot be compared with anything, with the reason."""
     artifacts = with_rays({"diagnosis": ARTIFACTS["diagnosis"].empty()}, rays, rule_of(settings))
     figure = f"{_found(artifacts['diagnosis'])} in rays; points not evaluated: {why}"
     return Outcome(
@@ -62,13 +62,13 @@ def outcome_of_rays(rays: RayFindings, why: str, settings: Campaign) -> Outcome:
 
 
 def not_evaluated(why: str, settings: Campaign) -> Outcome:
-    """Nothing, and why."""
+    """Outcome without evaluation, with the reason."""
     nothing = ARTIFACTS["diagnosis"].empty()
     return Outcome.not_evaluated(with_choices({"diagnosis": nothing}, choices_table(settings, nothing)), why)
 
 
 def with_choices(artifacts: dict[str, Any], choices: pa.Table | None) -> dict[str, Any]:
-    """The artifacts with what became of the causes that campaign.toml names, where it names any."""
+    """Artifacts with the outcome of the causes named in campaign.toml, if any."""
     return artifacts if choices is None else {**artifacts, "diagnosis_choices": choices}
 
 
@@ -93,7 +93,7 @@ def artifacts_of(
 
 
 def _remark(data: DiagnosisData[Any], final: FittedModel) -> str:
-    """What limits all statements."""
+    """Limitation of all statements."""
     texts = []
     if data.framing is not None and data.framing < _FRAMING:
         texts.append(
@@ -101,7 +101,7 @@ def _remark(data: DiagnosisData[Any], final: FittedModel) -> str:
             "(z and two tilts)."
         )
     if final.fit.state != "settled":
-        texts.append("The fit did not settle within its iterations: treat the numbers as provisional.")
+        texts.append("The fit did not converge within its iterations: treat the results as provisional.")
     return " ".join(texts)
 
 
@@ -127,11 +127,11 @@ def _figure(table: pa.Table, diagnosis: CauseDiagnosis, shown: ReportedRms, rule
 
 
 def _found(table: pa.Table) -> str:
-    """What was found and what is suspected, in words."""
+    """Found and suspected causes in words."""
     names: dict[str, list[str]] = {"found": [], "suspected": []}
     for row in table.to_pylist():
         if row["verdict"] in names:
-            # What is found of the noise has no name of its own among the causes.
+            # Findings on the noise have no name among the causes.
             is_noise = (row["reason_code"], row["cause"]) == ("noise", "unexplained")
             names[row["verdict"]].append("noise not as declared" if is_noise else row["cause"])
     texts = [f"{verdict} {', '.join(dict.fromkeys(own))}" for verdict, own in names.items() if own]

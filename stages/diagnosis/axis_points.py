@@ -1,4 +1,4 @@
-"""From the rows of an axis to what the diagnosis compares, readings minus commands, and what it leaves of them."""
+"""Data of the diagnosis of an axis (readings minus commands), and its artifacts."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ if TYPE_CHECKING:
 
 Mask = NDArray[np.bool_]
 
-# The zero of an encoder is anywhere: so many times as far as its readings lie from the commands.
+# Prior of an encoder's zero, as a multiple of the distance of its readings from the commands.
 _WIDE = 1e3
 _SCATTER = "Send the axis to one command ten times over from the same side: the scatter is the true noise."
 
 
 def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[AxisModel]:
-    """What the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
+    """Data of the diagnosis; raises ValueError with the reason if the campaign lacks them."""
     if why := why_no_diagnosis(tables, settings):
         raise ValueError(why)
     table = tables["configurations"]
@@ -92,7 +92,7 @@ def _shown(columns: AxisColumns) -> Channels:
 
 
 def _chosen(rules: tuple[Overrule, ...], rows: AxisRows) -> Mask:
-    """Which rows (N,) a person named; a rule on a body, a target or nothing concerns no row."""
+    """Mask (N,) of rows named by a person; rules on bodies or targets match no row."""
     named = {str(rule.pose) for rule in rules if rule.pose is not None and rule.body is None and rule.target is None}
     return np.array([str(pose) in named for pose in rows.poses], bool)
 
@@ -105,7 +105,7 @@ def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
 
 
 def _left(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
-    """How far each reading is missed, and the extended model."""
+    """Errors of each reading, and the extended model."""
     section = cast("AxisMechanism", settings.mechanism)
     assert isinstance(data.shown, Channels)
     errors = _errors(diagnosis, data.shown, section.unit)

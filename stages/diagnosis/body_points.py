@@ -1,4 +1,4 @@
-"""From a run's tables to what the diagnosis compares where there is no mechanism: measured points of all bodies."""
+"""Data of the diagnosis without a mechanism: measured points of all bodies."""
 
 from __future__ import annotations
 
@@ -56,17 +56,17 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# So many poses are never too many.
+# Number of poses that always fit into memory.
 _ALWAYS = 60
-# A drive has moved where it did so by more than this share of its range.
+# Smallest movement of a drive that counts, as a share of its range.
 _MOVED = 1e-3
-# Numbers that all candidates of a search may hold; beyond it, poses are left out evenly. A body's targets have about so
+# Largest size of all candidates of a search; above it, poses are left out evenly. A body's targets have about so
 # many candidate courses, each with a pattern of its own.
 _MOST_NUMBERS, _COURSES = 6_000_000, 16
 
 
 def assemble_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[BodyModel]:
-    """What the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
+    """Data of the diagnosis; raises ValueError with the reason if the campaign lacks them."""
     if any(name not in tables or not tables[name].num_rows for name in ("observations", "poses", "residuals")):
         raise ValueError("needs measured points of bodies")
     poses = pose_ids(tables["observations"])
@@ -111,7 +111,7 @@ def assemble_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagn
 def _targets(
     tables: Mapping[str, pa.Table], poses: tuple[int | str, ...], order: Array, noise_mm: float | None
 ) -> tuple[list[BodyTargets], list[str]]:
-    """Every body with three targets seen together in three poses, and what was left out, in words."""
+    """Every body with three targets seen together in three poses, and omissions in words."""
     found, words = [], []
     for name in dict.fromkeys(tables["observations"].column("body").to_pylist()):
         body = _body(tables, name, poses, order, (noise_mm or 0.0) * 1e-3)
@@ -150,7 +150,7 @@ def _body(
 
 
 def _measured_shape(tables: Mapping[str, pa.Table], name: str, points: PosePoints) -> Array:
-    """Where targets (k, 3) sit on a body that was not surveyed: at their median over the poses."""
+    """Positions of targets (k, 3) on an unsurveyed body: their median over the poses."""
     R, t = default_motions(tables["poses"], name, points.poses)
     ok = np.isfinite(t[:, 0]) & np.isfinite(R[:, 0, 0])
     places = np.einsum("bji,bkj->bki", np.nan_to_num(R), points.points - np.nan_to_num(t)[:, None])
@@ -160,9 +160,9 @@ def _measured_shape(tables: Mapping[str, pa.Table], name: str, points: PosePoint
 
 
 def _body_places(body: BodyTargets, settings: Campaign, covariates: Mapping[str, Array]) -> BodyPlaces:
-    """How a body stands: still where it is the reference and hardly moves, or where campaign.toml says so.
+    """Constraint on a body's position: fixed if it is the reference and hardly moves, or is declared still.
 
-    A body that campaign.toml names stands still where the drives do: in one place for every combination of them.
+    A body declared still keeps one position for every combination of the drives.
     """
     order = covariates["order"]
     named = body.name in settings.bodies.still
@@ -171,13 +171,13 @@ def _body_places(body: BodyTargets, settings: Campaign, covariates: Mapping[str,
     drives = [covariates[d] for d in map(column_alias, settings.campaign.drives) if d in covariates]
     if named and drives:
         level = np.unique(np.column_stack(drives), axis=0, return_inverse=True)[1].ravel()
-        if 2 * (level.max() + 1) <= len(level) + 1:  # most places are seen twice: else nothing can be compared
+        if 2 * (level.max() + 1) <= len(level) + 1:  # most positions must be seen twice for a comparison
             return fixed_body(body, level, order)
     return free_body(body)
 
 
 def _why_none(tables: Mapping[str, pa.Table], reference: str | None) -> str:
-    """Why no body can be diagnosed."""
+    """Reason why no body can be diagnosed."""
     bodies, poses = (tables["observations"].column(name).to_pylist() for name in ("body", "pose"))
     seen = Counter(pose for body, pose in zip(bodies, poses, strict=True) if body == reference)
     is_seen_from = reference in tables["poses"].column("parent").to_pylist()
@@ -229,7 +229,7 @@ def _model(
 
 
 def _thinned(rows: NDArray[np.bool_], model: BodyModel) -> tuple[NDArray[np.bool_], list[str]]:
-    """The poses that can be held in memory at a time, evenly over the campaign, and what was left out for it."""
+    """Poses that fit into memory together, evenly over the campaign, and the omission in words."""
     count, coordinates = int(rows.sum()), 3 * len(model.targets.body)
     columns = model.shared_size + model.local_size + _COURSES * (coordinates + 6 * int(model.known.still.sum()))
     most = max(_MOST_NUMBERS // (coordinates * columns), _ALWAYS)
@@ -243,5 +243,5 @@ def _thinned(rows: NDArray[np.bool_], model: BodyModel) -> tuple[NDArray[np.bool
 
 
 def _left(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
-    """How far each pose is missed."""
+    """Errors of each pose."""
     return InstrumentResults({"prediction": prediction_table(diagnosis, data)})

@@ -1,4 +1,4 @@
-"""What a diagnosis leaves of causes: the smallest sizes it would have shown, and what numbers owe to which source."""
+"""Tables on causes: detectable sizes, and contributions of sources to the uncertainty."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from truing.inference.selection import CauseDiagnosis, Settings
     from truing.simulation.cause import Cause
 
-# Sources in words, by how a model calls its kinds of unknowns.
+# Sources in words, by a model's name for the kind of unknowns.
 _WORDS = {
     PRIOR_CAMPAIGN: "what the earlier campaign found",
     PLAUSIBLE: "sizes of causes held to be plausible",
@@ -44,23 +44,23 @@ _WORDS = {
 }
 _READ = {
     "points": "readings of the actuators",
-    "bodies": "standing of what should stand still",
+    "bodies": "positions of bodies declared still",
     "channel": "applied loads",
-    "encoder": "standing of the axis at its command",
+    "encoder": "position of the axis at its command",
 }
-# What was measured, by what a model calls one channel.
+# Measured quantity, by a model's name for one channel.
 _MEASURED = {
     "target": "measured points",
     "channel": "readings and signals",
     "encoder": "readings of the encoders",
     "rays of": "rays of photographs",
 }
-# Noise is of its declared size unless what was measured shows it to be larger by this much.
+# Noise counts as declared unless measurements show it larger by this factor.
 _LARGER = 1.01
 
 
 def detectable_table(search: Search, level: float, legs: int) -> pa.Table:
-    """Rows per cause, subject and parameter; ``search`` is the one in which nothing was left to be found."""
+    """Rows per cause, subject and parameter; ``search``: the one with no further finding."""
     found: dict[tuple[str, ...], dict[str, Any]] = {}
     for own in sorted(effect_sensitivities(search, level), key=lambda s: len(s.cause.parameters(legs))):
         row = _row(own, legs)
@@ -69,7 +69,7 @@ def detectable_table(search: Search, level: float, legs: int) -> pa.Table:
 
 
 def detectable_words(search: Search, level: float, causes: Iterable[Any], legs: int) -> dict[str, str]:
-    """By a cause's key, the size that would have been found, in words; nothing of those that have no one size."""
+    """Detectable size in words by a cause's key; without causes that have no single size."""
     words = {}
     for cause in causes:
         own = sensitivity_to(search, cause, level)
@@ -93,15 +93,15 @@ def _row(own: EffectSensitivity, legs: int) -> dict[str, Any]:
 
 
 def _ordered(rows: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Causes as they come, the whole before single subjects."""
+    """Causes in their order, the whole before single subjects."""
     listed = list(rows)
     causes = list(dict.fromkeys(row["cause"] for row in listed))
     return sorted(listed, key=lambda row: (causes.index(row["cause"]), bool(row["subject"])))
 
 
 def adequacy_table(diagnosis: CauseDiagnosis, rule: Settings, subject: str) -> pa.Table:
-    """Rows of every test of the final model, of what could not be tested, and of how the search stopped; ``subject`` is
-    what was measured."""
+    """Rows of every test of the final model, of untested properties, and of the end of the search; ``subject``:
+    measured quantity."""
     rows, adequacy, level = Rows("adequacy"), diagnosis.adequacy, rule.doubted_level
     rows.add(**_end_row(diagnosis.end, rule.level), subject=subject)
     for test in adequacy.tests:
@@ -144,7 +144,7 @@ def _end_row(end: EndOfSearch[Any], level: float) -> dict[str, Any]:
 
 
 def uncertainty_table(diagnosis: CauseDiagnosis, legs: int) -> pa.Table:
-    """Rows of every number with a sigma of every cause that was found and named, by source."""
+    """Rows of every parameter with a sigma of every named cause found, by source."""
     rows, final = Rows("cause_uncertainty"), diagnosis.final
     for verdict in diagnosis.verdicts:
         if verdict.verdict == "found" and verdict.cause.key in final.model.layout:
@@ -172,7 +172,7 @@ def _add(rows: Rows, final: FittedModel, cause: Cause, given: Contribution, legs
 
 
 def _source(final: FittedModel, given: Contribution) -> tuple[str, bool]:
-    """A source in words, and whether its size was found from what was measured."""
+    """A source in words, with whether its size was estimated from measurements."""
     readings, survey = final.learned
     if given.source == OBSERVATIONS:
         return f"{_MEASURED[final.model.channel_word]}, at the noise found", True

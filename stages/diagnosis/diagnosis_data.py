@@ -1,4 +1,4 @@
-"""What a diagnosis compares, what its instrument leaves of it, and in which unit its numbers are told."""
+"""Data of a diagnosis, its artifacts, and units of reported errors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 M = TypeVar("M", bound=EffectsModel, covariant=True)
 
-# A channel is concerned where an effect moves it by this share of what it moves the most, in units of the noise.
+# An effect concerns a channel if it moves it by this share of its largest motion, in units of the noise.
 _CONCERNED = 0.2
 # What moves displacements and rotations is told of displacements, unless rotations show it so many times as clearly.
 _RATHER = 2.0
@@ -51,31 +51,31 @@ class ReportedRms:
     is_length: bool = True
 
     def rms(self, error: PredictionError | None) -> float | None:
-        """The root mean square of an error, None where nothing of it was seen."""
+        """Root mean square of an error, None if nothing was measured."""
         found = None if error is None else error.rms_of(self.targets)
         return None if found is None else found / self.si
 
     def floor(self, floor: NoiseFloor) -> float:
-        """The root mean square that noise alone leaves."""
+        """Root mean square by noise alone."""
         return floor.rms_of(self.targets) / self.si
 
     def largest_motion(self, before: PredictionError, after: PredictionError) -> float | None:
-        """How far an effect moves any one prediction; None where that is no length."""
+        """Largest change of any prediction by an effect; None if it is no length."""
         if not self.is_length:
             return None
         moved = np.where(before.seen[..., None], after.gap - before.gap, 0.0)[:, self.targets]
         return float(np.sqrt(np.max(np.sum(moved**2, -1)))) / self.si
 
     def concerned(self, before: PredictionError, after: PredictionError) -> ReportedRms:
-        """How to tell of an effect: as of everything."""
+        """Reporting of an effect: as of everything."""
         return self
 
     def only(self, target: int) -> ReportedRms:
-        """How to tell of one target: as of everything."""
+        """Reporting of one target: as of everything."""
         return self
 
     def overall(self, error: PredictionError) -> ReportedRms:
-        """How to tell of everything."""
+        """Reporting of everything."""
         return self
 
 
@@ -109,7 +109,7 @@ class Channels:
     what: str = "reading"
 
     def concerned(self, before: PredictionError, after: PredictionError) -> ReportedRms:
-        """How to tell of an effect: over the channels that it moves, of one unit; signals where it moves no reading."""
+        """Reporting of an effect: over the channels of one unit that it moves; signals if it moves no reading."""
         moved = after.whitened - before.whitened
         size = np.sqrt(np.sum(np.where(before.seen, moved[..., 0], 0.0) ** 2, 0))
         size = np.where(size >= _CONCERNED * size.max(), size, 0.0)
@@ -117,11 +117,11 @@ class Channels:
         return self._of(readings if readings.any() else size)
 
     def only(self, target: int) -> ReportedRms:
-        """How to tell of one channel."""
+        """Reporting of one channel."""
         return self._of((np.arange(len(self.units)) == target).astype(float))
 
     def overall(self, error: PredictionError) -> ReportedRms:
-        """How to tell of all readings: those of the unit of which there are most."""
+        """Reporting of all readings: those of the most frequent unit."""
         seen = error.seen.sum(0).astype(float)
         readings = np.where(self.signal, 0.0, seen)
         return self._of(readings if readings.any() else seen)
@@ -139,7 +139,7 @@ class Channels:
 
 @dataclass(frozen=True)
 class InstrumentResults:
-    """What an instrument leaves: tables and text by artifact, None where not; by a cause's key what to measure next."""
+    """Artifacts of an instrument (None if absent), and next measurement by a cause's key."""
 
     artifacts: Mapping[str, Any]
     advice: Mapping[str, Advice] = field(default_factory=dict)
@@ -147,10 +147,8 @@ class InstrumentResults:
 
 @dataclass(frozen=True)
 class DiagnosisData(Generic[M]):
-    """Measured values by role, the model of the plain simulation, and what was left out, in words.
-
-    ``leaves`` is what its instrument leaves beside what all do; ``relation`` what its model relates.
-    """
+    """Measured values by role, model of the plain simulation, and omissions in words. ``leaves``: artifacts of its
+    instrument; ``relation``: relation that its model tests."""
 
     model: M
     calibration: Epochs

@@ -1,4 +1,4 @@
-"""From a run's tables to what the diagnosis compares of a legged mechanism: measured points of all bodies."""
+"""Data of the diagnosis of a legged mechanism: measured points of all bodies."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _FEWEST_POSES = 3
 
 
 def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[MechanismModel]:
-    """What the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
+    """Data of the diagnosis; raises ValueError with the reason if the campaign lacks them."""
     section = cast("LeggedMechanism", settings.mechanism)
     if why := why_no_diagnosis_of_mechanism(section, settings.noise.point_mm, tables):
         raise ValueError(why)
@@ -96,7 +96,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
 
 
 def _known(section: LeggedMechanism, settings: Campaign, bodies: MeasuredTargets, seated: SeatedLegs) -> PriorKnowledge:
-    """What campaign.toml and survey know beforehand; wide open where they give no tolerance."""
+    """Prior from campaign.toml and survey; wide where they give no tolerance."""
     tolerance = section.tolerance
     given = {"a": tolerance.a_mm, "b": tolerance.b_mm, "l": tolerance.length_mm}
     sigmas = {name: FREE_LENGTH_M if value is None else value * 1e-3 for name, value in given.items()}
@@ -121,7 +121,7 @@ def _known(section: LeggedMechanism, settings: Campaign, bodies: MeasuredTargets
 
 
 def _weight(section: LeggedMechanism, settings: Campaign) -> Weight | None:
-    """Which way is up, and what the legs carry; None where campaign.toml does not say which way is up."""
+    """Upward direction and payload; None without an upward direction in campaign.toml."""
     mass, (across, along, above) = section.payload_kg, (1e-3 * length for length in section.payload_com_mm)
     if settings.measurement.up is None:
         return None
@@ -171,7 +171,7 @@ def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
 
 
 def _left(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
-    """How far each pose is missed, the extended model, the geometry's pulls, what has changed, what to measure next."""
+    """Errors of each pose, extended model, pulls of the geometry, changes, next measurements."""
     final = diagnosis.final
     next_measurement = next_of(diagnosis, settings)
     left = {

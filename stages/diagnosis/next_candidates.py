@@ -1,4 +1,4 @@
-"""What could be measured next: configurations within reach, and other surroundings where a model depends on them."""
+"""Candidates for the next measurement: reachable configurations, and other conditions if a model depends on them."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
     from truing.simulation.mechanisms.legs.closures import Legs
 
-# Corners of what can be reached, places between them, and single actuators moved alone: what candidates there are.
+# Numbers of candidates: corners of the reachable range, points between them, and single actuators moved alone.
 _CORNERS, _BETWEEN = 36, 48
-_FINEST_M = 1e-6  # readings are asked for to a micrometre, or to what actuators repeat
-_TINY = 1e-6  # of a step: limits that lie on one
+_FINEST_M = 1e-6  # proposed readings are rounded to a micrometre, or to the repeatability of the actuators
+_TINY = 1e-6  # of a step: tolerance for limits on a step
 _SAME = 5.0  # readings within so many of these steps are the same
-_TOLD_DIGITS = 4  # of a value that surroundings are set to
+_TOLD_DIGITS = 4  # of a set value of the surroundings
 # Temperatures this far from those measured are no trouble to set up, K.
 _WARMER_K = 5.0
-# So many attitudes of a body are proposed beside the usual one.
+# Number of proposed attitudes of a body besides the usual one.
 _ATTITUDES = 4
 # A change of surroundings that moves no measurement by this many sigma does not matter to a model.
 _MATTERS = 0.1
@@ -35,7 +35,7 @@ _MATTERS = 0.1
 
 @dataclass(frozen=True)
 class Level:
-    """A value that a covariate can be given, and how to say so; nothing to be said of what is as usual."""
+    """A possible value of a covariate, and its words; none for the usual value."""
 
     value: Any
     words: str = ""
@@ -66,34 +66,34 @@ class PossibleMeasurements:
 
     @property
     def settable(self) -> tuple[str, ...]:
-        """Return the covariates that matter and have one number per pose to be set; time passes by itself."""
+        """Return the relevant covariates with one number per pose that can be set, so not time."""
         named = [name for name in self.matters if name not in (TIME, ORDER) and not name.startswith(CAME_FROM)]
         return tuple(name for name in named if self.conditions.covariates[name].ndim == 1)
 
     def linearised(self, fitted: Fitted) -> PoseCandidates:
-        """Return the candidates as a fitted model sees them."""
+        """Return the candidates linearised about a fitted model."""
         return candidates(fitted, self.conditions, self.instrument)
 
     def named(self, k: int) -> str:
-        """Return a candidate in words: its readings, and what else to see to."""
+        """Return a candidate in words: readings and other conditions."""
         readings = " ".join(f"{value * 1e3:.3f}" for value in self.conditions.readings[k])
         again = "" if self.repeats[k] is None else f"pose {self.repeats[k]} again"
         return " ".join(filter(None, (f"rho {readings} mm", again, self.words[k])))
 
     def rows(self, k: int) -> list[dict[str, Any]]:
-        """Return the row of a candidate; of covariates those that matter, and time only in words, for it will be what
-        it is."""
+        """Return the table row of a candidate with its relevant covariates; time only in words, because it cannot be
+        set."""
         readings = {f"rho{leg}_mm": round(float(v * 1e3), 6) for leg, v in enumerate(self.conditions.readings[k], 1)}
         set_to = {name: float(self.conditions.covariates[name][k]) for name in self.settable}
         again = None if self.repeats[k] is None else str(self.repeats[k])
         return [{**readings, **set_to, "conditions": self.words[k] or None, "repeat_of": again}]
 
     def sets_conditions(self, k: int) -> bool:
-        """Return whether covariates are to be set to other than their usual values."""
+        """Whether covariates must be set to unusual values."""
         return bool(self.words[k]) and bool(self.settable)
 
     def seconds(self, times: Mapping[int, int]) -> float | None:
-        """Return how long candidates take, each so often, at the campaign's own pace and with one pause before, s."""
+        """Return the duration of candidates, with repeats, at the campaign's pace and with one initial pause, s."""
         if self.pace_s is None:
             return None
         pause = max(self.pause_s[list(times)], default=0.0)
@@ -101,7 +101,7 @@ class PossibleMeasurements:
 
 
 def possible(settings: Campaign, models: Sequence[Fitted], instrument: PointInstrument) -> PossibleMeasurements:
-    """Return what could be measured next, to judge models by."""
+    """Return the candidates for the next measurement, to compare models."""
     rng = np.random.default_rng(0)
     measured, finest = models[0].model.conditions, _finest(settings)
     readings = _configurations(settings, measured.readings, models[0].model, finest, rng)
@@ -127,19 +127,19 @@ def possible(settings: Campaign, models: Sequence[Fitted], instrument: PointInst
 
 
 def _finest(settings: Campaign) -> float:
-    """Return the least step, m, that readings are asked for in: a power of ten, no finer than actuators repeat."""
+    """Return the rounding of proposed readings, m: a power of ten, not below the actuators' repeatability."""
     sigma = settings.noise.actuator_mm * 1e-3
     return _FINEST_M if sigma <= _FINEST_M else float(10.0 ** np.ceil(np.log10(sigma)))
 
 
 def _pace(time: NDArray | None) -> float | None:
-    """Return the median time from one pose to the next, s; None where nothing tells it."""
+    """Return the median time between poses, s; None if unknown."""
     steps = np.empty(0) if time is None else np.diff(np.sort(time[np.isfinite(time)]))
     return float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else None
 
 
 def _repeats(readings: NDArray, measured: Any, finest: float) -> tuple[int | str | None, ...]:
-    """Return for each configuration (C, L) the measured pose whose readings it repeats, None where there is none."""
+    """Return for each configuration (C, L) the measured pose with the same readings, or None."""
     away = np.max(np.abs(readings[:, None] - measured.readings), -1)
     nearest = np.nanargmin(np.where(np.isfinite(away), away, np.inf), 1)
     return tuple(
@@ -148,9 +148,9 @@ def _repeats(readings: NDArray, measured: Any, finest: float) -> tuple[int | str
 
 
 def conditions_at(measured: Any, readings: NDArray, covariates: Mapping[str, NDArray]) -> Any:
-    """Return conditions of new poses in the place of those that were measured.
+    """Return conditions of new poses in place of the measured ones.
 
-    Whatever else is known pose by pose, where bodies were found, is as at one measured pose or another.
+    Other quantities known pose by pose, such as body positions, are those of a measured pose.
     """
     count, rows = len(readings), np.arange(len(readings)) % len(measured.readings)
     others = {f.name: getattr(measured, f.name) for f in fields(measured) if f.name not in ("readings", "covariates")}
@@ -161,7 +161,7 @@ def conditions_at(measured: Any, readings: NDArray, covariates: Mapping[str, NDA
 def _configurations(
     settings: Campaign, measured: NDArray, model: Any, finest: float, rng: np.random.Generator
 ) -> NDArray:
-    """Return readings (C, L), m; those that were measured where no others are within reach."""
+    """Return readings (C, L), m; the measured ones if no others are reachable."""
     from truing.simulation.mechanisms.legs.kinematics import reaches
 
     legs: Legs = model.nominal
@@ -179,7 +179,7 @@ def _configurations(
 
 
 def _of_six(low: NDArray, high: NDArray, reference: NDArray, rng: np.random.Generator) -> NDArray:
-    """Return readings of six legs between limits (6,), each as free as the others; single ones leave the reference."""
+    """Return readings of six legs between limits (6,), all independent; single ones leave the reference."""
     corners = rng.permutation(np.array(np.meshgrid(*[[0.0, 1.0]] * 6)).reshape(6, -1).T)[:_CORNERS]
     rest = np.clip(reference, low, high)
     alone = np.where(np.eye(6, dtype=bool), np.array([low, high])[:, None], rest).reshape(12, 6)
@@ -205,7 +205,7 @@ def _of_more(settings: Campaign, low: NDArray, high: NDArray, rng: np.random.Gen
 
 
 def _levels(name: str, value: NDArray, step: float) -> list[Level]:
-    """Return what a covariate (B,) or (B, L) can be set to, the usual one first; nothing where it is not known."""
+    """Return the possible values of a covariate (B,) or (B, L), the usual one first; none if it is unknown."""
     if not np.isfinite(value).all():
         return []
     if name.startswith(GRAVITY_IN):
@@ -227,7 +227,7 @@ def _levels(name: str, value: NDArray, step: float) -> list[Level]:
 
 
 def _times(value: NDArray) -> list[Level]:
-    """Return the time of the next pose and that after a pause as long as the campaign, s."""
+    """Return the time of the next pose, and that after a pause as long as the campaign, s."""
     span = float(np.ptp(value))
     last, step = float(value.max()), span / max(len(value) - 1, 1)
     later = [Level(last + step + span, f"after a pause of {duration(span)}")] if span > 0.0 else []
@@ -235,13 +235,15 @@ def _times(value: NDArray) -> list[Level]:
 
 
 def _approaches(drive: str) -> list[Level]:
-    """Return from where a drive may come."""
+    """Return the possible directions of approach of a drive."""
     return [Level(1.0, f"approached with growing {drive}"), Level(-1.0, f"approached with falling {drive}")]
 
 
 def _attitudes(body: str, down: NDArray) -> list[Level]:
-    """Return directions of gravity in a body's frame (3,), of those that were measured (B, 3): the usual one, then
-    those that lie farthest from it and from each other."""
+    """Return directions of gravity in a body's frame (3,), chosen from the measured ones (B, 3).
+
+    The usual one comes first, then those farthest from it and from each other.
+    """
     chosen = [int(np.argmin(np.sum((down - np.median(down, axis=0)) ** 2, axis=1)))]
     for _ in range(min(_ATTITUDES, len(np.unique(down, axis=0)) - 1)):
         apart = np.min(np.sum((down[:, None] - down[chosen]) ** 2, axis=-1), axis=1)
@@ -251,14 +253,14 @@ def _attitudes(body: str, down: NDArray) -> list[Level]:
 
 
 def _movement(steps: NDArray | None, finest: float) -> float:
-    """Return by how much actuators mostly moved from pose to pose (B, L), m, in full steps; 0 where they did not."""
+    """Return the usual movement of actuators between poses (B, L), m, in full steps; 0 without movement."""
     sizes = np.empty(0) if steps is None else np.abs(steps[np.isfinite(steps)])
     moved = sizes[sizes > _SAME * finest]
     return float(np.round(np.median(moved) / finest) * finest) if len(moved) else 0.0
 
 
 def _movements(name: str, legs: int, step: float) -> list[Level]:
-    """Return how actuators may come to a pose by a movement of ``step``, m; at rest where they never moved so far."""
+    """Return possible movements to a pose by ``step``, m; none if the actuators never moved so far."""
     if not step and name != APPROACH:
         return [Level(np.zeros(legs))]
     size = 1.0 if name == APPROACH else step
@@ -276,7 +278,7 @@ def _movements(name: str, legs: int, step: float) -> list[Level]:
 def _matters(
     models: Sequence[Fitted], corner: NDArray, levels: Mapping[str, list[Level]], instrument: PointInstrument
 ) -> tuple[str, ...]:
-    """Return the covariates that any of the models depends on at a corner of what can be reached."""
+    """Return the covariates on which any model depends at a corner of the reachable range."""
     usual = {name: found[0].value for name, found in levels.items()}
     trials = [(name, level.value) for name, found in levels.items() for level in found[1:]]
     rows = [usual, *({**usual, name: value} for name, value in trials)]
@@ -294,9 +296,9 @@ def _matters(
 def _drawn(
     levels: Mapping[str, list[Level]], matters: tuple[str, ...], count: int, rng: np.random.Generator
 ) -> dict[str, list[Level]]:
-    """Return a level of every covariate for each of ``count`` candidates: the usual one where it does not matter.
+    """Return a level of every covariate for ``count`` candidates: the usual one if it is irrelevant.
 
-    All that tells how actuators came to a pose is told of one movement.
+    All covariates on the approach to a pose come from one movement.
     """
     ways = rng.integers(4, size=count)
     drawn = {}

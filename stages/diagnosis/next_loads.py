@@ -1,4 +1,4 @@
-"""What could be measured next on a bench: runs of loads within its range, and how they are told."""
+"""Candidates for the next measurement on a bench: runs of loads within its range, and their description."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _THERE = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 0.75, 0.5, 0.25, 0.0])
 _BOTH = np.array([0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, -0.5, 0.0])
 _HELD = np.array([0.0, *[1.0] * 7, 0.0])
 _STEPS = len(_THERE)
-_LARGE, _SMALL = 1.0, 0.1  # of the range; what a clearance does is seen best near zero
+_LARGE, _SMALL = 1.0, 0.1  # of the range; the effect of a clearance is largest near zero
 _AT_ONCE = 2
 # A slow run takes so many times as long; a temperature that is let go changes by so many kelvin within a run.
 _SLOWER = 8.0
@@ -60,7 +60,7 @@ class _Run:
 
 @dataclass(frozen=True)
 class PossibleRuns:
-    """Candidates: runs of ``_STEPS`` steps, what is read in each, and how further readings would be."""
+    """Candidates: runs of ``_STEPS`` steps, their channels, and the noise of further readings."""
 
     runs: Runs
     made: tuple[_Run, ...]
@@ -74,11 +74,11 @@ class PossibleRuns:
     pace: ClassVar[str] = "of loading"
 
     def linearised(self, fitted: Fitted) -> PoseCandidates:
-        """Return the candidates as a fitted model sees them."""
+        """Return the candidates linearised about a fitted model."""
         return run_candidates(fitted, self.runs, self.readout)
 
     def named(self, k: int) -> str:
-        """Return a candidate in words: its loads, how it is done, and what is read where that is not everything."""
+        """Return a candidate in words: loads, procedure, and channels if not all are read."""
         run = self.made[self.runs.run[k]]
         own = [name for name in self._read(k) if name in CHANNELS]
         reading = f"reading {' '.join(own)}" if 0 < len(own) < len(CHANNELS) else ""
@@ -86,11 +86,11 @@ class PossibleRuns:
         return ", ".join(filter(None, (run.loads_in_words, run.words, reading, again)))
 
     def sets_conditions(self, k: int) -> bool:
-        """Return whether a temperature is to change within the run."""
+        """Whether a temperature must change within the run."""
         return bool(self.made[self.runs.run[k]].changing)
 
     def seconds(self, times: Mapping[int, int]) -> float | None:
-        """Return how long runs take, each so often, at the pace of their steps and without pauses between them, s."""
+        """Return the duration of runs, with repeats, at the pace of their steps and without pauses between them, s."""
         return sum(_STEPS * self.made[self.runs.run[k]].step_s * own for k, own in times.items())
 
     def rows(self, k: int) -> list[dict[str, Any]]:
@@ -114,7 +114,7 @@ class PossibleRuns:
 
 
 def _branches(load: Array) -> Iterator[str]:
-    """Yield for each step whether its load grew or came back; one that is held is on the branch that it came by."""
+    """Yield for each step whether its load grew or came back; a held load keeps its branch."""
     size, branch = np.abs(load).sum(1), "loading"
     for step, own in enumerate(size):
         if step and own != size[step - 1]:
@@ -123,7 +123,7 @@ def _branches(load: Array) -> Iterator[str]:
 
 
 def next_run(fitted: FittedModel) -> Fitted:
-    """The fit of a bench as further runs see it: the zeros of runs that are over do not matter to them."""
+    """The fit of a bench for further runs, without the zeros of past runs."""
     model = fitted.model
     assert isinstance(model, BenchModel)
     none = ChannelZeros(np.array([], model.conditions.run.dtype), np.array([], int), np.zeros(0), np.zeros(0, bool))
@@ -133,7 +133,7 @@ def next_run(fitted: FittedModel) -> Fitted:
 
 
 def possible_runs(settings: Campaign, current: FittedModel, models: Sequence[Fitted]) -> PossibleRuns:
-    """Return the runs that could be done next on the bench of a fit, to judge models by."""
+    """Return the possible next runs on the bench of a fit, to compare models."""
     model = current.model
     assert isinstance(model, BenchModel)
     readout, seen = _readout(current, model), current.measured.seen
@@ -151,7 +151,7 @@ def possible_runs(settings: Campaign, current: FittedModel, models: Sequence[Fit
 
 
 def _readout(fitted: FittedModel, model: BenchModel) -> Readout:
-    """The noise of readings as the fit has it, and of the zeros of runs as they are known beforehand."""
+    """Noise of readings in the fit, and prior of the zeros of runs."""
     known, seen = model.known, fitted.measured.seen
     variance = np.where(seen, fitted.measured.covariance[..., 0, 0], 0.0).sum(0) / np.maximum(seen.sum(0), 1)
     sigma = np.where(seen.any(0), np.sqrt(variance), known.sigma)
@@ -161,7 +161,7 @@ def _readout(fitted: FittedModel, model: BenchModel) -> Readout:
 
 
 def _reads(model: BenchModel, seen: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """What is read in a run (N', N): as in the campaign all channels at once, or one of them with all signals."""
+    """Channels read in a run (N', N): all at once as in the campaign, or one of them with all signals."""
     ever = np.flatnonzero(seen.any(0))
     platform, signals = ever[ever < len(CHANNELS)], ever[ever >= len(CHANNELS)]
     in_run = np.zeros((int(model.steps.code.max()) + 1, len(platform)), bool)
@@ -172,7 +172,7 @@ def _reads(model: BenchModel, seen: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def _as_measured(run: _Run, model: BenchModel, least: Array) -> _Run:
-    """A run with the names of measured ones that hold all its loads, to within what loads are known to."""
+    """A run with the names of measured runs that contain all its loads, within the uncertainty of loads."""
     measured, runs = model.conditions.load, model.conditions.run
     apart = np.abs(run.load[:, None] - measured) <= np.maximum(_SAME * least, _ROUNDED * np.abs(run.load[:, None]))
     same = apart.all(-1)[run.load.any(1)]
@@ -224,7 +224,7 @@ def _words(load: Array, form: str) -> str:
 
 
 def _otherwise(model: BenchModel, plain: Sequence[_Run]) -> Iterator[list[_Run]]:
-    """The same runs slowly, and while a temperature changes."""
+    """The same runs at a slower pace, and with a changing temperature."""
     slow = f"a step every {duration(_SLOWER * plain[0].step_s)}"
     yield [replace(run, step_s=_SLOWER * run.step_s, words=slow) for run in plain]
     for name in model.conditions.covariates:
@@ -234,7 +234,7 @@ def _otherwise(model: BenchModel, plain: Sequence[_Run]) -> Iterator[list[_Run]]
 
 
 def _moves(fitted: Fitted, plain: Sequence[_Run], other: Sequence[_Run], sigma: Array) -> bool:
-    """Whether a model expects other readings of runs that are done in another way."""
+    """Whether a model predicts other readings for runs under other conditions."""
     model: BenchModel = fitted.model
     local = np.zeros((len(plain) * _STEPS, model.local_size))
     usual, then = (model.at(_conditions(model, runs)).points(fitted.shared, local)[..., 0] for runs in (plain, other))
@@ -261,7 +261,7 @@ def _conditions(model: BenchModel, made: Sequence[_Run]) -> ReadingConditions:
 
 
 def _labels(run: NDArray[Any], count: int) -> NDArray[Any]:
-    """Names for runs (count,), of the kind of those that were measured, and none of them."""
+    """Unused names for runs (count,), in the style of the measured ones."""
     if np.issubdtype(run.dtype, np.integer):
         return np.asarray(run.max() + 1 + np.arange(count))
     return np.array([f"{max(run)} then {number}" for number in range(count)])

@@ -1,4 +1,4 @@
-"""What to measure next, ready for the machine: to tell rivals apart, or to know what was found twice as well."""
+"""Proposal of the next measurement, to separate rivals or to halve the uncertainty of a finding."""
 
 from __future__ import annotations
 
@@ -39,18 +39,18 @@ if TYPE_CHECKING:
 
 ODDS = 20.0
 _HALF = 0.5
-_MOST = 8  # as many configurations or runs as a person sets up in one go
-# Of a parameter's uncertainty: how far it is moved to see what follows.
+_MOST = 8  # configurations or runs that a person can set up together
+# Step for numerical derivatives, as a share of a parameter's uncertainty.
 _STEP = 1e-3
-# Odds that are worth no measurement.
+# Odds too small to justify a measurement.
 _WORTH = 1.5
-_TOLD = 4  # as many as a sentence holds
-# A target that was never seen tells nothing.
+_TOLD = 4  # largest number of items in a sentence
+# A target that was never seen gives no information.
 _UNSEEN_M2 = 1.0
 
 
 class Options(Protocol):
-    """Candidates for what to measure next, and what each is called."""
+    """Candidates for the next measurement, with their names."""
 
     what: ClassVar[tuple[str, str]]  # what one is, and several
     unit: ClassVar[str]  # what they are counted in
@@ -59,7 +59,7 @@ class Options(Protocol):
     pace: ClassVar[str]  # behind how long they take
 
     def linearised(self, fitted: Fitted) -> PoseCandidates:
-        """Return the candidates as a fitted model sees them."""
+        """Return the candidates linearised about a fitted model."""
 
     def named(self, k: int) -> str:
         """Return a candidate in words."""
@@ -68,19 +68,19 @@ class Options(Protocol):
         """Return a candidate as rows of its table, which hold what is asked for."""
 
     def sets_conditions(self, k: int) -> bool:
-        """Return whether it takes a change of surroundings, which takes a time of its own."""
+        """Whether it needs a change of conditions, which takes additional time."""
 
     def seconds(self, times: Mapping[int, int]) -> float | None:
-        """Return how long candidates take, each so often, at the campaign's own pace, s; None where nothing tells."""
+        """Return the duration of candidates, with repeats, at the campaign's own pace, s; None if unknown."""
 
 
-# What could be measured next to judge some fitted models by.
+# Candidates for the comparison of some fitted models.
 Reach = Callable[[Sequence[Fitted]], Options]
 
 
 @dataclass(frozen=True)
 class MeasurementPlan:
-    """Candidates chosen for a purpose, what each adds as columns of the table, and what all of them give, in words."""
+    """Candidates chosen for a purpose, table columns for each, and the expected gain of all in words."""
 
     purpose: str
     need: Need
@@ -91,17 +91,17 @@ class MeasurementPlan:
 
     @property
     def leads(self) -> bool:
-        """Return whether they lead to anything at all."""
+        """Whether they give any gain."""
         return self.choice.is_enough or (self.need == Need.RIVAL and self.choice.final >= _WORTH)
 
     @property
     def effort(self) -> float:
-        """Return the number of poses or runs to measure; infinite where no number gives what is wanted."""
+        """Return the number of poses or runs to measure; infinite if no number is sufficient."""
         return float(self.choice.total) if self.choice.is_enough else np.inf
 
     @property
     def duration_s(self) -> float | None:
-        """Return how long all of them take at the campaign's own pace, s; None where that is not known."""
+        """Return the total duration at the campaign's own pace, s; None if unknown."""
         if not self.choice.is_enough:
             return None
         return self.options.seconds(dict(zip(self.choice.chosen, self.choice.times, strict=True)))
@@ -117,20 +117,20 @@ class MeasurementPlan:
             yield from ({**own, **row, **expected} for row in self.options.rows(k))
 
     def advice(self, kind: AdviceKind, aim: str) -> Advice:
-        """Return what to measure for an aim ("To ..."), and what it gives; in short without the candidates' names."""
+        """Return the measurement for an aim ("To ...") and its gain; in short without the candidates' names."""
         chosen = self.choice.chosen
         named = self.options.between.join(self.options.named(k) for k in chosen[:_TOLD])
         more = f"{self.options.between}.." if len(chosen) > _TOLD else ""
         return Advice(kind, self.request(f"{aim},", f" ({named}{more})"), self.request(f"{aim},"), self.purpose)
 
     def request(self, first: str, named: str = "") -> str:
-        """Return a sentence that begins with some words: what to measure, how often and how long, and what it gives."""
+        """Return a sentence with a given start: candidates, number, duration and gain."""
         count_of, (one, several) = len(self.choice.chosen), self.options.what
         what = f"this {one}" if count_of == 1 else f"these {count_of} {several}"
         return f"{first} {self.options.do} {what}{named}{self._amount()}. {self.given}"
 
     def _amount(self) -> str:
-        """How often each, how many in all, and how long that takes."""
+        """Repeats of each, total number, and total duration in words."""
         if not self.choice.is_enough:
             return ""
         few, many, total = min(self.choice.times), max(self.choice.times), self.choice.total
@@ -155,13 +155,13 @@ def plan_table(artifact: str, plans: Sequence[MeasurementPlan]) -> pa.Table:
 
 @dataclass(frozen=True)
 class MeasuredPoints:
-    """What was measured for the fit: its noise is that expected of further poses."""
+    """Points of the fit, whose noise is that expected of further poses."""
 
     points: Observations
     frames: Frames
 
     def instrument(self) -> PointInstrument:
-        """Return how further poses would be measured: with the mean noise of each target."""
+        """Return the instrument for further poses, with the mean noise of each target."""
         turned = np.swapaxes(self.frames.R, 1, 2)[:, None] @ self.points.covariance @ self.frames.R[:, None]
         seen = self.points.seen[..., None, None]
         count = seen.sum(0)
@@ -171,8 +171,8 @@ class MeasuredPoints:
 
 @dataclass(frozen=True)
 class Rivals:
-    """Two causes that explain the data alike, each in a model without the other; log_odds: of the first against the
-    second so far."""
+    """Two causes that explain the data equally, each in a model without the other; log_odds: of the first against the
+    second now."""
 
     cause: Any
     fitted: Fitted
@@ -188,14 +188,14 @@ class Rivals:
 
 @dataclass(frozen=True)
 class NextMeasurement:
-    """What to measure next: next_poses.parquet or next_loads.parquet, and by a cause's key the advice on it."""
+    """Next measurements: next_poses.parquet or next_loads.parquet, and advice by a cause's key."""
 
     table: pa.Table
     advice: dict[str, Advice]
 
 
 def next_of(diagnosis: CauseDiagnosis, settings: Campaign) -> NextMeasurement:
-    """Return what to measure after a diagnosis of poses."""
+    """Return the next measurements after a diagnosis of poses."""
     final = diagnosis.final
     return next_measurements(
         settings, MeasuredPoints(final.measured, final.fit.frames), *_models_to_improve(diagnosis, _fitted)
@@ -203,9 +203,9 @@ def next_of(diagnosis: CauseDiagnosis, settings: Campaign) -> NextMeasurement:
 
 
 def next_loads_of(diagnosis: CauseDiagnosis, settings: Campaign) -> NextMeasurement:
-    """Return which loads to apply after a diagnosis of a bench.
+    """Return the next loads after a diagnosis of a bench.
 
-    What was found alone keeps the words of its cause, which ask for more than more loads; these are in the table.
+    A finding without rivals keeps the words of its cause, which may need more than loads; its loads are in the table.
     """
     legs = diagnosis.plain.model.part_count
     found, rivals = _models_to_improve(diagnosis, next_run)
@@ -231,7 +231,7 @@ def _with_another(another: Advice, plan: MeasurementPlan | None) -> Advice:
 def _models_to_improve(
     diagnosis: CauseDiagnosis, fitted: Callable[[FittedModel], Fitted]
 ) -> tuple[list[tuple[Any, Fitted]], list[Rivals]]:
-    """Return the found causes with the final fit, and those that cannot be told from their rivals."""
+    """Return the found causes with the final fit, and those with rivals."""
     accepted = {v.cause.key: v for v in diagnosis.verdicts if v.verdict in ("found", "suspected")}
     rivals = [
         Rivals(own.cause, fitted(own.own), other.cause, fitted(other.own), own.log_odds - other.log_odds)
@@ -239,7 +239,7 @@ def _models_to_improve(
         if other.rival is not None and (own := accepted.get(other.rival.key)) and own.own and other.own
     ]
     final = fitted(diagnosis.final)
-    # How large something is does not matter before it has a name and is sure to be there.
+    # The size of an effect matters only once its cause is certain.
     sure = [own.cause for own in accepted.values() if own.verdict == "found" and own.cause.catalogued]
     return [(cause, final) for cause in sure], rivals
 
@@ -251,7 +251,7 @@ def _fitted(current: FittedModel) -> Fitted:
 def next_measurements(
     settings: Campaign, measured: MeasuredPoints, found: Sequence[tuple[Any, Fitted]], rivals: Sequence[Rivals]
 ) -> NextMeasurement:
-    """Return which configurations to measure next; as `planned`."""
+    """Return the configurations to measure next; as `planned`."""
     instrument = measured.instrument()
     plans, advice = planned(lambda models: possible(settings, models, instrument), found, rivals)
     return NextMeasurement(plan_table("next_poses", plans), advice)
@@ -260,11 +260,11 @@ def next_measurements(
 def planned(
     reach: Reach, found: Sequence[tuple[Any, Fitted]], rivals: Sequence[Rivals], *, least_known: bool = False
 ) -> tuple[list[MeasurementPlan], dict[str, Advice]]:
-    """Return what to measure next, and the advice on it by a cause's key: for each found cause without rivals, and
-    for each pair of rivals.
+    """Return the next measurements, and advice by a cause's key: for each found cause without rivals, and for each pair
+    of rivals.
 
-    ``found`` are causes with the model that holds them, of which the largest parameter is to be known better, or the
-    least known. A cause with several rivals is told the hardest of them.
+    ``found``: causes with their model; the plan reduces the uncertainty of the largest or least known parameter. A
+    cause with several rivals gets the advice for the hardest one.
     """
     plans: list[MeasurementPlan] = []
     advice: dict[str, Advice] = {}
@@ -300,7 +300,7 @@ def _apart(reach: Reach, pair: Rivals) -> MeasurementPlan:
 
 
 def _own(fitted: Fitted, other: Fitted) -> NDArray:
-    """Return the unknowns that a model has and another has not."""
+    """Return the unknowns of one model that another lacks."""
     parts = [part for name, part in fitted.model.layout.items() if name not in other.model.layout]
     return np.concatenate([np.arange(part.start, part.stop) for part in parts])
 
@@ -322,7 +322,7 @@ def _separation_advice(plan: MeasurementPlan, own: Any, other: Any, legs: int) -
 
 
 def _called(cause: Any, legs: int) -> str:
-    """What tells a cause from others, in the words of a page."""
+    """Name of a cause and its subject, in the words of the report."""
     of, follows = subject_words(cause.subject), columns_words(cause.inputs(legs))
     return f"{cause_words(cause.id)}{f' of {of}' if of else ''}{f' with {follows}' if follows else ''}"
 
@@ -332,7 +332,7 @@ def _confirming(cause: Any, legs: int) -> Advice:
 
 
 def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[MeasurementPlan, Advice]:
-    """Return what narrows down a parameter."""
+    """Return the plan that reduces the uncertainty of a parameter."""
     options = reach((fitted,))
     choice = narrowed(options.linearised(fitted), largest.direction, _HALF, _MOST)
     name, legs = largest.value.name, fitted.model.part_count
@@ -355,7 +355,7 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Measureme
 
 @dataclass(frozen=True)
 class _Largest:
-    """The largest parameter of a cause, of those in the unit of its first, and how it follows the unknowns (G,)."""
+    """Largest parameter of a cause, among those in the unit of its first, and its dependence on the unknowns (G,)."""
 
     cause: Any
     value: Any  # a `cause.ReportedParameter`
@@ -375,7 +375,7 @@ class _Largest:
 
 
 def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
-    """Return the largest parameter, or the least known; None where the cause has none that is measured."""
+    """Return the largest parameter, or the least known; None if no parameter is measured."""
     part, legs = fitted.model.layout[cause.key], fitted.model.part_count
     scale = fitted.model.effect_sigma(cause)
     values, covariance = fitted.shared[part] * scale, fitted.covariance[part, part] * np.outer(scale, scale)
@@ -394,7 +394,7 @@ def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
 
 
 def _name(cause: Any, legs: int) -> str:
-    """Return what tells a cause from others in a sentence: its subject, or what it follows where it has no name."""
+    """Return the name of a cause in a sentence, with its subject, or its inputs if it has no name."""
     follows = tuple(map(own_name, cause.inputs(legs)))
     driven = f"following {follows[0]}{f' .. {follows[-1]}' if len(follows) > 1 else ''}" if follows else ""
     return " ".join(filter(None, (cause.id, cause.subject, driven)))

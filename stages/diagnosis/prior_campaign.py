@@ -1,4 +1,4 @@
-"""Starting from an earlier campaign of the same machine: what it knew enters, and what has changed since is told."""
+"""Start from an earlier campaign of the same machine: its results as prior, and changes since then."""
 
 from __future__ import annotations
 
@@ -37,10 +37,9 @@ _UNNAMED = "the earlier campaign"
 
 
 def started(data: DiagnosisData[Any], text: str, seed: int) -> DiagnosisData[Any]:
-    """What is compared, with the effects and the knowledge of an earlier model.
+    """Data with the effects and the prior of an earlier model.
 
-    Numbers that have changed since are let free, and all of them where the machine is another one. Raises
-    CampaignFaults where the text is no model.
+    Changed parameters are free, all of them for another machine. Raises CampaignFaults if the text is no model.
     """
     try:
         campaign, causes, prior = _known(text, data.model)
@@ -74,12 +73,12 @@ def _known(text: str, model: Any) -> tuple[str, tuple[Cause, ...], CampaignPrior
 
 
 def with_prior_campaign(model: ModelT, prior: CampaignPrior) -> ModelT:
-    """The model, of points or of readings, that starts from what an earlier campaign found."""
+    """The model of points or readings with the prior from an earlier campaign."""
     return replace(model, prior_campaign=prior).with_causes(())
 
 
 def _compared(prior: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray) -> NumberComparison:
-    """The earlier numbers against those of a model that was fitted without the earlier campaign's knowledge."""
+    """Comparison of the earlier parameters with those of a fit without the earlier prior."""
     now = _now(prior, model, shared, covariance)
     return compare(prior.mean, prior.covariance, *now, prior.shared, prior.frames)
 
@@ -104,9 +103,9 @@ def _words(campaign: str, prior: CampaignPrior, model: EffectsModel, compared: N
 
 
 def changes_table(final: FittedModel) -> pa.Table | None:
-    """The rows of changes.parquet: what the final model says without the earlier knowledge, against that knowledge.
+    """Rows of changes.parquet: final model without the earlier prior against that prior.
 
-    None where the campaign starts from nothing.
+    None without an earlier campaign.
     """
     assert isinstance(final.model, MechanismModel | BenchModel)
     prior = final.model.prior_campaign

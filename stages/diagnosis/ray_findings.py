@@ -65,7 +65,7 @@ class RayFindings:
 
     @property
     def found(self) -> bool:
-        """Whether rays show anything."""
+        """Whether rays show a cause."""
         return bool(self.moves)
 
     @property
@@ -81,7 +81,7 @@ class RayFindings:
 
 
 def ray_findings(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> RayFindings:
-    """Search what rays tell for causes, and say what they do to the points."""
+    """Search the rays for causes, and compute their effects on the points."""
     dataset, whole = assemble_rays(tables, settings)
     diagnosis = decided_of_rays(dataset, settings, progress)
     keys, effects = effects_on_points(tables["ray_effects"], whole.parameters)
@@ -108,7 +108,7 @@ def _root(covariance: Array) -> Array:
 
 
 def corrected(tables: Mapping[str, pa.Table], rays: RayFindings) -> dict[str, pa.Table]:
-    """The tables with points where they are, as far as the rays tell it."""
+    """Tables with points corrected for the findings of rays."""
     if not rays.found or "observations" not in tables:
         return dict(tables)
     table = tables["observations"]
@@ -162,7 +162,7 @@ def _keys(table: pa.Table) -> list[tuple[Any, str]]:
 
 
 def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -> dict[str, Any]:
-    """The artifacts of a diagnosis of points, with what rays told before them; ``rule`` is the whole campaign's."""
+    """Artifacts of a diagnosis of points, after the results of rays; ``rule``: that of the whole campaign."""
     own_rule, found = rule_of_rays(rule), dict(artifacts)
     level, search = own_rule.level, rays.diagnosis.search
     diagnosis = replace(rays.diagnosis, verdicts=assessed(rays.diagnosis.verdicts, search, level))
@@ -200,7 +200,7 @@ def _ranked(rays: list[dict[str, Any]], points: pa.Table) -> pa.Table:
 
 
 def _on_points(moved: Any) -> str:
-    """How far an effect moved the points that were computed from the rays."""
+    """Shift of points by an effect found in the rays."""
     size = np.linalg.norm(moved, axis=-1) * _UM
     return (
         f" It moved object points by up to {two_decimals(float(size.max(initial=0.0)))} um against each other, "

@@ -1,4 +1,4 @@
-"""From a run's tables to what the diagnosis compares of rays: what each pose tells of cameras, scale bars and air."""
+"""Data of the diagnosis of rays: information of each pose on cameras, scale bars and air."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ _EXACT_MM = 1e-6  # bars without any uncertainty count alike
 
 
 def has_rays(tables: Mapping[str, pa.Table]) -> bool:
-    """Whether the campaign's points were adjusted from rays, in poses enough to hold these against each other."""
+    """Whether the campaign's points were adjusted from rays, in enough poses for a comparison."""
     names = ("ray_statistics", "ray_information", "ray_effects")
     return all(name in tables for name in names) and len(pose_ids(tables["ray_statistics"])) >= _FEWEST_POSES
 
 
 def assemble_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[DiagnosisData[RayModel], RayPoses]:
-    """What the diagnosis compares of rays, and all poses with rays."""
+    """Data of the diagnosis of rays, and all poses with rays."""
     poses = pose_ids(tables["ray_statistics"])
     numbers = shared_numbers(tables["ray_statistics"])
     covariates, role = known_of_poses(tables.get("configurations"), poses, ())
@@ -75,7 +75,7 @@ def assemble_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[D
 
 
 def some_poses(rays: RayPoses, rows: NDArray[np.bool_]) -> RayPoses:
-    """What is known of some poses (rows: mask)."""
+    """Conditions of some poses (rows: mask)."""
     return replace(
         rays,
         poses=tuple(pose for pose, kept in zip(rays.poses, rows, strict=True) if kept),

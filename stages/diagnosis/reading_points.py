@@ -1,4 +1,4 @@
-"""From a run's tables to what the diagnosis compares where loads are applied: readings and signals of load steps."""
+"""Data of the diagnosis of a bench: readings and signals of load steps."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _MILLIVOLT = 1e-3
 
 
 def reading_model(tables: Mapping[str, pa.Table], settings: Campaign) -> BenchModel:
-    """Return the plain simulation at all load steps; raises ValueError, saying why, where there is none."""
+    """Return the plain simulation at all load steps; raises ValueError with the reason if there is none."""
     steps = load_steps(tables)
     sensor = simulated_sensor(tables, settings, steps)
     sigma, _ = _noise(steps, settings, ())
@@ -65,7 +65,7 @@ def reading_model(tables: Mapping[str, pa.Table], settings: Campaign) -> BenchMo
 
 
 def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData:
-    """Return what the diagnosis compares; raises ValueError, saying why, where the campaign does not hold it."""
+    """Return the data of the diagnosis; raises ValueError with the reason if the campaign lacks them."""
     steps, out = without_excluded(load_steps(tables), settings)
     sensor = simulated_sensor(tables, settings, steps)
     exchanged = confirmed_by_readings(exchanged_rows(steps, ~steps.held_out), steps, sensor)
@@ -73,7 +73,7 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
     words += [text for text in (excluded_words(out),) if text]
     points, seen = _points(steps, sigma)
     kept = decided(steps, settings.keep, "kept").chosen
-    # the load of a step that was left out was applied all the same
+    # the load of an excluded step was still applied
     determined = (seen | out.chosen).any(1) & np.isfinite(steps.time_s)
     fitted, held = determined & ~steps.held_out, determined & steps.held_out
     if why := _why_too_little(steps, fitted, settings):
@@ -106,7 +106,7 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
 
 
 def why_no_diagnosis_of_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> str:
-    """Why readings and signals cannot be held against a simulation, told without a fit; empty where they can."""
+    """Reason why readings and signals cannot be compared with a simulation, without a fit; else empty."""
     steps, out = without_excluded(load_steps(tables), settings)
     try:
         simulated_sensor(tables, settings, steps)
@@ -145,7 +145,7 @@ def simulated_sensor(tables: Mapping[str, pa.Table], settings: Campaign, steps: 
 
 
 def _uncertain(sensor: NominalSensor) -> UncertainSensor:
-    """Of a given compliance the elements are none of its business; one that nobody gave moves nothing."""
+    """Tolerances of the sensor: none of the elements for a given compliance, and no motion without compliance."""
     if sensor.compliance is None:
         return UncertainSensor(sensor.joints, None, np.zeros((len(LOADS), len(LOADS))), sensor.length_sigma)
     own = sensor.elastic is not None and sensor.compliance is sensor.elastic.compliance
@@ -154,7 +154,7 @@ def _uncertain(sensor: NominalSensor) -> UncertainSensor:
 
 
 def _why_too_little(steps: RecordedSteps, fitted: NDArray[np.bool_], settings: Campaign) -> str:
-    """Why so many steps, with such loads, tell nothing; empty where they do."""
+    """Reason why the number of steps or their loads are insufficient; else empty."""
     if fitted.sum() < _FEWEST_STEPS:
         return f"needs at least {_FEWEST_STEPS} load steps with readings, found {int(fitted.sum())}"
     if not (settings.signals.zero_mv is not None and steps.signal.size) and not _loads_change(steps, fitted):
@@ -252,7 +252,7 @@ def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
 
 
 def _left(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
-    """How far each reading is missed, the extended model, the sensor's pulls, what has changed, what to apply next."""
+    """Errors of each reading, extended model, pulls of the sensor, changes, next loads."""
     assert isinstance(data.shown, Channels)
     final, next_measurement = diagnosis.final, next_loads_of(diagnosis, settings)
     assert isinstance(final.model, BenchModel)

@@ -1,4 +1,4 @@
-"""Tables that a diagnosis leaves, by what they hold: what predictions miss, pulls, values that were taken out."""
+"""Tables of a diagnosis by epoch: errors of predictions, pulls, rejected values."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PullName = tuple[int | None, str]  # the leg, None for all, and the parameter
 
 
 def errors_by_role(diagnosis: CauseDiagnosis) -> Iterator[tuple[str, PredictionError, PredictionError]]:
-    """Yield the role of epochs, and what predictions miss of them without and with what was found."""
+    """Yield the role of epochs, and their errors without and with the findings."""
     plain, final = diagnosis.plain, diagnosis.final
     yield "calibration", plain.error, final.error
     if diagnosis.held_out is not None and plain.held_out is not None and final.held_out is not None:
@@ -63,7 +63,7 @@ def prediction_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.
 
 
 def left_out_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Table:
-    """Rows of diagnosis_left_out.parquet: what was taken out as a gross error, of which there is something."""
+    """Rows of diagnosis_left_out.parquet: existing values that were rejected as gross errors."""
     rows = [
         {
             **_place(one, data),

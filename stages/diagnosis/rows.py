@@ -1,4 +1,4 @@
-"""The rows of diagnosis.parquet: what was decided on each candidate, in numbers and in words."""
+"""Rows of diagnosis.parquet: the decision on each candidate, in numbers and in words."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def _left_out(verdict: Verdict, diagnosis: CauseDiagnosis) -> dict[str, Any]:
 
 
 def _advised(advice: Advice) -> dict[str, Any]:
-    """What to measure next."""
+    """Next measurement."""
     short, purpose = advice.short or None, advice.purpose or None
     return {
         "next_measurement": advice.words,
@@ -185,7 +185,7 @@ def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice, 
 
 
 def claim_of(cause: Cause, legs: int) -> Claim:
-    """A cause of a mechanism with that many legs, without its sizes."""
+    """A cause in words for a mechanism with that many legs, without its sizes."""
     settings = {"step": str(cause.step), **cause.settings()}
     return Claim(
         cause=cause.id,
@@ -212,7 +212,7 @@ def reported_parameters(verdict: Verdict, legs: int) -> dict[str, dict[str, Any]
 
 
 def _odds(verdict: Verdict, diagnosis: CauseDiagnosis) -> float | None:
-    """How much more probable the found cause is than one that cannot be told from it."""
+    """Odds of the found cause against its rival."""
     rival = None if verdict.rival is None else verdict.rival.key
     other = next((one for one in diagnosis.verdicts if one.cause.key == rival), None)
     return None if other is None else math.exp(other.log_odds - verdict.log_odds)

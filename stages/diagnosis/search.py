@@ -1,4 +1,4 @@
-"""The search for causes in a campaign: what is compared, which causes are looked for, how sure a finding must be."""
+"""The search for causes in a campaign: data, candidate causes, and significance rule."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 
 # What assembles the data of a mechanism that is neither of legs nor a sensor on its bench, by its type.
 _OF_TYPES = {"axis": "truing.stages.diagnosis.axis_points"}
-# Simulated residual vectors, and as many sign-flipped ones, that the search is held against.
+# Number of simulated residual vectors, and of sign-flipped ones, for the null distribution.
 DRAWS = 400
 # Of the probability of any false finding in a campaign, what rays may take of it; the rest is left to points.
 SHARE_OF_RAYS = 1.0 / 3.0
 
 
 def assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
-    """What is compared; raises ValueError, saying why, where the campaign does not hold it."""
+    """Data of the diagnosis; raises ValueError with the reason if the campaign lacks them."""
     data = _assembled_data(tables, settings)
     return replace(data, given=tuple(searched_for(settings, data.given)))
 
@@ -63,7 +63,7 @@ def _assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagn
 
 
 def _started(data: DiagnosisData[Any], tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
-    """What is compared, with what the model tells that the campaign starts from."""
+    """Data of the diagnosis, with the prior of the model that the campaign starts from."""
     if "start" not in tables:
         return data
     from truing.stages.diagnosis.prior_campaign import started
@@ -72,7 +72,7 @@ def _started(data: DiagnosisData[Any], tables: Mapping[str, pa.Table], settings:
 
 
 def kinds_of(settings: Campaign, *, photographed: bool = False) -> Mapping[str, Cause]:
-    """The causes that a campaign's instrument and mechanism know, by id."""
+    """Causes for a campaign's instrument and mechanism, by id."""
     if settings.mechanism.type in OF_TYPES:
         return OF_TYPES[settings.mechanism.type]()
     if settings.campaign.kind == "interferometer":
@@ -82,12 +82,12 @@ def kinds_of(settings: Campaign, *, photographed: bool = False) -> Mapping[str, 
 
 
 def searched_for(settings: Campaign, causes: Iterable[CauseT]) -> list[CauseT]:
-    """The causes less those that [diagnosis] ignore names."""
+    """Causes without those that [diagnosis] ignore names."""
     return [cause for cause in causes if cause.id not in settings.diagnosis.ignore]
 
 
 def cause_faults(settings: Campaign, file: str) -> Iterator[Fault]:
-    """Names in [diagnosis] apply and ignore that are no cause of such a campaign, or one that cannot be named there."""
+    """Faults of [diagnosis] apply and ignore: unknown causes, or causes that cannot be named there."""
     kinds: dict[str, Cause] = {**kinds_of(settings, photographed=True)}
     if settings.campaign.kind == "photogrammetry" and settings.mechanism.type not in OF_TYPES:
         kinds |= catalogue_of_rays()
@@ -101,22 +101,22 @@ def cause_faults(settings: Campaign, file: str) -> Iterator[Fault]:
 
 
 def rule_of(settings: Campaign) -> Settings:
-    """How sure a finding must be in a campaign."""
+    """Significance rule of a campaign."""
     return Settings(settings.diagnosis.false_alarm, DRAWS, settings.diagnosis.seed)
 
 
 def rule_of_rays(rule: Settings) -> Settings:
-    """How sure a finding of rays must be, by the rule of the whole campaign."""
+    """Significance rule of rays, by the rule of the whole campaign."""
     return replace(rule, false_alarm=SHARE_OF_RAYS * rule.false_alarm)
 
 
 def rule_with_rays(rule: Settings) -> Settings:
-    """How sure a finding of points must be where their rays are judged as well."""
+    """Significance rule of points if their rays are diagnosed as well."""
     return replace(rule, false_alarm=(1.0 - SHARE_OF_RAYS) * rule.false_alarm)
 
 
 def decided(data: DiagnosisData[Any], settings: Campaign, progress: Progress) -> CauseDiagnosis:
-    """All that the search over the catalogue decides."""
+    """Decisions of the search over the catalogue."""
     rule = rule_of(settings)
     photographed = isinstance(data.model, RecordedModel) and data.model.photographed is not None
     kinds = searched_for(settings, kinds_of(settings, photographed=photographed).values())
@@ -124,7 +124,7 @@ def decided(data: DiagnosisData[Any], settings: Campaign, progress: Progress) ->
 
 
 def decided_of_rays(data: DiagnosisData[Any], settings: Campaign, progress: Progress) -> CauseDiagnosis:
-    """All that the search for causes of rays decides."""
+    """Decisions of the search for causes of rays."""
     kinds = searched_for(settings, catalogue_of_rays().values())
     return _searched(data, rule_of_rays(rule_of(settings)), kinds, progress, "rays: ")
 

@@ -1,1 +1,1 @@
-"""From rays measured elsewhere, and what is known beforehand, to the tables that the network is made of."""
+"""Tables for the network from photographs or measured rays, and prior knowledge."""

@@ -1,4 +1,4 @@
-"""Rays that were measured elsewhere: image points and the photographs that they belong to."""
+"""Input of rays measured elsewhere: image points and their photographs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from truing.stages.image_tables.point_names import Names, kind_of, own_names
 Formats = Mapping[str, Mapping[str, Any]]  # a row of cameras_given by camera
 
 ONE_CAMERA = "camera"
-"""What the camera is called where nothing names it."""
+"""Default name of the camera."""
 
 _MARGIN = 0.01
 _UNKNOWN = ", or an empty cell where none is known: [noise] image_px holds there"
@@ -109,7 +109,7 @@ def _text(found: CollectedRows, name: str, otherwise: str = "") -> Names:
 
 
 def _once(found: CollectedRows, log: FaultLog, point: Names) -> None:
-    """No image shows a point twice."""
+    """Fault of a point that occurs twice in an image."""
     seen: set[tuple[object, object, object]] = set()
     again = np.zeros(len(point), dtype=bool)
     keys = zip(found.table.column("pose").to_pylist(), _text(found, "image"), point, strict=True)
@@ -121,7 +121,7 @@ def _once(found: CollectedRows, log: FaultLog, point: Names) -> None:
 
 
 def _one_camera(found: CollectedRows, log: FaultLog, camera: Names) -> None:
-    """An image was taken by one camera."""
+    """Fault of an image with several cameras."""
     first: dict[tuple[object, object], object] = {}
     keys = zip(found.table.column("pose").to_pylist(), _text(found, "image"), strict=True)
     other = np.array([first.setdefault(key, one) != one for key, one in zip(keys, camera, strict=True)], dtype=bool)
@@ -129,7 +129,7 @@ def _one_camera(found: CollectedRows, log: FaultLog, camera: Names) -> None:
 
 
 def _within_format(found: CollectedRows, camera: Names, formats: Formats, log: FaultLog) -> None:
-    """No ray lies outside the format that its camera is given, but for a hundredth of it."""
+    """Fault of rays outside the format of their camera by more than a hundredth of it."""
     for side, name in (("width_px", "x_px"), ("height_px", "y_px")):
         at = numbers(found, name)
         for one, given in formats.items():
@@ -166,7 +166,7 @@ def _covariance(found: CollectedRows, settings: Any, log: FaultLog) -> Array:
 
 
 def _without_sigma(found: CollectedRows) -> int:
-    """How many rays have no standard deviation of their own."""
+    """Number of rays without a standard deviation."""
     own = np.zeros(len(found.table), dtype=bool)
     for name in ("sigma_x_px", _COVARIANCE[0]):
         if name in found.table.column_names:

@@ -1,4 +1,4 @@
-"""All photographs of a campaign: listed, opened and measured, in processes of their own, and the tables made of it."""
+"""Photographs of a campaign: listed, opened and measured in parallel processes, and their tables."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from truing.stages.image_tables.prior_knowledge import read_known
 if TYPE_CHECKING:
     from truing.estimation.image_targets.photograph_targets import PhotographTargets, TargetPlan
 
-# Below so many pixels a process of its own takes longer to begin than to measure them.
+# Below this number of pixels, starting a process takes longer than measuring them.
 _WORTH_PROCESSES = 30_000_000
 _TURNED = "its file says that it is {}; its pixels are taken as they stand"
 
 
 @dataclass(frozen=True)
 class Piece:
-    """One photograph to measure, and what to look for."""
+    """One photograph to measure, and the targets to find."""
 
     photograph: Photograph
     plan: TargetPlan
@@ -44,7 +44,7 @@ class Piece:
 
 
 def opened(source: CampaignFiles, settings: Any) -> str:
-    """What the photographs and the tables beside them hold, each opened whole, in words; raises CampaignFaults."""
+    """Photographs and their tables, each opened completely, in words; raises CampaignFaults."""
     log = FaultLog()
     read_known(source, settings, log)
     photographs = open_all(source, settings, log)
@@ -57,7 +57,7 @@ def opened(source: CampaignFiles, settings: Any) -> str:
 
 
 def open_all(source: CampaignFiles, settings: Any, log: FaultLog) -> PhotographFiles:
-    """The photographs, each opened whole; what is wrong with any goes into ``log``."""
+    """The photographs, each opened completely; faults go into ``log``."""
     photographs = list_photographs(source, settings.photographs.sensor_width_mm, log)
     for one in photographs.found:
         try:
@@ -68,7 +68,7 @@ def open_all(source: CampaignFiles, settings: Any, log: FaultLog) -> PhotographF
 
 
 def measure(piece: Piece) -> PhotographTargets | Unusable:
-    """The targets of one photograph; of a file that cannot be read what is wrong with it, never an exception."""
+    """Measure the targets of one photograph; an unreadable file gives its fault, never an exception."""
     import cv2
 
     from truing.estimation.image_targets.photograph_targets import measure_targets
@@ -91,13 +91,13 @@ Each = Callable[
 def read_photographs(
     source: CampaignFiles, settings: Any, targets: pa.Table | None, log: FaultLog, progress: Progress, each: Each | None
 ) -> RayTables | None:
-    """Measure all photographs; None where one cannot be read, or none is there: ``log`` tells then.
+    """Measure all photographs; None, with a fault in ``log``, if one cannot be read or there is none.
 
     Names of codes become those of the table image_targets (``targets``).
     """
     photographs = list_photographs(source, settings.photographs.sensor_width_mm, log)
     if log:
-        open_all(source, settings, log)  # what is wrong further down is told with it
+        open_all(source, settings, log)  # further faults are reported together with it
     if log or not photographs.found:
         return None
     plan = target_plan(settings.photographs, targets)
@@ -213,7 +213,7 @@ def _table(name: str, columns: Mapping[str, Any], photographs: PhotographFiles) 
 
 
 def refused_words(rejections: pa.Table) -> str:
-    """What was refused in the photographs, most frequent first, in one line; empty where nothing was."""
+    """Rejected candidates of the photographs, most frequent first, in one line; empty for none."""
     total: Counter[str] = Counter()
     for row in rejections.to_pylist():
         total[f"{row['kind']}: {row['reason']}"] += row["rows"]

@@ -1,4 +1,4 @@
-"""What a target is called: body/target where both are known, else by its code; and whether a survey knows the name."""
+"""Names of targets: body/target if both are known, else by code; and whether a survey has the name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of a network before it is adjusted: which code is which target, scale bars, known points, cameras."""
+"""Prior knowledge of a network: codes of targets, scale bars, known points, cameras."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SAME = 1e-9  # of a number: as alike as two files write it
 
 
 def read_known(source: CampaignFiles, settings: Any, log: FaultLog) -> dict[str, SmallTable]:
-    """All that is known of a network, by the name of its artifact; what is wrong goes into ``log``."""
+    """All prior knowledge of a network, by artifact; faults go into ``log``."""
     mapped = [table for table in OF_IMAGES if getattr(settings.files, table)]
     if source.entries("images") and source.entries("image_points"):
         expected = "either photographs (images) or rays measured elsewhere (image_points), not both"
@@ -49,8 +49,10 @@ def read_known(source: CampaignFiles, settings: Any, log: FaultLog) -> dict[str,
 
 
 def read_image_targets(source: CampaignFiles, boards: tuple[str, ...], log: FaultLog) -> SmallTable | None:
-    """Which code is which target; None where no table says so. Codes that are looked for in photographs have to exist,
-    or to be corners of one of the ``boards``."""
+    """Target of each code; None without such a table.
+
+    Codes that are searched for in photographs must exist, or be corners of one of the ``boards``.
+    """
     found = collect_rows(source, IMAGE_TARGETS, log)
     if found is None or lacks(found, IMAGE_TARGETS.required):
         return None
@@ -106,7 +108,7 @@ def read_known_points(source: CampaignFiles, targets: pa.Table | None, log: Faul
 
 
 def lacks(found: CollectedRows, required: tuple[str, ...]) -> bool:
-    """Whether columns are missing, which was told when the file was read."""
+    """Whether columns are missing; the fault was reported when the file was read."""
     return any(name not in found.table.column_names for name in required)
 
 

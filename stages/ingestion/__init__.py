@@ -1,1 +1,1 @@
-"""From files' tables to points and configurations in the contract's units, checked."""
+"""Conversion of input files to points and configurations in standard units, with checks."""

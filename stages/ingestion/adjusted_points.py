@@ -1,4 +1,4 @@
-"""Object points out of photographs as the points of a campaign: the body of each, and how well it is known."""
+"""Object points from photographs as points of a campaign: body and uncertainty of each."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 FILE = "object_points.parquet"
 ONE_BODY = "object"
-"""What the body is called where targets name none and there is no survey to tell."""
+"""Default name of the body if neither targets nor a survey name one."""
 OF_NO_BODY = "points of no body: ends of scale bars, or targets that no survey has"
 Names = NDArray[np.object_]
 _PAIRS = (("corr_xy", 0, 1), ("corr_xz", 0, 2), ("corr_yz", 1, 2))

@@ -1,4 +1,4 @@
-"""The raw rows of an axis: read, named, checked against campaign.toml."""
+"""Input of axis rows: read, named and checked against campaign.toml."""
 
 from __future__ import annotations
 

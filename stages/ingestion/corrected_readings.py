@@ -1,5 +1,5 @@
-"""Readings brought to the air that each was taken in, and to the frame as it was when its run began; positions of an
-axis brought to 20 degrees C. What each correction did, and what it leaves uncertain, is told channel by channel."""
+"""Correction of readings for air and for expansion of the frame, and of axis positions to 20 degrees C, with sizes and
+uncertainties by channel."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 AIR = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_pct")
 MATERIAL = "material_temperature_c"
 _UM_PER_MM, _PA_PER_HPA = 1e3, 1e2
-# What reads the surroundings errs at the start of a run and at a reading by itself: the most that it can be worth.
+# Sensors of the surroundings err independently at the start of a run and at a reading, which is the worst case.
 _APART = np.sqrt(2.0)
 
 
@@ -43,7 +43,7 @@ class Corrections:
     rows: list[dict[str, Any]] = field(default_factory=list)
 
     def add(self, subjects: NDArray[np.object_], name: str, change: Array | None, sigma: Array | None) -> None:
-        """The largest change (N,) and sigma (N,) of each subject (N,), um of what begins with d, else arcsec."""
+        """The largest change (N,) and sigma (N,) of each subject (N,), um for linear channels, else arcsec."""
         for subject in dict.fromkeys(subjects.tolist()):
             own = subjects == subject
             largest, left = (None if given is None else _largest(given[own]) for given in (change, sigma))
@@ -86,7 +86,7 @@ def _check(found: CollectedRows, names: Sequence[str], why: str, log: FaultLog) 
 
 
 def _at_zero(found: CollectedRows, values: Array) -> Array:
-    """Values (N,) as they were at the first step of each row's run."""
+    """Values (N,) at the first step of each row's run."""
     run, step = numbered(found, "run"), numbers(found, "step")
     order = np.lexsort((step, run))
     _, first = np.unique(run[order], return_index=True)
@@ -100,7 +100,7 @@ def _in_air(
     settings: Interferometer,
     corrections: Corrections,
 ) -> Array:
-    """Readings less what the air does; compensated ones as they came, with what their air leaves uncertain."""
+    """Readings corrected for air; compensated ones unchanged, with the uncertainty of their air."""
     known = all(name in found.table.column_names for name in AIR)
     spread = settings.surroundings_sigma
     if settings.compensated and not (known and spread):
@@ -134,7 +134,7 @@ def _in_air(
 def _without_growth(
     found: CollectedRows, reading: Array, rows: Mask, growth: Any, settings: Interferometer, corrections: Corrections
 ) -> Array:
-    """Readings of one channel's rows (N,) less what its material grew since the start of each run."""
+    """Readings of one channel's rows (N,) minus the expansion of its material since the start of each run."""
     celsius = numbers(found, MATERIAL)
     read = _APART * _read_with(settings.surroundings_sigma)
     less = less_growth(
@@ -159,7 +159,7 @@ def _read_with(spread: SurroundingsSigma | None) -> float:
 def positions_at_reference(
     found: CollectedRows, settings: Interferometer, log: FaultLog
 ) -> tuple[CollectedRows, Corrections]:
-    """Positions of an axis, mm, as they are at 20 degrees C, where [interferometer.material] says how it grows."""
+    """Positions of an axis, mm, at 20 degrees C, if [interferometer.material] declares its expansion."""
     corrections, axis = Corrections(), settings.material.axis
     if axis is None:
         return found, corrections

@@ -1,4 +1,4 @@
-"""Dense scans become poses: every scan of a body's surface is laid onto the reference surface of that body."""
+"""Poses from dense scans: each scan is registered to the reference surface of its body."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from truing.stages.declaration import Progress
 
 
-# A pose found from that of the scan before is believed where it covers and fits the surface about as well.
+# A pose found from the previous scan is accepted if overlap and fit are similar.
 _LESS_OVERLAP, _MORE_RMS = 0.8, 1.25
 
 
 @dataclass
 class DenseScans:
-    """The scans of a campaign as rows of the artifact, the bodies scanned, and points left out by (subject, reason)."""
+    """Scans of a campaign as rows of the artifact, scanned bodies, and points left out by (subject, reason)."""
 
     rows: list[dict[str, Any]] = field(default_factory=list)
     bodies: set[str] = field(default_factory=set)
@@ -50,22 +50,21 @@ class DenseScans:
 
     @property
     def figure(self) -> str:
-        """How many scans gave a pose, and how well."""
+        """Number of registered scans, and their rms."""
         rms = [row["rms_mm"] for row in self.rows if row["status"] == ScanStatus.OK]
         fit = f", rms {np.sqrt(np.mean(np.square(rms))):.4f} mm" if rms else ""
         return f"{len(rms)} of {len(self.rows)} scans registered{fit}"
 
 
 def identifier_of(poses: pa.Array) -> str:
-    """The type of pose identifiers, as artifacts name it."""
+    """Type of pose identifiers in artifacts."""
     return "int64" if pa.types.is_int64(poses.type) else "string"
 
 
 def read_scans(source: CampaignFiles, poses: pa.Array, log: FaultLog, progress: Progress) -> DenseScans | None:
-    """Register every scan of the campaign; None where it has none. What is wrong goes into ``log``.
+    """Register every scan of the campaign; None without scans. Faults go into ``log``.
 
-    The first scan of a body is looked for anywhere, with its rivals; a later one where the last one was, and
-    anywhere if it is not found there.
+    The first scan of a body is searched for globally, with its rivals; a later one near the previous pose first.
     """
     if not source.entries("scans"):
         return None
@@ -82,7 +81,7 @@ def read_scans(source: CampaignFiles, poses: pa.Array, log: FaultLog, progress: 
             log.add(Fault(file, expected, column="body", value=body))
             continue
         if log:
-            continue  # nothing will come of it: only the remaining faults are looked for
+            continue  # no result is possible: only further faults are collected
         fit = _registered(points, surfaces[body], last.get(body))
         if fit.status == ScanStatus.OK:
             last[body] = fit

@@ -1,4 +1,4 @@
-"""Later surveys of the targets: what moved since the one before, and from which pose on the new place holds."""
+"""Later surveys of the targets: targets that moved since the previous survey, and first pose of each new position."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _MM = 1e-3
 
 @dataclass(frozen=True)
 class Place:
-    """Where a target sits on its body, m, with its covariance (3, 3) in m^2, its leg or 0, and the name it now has."""
+    """Position of a target on its body, m, with covariance (3, 3) in m^2, leg or 0, and present name."""
 
     point: Array
     cov: Array
@@ -39,8 +39,8 @@ class Place:
 
 @dataclass
 class LaterSurveys:
-    """What later surveys say: rows of ``resurveys``, targets to add to the survey, targets that are others from a pose
-    on, and the raw rows left out."""
+    """Results of later surveys: rows of ``resurveys``, targets to add to the survey, renamed targets, and raw rows left
+    out."""
 
     rows: list[dict[str, Any]] = field(default_factory=list)
     added: list[dict[str, Any]] = field(default_factory=list)
@@ -48,7 +48,7 @@ class LaterSurveys:
     left_out: dict[tuple[str, str], int] = field(default_factory=dict)
 
     def survey(self, first: pa.Table) -> pa.Table:
-        """The first survey with the places that hold later."""
+        """The first survey with the later positions."""
         return pa.concat_tables([first, pa.Table.from_pylist(self.added, schema=first.schema)]) if self.added else first
 
     def table(self) -> pa.Table:
@@ -59,7 +59,7 @@ class LaterSurveys:
 def read_later_surveys(
     source: CampaignFiles, settings: Any, first: SmallTable | None, order: PoseTimes, log: FaultLog
 ) -> LaterSurveys | None:
-    """The later surveys, compared one after the other; None where there are none."""
+    """Later surveys, compared in turn; None if there are none."""
     found = collect_rows(source, RESURVEYS, log)
     if found is None:
         for number in range(1, len(settings.resurvey) * (not source.entries("resurveys")) + 1):
@@ -67,7 +67,7 @@ def read_later_surveys(
             log.add(Fault(_FILE, text, column=f"resurvey.{number}"))
         return None
     if any(name not in found.table.column_names for name in RESURVEYS.required):
-        return None  # told as the table was read
+        return None  # reported when the table was read
     once(found, log, "survey", "body", "target")
     check_legs(found, log, len(legs_of(settings)))
     if first is None:
@@ -89,7 +89,7 @@ def read_later_surveys(
 
 
 def _check_names(out: LaterSurveys, first: pa.Table, file: str, log: FaultLog) -> None:
-    """The name of a target that moved is one that no other target has."""
+    """Fault if the new name of a moved target is in use."""
     known = Counter(zip(first.column("body").to_pylist(), first.column("target").to_pylist(), strict=True))
     known.update((row["body"], row["target"]) for row in out.added)
     for body, target in (pair for pair, count in known.items() if count > 1):
@@ -99,7 +99,7 @@ def _check_names(out: LaterSurveys, first: pa.Table, file: str, log: FaultLog) -
 
 @dataclass(frozen=True)
 class _ResurveySettings:
-    """What [[resurvey]] says of a survey: its poses by place in time (none: a check alone), and what has moved."""
+    """Entry of [[resurvey]] for a survey: its poses by index in time (none: only a check), and targets that moved."""
 
     window: tuple[int, int] | None = None
     from_pose: str | None = None
@@ -109,7 +109,7 @@ class _ResurveySettings:
 
 
 def _in_time(settings: dict[str, _ResurveySettings]) -> list[str]:
-    """Surveys in the order in which they hold; checks come last, in the order of the file."""
+    """Surveys in the order of validity; checks come last, in the order of the file."""
     return sorted(settings, key=lambda name: (1 << 62) if (w := settings[name].window) is None else w[0])
 
 
@@ -179,7 +179,7 @@ def _compare(
     options: _ResurveySettings,
     alarm: float,
 ) -> None:
-    """One body in one survey against the places that held before, which become the new ones where it holds."""
+    """Compare one body in one survey with the earlier positions, and replace these if the survey holds."""
     common = [target for target in seen if target in held]
     before, after = [held[target] for target in common], [seen[target] for target in common]
     known = np.array([target in options.moved for target in common], dtype=bool)
@@ -213,8 +213,7 @@ def _moved_on(
     found: Any,
     options: _ResurveySettings,
 ) -> Place:
-    """A target that sits elsewhere is another one by name; one that sat at an attachment and does not say that it sits
-    there again is none of the survey."""
+    """A moved target gets a new name; one that was at an attachment and is not declared there again is omitted."""
     assert options.window is not None
     now, then = places
     for at, rule in enumerate(out.rules):
@@ -267,6 +266,6 @@ def _new_row(
 
 
 def relabelling_of(found: LaterSurveys | None, order: PoseTimes) -> Relabelling:
-    """The targets that are others from a pose on, as later surveys say."""
+    """Targets that later surveys rename from a pose on."""
     rules: Iterator[Relabel] = iter(()) if found is None else (rule for rule in found.rules if rule.first <= rule.last)
     return Relabelling(order, tuple(rules))

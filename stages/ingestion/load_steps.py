@@ -1,4 +1,4 @@
-"""Load steps as files have them: loads on one axis or six at once, the order taken, and several samples of a step."""
+"""Load steps in files: loads on one axis or all six, their order, and averages of several samples."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from truing.stages.common.table_arrays import declared_missing, numbered, number
 
 AXES = tuple(name[:2] for name in WRENCH)
 _KINDS = {axis: "N" if axis.startswith("f") else "N m" for axis in AXES}
-_FURTHEST_TEST = 2.5  # of a range; beyond it, a wrong unit is likelier than an overload test
+_FURTHEST_TEST = 2.5  # of a range; above this, a wrong unit is more likely than an overload test
 _ROUNDED = 1e-9  # a load at its range is in it
 EMPTY_LOAD = "a load in every row; an empty cell has to be declared by missing"
-_ONE_LOAD = 1e-3  # of the largest of its component: as alike as two tables write the same load
+_ONE_LOAD = 1e-3  # of the largest of its component: rounding of the same load in two tables
 _OF_A_STEP = ("run", "step", "channel")
 _EMPTY_SAMPLE = "a number in every sample; an empty cell has to be declared by missing"
 
 
 def with_known_loads(found: CollectedRows) -> CollectedRows:
-    """The rows whose loads were all written down, of files whose mapping says which values mean missing."""
+    """Rows with all loads recorded, for files whose mapping declares missing values."""
     names = [name for name in (*WRENCH, "load") if name in found.table.column_names]
     unknown = np.any([np.isnan(numbers(found, name)) for name in names], axis=0) if names else np.zeros(1, bool)
     return without(found, unknown & declared_missing(found), "a load that was not written down") if names else found
@@ -97,7 +97,7 @@ def check_same_loads(found: CollectedRows, loads: Array, other: Array, log: Faul
 
 
 def _allowed(loads: Array) -> Array:
-    """(6,) how far two notes of the same load may be apart."""
+    """(6,) allowed difference between two records of the same load."""
     return _ONE_LOAD * np.nan_to_num(np.abs(loads)).max(axis=0, initial=0.0)
 
 

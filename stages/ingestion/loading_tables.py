@@ -1,4 +1,4 @@
-"""A loaded platform's campaign: readings, signals and the given compliance, checked against each other."""
+"""Input of a loading campaign: readings, signals and the given compliance, checked against each other."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ from truing.stages.ingestion.tables import (
     read_start,
 )
 
-_TYPED = 1e-3  # of the roots of the diagonal: matrices as they are typed are symmetric to that
+_TYPED = 1e-3  # of the roots of the diagonal: rounding of typed matrices
 _RIGID = 1e-8  # lowest eigenvalue of a compliance whose diagonal is 1
-_FURTHEST = 1.0  # m and rad: no sensor gives as much
+_FURTHEST = 1.0  # m and rad: larger than any sensor's deflection
 _SINGULAR = 1e9  # condition of the legs' influence, lengths in m
 TABLES = ("interferometer", "displacement", "signals", "quadrature", "positioning")
 _WAYS = ("forward", "backward")
 _FEWEST_CYCLES = 2
-_MANY = 0.5  # of the rows: targets that are approached again are fewer
+_MANY = 0.5  # of the rows: more different values are not repeated targets
 
 
 def read_compliance(source: CampaignFiles, log: FaultLog) -> pa.Table | None:
@@ -125,7 +125,7 @@ def _unit(response: str, load: str) -> str:
 
 @dataclass(frozen=True)
 class LoadingTables:
-    """What a loading campaign holds; None where it has no such table."""
+    """Tables of a loading campaign; None for an absent table."""
 
     readings: ReadingTable | None
     signals: SmallTable | None
@@ -147,13 +147,13 @@ class LoadingTables:
 
     @property
     def corrections(self) -> list[dict[str, Any]]:
-        """What was corrected in readings and positions."""
+        """Corrections of readings and positions."""
         corrected = [table for table in (self.readings, self.positions) if table is not None]
         return [row for table in corrected for row in table.corrections.rows]
 
     @property
     def left_out(self) -> Mapping[tuple[str, str], int]:
-        """How many raw rows were left out, by (file, reason)."""
+        """Number of raw rows left out, by (file, reason)."""
         return all_left_out(self.readings, self.signals, self.positions)
 
     @property
@@ -220,7 +220,7 @@ def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> 
 
 
 def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog, loaded: Sequence[pa.Table] = ()) -> None:
-    """Elements as long as the legs, a compliance that one can have."""
+    """Check that elements fit the legs, and that the compliance is plausible."""
     from truing.simulation.bench.six_upur.elements import passive
     from truing.simulation.bench.six_upur.influence import influence_matrix
     from truing.stages.common.sensor_elements import elastic_parts, given_matrix, sensor_joints
@@ -228,7 +228,7 @@ def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog, loade
     key = "elements" if section.elements else "legs"
     try:
         if np.linalg.cond(influence_matrix(sensor_joints(section))) > _SINGULAR:
-            raise Unfit("legs", "legs that leave the platform free to move", "six that hold it")
+            raise Unfit("legs", "legs that do not constrain the platform", "six legs that constrain it")
         elastic_parts(section)
         if compliance is not None:
             _check_compliance(passive(given_matrix(compliance), "compliance_file"), loaded)

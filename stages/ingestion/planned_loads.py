@@ -1,4 +1,4 @@
-"""Load steps that are planned and not measured yet, as the tables of a run: what is not known yet is 0 there."""
+"""Planned load steps as tables of a run, with 0 for readings that are not measured yet."""
 
 from __future__ import annotations
 
@@ -32,10 +32,9 @@ _NOISE = {
 
 
 def planned_loads(source: CampaignFiles, settings: Campaign) -> dict[str, pa.Table] | None:
-    """The tables ``readings``, ``signals`` and ``given_compliance`` of a campaign of which nothing was measured yet.
+    """Tables ``readings``, ``signals`` and ``given_compliance`` of a campaign without measurements.
 
-    None where anything was, or where there is no table of load steps. Raises CampaignFaults with everything that is
-    wrong with a plan.
+    None if anything was measured, or without a table of load steps. Raises CampaignFaults with all faults of the plan.
     """
     log = FaultLog()
     if source.entries("quadrature") or source.entries("positioning"):
@@ -78,7 +77,7 @@ def _with_zeros(found: CollectedRows, names: Sequence[str]) -> CollectedRows:
 def _readings(found: CollectedRows, shape: str, settings: Campaign, log: FaultLog) -> pa.Table | None:
     by_channel = "channel" in found.table.column_names  # without, all are read at every step
     named = [name for name in MOTION if name in found.table.column_names] or list(MOTION)
-    # what is drawn is as compensated and corrected
+    # simulated readings are compensated and corrected
     optics = settings.interferometer.model_copy(update={"compensated": True, "material": Material()})
     table = reading_table(
         _with_zeros(found, ["reading"] if by_channel else named),

@@ -1,4 +1,4 @@
-"""A campaign of points, poses or scans: its tables read one after the other, each checked against those before."""
+"""Input of a campaign of points, poses or scans: tables read in turn, each checked against the earlier ones."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from truing.stages.ingestion.tables import (
 
 @dataclass
 class _Parts:
-    """What was read of a campaign apart from its points; None where it has no such table."""
+    """Tables of a campaign other than its points; None for an absent table."""
 
     configurations: SmallTable
     survey: SmallTable | None
@@ -65,7 +65,7 @@ class _Parts:
         return all_left_out(*more, self.configurations, self.survey, self.later, self.scans, self.measured)
 
     def outcome(self, read: str, figure: str, **more: pa.Table) -> Outcome:
-        """The outcome of a campaign of which no points are read."""
+        """Outcome of a campaign without points."""
         artifacts = {**self.artifacts(), **more, "exclusions": exclusions(self.left_out())}
         return Outcome(artifacts, read, left_out_words(self.left_out()), figure)
 
@@ -119,7 +119,7 @@ def _without_points(parts: _Parts, expected: ExpectedPoints, log: FaultLog) -> O
 
 
 def _with_points(parts: _Parts, points: Points, estimated: EstimatedCovariance) -> Outcome:
-    """The outcome with the stream of points; what hangs on all of them is known once it has been drained."""
+    """Outcome with the stream of points; its summary is complete once the stream has been read."""
     observations = points.stream()
     if points.log:
         observations.read_all()  # the rest of the faults, which raise at its end
@@ -164,7 +164,7 @@ def _check_any_points(source: CampaignFiles, log: FaultLog) -> None:
 
 
 class _Late:
-    """Words that are known only once everything has been read."""
+    """Words that depend on everything having been read."""
 
     def __init__(self, say: Callable[[], str]) -> None:
         self._say = say
@@ -178,7 +178,7 @@ def _late(say: Callable[[], str]) -> str:
 
 
 def _at_last(artifact: str, table: Callable[[], pa.Table]) -> pa.RecordBatchReader:
-    """A table that is known only once the points have been read."""
+    """A table that depends on all points having been read."""
 
     def batches() -> Iterator[pa.RecordBatch]:
         yield from table().to_batches()

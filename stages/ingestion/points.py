@@ -1,4 +1,4 @@
-"""The points of a campaign as a stream: normalised, checked on the way, and refused at its end if anything is wrong."""
+"""Points of a campaign as a stream: normalised and checked, with all faults raised at its end."""
 
 from __future__ import annotations
 
@@ -41,10 +41,7 @@ _MANY = 1 << 20
 
 @dataclass(frozen=True)
 class Geometry:
-    """What other tables say of the bodies: surveyed targets by body, and joints by body, in mm.
-
-    ``survey_file`` is the file that the survey stands in.
-    """
+    """Bodies in other tables: surveyed targets and joints by body, in mm. ``survey_file``: file of the survey."""
 
     survey: Mapping[str, Mapping[str, Array]] = field(default_factory=dict)
     joints: Mapping[str, Array] = field(default_factory=dict)
@@ -54,10 +51,10 @@ class Geometry:
 def size_faults(
     file: str, points: Mapping[tuple[int, str], Mapping[str, Array]], geometry: Geometry
 ) -> Iterator[Fault]:
-    """A body is as large in the points as in the survey, and about as large as the mechanism's joints are apart.
+    """Faults of body size: a body must be as large as in the survey, and comparable to its joints.
 
-    The same targets may differ by a factor of 3 before it is a fault (gross errors, deformation), targets and joints
-    by 20, because they sit in different places; the wrong unit is off by 25.4 at least.
+    A ratio of 3 between equal targets is a fault (gross errors and deformation stay below), and of 20 between targets
+    and joints, because their positions differ; a wrong unit gives at least 25.4.
     """
     for body in dict.fromkeys(body for _, body in points):
         surveyed = geometry.survey.get(body, {})
@@ -80,7 +77,7 @@ def _fault(file: str, body: str, ratio: float, where: str) -> Fault:
 
 
 def _ratio(seen: Mapping[str, Array], surveyed: Mapping[str, Array]) -> float:
-    """How many times larger a body is than in the survey, by the targets in both; 0 where that cannot be said."""
+    """Ratio of a body's size to its survey, by common targets; 0 if unknown."""
     common = [target for target in seen if target in surveyed]
     if len(common) < 2:
         return 0.0
@@ -89,7 +86,7 @@ def _ratio(seen: Mapping[str, Array], surveyed: Mapping[str, Array]) -> float:
 
 
 def _size(points: Array) -> float:
-    """The median distance between two of at most some points (N, 3): gross errors in a few do not matter."""
+    """Median distance between pairs of some points (N, 3), robust to gross errors."""
     if len(points) < 2:
         return 0.0
     some = points[np.linspace(0, len(points) - 1, min(len(points), 40)).astype(int)]
@@ -99,11 +96,8 @@ def _size(points: Array) -> float:
 
 @dataclass(frozen=True)
 class ExpectedPoints:
-    """What the rest of the campaign says of its points.
-
-    ``poses`` are all there may be, ``always`` the bodies that every pose has to show, ``bodies`` all there may be
-    (empty: any), ``reference`` the body that the others are seen from.
-    """
+    """Constraints on the points from other tables. ``poses``: all allowed poses; ``always``: bodies required in every
+    pose; ``bodies``: all allowed bodies (empty: any); ``reference``: reference body."""
 
     poses: pa.Array
     always: tuple[str, ...]
@@ -115,14 +109,14 @@ class ExpectedPoints:
     relabelled: tuple[Relabelling, ...] = ()
 
     def without(self, scanned: set[str]) -> ExpectedPoints:
-        """The same where some bodies are known from scans of their surface, and need no targets."""
+        """The same without bodies that have dense scans and need no targets."""
         always = tuple(body for body in self.always if body not in scanned)
         return replace(self, always=always, reference=None if self.reference in scanned else self.reference)
 
 
 @dataclass
 class Points:
-    """The stream of points, and what is known of it once it has been read to its end."""
+    """The stream of points, and its statistics once it has been read."""
 
     source: CampaignFiles
     log: FaultLog

@@ -1,4 +1,4 @@
-"""Poses that an instrument measured as such: attitudes as files write them, checked, with their declared covariance."""
+"""Input of measured poses: rotations in all notations, checked, with declared covariance."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 ROTATION = tuple(f"m{i}{j}" for i in range(3) for j in range(3))
 LAST_ROW = ("m30", "m31", "m32", "m33")
-# Four digits behind the point, as controllers print them, leave 1e-4 or so; what is no rotation is off by far more.
+# Tolerance for rotations printed with four decimals; other matrices deviate much more.
 _ROUNDED = 5e-3
 _FULL_TURN = 2.0 * np.pi * (1.0 + 1e-9)
 _FAMILIES = {
@@ -52,7 +52,7 @@ _EULER_SIGMAS = tuple(f"sigma_{name}" for name in EULER)
 
 
 def rotation_columns(found: CollectedRows, log: FaultLog) -> tuple[str, ...] | None:
-    """The columns that say how bodies are turned; None, with a fault, where there are none, or several kinds."""
+    """Columns of the rotation; None, with a fault, for none or several kinds."""
     names = set(found.table.column_names)
     begun = {words: columns for words, columns in _FAMILIES.items() if names & set(columns)}
     if len(begun) != 1:
@@ -202,7 +202,7 @@ def _check_names(found: CollectedRows, expected: ExpectedPoints, log: FaultLog) 
 
 
 def check_bodies(poses: PoseTable, expected: ExpectedPoints, log: FaultLog) -> None:
-    """Where nothing but measured poses says where bodies are: those that have to be there are, in every pose."""
+    """Check that all required bodies have a measured pose in every pose, if there are only measured poses."""
     for body in dict.fromkeys((*expected.always, *filter(None, (expected.reference,)))):
         own = {str(p) for p, b in zip(*map(_listed(poses), ("pose", "body")), strict=True) if b == body}
         if not own:

@@ -1,4 +1,4 @@
-"""Readings of an interferometer, its raw signals, or six-component displacements, as the long table of all stages."""
+"""Readings of an interferometer from readings, raw signals or six-component displacements, as one long table."""
 
 from __future__ import annotations
 
@@ -63,8 +63,7 @@ _EMPTY = "a number in every row; an empty cell has to be declared by missing"
 
 @dataclass(frozen=True)
 class Lengths:
-    """Signals that became readings: one row per run, step and channel with a column ``reading``, and a table of what
-    became of every channel's ellipse."""
+    """Readings from raw signals: one row per run, step and channel, and a table of every channel's ellipse."""
 
     readings: CollectedRows
     channels: pa.Table

@@ -1,4 +1,4 @@
-"""Targets under other names from some pose on: as [[renamed]] says, and where a later survey found them elsewhere."""
+"""Targets with other names from some pose on: by [[renamed]], and by later surveys."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _FILE = "campaign.toml"
 
 @dataclass(frozen=True)
 class PoseTimes:
-    """The poses (B) as text, and the place (B,) of each in the order of time."""
+    """Poses (B) as text, and the index (B,) of each in the order of time."""
 
     names: tuple[str, ...]
     place: Index
@@ -39,16 +39,15 @@ class PoseTimes:
         return cls(names, place)
 
     def of_pose(self, pose: object) -> int | None:
-        """The place of a pose; None of one that there is not."""
+        """Index of a pose in time; None for an unknown pose."""
         name = str(pose)
         return int(self.place[self.names.index(name)]) if name in self.names else None
 
 
 @dataclass(frozen=True)
 class Relabel:
-    """One target of a body that is another by name in the poses from ``first`` to ``last``, places in time.
-
-    ``column`` is where campaign.toml says so, ``why`` who says it and why."""
+    """A target of a body with another name from pose index ``first`` to ``last``. ``column``: place in campaign.toml;
+    ``why``: person and reason."""
 
     body: str
     called: str
@@ -67,7 +66,7 @@ class Relabel:
 
 @dataclass
 class Relabelling:
-    """What is called otherwise, all at once; count: how many points each of the rules concerned so far."""
+    """All changes of names, applied together; count: number of points changed by each rule."""
 
     order: PoseTimes
     rules: tuple[Relabel, ...] = ()
@@ -97,7 +96,7 @@ class Relabelling:
         return replace(batch, columns={**batch.columns, "body": body, "target": target})
 
     def called(self, pose: object, body: str, target: str) -> str:
-        """What a point of this name is called in the files, in words; empty where it is called so."""
+        """Name of a point in the files, in words; empty if it is the same."""
         place = self.order.of_pose(pose)
         for rule in self.rules:
             if place is not None and (rule.body, rule.target) == (body, target) and rule.first <= place <= rule.last:
@@ -105,7 +104,7 @@ class Relabelling:
         return ""
 
     def check(self, log: FaultLog, seen: Sequence[tuple[str, str]]) -> None:
-        """Note rules that concerned no point; seen: body and target of all points."""
+        """Note rules that matched no point; seen: body and target of all points."""
         for rule, count in zip(self.rules, self.count, strict=True):
             if not count:
                 there = [target for body, target in seen if body == rule.body and target != rule.target]
@@ -119,7 +118,7 @@ def _has(batch: TableBatch, rule: Relabel) -> bool:
 
 
 def window(order: PoseTimes, from_pose: object, to_pose: object, column: str, log: FaultLog) -> tuple[int, int] | None:
-    """The places in time of the first and the last pose; None, with a fault, where there is no such pose between."""
+    """Indices in time of the first and the last pose; None, with a fault, for an unknown pose."""
     first = 0 if from_pose is None else order.of_pose(from_pose)
     last = len(order.names) - 1 if to_pose is None else order.of_pose(to_pose)
     for key, pose, place in (("from_pose", from_pose, first), ("to_pose", to_pose, last)):

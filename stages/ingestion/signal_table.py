@@ -1,4 +1,4 @@
-"""Signals of a force sensor: one row per load step, with the loads and the time that it was taken at."""
+"""Input of a force sensor's signals: one row per load step, with loads and time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The small tables of a campaign of points, normalised and checked, and the model of an earlier campaign."""
+"""Input of the small tables of a campaign of points, and of the model of an earlier campaign."""
 
 from __future__ import annotations
 

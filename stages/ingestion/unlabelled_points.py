@@ -1,4 +1,4 @@
-"""Points without names: collected pose by pose, and named by the geometry of the surveyed targets."""
+"""Identification of points without names, pose by pose, by the geometry of the surveyed targets."""
 
 from __future__ import annotations
 

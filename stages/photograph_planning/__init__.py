@@ -1,1 +1,1 @@
-"""From a campaign to the network that photographs of it are planned for, and from the plan to tables and sentences."""
+"""Planning of photographs: the network of a campaign, and the plan as tables and sentences."""

@@ -1,4 +1,4 @@
-"""A plan of photographs as tables and in sentences: where to stand, how well targets will be known, why not better."""
+"""A plan of photographs as tables and sentences: stations, predicted uncertainty of targets, and its limits."""
 
 from __future__ import annotations
 

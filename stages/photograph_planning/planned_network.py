@@ -1,4 +1,4 @@
-"""The network that a plan of photographs is about: targets in one frame, the camera, the scale bars."""
+"""Network for a plan of photographs: targets in one frame, camera, scale bars."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The checks of a campaign's quality, one by one."""
+"""Quality checks of a campaign, one by one."""

@@ -1,4 +1,4 @@
-"""Quality of an axis' rows: units, readings that stand still, copied rows, sides of approach."""
+"""Quality of axis rows: units, constant readings, copied rows, sides of approach."""
 
 from __future__ import annotations
 

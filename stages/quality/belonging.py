@@ -1,4 +1,4 @@
-"""Do the tables of a campaign belong together: its relations out of tables, and tested ones as quality checks."""
+"""Relations between tables of a campaign, tested as quality checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One check of a campaign's quality: value, verdict and sentence, and the limits: declared, or set by the campaign."""
+"""One quality check: value, verdict and sentence, and its limits by default or from the campaign."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a person left out or kept: how much that is, and whether it names anything that was measured."""
+"""Check of manual exclusions: number of matched measurements, and entries that match none."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The checks of a loading campaign: load steps as the checks see them, and how these share the budget of chance.
+"""Checks of a loading campaign, and their shares of the false-alarm budget.
 
-As in ``point_checks``: what fails by chance shares ``[qa] false_alarm``; what only warns is held at ten times that.
+As in ``point_checks``: failing significance tests share ``[qa] false_alarm``; tests that only warn get ten times that.
 """
 
 from __future__ import annotations

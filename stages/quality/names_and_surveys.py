@@ -1,4 +1,4 @@
-"""Targets under names that the survey does not know, and targets that a later survey found elsewhere."""
+"""Checks of names that the survey lacks, and of targets at new positions in a later survey."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The network that photographs make: rays, angles, format, noise, rejected rays, known points, stability of cameras."""
+"""Checks of a photogrammetric network: rays, angles, format, noise, rejected rays, known points, camera stability."""
 
 from __future__ import annotations
 

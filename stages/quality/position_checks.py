@@ -1,4 +1,4 @@
-"""Quality of positioning runs: do positions belong to their targets, and is what they scatter by the axis' own?"""
+"""Checks of positioning runs: agreement of positions with targets, copies, jumps, drift and gross errors."""
 
 from __future__ import annotations
 

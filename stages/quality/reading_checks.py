@@ -1,4 +1,4 @@
-"""Quality of a loaded platform's readings by channel: units, signs, labels, noise, jumps, drift, zeros, repetition."""
+"Checks of a loaded platform's readings by channel: units, signs, labels, noise, jumps, drift, zeros, repeatability."
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What gives photographs their scale, what checks or contradicts it, and what bars and reference lengths say of it."""
+"""Checks of the scale of photographs: its sources, contradictions, scale bars and reference lengths."""
 
 from __future__ import annotations
 

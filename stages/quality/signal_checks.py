@@ -1,4 +1,4 @@
-"""Quality of a sensor's signals and of the loads they answer: cut signals, open directions, exchanged rows."""
+"""Checks of a sensor's signals and loads: clipped signals, unloaded directions, exchanged rows."""
 
 from __future__ import annotations
 

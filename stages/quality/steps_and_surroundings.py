@@ -1,4 +1,4 @@
-"""Quality of a loading programme: steps there, runs whole, range of loads; surroundings recorded, likely and steady."""
+"""Checks of a loading programme: missing steps, incomplete runs, load range, and recorded surroundings."""
 
 from __future__ import annotations
 

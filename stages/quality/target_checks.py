@@ -1,6 +1,4 @@
-"""Quality of the targets: are all there, do they fix a frame, does each sit in its place, is the noise as declared, do
-positions come out again?
-"""
+"""Checks of targets: completeness, geometry of the frame, positions, noise and repeatability."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Quality over time: drift of the base, pauses, units of times; how far temperatures walked, and their units."""
+"""Checks over time: drift of the base, pauses, units of times; range and units of temperatures."""
 
 from __future__ import annotations
 

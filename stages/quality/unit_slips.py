@@ -1,4 +1,4 @@
-"""Which unit a declared standard deviation was likely written in, by how far it is from the scatter."""
+"""Probable unit of a declared standard deviation, by its ratio to the scatter."""
 
 from __future__ import annotations
 

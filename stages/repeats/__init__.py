@@ -1,1 +1,1 @@
-"""What was measured more than once: pure error, and whether the models leave more than that."""
+"""Repeated measurements: pure error, and lack of fit of the models."""

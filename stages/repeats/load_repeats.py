@@ -1,4 +1,4 @@
-"""Repeated runs of a bench: how far apart readings and signals came out, and whether models leave more than that."""
+"""Repeated runs of a bench: scatter of readings and signals, and lack of fit of the models."""
 
 from __future__ import annotations
 

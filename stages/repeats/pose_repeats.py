@@ -1,4 +1,4 @@
-"""Repeated poses: how far apart the same pose came out, repeatability by ISO 9283, and whether models leave more."""
+"""Repeated poses: scatter, repeatability by ISO 9283, and lack of fit of the models."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rows that tell of repeats, and of what models leave beside them."""
+"""Table rows on repeats and lack of fit."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What follows a drive: attachments, targets, loads."""
+"""Responses to a drive or load: attachments, targets, platforms."""

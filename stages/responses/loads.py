@@ -1,4 +1,4 @@
-"""Compliance of a loaded platform, entry by entry beside the simulated one, and positioning of an axis by ISO 230-2."""
+"""Compliance of a loaded platform, measured and simulated, and positioning of an axis by ISO 230-2."""
 
 from __future__ import annotations
 

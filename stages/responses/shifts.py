@@ -1,4 +1,4 @@
-"""Shifts within bodies that were taken for rigid: of attachments against actuators, of targets against drives."""
+"""Shifts within bodies: attachments over actuators, targets over drives."""
 
 from __future__ import annotations
 

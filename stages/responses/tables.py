@@ -1,4 +1,4 @@
-"""How fitted response models are told as table rows, for attachments, targets and loads alike."""
+"""Fitted response models as table rows, for attachments, targets and loads."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The poses of bodies and scans as tables."""
+"""Poses of bodies and scans as tables."""

@@ -1,4 +1,4 @@
-"""From points, dense scans and measured poses to where each body is in each pose, as tables, and what is said of it."""
+"""Body poses from points, dense scans and measured poses, as tables and in words."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""A second campaign of the same machine: what models that were fitted to the first one predict of it."""
+"""A second campaign of the same machine, predicted by models fitted to the first one."""

@@ -1,4 +1,4 @@
-"""Readings of an axis in a second campaign by its commands, and by the extended model."""
+"""Encoder readings in a second campaign, predicted by the commands and by the extended model."""
 
 from __future__ import annotations
 

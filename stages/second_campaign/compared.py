@@ -1,4 +1,4 @@
-"""A second campaign's tables, whether it is of the same machine, and the rows of errors that all instruments leave."""
+"""Tables of a second campaign, test of the same machine, and rows of errors for all instruments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of a second campaign by the models of the first, whatever was measured."""
+"""Errors in a second campaign of the models of the first one, for every kind of campaign."""
 
 from __future__ import annotations
 

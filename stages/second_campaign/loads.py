@@ -1,4 +1,4 @@
-"""Readings and loads of a second campaign on a bench by the simulation, by G_B and by the extended model."""
+"""Readings and loads of a second bench campaign, predicted by simulation, G_B and extended model."""
 
 from __future__ import annotations
 

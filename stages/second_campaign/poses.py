@@ -1,4 +1,4 @@
-"""Poses of a second campaign by the nominal machine, by the calibrated one and by the extended model."""
+"""Poses of a second campaign, predicted by the nominal, the calibrated and the extended model."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""What stages know of a loaded sensor: its readings as arrays, and the sensor that campaign.toml describes."""
+"""A loaded sensor: its displacement, predicted readings and wrenches."""

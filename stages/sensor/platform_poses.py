@@ -1,4 +1,4 @@
-"""Where loads move the platform: six components per load case, from readings of one channel at a time."""
+"""Displacement of the platform under load: six components per load case, from readings of single channels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an extended model of a sensor predicts at load steps where nothing was measured."""
+"""Readings at new load steps, predicted by an extended model of a sensor."""
 
 from __future__ import annotations
 

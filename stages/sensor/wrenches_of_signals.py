@@ -1,4 +1,4 @@
-"""The wrench of each row of a table of signals, by the calibration that a run has left."""
+"""Wrench of each row of signals, by the calibration of a run."""
 
 from __future__ import annotations
 

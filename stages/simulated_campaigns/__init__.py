@@ -1,1 +1,1 @@
-"""Campaigns drawn again from a campaign's own layout, and what was found in them."""
+"""Simulated campaigns with a campaign's layout, and the effects found in them."""

@@ -1,4 +1,4 @@
-"""Campaigns as plans that can be drawn again: of points, of a bench, of rays; what is drawn fills their tables anew."""
+"""Plans of simulated campaigns: points, bench or rays, with tables filled by simulation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The answers of many drawn campaigns as tables: from which size on each effect is found, and rates by size."""
+"""Results of many simulated campaigns as tables: detectable sizes, and detection rates by size."""
 
 from __future__ import annotations
 

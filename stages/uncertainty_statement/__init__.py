@@ -1,1 +1,1 @@
-"""The statement of uncertainty, by kind of result: each module states results with a budget, or says why it cannot."""
+"""Statement of uncertainty by kind of result, with a budget or the reason for its absence."""

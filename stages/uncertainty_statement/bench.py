@@ -1,4 +1,4 @@
-"""Entries of the compliance and of G_B, loads that one reading tells, and errors in held-out load cases."""
+"""Uncertainty of compliance, G_B, loads from one reading, and errors in held-out load cases."""
 
 from __future__ import annotations
 

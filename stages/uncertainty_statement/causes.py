@@ -1,4 +1,4 @@
-"""Causes that the diagnosis found: their sizes by source, and what results of other fits may know nothing of."""
+"""Uncertainty of the causes that were found, by source, and its part in other results."""
 
 from __future__ import annotations
 

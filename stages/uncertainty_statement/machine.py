@@ -1,4 +1,4 @@
-"""Numbers of the mechanism by the chosen calibration, and errors in held-out poses and along an axis."""
+"""Uncertainty of the mechanism's parameters, of errors in held-out poses and along an axis."""
 
 from __future__ import annotations
 

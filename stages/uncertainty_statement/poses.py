@@ -1,4 +1,4 @@
-"""Poses: what the points of each body, its survey, and their scatter beyond what was declared give to a pose."""
+"""Uncertainty of poses by source: points, survey, and scatter above the declared noise."""
 
 from __future__ import annotations
 

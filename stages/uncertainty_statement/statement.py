@@ -1,4 +1,4 @@
-"""Statements of uncertainty and their budgets, gathered as rows of the two artifacts."""
+"""Statements of uncertainty and budgets as rows of the two artifacts."""
 
 from __future__ import annotations
 

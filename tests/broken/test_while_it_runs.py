@@ -49,10 +49,10 @@ def _without_place(campaign: Path, run: Path) -> None:
 
 CHANGES: dict[str, tuple[str, Act, ExitCode, str]] = {
     "campaign vanishes": ("ingest", lambda c, r: shutil.rmtree(c), ExitCode.UNUSABLE_CAMPAIGN, "expected this file"),
-    "raw file is written to": ("ingest", _shortened, ExitCode.ENVIRONMENT, "points.csv changed or vanished"),
-    "run vanishes": ("qa", lambda c, r: shutil.rmtree(r), ExitCode.ENVIRONMENT, "no longer as it was written"),
-    "run vanishes at once": ("ingest", lambda c, r: shutil.rmtree(r), ExitCode.ENVIRONMENT, "run has vanished"),
-    "table is cut short": ("qa", _halved, ExitCode.ENVIRONMENT, "no longer as it was written"),
+    "raw file is written to": ("ingest", _shortened, ExitCode.ENVIRONMENT, "points.csv changed or disappeared"),
+    "run vanishes": ("qa", lambda c, r: shutil.rmtree(r), ExitCode.ENVIRONMENT, "was changed after it was written"),
+    "run vanishes at once": ("ingest", lambda c, r: shutil.rmtree(r), ExitCode.ENVIRONMENT, "run has disappeared"),
+    "table is cut short": ("qa", _halved, ExitCode.ENVIRONMENT, "was changed after it was written"),
     "a folder in a table's place": ("qa", _without_place, ExitCode.ENVIRONMENT, "qa.parquet cannot be put"),
 }
 

@@ -71,7 +71,7 @@ def test_a_reference_of_two_targets_is_why_nothing_is_diagnosed_in_check_and_run
     poses = ("1", "2", "3", "4")
     shown = points(*poses) + "".join(points(*poses, body="R", targets=2).splitlines(keepends=True)[1:])
     folder = written(tmp_path / "c", campaign=TOML + '[bodies]\nreference = "R"\n', points=shown)
-    why = "the reference body R shows at most 2 targets in a pose: other bodies are not seen from it"
+    why = "the reference body R shows at most 2 targets in a pose, so other bodies have no pose relative to it"
     told = [line for line in check_campaign(open_campaign(folder)).prospects if line.startswith("diagnose")]
     assert told == [f"diagnose     not evaluated: {why}"]
     done = CliRunner().invoke(app, ["run", str(folder), "--out", str(tmp_path / "run")])
@@ -118,7 +118,7 @@ def test_a_campaign_of_which_nothing_can_be_evaluated_is_not_said_to_have_no_fau
     assert all("not evaluated: no body shows 3 targets in one pose" in line for line in checked.prospects)
     done = CliRunner().invoke(app, ["check", str(tmp_path)])
     assert (done.exit_code, "no fault" in done.output) == (ExitCode.DONE, False)
-    assert "campaign.toml: nothing but quality can be evaluated; read 6 points" in done.output
+    assert "campaign.toml: only the quality checks can be evaluated; read 6 points" in done.output
 
 
 def test_points_of_no_surveyed_body_are_a_fault(tmp_path: Path) -> None:
@@ -171,22 +171,22 @@ CONFIGURED = "pose,role,time_s,rho1_mm,rho2_mm\n1,calibration,1,0,0\n2,calibrati
             "no survey has body C",
         ),
         ({"points": points("1", "2", "3"), "configurations": CONFIGURED}, "no [mechanism] says of which machine"),
-        ({"points": points("P1", "p1", "P 2", "P2", "P3")}, "poses P1 and p1 are different ones; did you mean one?"),
-        ({"points": points("P1", "P01", "P2", "P3")}, "poses P1 and P01 are different ones; did you mean one?"),
+        ({"points": points("P1", "p1", "P 2", "P2", "P3")}, "poses P1 and p1 are treated as different"),
+        ({"points": points("P1", "P01", "P2", "P3")}, "poses P1 and P01 are treated as different; did you mean one?"),
         (
             {"points": points("1", "2", "3", body="plate"), "targets": survey("Plate", "plate")},
-            "bodies Plate and plate are different ones; did you mean one?",
+            "bodies Plate and plate are treated as different; did you mean one?",
         ),
         (
             {"points": points("1", "2", "3"), "targets": survey("A").replace("T1", "t01")},
-            "targets of body A t01 and T1 are different ones; did you mean one?",
+            "targets of body A t01 and T1 are treated as different; did you mean one?",
         ),
         (
             {
                 "points": points("1", "2", "3"),
                 "configurations": "pose,role\n1,reference\n2,verification\n3,verification\n",
             },
-            "no pose has the role calibration; there are reference, verification alone",
+            "no pose has the role calibration; found only reference, verification",
         ),
     ],
 )
@@ -205,7 +205,7 @@ def test_a_frame_per_series_is_said_to_be_taken_as_one_per_pose(tmp_path: Path) 
         said[frame] = check_campaign(open_campaign(folder)).attention
     assert said["pose"] == said["campaign"] == ()
     (sentence,) = said["series"]
-    assert 'taken as "pose"' in sentence
+    assert 'treated like "pose"' in sentence
 
 
 @pytest.mark.parametrize(
@@ -234,7 +234,7 @@ def test_runs_that_two_tables_spell_otherwise_are_told(tmp_path: Path) -> None:
     signals = SIGNALS + "".join(f"r1,{i},{i},{i},{i}\n" for i in range(1, 9))
     folder = written(tmp_path, campaign=head, interferometer=readings, signals=signals)
     said = check_campaign(open_campaign(folder)).attention
-    assert "runs R01 and r1 are different ones; did you mean one?" in said
+    assert "runs R01 and r1 are treated as different; did you mean one?" in said
 
 
 def test_poses_that_are_counted_are_no_names_that_look_alike(tmp_path: Path) -> None:

@@ -95,7 +95,7 @@ CHANGES: dict[str, tuple[Callable[[FakeProject], None], list[str], str]] = {
     "a new raw file": (
         write("campaign/targets.csv", ""),
         ALL,
-        "raw file targets.csv is new",
+        "raw file targets.csv is a new input",
     ),
     "a stage's code": (
         source("stages/deformation.py", '"delta_bz_um": 0.0', '"delta_bz_um": 1.0'),
@@ -108,10 +108,10 @@ CHANGES: dict[str, tuple[Callable[[FakeProject], None], list[str], str]] = {
         "source of truing/estimation/mean.py changed",
     ),
     "a module that nobody imports": (write("project/truing/estimation/unused.py", "x = 1"), [], ""),
-    "the pipeline's own code": (source("pipeline/console.py", '"""What', '"""All that'), [], ""),
+    "the pipeline's own code": (source("pipeline/console.py", '"""Output', '"""All output'), [], ""),
     "a missing artifact": (remove("deformation.parquet"), ["deformation"], "deformation.parquet is missing"),
     "a missing last artifact": (remove("report.html"), ["report"], "report.html is missing"),
-    "a damaged artifact": (flip_a_byte, ["pose"], "residuals.parquet is not as it was written"),
+    "a damaged artifact": (flip_a_byte, ["pose"], "residuals.parquet was changed after it was written"),
 }
 
 

@@ -45,7 +45,7 @@ def test_points_are_read_only_where_their_rays_are_not(tmp_path):
     (tmp_path / "images.bin").write_bytes(binary()["images"])
     files = proposed(tmp_path)
     assert set(files) == {"image_points"}
-    assert "the rays beside it give these points" in (tmp_path / "campaign.toml").read_text(encoding="utf-8")
+    assert "the rays in the same folder give these points" in (tmp_path / "campaign.toml").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("ending", ["txt", "bin"])
@@ -61,4 +61,4 @@ def test_rigs_and_frames_of_a_model_are_no_points(tmp_path, ending, capsys):
     assert set(proposed(tmp_path)) == {"image_points"}
     said = capsys.readouterr().out
     assert f"frames.{ending}: no table" in said
-    assert "points3D.bin: not read: the rays beside it" in said
+    assert "points3D.bin: not read, because the rays in the same folder" in said

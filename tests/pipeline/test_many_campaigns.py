@@ -102,7 +102,7 @@ def test_a_campaign_that_ends_its_worker_ends_no_other(fresh: FakeProject, campa
     fresh.edit(Path(campaigns[0]) / "points.csv", "4.0", "666.0")
     done = fresh.call("run", campaigns[0], campaigns[4], "--workers", "2", trouble="vanish")
     assert done.returncode == 4, done.stderr
-    assert done.stderr.startswith("first: whatever worker ran it vanished")
+    assert done.stderr.startswith("first: its worker was lost")
     assert (fresh.cwd / "runs" / "last" / "report.html").exists()
     assert fresh.call("run", campaigns[0]).returncode == 0, "what was whole is whole still"
 

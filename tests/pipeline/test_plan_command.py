@@ -198,7 +198,7 @@ def test_what_the_plan_takes_to_be_seen_is_said(place):
 def test_without_a_run_the_photographs_tell_their_camera(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     found = known_cameras(open_campaign(SAMPLE), None, None)
-    assert "as the photographs' files tell" in found.description
+    assert "from the photographs' metadata" in found.description
     (c,) = [row for row in found.table.to_pylist() if row["parameter"] == "c"]
     assert (c["camera"], c["width_px"], c["free"]) == ("camera", 1600, True)
     assert c["value"] == pytest.approx(2250.0, rel=1e-4)

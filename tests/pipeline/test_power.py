@@ -158,7 +158,7 @@ def test_a_campaign_of_bodies_without_a_mechanism_is_told_that_it_cannot_be_draw
     assert code == 2
     assert "mechanism.type" in said
     assert "found 'none'" in said
-    assert "cannot be drawn" in " ".join(said.split())
+    assert "are not supported yet" in " ".join(said.split())
 
 
 def test_points_without_a_survey_cannot_be_drawn_again(measured: Path, tmp_path: Path) -> None:

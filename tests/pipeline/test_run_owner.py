@@ -11,7 +11,7 @@ import pytest
 
 from tests.pipeline.fake_project import STAGES, FakeProject
 
-OWN = "expected a folder of its own"
+OWN = "expected a separate folder"
 
 
 def state(folder: Path) -> dict[str, bytes]:

@@ -20,7 +20,7 @@ LOADS = "t,x_displacement,y_displacement,x_force,y_force,z_force\n" + "".join(f"
 CHANNELS = "Fx,Fy,Fz,s0,s1,s2\n" + "".join(f"{k},0,0,{k},{-k},1\n" for k in range(9))
 PHASES = "Phase (deg),Radius\n" + "".join(f"{30.0 * k % 360:.1f},{500.0 + k % 3}\n" for k in range(40))
 SIDE_BY_SIDE = "Frame,A_x,A_y,A_z,B_x,B_y,B_z,C_x,C_y,C_z\n" + "".join(f"{k},1,2,3,4,5,6,7,8,10\n" for k in range(4))
-UNITS = "no unit is named, taken are "
+UNITS = "no unit is given; assumed are "
 
 
 def started(folder: Path, **files: str) -> str:
@@ -62,7 +62,7 @@ def test_noise_of_a_bench_that_nobody_declared_is_named_with_its_keys(tmp_path: 
         (LOADS, (UNITS + "s for t, mm for x_displacement", 'run = "1"'), ("noise.displacement_mm",)),
         (CHANNELS, ("mV for s0 s1 s2", "N for Fx Fy Fz", 'run = "1"'), ("noise.signal_mv",)),
         (PHASES, ('channel = "dz" is a guess', "without a load"), ()),
-        (SIDE_BY_SIDE, ('body = "body" is a guess', "coordinates are taken for mm"), ()),
+        (SIDE_BY_SIDE, ('body = "body" is a guess', "coordinates are assumed to be in mm"), ()),
     ],
 )
 def test_guesses_are_marked_and_told_until_the_remark_is_gone(
@@ -95,7 +95,7 @@ def test_photographs_without_a_scale_are_told_what_gives_one(tmp_path: Path) -> 
     shutil.copy(shot, tmp_path / "images" / "1")
     started(tmp_path)
     (sentence,) = check_campaign(open_campaign(tmp_path)).attention
-    assert "nothing gives the photographs a scale" in sentence
+    assert "the photographs have no scale" in sentence
     assert "scale_bars.csv" in sentence
     (tmp_path / "scale_bars.csv").write_text("bar,first,second,length_mm,sigma_mm\nB,p,q,500,0.01\n")
     assert check_campaign(open_campaign(tmp_path)).attention == ()

@@ -170,7 +170,7 @@ def test_a_file_in_place_of_the_run_folder(fake: FakeProject) -> None:
     (fake.cwd / "runs").write_text("")
     done = fake.call("run", str(fake.campaign))
     assert done.returncode == 4
-    assert "runs/bench cannot be made" in done.stderr.replace("\\", "/")
+    assert "runs/bench cannot be created" in done.stderr.replace("\\", "/")
 
 
 def _without_roots_privileges() -> None:

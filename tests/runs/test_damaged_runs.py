@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from truing.pipeline.command_line import app
 from truing.pipeline.problems import ExitCode
 
-_WRITTEN = "expected the file as its stage has written it; `truing run` makes it again"
+_WRITTEN = "expected the file unchanged since its stage wrote it; `truing run` writes it again"
 
 
 def _cut(name: str) -> Callable[[Path], object]:
@@ -61,7 +61,7 @@ DAMAGES: dict[str, tuple[Callable[[Path], object], str]] = {
     "empty": (lambda run: (run / "poses.parquet").write_bytes(b""), "poses.parquet: expected an undamaged"),
     "missing": (lambda run: (run / "diagnosis.parquet").unlink(), "diagnosis.parquet: expected this file"),
     "fewer rows": (_fewer_rows, f"qa.parquet: {_WRITTEN}"),
-    "half a run": (_half, "a run of one piece; qa was made from other tables than these"),
+    "half a run": (_half, "a complete run; qa was made from other tables than these"),
     "of a later version": (
         _telling(schema_version="99", software_version="9.9"),
         "version 99 of its schema, by truing",

@@ -241,7 +241,7 @@ def test_a_leg_whose_targets_put_it_elsewhere_is_left_out_alone(line, plain):
     frame.loc[(frame["pose"] == 12) & (frame["body"] == "leg3"), "px_mm"] += 0.4
     wrong = pa.Table.from_pandas(frame, line["poses"].schema, preserve_index=False)
     found, said = calibrated({**line, "poses": wrong}, read_campaign(rigid()))
-    assert said.left_out == "legs whose targets put them elsewhere: leg3 in pose 12"
+    assert said.left_out == "legs with inconsistent targets: leg3 in pose 12"
     (row,) = said.artifacts["calibration_left_out"].to_pylist()
     assert (row["pose"], row["subject"], row["unit"]) == (12, "leg3", "sigma")
     assert row["value"] > row["limit"]

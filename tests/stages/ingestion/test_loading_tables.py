@@ -442,7 +442,7 @@ def test_elements_have_to_fit_the_legs(tmp_path):
     artifacts(tmp_path, files, {"mechanism": {**SENSOR, "elements": whole}})
     upright = [{"B_mm": leg["b_mm"], "b_mm": leg["b_mm"]} for leg in LEGS]
     loose = faults(tmp_path, files, {"mechanism": {**SENSOR, "legs": upright, "elements": whole}})[0]
-    assert (loose.column, loose.value) == ("mechanism.legs", "legs that leave the platform free to move")
+    assert (loose.column, loose.value) == ("mechanism.legs", "legs that do not constrain the platform")
 
 
 def test_a_given_compliance_is_checked_cell_by_cell(tmp_path):

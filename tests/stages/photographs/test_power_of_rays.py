@@ -88,7 +88,7 @@ def test_a_run_s_network_is_drawn_from(adjusted: Any, run: Path, tmp_path: Path,
     assert power_campaign(adjusted[1], wish, Workforce(1), tmp_path / "power.csv") is ExitCode.DONE
     sizes = (tmp_path / "power.csv").read_text(encoding="utf-8").splitlines()
     assert {line.split(",")[0].strip('"') for line in sizes[1:]} == {*wish.causes}
-    assert "Rays are drawn, not photographs" in (tmp_path / "power.html").read_text(encoding="utf-8")
+    assert "Rays are simulated, not photographs" in (tmp_path / "power.html").read_text(encoding="utf-8")
 
 
 def test_without_a_run_there_is_no_network(adjusted: Any, tmp_path: Path) -> None:
