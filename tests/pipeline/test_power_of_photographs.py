@@ -41,7 +41,7 @@ def test_without_a_run_it_says_which_causes_are_not_judged(photographed: Campaig
     told = of_photographs(photographed, tmp_path / "none")
     assert told is not None
     assert not told.rows
-    for words in ("photographs are not simulated", "Camera instability", "refraction are not judged here"):
+    for words in ("photographs are not simulated", "Camera instability", "refraction are not tested here"):
         assert words in told.sentence
 
 
