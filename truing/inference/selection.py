@@ -193,6 +193,9 @@ class CauseSelection(Generic[CauseT]):
         periods = sum(own.driver.cause is not None for own in noise_dependences)
         fewest = 1 if scatters else _SEVERAL_PERIODS
         is_named = all(own.catalogued for own in final.causes) and periods < fewest
+        # What inputs predict is no scatter, though it may pass for one.
+        attributions = () if holds and searched.kept else self._attributed(searched.plain)
+        is_named &= bool(searched.kept) or not attributions
         doubt = Reason.INADEQUATE if not holds else None if is_named else Reason.UNNAMED
         outdone = {step.cause.key for step in searched.kept if step.is_outdone}
         verdicts = [self._doubted(verdict, final, doubt, outdone) for verdict in verdicts]
@@ -214,7 +217,7 @@ class CauseSelection(Generic[CauseT]):
             fitter.held_out,
             self._unasked(kinds, searched),
             tuple(fitter.blocks or ()),
-            () if holds and (searched.kept or scatters or noise_dependences) else self._attributed(searched.plain),
+            attributions,
         )
 
     def _unasked(self, kinds: Sequence[CauseT], searched: _Searched[CauseT]) -> tuple[CauseT, ...]:
