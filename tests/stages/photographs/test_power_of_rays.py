@@ -82,7 +82,7 @@ def run(adjusted: Any, tmp_path: Path) -> Path:
 
 
 def test_a_run_s_network_is_drawn_from(adjusted: Any, run: Path, tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.setattr("truing.pipeline.power_command.folder_beside_run", lambda *_, **__: run)
+    monkeypatch.setattr("truing.pipeline.power_command.folder_next_to_run", lambda *_, **__: run)
     monkeypatch.setattr("truing.stages.power._THRESHOLD_DRAWS", 100)
     wish = PowerOptions(("scale-bar-temperature", "camera-instability"), draws=0)
     assert power_campaign(adjusted[1], wish, Workforce(1), tmp_path / "power.csv") is ExitCode.DONE
