@@ -55,4 +55,4 @@ def _figure(errors: pa.Table) -> str:
     of = {row["quantity"]: [other for other in rows if other["quantity"] == row["quantity"]] for row in rows}
     quantity, own = max(of.items(), key=lambda item: len(item[1]))
     sizes = ", ".join(f"{row['prediction_by']} {row['rms_error']:.4g}" for row in own)
-    return f"{quantity} of {own[0]['campaign']}, rms in {own[0]['unit']}: {sizes}"
+    return f"rms error of {quantity} in {own[0]['campaign']} ({own[0]['unit']}): {sizes}"

@@ -32,6 +32,7 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """State what can be stated, and say of the rest why it cannot."""
+    from truing.report.numbers import count
     from truing.stages.uncertainty_statement.bench import state_compliance, state_sensor
     from truing.stages.uncertainty_statement.causes import state_causes
     from truing.stages.uncertainty_statement.machine import state_accuracy, state_calibration, state_positioning
@@ -46,10 +47,10 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         part(made, tables, settings)
     artifacts = {"uncertainty": made.stated.table(), "uncertainty_budget": made.parts.table()}
     stated = sum(artifacts["uncertainty"].column("stated").to_pylist())
-    left, parts_told = artifacts["uncertainty"].num_rows - stated, artifacts["uncertainty_budget"].num_rows
+    left, sources = artifacts["uncertainty"].num_rows - stated, artifacts["uncertainty_budget"].num_rows
     return Outcome(
         artifacts,
         read=f"{len(tables)} artifacts",
-        left_out=f"{left} results without an uncertainty" if left else "nothing",
-        figure=f"{stated} results with standard and expanded uncertainty, by {parts_told} parts",
+        left_out=f"{count(left, 'result')} without an uncertainty" if left else "nothing",
+        figure=f"{count(stated, 'result')} with expanded uncertainty, from {count(sources, 'contribution')}",
     )

@@ -168,7 +168,7 @@ def _calibrated(
     open_questions = (data.left_out, *_screened_words(clean), *failures, no_frame, free)
     return Outcome(
         {name: one.table(identifier) for name, one in rows.items()},
-        read=f"{counted(len(used.poses), 'pose')} to fit, {int((~fitted).sum())} held out",
+        read=f"{counted(len(used.poses), 'fitted pose')}, {int((~fitted).sum())} held out",
         left_out="; ".join(filter(None, open_questions)) or "nothing",
         figure=_figure(best, len(both.likely), ~fitted) + _applied(extended),
     )
@@ -209,11 +209,11 @@ def _accuracy(artifact: str, assessed: list[AssessedCalibration], data: Calibrat
 
 
 def _figure(best: AssessedCalibration, count: int, held: NDArray) -> str:
-    text = f"{_words(best.calibration.case)} chosen of {counted(count, 'model')}"
+    text = f"chosen of {counted(count, 'model')}: {_words(best.calibration.case)}"
     against = f"; {reported}" if (reported := doubts(best)) else ""
     if best.errors is None:
         return text + against
-    which = "held-out" if held.any() else "calibration"
+    which = "held-out" if held.any() else "fitted"
     errors_um = best.errors.position[held if held.any() else ~held] * 1e6
-    size = f"{np.nanmean(errors_um):.1f} um mean, {np.nanmax(errors_um):.1f} um at most"
-    return f"{text}: {which} position error {size}{against}"
+    size = f"mean {np.nanmean(errors_um):.1f} µm, largest {np.nanmax(errors_um):.1f} µm"
+    return f"{text}; position error of {which} poses: {size}{against}"

@@ -353,7 +353,7 @@ def _figure_of_sensor(found: RecordedLoads, fitted: SensorCalibrations, ranges: 
     worst = int(np.nanargmax(held))
     return (
         f"G_B by {fitted.chosen.model.name}; held out {fitted.left_out}: "
-        f"at most {percent(held[worst])} of the range rms ({LOADS[worst]})"
+        f"largest rms error {percent(held[worst])} of the range ({LOADS[worst]})"
         f"{f'; with {listed(found.causes)} applied' if found.causes else ''}"
     )
 

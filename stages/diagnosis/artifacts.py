@@ -9,7 +9,7 @@ import pyarrow as pa
 
 from truing.inference.detectable import assessed
 from truing.report.numbers import count as counted
-from truing.report.numbers import gross_errors, two_decimals
+from truing.report.numbers import gross_errors, sign, two_decimals
 from truing.schemas.artifacts import ARTIFACTS
 from truing.stages.declaration import Outcome
 from truing.stages.diagnosis.applied import applied_model, choices_table
@@ -97,11 +97,11 @@ def _remark(data: DiagnosisData[Any], final: FittedModel) -> str:
     texts = []
     if data.framing is not None and data.framing < _FRAMING:
         texts.append(
-            "Fewer than three platform targets sit away from the attachments, so shifts are known modulo a plane "
+            "Fewer than three platform targets are not at an attachment, so shifts are known except for a common plane "
             "(z and two tilts)."
         )
     if final.fit.state != "settled":
-        texts.append("The fit did not converge within its iterations: treat the results as provisional.")
+        texts.append("The fit did not converge within its iterations: treat its numbers as provisional.")
     return " ".join(texts)
 
 
@@ -115,15 +115,16 @@ def _read(data: DiagnosisData[Any], shown: ReportedRms) -> str:
 def _figure(table: pa.Table, diagnosis: CauseDiagnosis, shown: ReportedRms, rule: Settings) -> str:
     final = diagnosis.final
     rms, floor = shown.rms(final.error) or 0.0, shown.floor(final.floor)
-    left = f"{two_decimals(rms)} {shown.unit} rms, noise alone leaves {two_decimals(floor)}"
+    unit = sign(shown.unit)
+    left = f"{two_decimals(rms)} {unit}, noise floor {two_decimals(floor)} {unit}"
     if not diagnosis.end.is_complete:
-        left += f"; the search was ended after {counted(diagnosis.end.accepted, 'cause')}, and more is left"
+        left += f"; the search stopped after {counted(diagnosis.end.accepted, 'cause')}, other effects remain"
     elif diagnosis.adequacy.p_value <= rule.doubted_level:
-        left += "; the model does not hold as a whole"
+        left += "; the model as a whole does not fit"
     if not {"found", "suspected"} & set(table.column("verdict").to_pylist()):
-        return f"nothing found: {left}"
+        return f"nothing found: rms error {left}"
     before = shown.rms(diagnosis.plain.error) or 0.0
-    return f"{_found(table)}: {two_decimals(before)} -> {left}"
+    return f"{_found(table)}: rms error {two_decimals(before)} -> {left}"
 
 
 def _found(table: pa.Table) -> str:

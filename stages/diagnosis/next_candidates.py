@@ -61,7 +61,6 @@ class PossibleMeasurements:
     what: ClassVar[tuple[str, str]] = ("configuration", "configurations")
     unit: ClassVar[str] = "pose"
     do: ClassVar[str] = "measure"
-    between: ClassVar[str] = ", "
     pace: ClassVar[str] = "at the pace of this campaign"
 
     @property
@@ -248,7 +247,7 @@ def _attitudes(body: str, down: NDArray) -> list[Level]:
     for _ in range(min(_ATTITUDES, len(np.unique(down, axis=0)) - 1)):
         apart = np.min(np.sum((down[:, None] - down[chosen]) ** 2, axis=-1), axis=1)
         chosen.append(int(np.argmax(apart)))
-    words = [f"with gravity along ({', '.join(f'{x + 0.0:.2f}' for x in down[row])}) of {body}" for row in chosen]
+    words = [f"with gravity along ({', '.join(f'{x + 0.0:.2f}' for x in down[row])}) in the frame of {body}" for row in chosen]
     return [Level(down[row], text) for row, text in zip(chosen, ["", *words[1:]], strict=True)]
 
 
@@ -268,8 +267,8 @@ def _movements(name: str, legs: int, step: float) -> list[Level]:
     ways = {
         "growing readings of all legs": np.ones(legs),
         "falling readings of all legs": -np.ones(legs),
-        "growing readings of the odd legs and falling ones of the even": turns,
-        "growing readings of the even legs and falling ones of the odd": -turns,
+        "growing readings of the odd legs and falling readings of the even legs": turns,
+        "growing readings of the even legs and falling readings of the odd legs": -turns,
     }
     by = f" by {step * 1e3:.3f} mm" if step else ""
     return [Level(way * size, f"approached with {words}{by}") for words, way in ways.items()]

@@ -70,7 +70,6 @@ class PossibleRuns:
     what: ClassVar[tuple[str, str]] = ("run of loads", "runs of loads")
     unit: ClassVar[str] = "run"
     do: ClassVar[str] = "apply"
-    between: ClassVar[str] = "; "
     pace: ClassVar[str] = "of loading"
 
     def linearised(self, fitted: Fitted) -> PoseCandidates:

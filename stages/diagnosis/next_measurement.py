@@ -1,4 +1,4 @@
-"""Proposal of the next measurement, to separate rivals or to halve the uncertainty of a finding."""
+"""What to measure next, ready for the machine: to distinguish rivals, or to halve the uncertainty of a finding."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _MOST = 8  # configurations or runs that a person can set up together
 _STEP = 1e-3
 # Odds too small to justify a measurement.
 _WORTH = 1.5
-_TOLD = 4  # largest number of items in a sentence
+_NAMED = 4  # as many candidates as a sentence names
 # A target that was never seen gives no information.
 _UNSEEN_M2 = 1.0
 
@@ -55,7 +55,6 @@ class Options(Protocol):
     what: ClassVar[tuple[str, str]]  # what one is, and several
     unit: ClassVar[str]  # what they are counted in
     do: ClassVar[str]
-    between: ClassVar[str]  # of several in a sentence
     pace: ClassVar[str]  # behind how long they take
 
     def linearised(self, fitted: Fitted) -> PoseCandidates:
@@ -117,32 +116,35 @@ class MeasurementPlan:
             yield from ({**own, **row, **expected} for row in self.options.rows(k))
 
     def advice(self, kind: AdviceKind, aim: str) -> Advice:
-        """Return the measurement for an aim ("To ...") and its gain; in short without the candidates' names."""
-        chosen = self.choice.chosen
-        named = self.options.between.join(self.options.named(k) for k in chosen[:_TOLD])
-        more = f"{self.options.between}.." if len(chosen) > _TOLD else ""
-        return Advice(kind, self.request(f"{aim},", f" ({named}{more})"), self.request(f"{aim},"), self.purpose)
+        """Return the advice for an aim ("To ..."); its short form does not name the candidates."""
+        chosen, (one, several) = self.choice.chosen, self.options.what
+        named = "; ".join(self.options.named(k) for k in chosen[:_NAMED])
+        more = "; ..." if len(chosen) > _NAMED else "."
+        what, short = one if len(chosen) == 1 else several, self.request(f"{aim},")
+        return Advice(kind, f"{short} {what[:1].upper()}{what[1:]}: {named}{more}", short, self.purpose)
 
-    def request(self, first: str, named: str = "") -> str:
-        """Return a sentence with a given start: candidates, number, duration and gain."""
+    def request(self, first: str) -> str:
+        """Return sentences that begin with some words: what to measure, how often, how long it takes, the result."""
         count_of, (one, several) = len(self.choice.chosen), self.options.what
         what = f"this {one}" if count_of == 1 else f"these {count_of} {several}"
-        return f"{first} {self.options.do} {what}{named}{self._amount()}. {self.given}"
+        return f"{first} {self.options.do} {what}{self._repeats()}. {self._duration()}{self.given}"
 
-    def _amount(self) -> str:
-        """Repeats of each, total number, and total duration in words."""
-        if not self.choice.is_enough:
-            return ""
+    def _repeats(self) -> str:
+        """``, 13 times each (78 poses)``; nothing where each is measured once, or no number is enough."""
         few, many, total = min(self.choice.times), max(self.choice.times), self.choice.total
-        again = "" if many == 1 else f", {many} times{' each' if len(self.choice.times) > 1 else ''}"
-        again = again if few == many else f", {few} to {many} times each"
-        seconds, chosen = self.duration_s, self.choice.chosen
-        whole = "" if total == len(chosen) else f"{count(total, self.options.unit)} in all"
-        takes = "" if seconds is None else f"{about(seconds)} {self.options.pace}"
-        if takes and any(self.options.sets_conditions(k) for k in chosen):
-            takes += ", and what it takes to change conditions"
-        amount = ", ".join(filter(None, (whole, takes)))
-        return f"{again}: {amount}" if amount else again
+        if not self.choice.is_enough or many == 1:
+            return ""
+        often = f"{many} times" if few == many else f"{few} to {many} times"
+        several = len(self.choice.times) > 1
+        return f", {often}{f' each ({count(total, self.options.unit)})' if several else ''}"
+
+    def _duration(self) -> str:
+        """How long all of it takes, as a sentence; empty where that is not known."""
+        if self.duration_s is None:
+            return ""
+        changes = any(self.options.sets_conditions(k) for k in self.choice.chosen)
+        more = ", plus the time to change conditions" if changes else ""
+        return f"This takes {about(self.duration_s)} {self.options.pace}{more}. "
 
 
 def plan_table(artifact: str, plans: Sequence[MeasurementPlan]) -> pa.Table:
@@ -222,7 +224,7 @@ def next_loads_of(diagnosis: CauseDiagnosis, settings: Campaign) -> NextMeasurem
 
 
 def _with_another(another: Advice, plan: MeasurementPlan | None) -> Advice:
-    """Another kind of measurement first, then what a plan gives without it."""
+    """Advice on another kind of measurement, followed by the plan as its alternative."""
     if plan is None:
         return another
     return replace(another, words=f"{another.words} {plan.request('Or')}", purpose=plan.purpose)
@@ -290,9 +292,9 @@ def _apart(reach: Reach, pair: Rivals) -> MeasurementPlan:
     rivals = options.linearised(both[0]), options.linearised(both[1])
     choice = discriminating_poses(rivals, (_own(*both), _own(*both[::-1])), ODDS, _MOST, pair.log_odds)
     given = (
-        f"Odds of {_odds(choice.final)} are then expected, whichever of the two is right."
+        f"The expected odds are then {_odds(choice.final)}, whichever of the two is right."
         if choice.is_enough
-        else f"Even {count(choice.total, options.unit)} lead to odds of no more than {_odds(choice.final)}."
+        else f"Even {count(choice.total, options.unit)} give expected odds of at most {_odds(choice.final)}."
     )
     expected = tuple({"expected": f"odds of {_odds(value)}", "odds_expected": value} for value in choice.values)
     purpose = f"{_name(pair.cause, pair.legs)} against {_name(pair.other, pair.legs)}"
@@ -308,21 +310,21 @@ def _own(fitted: Fitted, other: Fitted) -> NDArray:
 def _separation_advice(plan: MeasurementPlan, own: Any, other: Any, legs: int) -> Advice:
     both, by_another = f"{_called(own, legs)} from {_called(other, legs)}", _confirming(other, legs).words
     if plan.choice.is_enough:
-        return plan.advice(AdviceKind.SEPARATE, f"To tell {both}")
+        return plan.advice(AdviceKind.SEPARATE, f"To distinguish {both}")
     if plan.leads:
-        given_advice = plan.advice(AdviceKind.SEPARATE, f"To tell {both}")
+        given_advice = plan.advice(AdviceKind.SEPARATE, f"To distinguish {both}")
         return replace(
             given_advice, words=f"{given_advice.words} {by_another}", short=f"{given_advice.short} {by_another}"
         )
     return Advice(
         AdviceKind.ANOTHER,
-        f"No {plan.options.what[0]} within reach tells {both}: both predict the same there. "
-        f"Another kind of measurement has to decide. {by_another}",
+        f"No possible {plan.options.what[0]} distinguishes {both}: both predict the same results. "
+        f"Another kind of measurement must decide. {by_another}",
     )
 
 
 def _called(cause: Any, legs: int) -> str:
-    """Name of a cause and its subject, in the words of the report."""
+    """The noun of a cause with its subject and its inputs, for a sentence."""
     of, follows = subject_words(cause.subject), columns_words(cause.inputs(legs))
     return f"{cause_words(cause.id)}{f' of {of}' if of else ''}{f' with {follows}' if follows else ''}"
 
@@ -332,7 +334,7 @@ def _confirming(cause: Any, legs: int) -> Advice:
 
 
 def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[MeasurementPlan, Advice]:
-    """Return the plan that reduces the uncertainty of a parameter."""
+    """Return the plan that reduces the uncertainty of a parameter, and the advice on it."""
     options = reach((fitted,))
     choice = narrowed(options.linearised(fitted), largest.direction, _HALF, _MOST)
     name, legs = largest.value.name, fitted.model.part_count
@@ -346,10 +348,10 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Measureme
     )
     called = f"{name} ({cause_words(largest.cause.id)})"
     if plan.leads:
-        return plan, plan.advice(AdviceKind.SHARPEN, f"To know {called} better")
+        return plan, plan.advice(AdviceKind.SHARPEN, f"To determine {called} more precisely")
     what, more = options.what[0], count(choice.total, options.unit)
-    vain = f"No {what} within reach halves the uncertainty of {called}, {largest.sure(1.0)}: with {more} it still is "
-    vain += f"{largest.sure(choice.final)}. {_confirming(largest.cause, legs).words}"
+    vain = f"No possible {what} halves the uncertainty of {called}: it is {largest.sure(1.0)} now, and still "
+    vain += f"{largest.sure(choice.final)} after {more}. {_confirming(largest.cause, legs).words}"
     return plan, Advice(AdviceKind.IN_VAIN, vain)
 
 
@@ -394,9 +396,9 @@ def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
 
 
 def _name(cause: Any, legs: int) -> str:
-    """Return the name of a cause in a sentence, with its subject, or its inputs if it has no name."""
+    """Return the name of a cause for a table: its id, its subject and its inputs."""
     follows = tuple(map(own_name, cause.inputs(legs)))
-    driven = f"following {follows[0]}{f' .. {follows[-1]}' if len(follows) > 1 else ''}" if follows else ""
+    driven = f"with {follows[0]}{f' .. {follows[-1]}' if len(follows) > 1 else ''}" if follows else ""
     return " ".join(filter(None, (cause.id, cause.subject, driven)))
 
 

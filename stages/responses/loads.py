@@ -35,7 +35,7 @@ from truing.estimation.response import (
     residual_sets,
     symmetry,
 )
-from truing.report.numbers import count, gross_errors
+from truing.report.numbers import count, gross_errors, p_value
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.six_upur.nominal_sensor import SimulatedCompliance
 from truing.stages.common.belonging import subject_of, withheld_runs
@@ -209,7 +209,7 @@ def _figure(fits: Mapping[str, ResponseFit], against: Mapping[str, ComplianceCom
     if "matrix" not in against:
         return text
     one = against["matrix"]
-    return f"{text}; {one.dof} of 36 entries beside the simulated ones, p {one.p_value:.2g}"
+    return f"{text} of the variance; {one.dof} of 36 entries compared with the simulated ones, p {p_value(one.p_value)}"
 
 
 def axis_curve_rows(displacement: pa.Table, simulated: SimulatedCompliance | None) -> Rows:

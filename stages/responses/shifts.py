@@ -309,10 +309,10 @@ def _leg_words(shifts: LegShifts, rejected: Mask, fits: Mapping[str, ResponseFit
     )
     left_out = gross_errors(int(rejected.sum()), "shift") if rejected.any() else "nothing"
     rms = {name: 1e6 * float(np.sqrt(np.nanmean(fit.residuals**2))) for name, fit in fits.items()}
-    texts = [f"{rms[name]:.1f} {name}" for name in ("linear", "matrix") if name in rms]
-    figure = ", ".join([f"rms left {rms['none']:.1f} um without a model", *texts])
-    untold = [name for name in ("linear", "matrix") if name not in rms]
-    figure += f"; not evaluated: {', '.join(untold)}, which so few movements leave open" if untold else ""
+    names = {"none": "without a model", "linear": "linear model", "matrix": "matrix model"}
+    figure = "rms residual " + ", ".join(f"{rms[name]:.1f} µm {words}" for name, words in names.items() if name in rms)
+    absent = [words for name, words in names.items() if name not in rms]
+    figure += f"; not evaluated: {', '.join(absent)} (too few movements)" if absent else ""
     if shifts.modulo_plane:
         figure += "; modulo a plane: fewer than three platform targets away from the attachments"
     return read, left_out, figure

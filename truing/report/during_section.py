@@ -48,7 +48,7 @@ def _lead(tables: Tables) -> str:
         kinds = ", ".join(f"{kind}s" for kind in repeats["repeated"].unique())
         words.append(f"repeated measurements of {kinds}, identified by {repeats['told_by'].iloc[0]}")
     said = "; ".join(words)
-    return f"{said[:1].upper()}{said[1:]}." if said else "Names that are in no survey."
+    return f"{said[:1].upper()}{said[1:]}." if said else "Points with names that no survey contains."
 
 
 def _statements(tables: Tables) -> list[tuple[str, str]]:
@@ -63,7 +63,7 @@ def _statements(tables: Tables) -> list[tuple[str, str]]:
         lost = surveys[surveys["relocated"] & surveys["holds_as"].isna()]
         if len(lost):
             which = ", ".join(f"{r.body} {r.target}" for r in lost.head(8).itertuples())
-            texts.append(("warn", f"Moved, but from which pose on is not declared: {which}."))
+            texts.append(("warn", f"Targets moved, but campaign.toml does not declare from which pose on: {which}."))
     apart = _apart(filled(tables, "repeats"))
     if apart:
         which = ", ".join(list(apart.values())[:8])
@@ -84,7 +84,7 @@ def _surveys(table: pd.DataFrame) -> list[Listing]:
         holds = "" if cell(r.holds_as) == "" else f"{r.holds_as} from pose {cell(r.from_pose)} on"
         rows.append((r.status, r.later_survey, r.body, r.target, *shift, p_value(r.p_value), holds))
         marks.append("none" if not r.relocated else "warn" if cell(r.holds_as) == "" else "pass")
-    caption = "position minus the earlier one, without the common motion of targets that did not move, ± one sigma"
+    caption = "new minus earlier position, without the common motion of targets that did not move, ± one sigma"
     moved = [at for at, there in enumerate(table["relocated"]) if there]
     own = Listing(
         heads, tuple(rows[k] for k in moved), tuple(marks[k] for k in moved), f"Targets that moved: {caption}"

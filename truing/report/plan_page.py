@@ -28,12 +28,12 @@ _STATION_HEADS = (
 _TARGET_HEADS = ("body", "target", "rays", "widest angle, °", "σ x, mm", "σ y, mm", "σ z, mm", "σ, mm", "limited by")
 _BODY_HEADS = ("body", "targets", "worst, mm", "mean, mm", "position, mm", "rotation, µrad")
 _LIMITS = {
-    "noise": "the noise of image points: more photographs help, by the root of their number",
-    "few rays": "fewer than four rays: a gross error in one could not be told",
-    "narrow rays": "rays within 60°: photographs from further round help",
-    "camera": "the camera, which is calibrated along with it: rolled photographs, or a calibration beforehand, help",
-    "scale": "the scale bars: better ones, or more, help; more photographs do not",
-    "not seen twice": "fewer than two photographs",
+    "noise": "the noise of image points, which decreases with the square root of the number of photographs",
+    "few rays": "fewer than four rays: a gross error in one ray could not be located",
+    "narrow rays": "rays within 60°: photographs from more directions help",
+    "camera": "the camera, which is calibrated together with the targets: rolled photographs or a calibration beforehand help",
+    "scale": "the scale bars: better or more bars help, more photographs do not",
+    "not seen twice": "fewer than two photographs show them",
 }
 _EYE = {"x": 0.95, "y": -1.1, "z": 0.7}
 _SYMBOL = 0.16  # size of a camera's pyramid, relative to the object
@@ -64,24 +64,23 @@ def plan_sections(
     network = ReportSection(
         "network",
         "The network",
-        "Cameras where they stand, each with its field of view; targets coloured by how well they will be known. "
-        "Nothing is known of what stands in between: a station from which the view is "
-        "blocked is left out, or moved a little.",
+        "Camera stations with their fields of view, and targets coloured by their expected uncertainty. "
+        "The plan knows no obstacles: leave out, or move a little, a station whose view is blocked.",
         figures=(
             (
                 _network(stations, targets, R, half),
-                "Drag to turn. The short edge of a pyramid is the short side of the image.",
+                "Drag to rotate. The short edge of a pyramid is the short side of the image.",
             ),
         ),
     )
     listing = Listing(
-        _STATION_HEADS, tuple(map(tuple, _station_rows(stations))), caption="In the order of a walk round the object"
+        _STATION_HEADS, tuple(map(tuple, _station_rows(stations))), caption="Stations in the order of a walk around the object"
     )
     where = ReportSection(
         "stations",
         "Where to stand",
-        "Places are in the frame of the targets. The camera looks at their middle: azimuth and elevation are those of "
-        "the station seen from there.",
+        "Positions are in the frame of the targets. Each camera points at their centre. Azimuth and elevation are the "
+        "directions of the station from this centre.",
         listings=(listing,),
     )
     return [network, where, _numbers(frames["curve"], len(stations), wanted_mm), _known(frames)]
@@ -131,7 +130,7 @@ def _network(
         figure.add_trace(
             go.Scatter3d(x=lost[:, 0], y=lost[:, 1], z=lost[:, 2], mode="markers", marker=marker, name="not seen twice")
         )
-    style(figure, label("Where the cameras stand"), "and how well each target will be known", 620)
+    style(figure, label("Where the cameras stand"), "and the expected uncertainty of each target", 620)
     axes = {f"{axis}axis": {"title": {"text": f"{axis}, mm"}} for axis in "xyz"}
     figure.update_layout(scene={"aspectmode": "data", "camera": {"eye": _EYE}, **axes}, legend={"orientation": "h"})
     return figure
@@ -189,15 +188,15 @@ def _numbers(curve: pd.DataFrame, taken: int, wanted_mm: float | None) -> Report
         ends = [int(curve["stations"].min()), int(curve["stations"].max())] if len(curve) else []
         look = {"mode": "lines", "line": {"color": GREY, "dash": "dot"}}
         figure.add_trace(go.Scatter(x=ends, y=[1e3 * wanted_mm] * len(ends), name="wanted", **look))
-    style(figure, label("How well so many photographs do"), "chosen one by one, before any is exchanged", 340)
+    style(figure, label("Uncertainty against number of photographs"), "stations chosen one by one, before any is exchanged", 340)
     figure.update_xaxes(title={"text": "photographs"})
     figure.update_yaxes(type="log", title={"text": "σ, µm"})
-    lead = f"{taken} are taken here. Fewer than four rays to a target cannot show a gross error in one of them."
+    lead = f"This plan takes {taken}. Fewer than four rays to a target cannot show which of them has a gross error."
     return ReportSection(
         "number",
         "How many photographs",
         lead,
-        figures=((figure, "One standard deviation along the direction in which a target is known least."),),
+        figures=((figure, "One standard deviation along the direction in which a target is least certain."),),
     )
 
 
@@ -224,15 +223,15 @@ def _known(frames: Mapping[str, pd.DataFrame]) -> ReportSection:
         Listing(
             _BODY_HEADS,
             _body_rows(bodies),
-            caption="Bodies, and their poses as these targets give them; seen from the reference body, if any",
+            caption="Bodies, and the uncertainty of their poses from these targets, relative to the reference body if there is one",
         ),
         Listing(
-            _TARGET_HEADS, rows, marks, "Targets, the worst first", folded=True, held_by="the table beside this page"
+            _TARGET_HEADS, rows, marks, "Targets, the worst first", folded=True, held_by="the table next to this page"
         ),
     )
-    lead = "Standard deviations in the free datum: with respect to all targets together. What limits them:"
+    lead = "Standard deviations in the free datum, relative to all targets together. They are limited by:"
     return ReportSection(
-        "targets", "How well the targets will be known", lead, listings=listings, statements=statements
+        "targets", "Uncertainty of the targets", lead, listings=listings, statements=statements
     )
 
 

@@ -90,8 +90,8 @@ def test_rivals_are_told_apart_by_loads_that_the_bench_can_apply(case: Case) -> 
     for key, other in ((creep.key, "hysteresis of load fz"), (RIVAL.key, "creep of load fz")):
         assert told.advice[key].kind == "separate"
         assert other in told.advice[key].words
-        assert "are then expected, whichever of the two is right" in told.advice[key].words
-        assert f": {about(rows[0]['duration_s'])} of loading. " in told.advice[key].words
+        assert "whichever of the two is right" in told.advice[key].words
+        assert f" This takes {about(rows[0]['duration_s'])} of loading. " in told.advice[key].words
     assert {(row["need"], row["measurements"]) for row in rows} == {("rival", 1)}
     assert min(row["odds_expected"] for row in rows if row["run"] == rows[-1]["run"]) >= 20.0
 

@@ -191,10 +191,10 @@ def test_warm_legs_are_told_from_drifting_ones_at_another_temperature_or_time(to
     assert any("°C" in text or "pause" in text for text in words)
     for key, both in ((WARM.key, "leg thermal from leg drift"), (DRIFT.key, "leg drift from leg thermal")):
         assert told.advice[key].kind == AdviceKind.SEPARATE
-        assert f"To tell {both}, measure " in told.advice[key].words
+        assert f"To distinguish {both}, measure " in told.advice[key].words
         odds = told.table.column("odds_expected")[-1].as_py()
         assert odds >= 20.0
-        assert f"Odds of {odds:.2g}:1 are then expected" in told.advice[key].words
+        assert f"The expected odds are then {odds:.2g}:1," in told.advice[key].words
 
 
 def test_proposed_poses_separate_rivals_as_predicted_and_repeated_poses_do_not(
@@ -347,6 +347,6 @@ def test_attitudes_are_proposed_of_those_that_were_measured_and_called_so() -> N
     assert_close(levels[0].value, down[0], atol=0.0, what="usual direction")
     assert {tuple(level.value) for level in levels} == {tuple(row) for row in down}
     assert {level.words for level in levels[1:3]} == {
-        "with gravity along (1.00, 0.00, 0.00) of tool",
-        "with gravity along (0.00, 1.00, 0.00) of tool",
+        "with gravity along (1.00, 0.00, 0.00) in the frame of tool",
+        "with gravity along (0.00, 1.00, 0.00) in the frame of tool",
     }

@@ -60,7 +60,7 @@ def _untested(rows: list[Any], why: str, words: str) -> str:
         for row in rows
         if row.state == "not tested" and cell(getattr(row, "why_untested", None) or "too-few") == why
     ]
-    return f" Not tested ({words}): {', '.join(_LOOKED_FOR[row.test] for row in own)}." if own else ""
+    return f" Not tested ({words}): {', '.join(dict.fromkeys(_LOOKED_FOR[row.test] for row in own))}." if own else ""
 
 
 def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:

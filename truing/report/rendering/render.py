@@ -8,7 +8,7 @@ import html
 import re
 import unicodedata
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import plotly.graph_objects as go
 
 from truing.report.page import Listing, PageHead, ReportSection, all_of
+from truing.report.rendering.terms import marked
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -67,6 +68,7 @@ class _Drawn:
     figures: tuple[_Figure, ...]
     tables: tuple[_ListingTable, ...]
     parts: tuple[_Drawn, ...]
+    used: set[str] = field(default_factory=set)  # glossary terms that already have a tooltip
 
 
 def render_page(head: PageHead, sections: Sequence[ReportSection]) -> str:
@@ -143,7 +145,7 @@ def _template() -> jinja2.Template:
 
     loader = jinja2.PackageLoader("truing.report.rendering", "")
     environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["unbroken"] = _unbroken
+    environment.filters |= {"unbroken": _unbroken, "terms": marked}
     return environment.get_template("report.html.jinja")
 
 

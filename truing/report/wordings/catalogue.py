@@ -71,7 +71,7 @@ def _unstable(claim: Claim) -> str:
 def _hold_still(claim: Claim) -> str:
     return (
         f"Photograph a fixed field of targets with {claim.subject} before and after the suspected change, rolled by "
-        "90 degrees in every second image, and adjust its interior orientation each time."
+        "90 degrees in every second image, and determine its interior orientation each time."
     )
 
 
@@ -96,7 +96,7 @@ def _warm_bars(claim: Claim) -> str:
         own = f"scale bar {claim.fact('bar')} has a thermal expansion other than stated"
         return with_sizes(f"{own}, compared with the other bars", claim)
     all_bars = "the scale bars have a thermal expansion other than stated"
-    return with_sizes(f"{all_bars}, so that all measured lengths change by as much", claim)
+    return with_sizes(f"{all_bars}, so that all measured lengths change by the same ratio", claim)
 
 
 def _calibrate_bars(claim: Claim) -> str:

@@ -1,0 +1,63 @@
+"""Tooltips of glossary terms in table heads and captions."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from truing.report.page import Listing, PageHead, ReportSection
+from truing.report.rendering.render import render_page
+from truing.report.rendering.terms import AMBIGUOUS, marked
+from truing.schemas.glossary import Term, glossary
+
+TERMS = {term.term: term for term in glossary()}
+
+
+def test_first_use_of_a_term_shows_its_meaning() -> None:
+    used: set[str] = set()
+    first, again = (str(marked("Residuals of all rays", used)) for _ in range(2))
+    assert first == f'<abbr title="{TERMS["residual"].meaning}">Residuals</abbr> of all rays'
+    assert again == "Residuals of all rays"
+    assert used == {"residual"}
+
+
+@pytest.mark.parametrize("term", [term for term in glossary() if term.term not in AMBIGUOUS], ids=lambda t: t.term)
+def test_every_term_is_found_by_its_name(term: Term) -> None:
+    used: set[str] = set()
+    marked(f"The {term.term}, once", used)
+    assert used == {term.term}
+
+
+@pytest.mark.parametrize("text", ["a targeted test", "pull-out", "polygons", "", "G_B2", "p, all subjects counted"])
+def test_parts_of_words_are_no_terms(text: str) -> None:
+    assert str(marked(text, set())) == text
+
+
+def test_longest_term_wins() -> None:
+    used: set[str] = set()
+    marked("expanded uncertainty and bodies", used)
+    assert used == {"expanded uncertainty", "body"}
+
+
+def test_symbol_alone_is_a_term_and_names_it() -> None:
+    assert str(marked("p (corrected)", set())).startswith(f'<abbr title="p-value: {TERMS["p-value"].meaning}">p</abbr>')
+
+
+def test_text_is_escaped() -> None:
+    assert str(marked("<b> & pose", set())).startswith("&lt;b&gt; &amp; <abbr ")
+
+
+def test_ambiguous_terms_are_terms() -> None:
+    assert TERMS.keys() >= AMBIGUOUS
+    assert not any(isinstance(marked(term, set()), str) and "<abbr" in marked(term, set()) for term in AMBIGUOUS)
+
+
+def test_each_section_of_a_page_explains_a_term_once() -> None:
+    listings = (Listing(("pose", "residual"), (("1", "2"),), caption="Poses"), Listing(("pose",), (("1",),)))
+    sections = [ReportSection(name, name, "", listings=listings) for name in ("one", "two")]
+    page = render_page(PageHead("campaign", ()), sections)
+    shown = re.findall(r"<abbr title=[^>]*>([^<]*)</abbr>", page)
+    assert shown == ["Poses", "residual"] * 2
+    assert '<th scope="col">pose</th>' in page
+    assert "docs/glossary.md" in page
