@@ -247,7 +247,10 @@ def _attitudes(body: str, down: NDArray) -> list[Level]:
     for _ in range(min(_ATTITUDES, len(np.unique(down, axis=0)) - 1)):
         apart = np.min(np.sum((down[:, None] - down[chosen]) ** 2, axis=-1), axis=1)
         chosen.append(int(np.argmax(apart)))
-    words = [f"with gravity along ({', '.join(f'{x + 0.0:.2f}' for x in down[row])}) in the frame of {body}" for row in chosen]
+    words = [
+        f"with gravity along ({', '.join(f'{x + 0.0:.2f}' for x in down[row])}) in the frame of {body}"
+        for row in chosen
+    ]
     return [Level(down[row], text) for row, text in zip(chosen, ["", *words[1:]], strict=True)]
 
 

@@ -31,7 +31,7 @@ _LIMITS = {
     "noise": "the noise of image points, which decreases with the square root of the number of photographs",
     "few rays": "fewer than four rays: a gross error in one ray could not be located",
     "narrow rays": "rays within 60°: photographs from more directions help",
-    "camera": "the camera, which is calibrated together with the targets: rolled photographs or a calibration beforehand help",
+    "camera": "the camera, calibrated together with the targets: rolled photographs or a calibration beforehand help",
     "scale": "the scale bars: better or more bars help, more photographs do not",
     "not seen twice": "fewer than two photographs show them",
 }
@@ -74,7 +74,9 @@ def plan_sections(
         ),
     )
     listing = Listing(
-        _STATION_HEADS, tuple(map(tuple, _station_rows(stations))), caption="Stations in the order of a walk around the object"
+        _STATION_HEADS,
+        tuple(map(tuple, _station_rows(stations))),
+        caption="Stations in the order of a walk around the object",
     )
     where = ReportSection(
         "stations",
@@ -188,7 +190,12 @@ def _numbers(curve: pd.DataFrame, taken: int, wanted_mm: float | None) -> Report
         ends = [int(curve["stations"].min()), int(curve["stations"].max())] if len(curve) else []
         look = {"mode": "lines", "line": {"color": GREY, "dash": "dot"}}
         figure.add_trace(go.Scatter(x=ends, y=[1e3 * wanted_mm] * len(ends), name="wanted", **look))
-    style(figure, label("Uncertainty against number of photographs"), "stations chosen one by one, before any is exchanged", 340)
+    style(
+        figure,
+        label("Uncertainty against number of photographs"),
+        "stations chosen one by one, before any is exchanged",
+        340,
+    )
     figure.update_xaxes(title={"text": "photographs"})
     figure.update_yaxes(type="log", title={"text": "σ, µm"})
     lead = f"This plan takes {taken}. Fewer than four rays to a target cannot show which of them has a gross error."
@@ -223,16 +230,14 @@ def _known(frames: Mapping[str, pd.DataFrame]) -> ReportSection:
         Listing(
             _BODY_HEADS,
             _body_rows(bodies),
-            caption="Bodies, and the uncertainty of their poses from these targets, relative to the reference body if there is one",
+            caption="Bodies, and the uncertainty of their poses (relative to the reference body, if any)",
         ),
         Listing(
             _TARGET_HEADS, rows, marks, "Targets, the worst first", folded=True, held_by="the table next to this page"
         ),
     )
     lead = "Standard deviations in the free datum, relative to all targets together. They are limited by:"
-    return ReportSection(
-        "targets", "Uncertainty of the targets", lead, listings=listings, statements=statements
-    )
+    return ReportSection("targets", "Uncertainty of the targets", lead, listings=listings, statements=statements)
 
 
 def _body_rows(bodies: pd.DataFrame) -> tuple[tuple[str, ...], ...]:
