@@ -72,7 +72,7 @@ def why_no_calibration(mechanism: Any, tables: Mapping[str, pa.Table]) -> str:
     if mechanism.type in NO_CALIBRATION:
         return NO_CALIBRATION[mechanism.type]
     if not mechanism.is_legged:
-        return f"mechanism {mechanism.type}: no legs whose readings give the pose of the platform"
+        return f"[mechanism] type {mechanism.type} has no legs, so readings give no pose of a platform"
     return "" if "configurations" in tables else "needs the actuators' readings (configurations)"
 
 

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 # Sources in words, by a model's name for the kind of unknowns.
 _WORDS = {
-    PRIOR_CAMPAIGN: "what the earlier campaign found",
-    PLAUSIBLE: "sizes of causes held to be plausible",
-    WIDE: "numbers of which nothing is declared",
+    PRIOR_CAMPAIGN: "parameters of the prior campaign",
+    PLAUSIBLE: "prior: plausible sizes of causes",
+    WIDE: "parameters without a declared tolerance",
     "a": "tolerance of the lower joints",
     "b": "tolerance of the upper joints",
     "u": "tolerance of the directions of the actuators",

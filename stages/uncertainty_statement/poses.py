@@ -39,7 +39,7 @@ _CLOSES = 1e-6  # relative: parts that sum to less, or more, than the covariance
 _EFFECTS = (*(f"effect_{a}_mm" for a in "xyz"), *(f"effect_r{a}_rad" for a in "xyz"))
 _TO_SI = np.array([1e-3] * 3 + [1.0] * 3)
 BARS = Source("lengths of scale bars, common to all poses", "B")
-CAMERAS = Source("cameras as the rays of all poses tell them, common to all", "A")
+CAMERAS = Source("cameras, adjusted from the rays of all poses, common to all poses", "A")
 OWN = Source("rays of the pose itself, and the survey", "A")
 
 
@@ -99,7 +99,7 @@ def _state(
 def _total(tables: Mapping[str, pa.Table], found: PosesWithCovariance) -> Parts:
     """The covariance as it is, where its parts are not told."""
     known = "observations" in tables and tables["observations"].column("sigma_x_mm").null_count == 0
-    return {Source("points and shape as the fit has them", "B" if known else "A"): found.covariance}
+    return {Source("points and shape of the body, estimated together", "B" if known else "A"): found.covariance}
 
 
 def _parts(

@@ -173,7 +173,7 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             "signal-nonlinear",
             "signals",
             {"fx_fx_v1": size(0.02, 0.01, "mV"), "fx_fy_v2": size(-0.3, 0.02, "mV")},
-            "signals are not linear, by products of loads: fx·fy makes -0.300 ± 0.020 mV of v2 at the largest loads",
+            "signals are not linear: the product fx·fy contributes -0.300 ± 0.020 mV to v2 at the largest loads",
         ),
     ],
 )

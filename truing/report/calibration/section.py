@@ -83,7 +83,7 @@ def _of_chosen(
     if failed:
         missed = ReasonCode.HELD_OUT_MISSED in failed and float(facts.get("heldout_ratio", 0.0)) > BY_A_FACTOR
         code = ReasonCode.HELD_OUT_MISSED if missed else next(iter(failed))
-        text = f"{who[:1].upper()}{who[1:]} fails a test ({failed[code].question}). {failed[code].statement}"
+        text = f"{who[:1].upper()}{who[1:]} fails the test whether {failed[code].question}. {failed[code].statement}"
         return _failed(text, code, misfit, facts)
     if all(test.holds is None for test in tests):
         return _calibrated(

@@ -73,9 +73,9 @@ def _lead(rows: list[AssessedCause]) -> str:
         text = f"Every {which} is at least {EQUAL_ODDS:g} times less probable."
     text += nearest
     assessed = [row for row in found if row.holds]
-    changed = [row.name for row in assessed if row.holds != HOLDS]
+    changed = list(dict.fromkeys(row.name for row in assessed if row.holds != HOLDS))
     if changed:
-        return f"{text} The ranking changes if assumed effect sizes are tripled: {', '.join(changed)}."
+        return f"{text} The ranking changes if assumed effect sizes are tripled: {'; '.join(changed)}."
     return f"{text} The ranking is unchanged if assumed effect sizes are tripled." if assessed else text
 
 

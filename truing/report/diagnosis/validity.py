@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 from truing.report.diagnosis.assessed_causes import EQUAL_ODDS, AssessedCause
 from truing.report.diagnosis.prediction_errors import READINGS, PartNames
-from truing.report.numbers import listed, plain
+from truing.report.numbers import plain
 
 ONE_BLOCK, NONE = "one-block", "none"
 _PARTS = {
@@ -25,15 +25,15 @@ def elsewhere(found: Iterable[AssessedCause], of: PartNames) -> list[str]:
     """Return the sentences on blocks left out, and on findings without informative blocks."""
     rows = [row for row in found if row.left_out_by]
     texts = [_of_blocks(row, of) for row in rows if row.left_out_gain is not None]
-    if lone := [row.name for row in rows if row.left_out_by == ONE_BLOCK]:
+    if lone := dict.fromkeys(row.name for row in rows if row.left_out_by == ONE_BLOCK):
         texts.append(
-            f"Not cross-validated: {listed(lone)}. The effect shows in only one series, run, day or region, or too "
+            f"Not cross-validated: {'; '.join(lone)}. The effect shows in only one series, run, day or region, or too "
             "weakly in each. A repetition on another day would test it."
         )
-    if unknown := [row.name for row in rows if row.left_out_by == NONE]:
+    if unknown := dict.fromkeys(row.name for row in rows if row.left_out_by == NONE):
         texts.append(
-            f"Not cross-validated: {listed(unknown)}. The campaign has fewer than three series, runs, days or regions "
-            f"to leave out as a whole, and single {of.single}s left out do not test whether an effect holds elsewhere. "
+            f"Not cross-validated: {'; '.join(unknown)}. The campaign has fewer than three series, runs, days or "
+            f"regions to leave out as a whole, and single {of.single}s left out do not test whether an effect holds elsewhere. "
             f"{_to_measure(of)}"
         )
     return texts

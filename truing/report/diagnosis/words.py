@@ -270,7 +270,7 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
         noisy = any(row.is_noise and not row.is_remainder for row in rows)
         noise = "; the noise is not as declared" if noisy else ""
         return f"{assessed} by comparing {of}: {_none(rows)}{noise}."
-    other = f", {rivals} equally good and not distinguishable from it" if rivals else ""
+    other = f", {rivals} equally good as one of them and not distinguishable from it" if rivals else ""
     unseen = f", {idle} not testable with these data" if idle else ""
     into = "included in the results below"
     if is_bench(tables) or any(name in tables for name in ("pulls", "axis_errors")):

@@ -80,7 +80,7 @@ def calibration_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     if not failed:
         text = f"The calibration {chosen} fits: {'; '.join(test.question for test in evaluated)}."
         return SectionVerdict("calibration", RelationState.OK, ReasonCode.FITS, text)
-    text = f"The calibration {chosen} fails a test ({failed[0].question}). {failed[0].statement}"
+    text = f"The calibration {chosen} fails the test whether {failed[0].question}. {failed[0].statement}"
     own = choice[choice["model"] == chosen].drop_duplicates("figure").set_index("figure")["value"]
     ratio = max(filter(None, (_ratio(own, what) for what in ("heldout", "verification"))))
     state = RelationState.FAILS if ratio > BY_A_FACTOR else RelationState.ATTENTION
@@ -108,7 +108,7 @@ def _missed(asked: str, facts: pd.Series, what: str, why_not: str) -> ModelTest:
     chi_square, freedom = (float(facts[f"{what}_{name}"]) for name in ("chi_square", "freedom"))
     if (small := below_noise(asked, chi_square, freedom, "the declared noise is too large")) is not None:
         return small
-    return ModelTest(asked, times <= _AT_NOISE, f"The rms error is {plain(times)} times that by noise.")
+    return ModelTest(asked, times <= _AT_NOISE, f"The rms error is {plain(times)} times that of noise.")
 
 
 def _ratio(facts: pd.Series, what: str) -> float | None:

@@ -322,12 +322,10 @@ def _curved(claim: Claim) -> str:
     if size is None:
         return text
     term, _, signal = size.name.partition("_v")
-    of = f" of v{signal}" if signal else ""
+    of, to = (f" {word} v{signal}" if signal else "" for word in ("of", "to"))
     if term in ("quadratic", "cubic"):
         return f"{text}, with a {term} part{of} of {size_in_words(size)}"
-    return (
-        f"{text}, by products of loads: {term.replace('_', '·')} makes {size_in_words(size)}{of} at the largest loads"
-    )
+    return f"{text}: the product {term.replace('_', '·')} contributes {size_in_words(size)}{to} at the largest loads"
 
 
 def _straighten(claim: Claim) -> str:

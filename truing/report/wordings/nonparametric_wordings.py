@@ -63,7 +63,7 @@ def remainder_clause(columns: tuple[str, ...], subject: str, share: float) -> st
     """Return the clause on residuals of the model without causes and the inputs that predict them, without
     a full stop."""
     whose = f" of {subject_words(subject)}" if subject else ""
-    text = f"The residuals of the model without causes{whose} depend on {columns_words(columns)}"
+    text = f"The residuals{whose} (model without causes) depend on {columns_words(columns)}"
     return f"{text}, which explains {'' if subject else 'up to '}{100.0 * share:.0f} % of their variance"
 
 
