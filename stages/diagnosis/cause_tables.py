@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 # Sources in words, by a model's name for the kind of unknowns.
 _WORDS = {
     PRIOR_CAMPAIGN: "parameters of the prior campaign",
-    PLAUSIBLE: "prior: plausible sizes of causes",
-    WIDE: "parameters without a declared tolerance",
+    PLAUSIBLE: "plausible sizes of causes (prior)",
+    WIDE: "parameters about which nothing is declared",
     "a": "tolerance of the lower joints",
     "b": "tolerance of the upper joints",
     "u": "tolerance of the directions of the actuators",

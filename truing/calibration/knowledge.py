@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 TARGETS = Source("targets and their survey, through the poses", "B")
 READINGS = Source("readings of the actuators", "B")
 SURVEYED = Source("survey of the attachments", "B")
-WIDE = Source("numbers of which nothing is declared", "B")
+WIDE = Source("parameters about which nothing is declared", "B")
 COMMON = Source("cameras, scale bars and frames of the survey, common to all poses", "B")
 _TOLERANCES = {
     "a": "lower joints",

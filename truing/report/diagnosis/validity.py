@@ -33,8 +33,8 @@ def elsewhere(found: Iterable[AssessedCause], of: PartNames) -> list[str]:
     if unknown := dict.fromkeys(row.name for row in rows if row.left_out_by == NONE):
         texts.append(
             f"Not cross-validated: {'; '.join(unknown)}. The campaign has fewer than three series, runs, days or "
-            f"regions to leave out as a whole, and single {of.single}s left out do not test whether an effect holds elsewhere. "
-            f"{_to_measure(of)}"
+            f"regions to leave out as a whole, and single {of.single}s left out do not test whether "
+            f"an effect holds elsewhere. {_to_measure(of)}"
         )
     return texts
 
