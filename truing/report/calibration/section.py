@@ -179,7 +179,7 @@ def _listings(tables: Tables, fitted: pd.DataFrame) -> list[Listing]:
         caption = "The extended model of the diagnosis, fitted to every point, with all findings"
         listings.append(all_calibrations(extended, fitted, caption))
     if as_reported is not None:
-        caption = f"The same {_AS_REPORTED}. {_method_words(tables)}".strip()
+        caption = ". ".join(filter(None, (f"The same {_AS_REPORTED}", _method_words(tables))))
         listings.append(all_calibrations(as_reported, filled(tables, "implicit_calibration"), caption, folded=True))
     listings += [deviations(fitted, key), *all_deviations(fitted, _BY_DEFAULT, "calibration.parquet")]
     reported = filled(tables, "implicit_calibration")

@@ -25,7 +25,7 @@ from truing.report.diagnosis.pulls import pull_figure
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, common_look, label, style
 from truing.report.numbers import count
 from truing.report.page import Listing, PageHead, ReportSection, Verdict
-from truing.report.parameter_names import kind_of
+from truing.report.parameter_names import MEANING, kind_of
 from truing.report.tables import cell, filled
 
 _NAMED = 3
@@ -211,10 +211,11 @@ def _trends(found: RunComparison) -> ReportSection | None:
     if not figures:
         return None
     lead = (
-        "Every kind of number over the runs, in the given order; kinds with a change come first. "
+        "Each kind of parameter over the runs, in the given order; kinds with a change come first. "
         "Bars include prior knowledge, which is common to all runs; the section above decides on changes."
     )
-    more = f" {count(left, 'kind')} more, which differ less, are in {_HELD_BY}." if left else ""
+    more = f" {count(left, 'further kind')}, which differ less, are in {_HELD_BY}." if left else ""
+    more += f" Symbols: {MEANING}" if _is_mechanism(found) else ""
     return ReportSection("trends", "Trends", lead + more, figures)
 
 
