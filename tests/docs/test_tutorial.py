@@ -9,6 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.conftest import PROJECT
+from tests.sentences import assert_says
 from truing.pipeline.command_line import app
 
 PAGE = (PROJECT / "docs" / "tutorial.md").read_text(encoding="utf-8")
@@ -58,7 +59,7 @@ def test_every_step_says_what_the_page_shows(place: Path):
     untouched = called("check", "my-lab")  # what was guessed can be read as it is, and is not complete
     assert (untouched.exit_code, len(untouched.stderr.splitlines())) == (2, 2), untouched.stderr
     assert "column noise.point_mm" in untouched.stderr
-    assert "found 'body'; expected points of a body that was surveyed (base, platform)" in untouched.stderr
+    assert_says(untouched.stderr, "found 'body'", "surveyed (base, platform)")
 
     toml, exclusion = blocks("toml")
     campaign = place / "my-lab" / "campaign.toml"

@@ -8,6 +8,7 @@ import gzip
 import pytest
 
 from tests.formats.reading import read, written
+from tests.sentences import assert_says
 from tests.tolerance import assert_close
 from truing.formats.sniff import sniff_file
 
@@ -103,7 +104,7 @@ def test_what_is_damaged_is_a_fault(tmp_path, ending, old, new, expected):
 def test_without_the_size_of_the_pixels_there_are_no_rays(tmp_path):
     written(tmp_path, "station.phc", PHC)
     (fault,) = read(tmp_path, "image_points", RAYS).faults
-    assert "an .ior file of the same name" in fault.expected
+    assert_says(fault.expected, ".ior file", "same name")
 
 
 def test_orientations_of_images_are_no_points(tmp_path):

@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from tests.formats.reading import read, written
+from tests.sentences import assert_says
 from truing.formats import file_search
 from truing.formats.faultlog import discreet
 from truing.formats.file_search import TooManyEntries, find_files
@@ -70,7 +71,7 @@ def test_a_pattern_that_walks_the_disk_is_given_up(campaign, monkeypatch):
         find_files(campaign, "**/*.csv")
     (fault,) = read(campaign, entries={"path": "**/*.csv"}).faults
     assert (fault.file, fault.column, fault.value) == ("campaign.toml", "files.points.path", "**/*.csv")
-    assert "name the folders that they lie in" in fault.expected
+    assert_says(fault.expected, "name", "folders")
     monkeypatch.setattr(file_search, "MOST_ENTRIES", 100)
     monkeypatch.setattr(file_search, "SECONDS", -1.0)
     with pytest.raises(TooManyEntries):

@@ -8,6 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.formats.reading import read, written
+from tests.sentences import assert_says
 from tests.tolerance import assert_close
 from truing.open3d_library import load_open3d
 
@@ -86,13 +87,14 @@ def test_a_truncated_parquet_file_is_a_fault(tmp_path, cut):
     content = (tmp_path / "points.parquet").read_bytes()
     (tmp_path / "points.parquet").write_bytes(content[:cut])
     (fault,) = read(tmp_path).faults
-    assert (fault.file, fault.expected) == ("points.parquet", "an undamaged Parquet file")
+    assert fault.file == "points.parquet"
+    assert_says(fault.expected, "undamaged Parquet file")
 
 
 def test_an_empty_parquet_table_is_a_fault(tmp_path):
     parquet(tmp_path, **{name: pa.array(values)[:0] for name, values in good_columns().items()})
     (fault,) = read(tmp_path).faults
-    assert "at least one row" in fault.expected
+    assert_says(fault.expected, "at least", "one row")
 
 
 def test_both_points_csv_and_points_parquet_are_one_too_many(tmp_path):
@@ -209,7 +211,7 @@ def test_faults_in_trc_have_their_line(tmp_path):
     assert read(tmp_path, entries={"path": "walk.trc", "constants": {"body": "foot"}}).faults
     written(tmp_path, "walk.trc", "something else\n")
     (fault,) = read(tmp_path, entries={"path": "walk.trc", "constants": {"body": "foot"}}).faults
-    assert "header lines of a TRC" in fault.expected
+    assert_says(fault.expected, "header lines", "TRC")
 
 
 VSTARS = ["CODE1{0}-1353.223{0}2028.707{0}488.368{0}0.043{0}0.025{0}0.021{0}0.000", "T30{0}1{0}2{0}3{0}4{0}5{0}6{0}0"]

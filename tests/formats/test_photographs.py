@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational, ImageFileDirectory_v2
 
+from tests.sentences import assert_says, says
 from tests.tolerance import assert_close
 from truing.formats.faultlog import FaultLog
 from truing.formats.image_files import read_grey, read_head
@@ -185,7 +186,7 @@ def test_a_copy_in_a_pose_counts_once_and_in_another_pose_is_a_fault(tmp_path):
     shutil.copy(tmp_path / "images/1/b.png", tmp_path / "images/2/b.png")
     (fault,) = told(tmp_path)[1]
     assert (fault.file, fault.value) == ("images/2/b.png", "2")
-    assert fault.expected == "a photograph of its own; images/1/b.png of pose 1 is the same"
+    assert_says(fault.expected, "photograph", "images/1/b.png", "pose 1", "same")
 
 
 def test_everything_that_is_wrong_is_told_at_once(tmp_path):
@@ -277,7 +278,7 @@ def test_a_picture_in_another_format_in_the_place_of_a_photograph_is_a_fault(tmp
     faults = told(tmp_path, **entry)[1]
     assert len(faults) == 1
     assert f"export it from .{ending.lower()}" in faults[0].expected
-    assert "JPEG, PNG or TIFF" in faults[0].expected
+    assert_says(faults[0].expected, "JPEG, PNG", "TIFF")
 
 
 def test_raw_data_beside_its_photograph_and_notes_are_counted(tmp_path):
@@ -313,7 +314,7 @@ def test_photographs_that_no_pattern_reaches_are_told(tmp_path):
     saved(tmp_path / "images/1/a.jpg")
     saved(tmp_path / "images/1/left/day2/a.jpg")
     saved(tmp_path / "images/2/a.jpg").rename(tmp_path / "images/2/a.Jpg")
-    assert [(fault.file, "at most two folders down" in fault.expected) for fault in told(tmp_path)[1]] == [
+    assert [(fault.file, says(fault.expected, "two folders down")) for fault in told(tmp_path)[1]] == [
         ("images/1/left/day2/a.jpg", True),
         ("images/2/a.Jpg", False),
     ]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.formats.reading import read, written
+from tests.sentences import assert_says
 from tests.tolerance import assert_close
 
 TARGETS = [0.0, 25.0, 50.0, 75.0, 100.0, 125.0]
@@ -48,7 +49,7 @@ def test_compressed_and_under_another_name(tmp_path):
     assert len(read(tmp_path, "positioning", {"path": "x.rtl.gz"}).rows) == 24
     own = {"path": "test.txt", "format": "rtl", "constants": {"run": "mine"}}
     (fault,) = read(tmp_path, "positioning", {"path": "test.txt", "format": "rtl"}).faults
-    assert "a name that matches" in fault.expected
+    assert_says(fault.expected, "name", "matches")
     assert set(read(tmp_path, "positioning", {**own, "from_name": "(?P<made>t)"}).columns["run"]) == {"mine"}
 
 

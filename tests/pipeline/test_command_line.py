@@ -11,6 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.pipeline.fake_project import STAGES, FakeProject
+from tests.sentences import assert_says
 from truing.pipeline.command_line import app
 
 COMMANDS = ("run", "stages", "check", "init", "predict", "design", "power", "plan", "export", "compare")
@@ -54,7 +55,7 @@ def test_nothing_to_do_imports_nothing_heavy(ran: FakeProject) -> None:
         [sys.executable, "-c", code], cwd=ran.cwd, env=ran.environment(), capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
-    assert "everything is up to date" in done.stdout
+    assert_says(done.stdout, "up to date")
 
 
 def test_from_and_only_exclude_each_other(fake: FakeProject) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.pipeline.fake_project import STAGES, FakeProject
+from tests.sentences import assert_says
 from truing.schemas.faults import Fault
 
 
@@ -57,7 +58,7 @@ def test_all_faults_at_once_those_of_campaign_toml_and_of_the_raw_files(fake: Fa
         done = fake.call(command, str(fake.campaign))
         assert done.returncode == 2
         assert len(lines(done.stderr)) == 3
-        assert "did you mean point_mm?" in done.stderr
+        assert_says(done.stderr, "did you mean", "point_mm")
         assert "noise.actuator_mm: found '-1.0'" in done.stderr
         assert "points.csv, row 3" in done.stderr
         assert list(fake.cwd.iterdir()) == []
@@ -99,7 +100,7 @@ def test_no_campaign_there(fake: FakeProject) -> None:
 def test_a_stage_that_there_is_not(fake: FakeProject) -> None:
     done = fake.call("run", str(fake.campaign), "--only", "posse")
     assert done.returncode == 2
-    assert "did you mean pose?" in done.stderr
+    assert_says(done.stderr, "did you mean", "pose")
 
 
 def test_a_defect_is_1_one_sentence_and_a_log(fake: FakeProject) -> None:
@@ -107,8 +108,8 @@ def test_a_defect_is_1_one_sentence_and_a_log(fake: FakeProject) -> None:
     assert done.returncode == 1
     assert len(lines(done.stderr)) == 1
     assert "stage pose" in done.stderr
-    assert "RuntimeError: no such luck" in done.stderr
-    assert "RuntimeError: no such luck" in (fake.out / "defect.log").read_text()
+    assert_says(done.stderr, "RuntimeError", "no such luck")
+    assert_says((fake.out / "defect.log").read_text(), "RuntimeError", "no such luck")
     assert fake.run() == list(STAGES)[2:]
     assert not (fake.out / "defect.log").exists()
 
@@ -131,14 +132,14 @@ def test_two_campaigns_of_one_name_in_one_call(ran: FakeProject, tmp_path: Path)
     shutil.copytree(ran.campaign, tmp_path / "second")
     done = ran.call("run", str(ran.campaign), str(tmp_path / "second"))
     assert done.returncode == 2
-    assert "a name that no other campaign of this call has" in done.stderr
+    assert_says(done.stderr, "name", "no other campaign")
 
 
 def test_a_run_never_writes_where_the_raw_files_are(fake: FakeProject) -> None:
     before = sorted(fake.campaign.iterdir())
     done = fake.call("run", str(fake.campaign), "--out", str(fake.campaign))
     assert done.returncode == 2
-    assert "holds no raw files" in done.stderr
+    assert_says(done.stderr, "no raw files")
     assert sorted(fake.campaign.iterdir()) == before
 
 

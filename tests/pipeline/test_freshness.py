@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.pipeline.fake_project import STAGES, FakeProject
+from tests.sentences import assert_says
 
 ALL = list(STAGES)
 
@@ -151,7 +152,7 @@ def test_the_model_that_a_campaign_starts_from_is_judged_by_content(fake: FakePr
     os.utime(earlier)
     assert fake.run() == []
     earlier.write_text("format = 2  # of another campaign\n")
-    assert "raw file ../earlier.toml changed" in fake.standings()["ingest"]
+    assert_says(fake.standings()["ingest"], "../earlier.toml", "changed")
     assert fake.run()[0] == "ingest"
 
 

@@ -20,6 +20,7 @@ from tests.blind.generator.disguise import dense_scans, german
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
+from tests.sentences import assert_says
 from truing.pipeline.campaign_run import PROJECT
 from truing.pipeline.command_line import app
 from truing.schemas import campaign as sections
@@ -102,7 +103,7 @@ def test_an_existing_campaign_toml_is_never_overwritten(tmp_path: Path) -> None:
 def test_no_folder_there(tmp_path: Path) -> None:
     done = init(tmp_path / "nowhere")
     assert done.exit_code == 2
-    assert "expected a folder that exists" in done.stderr
+    assert_says(done.stderr, "folder", "exists")
 
 
 def test_german_numbers_and_a_file_per_pose(tmp_path: Path) -> None:
@@ -491,8 +492,8 @@ def test_the_same_fault_in_many_files_is_one_message_with_a_count(tmp_path: Path
     done = CliRunner().invoke(app, ["check", str(tmp_path)])
     assert done.exit_code == 2
     (line,) = done.stderr.splitlines()
-    assert line.startswith("pose_0.csv, row 3, column x_mm: found 'x'; expected a number")
-    assert line.endswith("(and 39 more like it, in 39 other files)")
+    assert_says(line, "pose_0.csv", "row 3", "column x_mm", "found 'x'", "number")
+    assert_says(line, "39 more", "39 other files")
 
 
 def test_a_sheet_of_a_workbook_is_proposed_as_it_is_read(tmp_path: Path) -> None:

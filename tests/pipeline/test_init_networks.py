@@ -8,6 +8,7 @@ import pytest
 
 from tests.docs.how_to_pages import FOLDER, examples
 from tests.formats.colmap_files import binary
+from tests.sentences import assert_says
 from truing.pipeline.init_campaign import init_campaign
 
 ADJUSTED = "".join(
@@ -61,4 +62,4 @@ def test_rigs_and_frames_of_a_model_are_no_points(tmp_path, ending, capsys):
     assert set(proposed(tmp_path)) == {"image_points"}
     said = capsys.readouterr().out
     assert f"frames.{ending}: no table" in said
-    assert "points3D.bin: not read, because the rays in the same folder" in said
+    assert_says(said, "points3D.bin", "not read", "rays", "same folder")

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.pipeline.fake_project import STAGES, FakeProject
+from tests.sentences import assert_says
 
 OWN = "expected a separate folder"
 
@@ -150,4 +151,4 @@ def test_another_campaigns_folder_is_no_place_for_a_run(fake: FakeProject) -> No
 def test_a_folder_around_raw_files_is_no_place_for_a_run(fake: FakeProject) -> None:
     done = fake.call("run", str(fake.campaign), "--out", str(fake.campaign.parent))
     assert done.returncode == 2
-    assert "a folder that holds no raw files of the campaign" in done.stderr
+    assert_says(done.stderr, "folder", "no raw files")

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from tests.sentences import assert_says
 from truing.pipeline.campaign_check import CampaignCheck, check_campaign
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.campaign_run import PROJECT
@@ -52,7 +53,7 @@ def test_noise_of_a_bench_that_nobody_declared_is_named_with_its_keys(tmp_path: 
     (sentence,) = answered(tmp_path, ("# linear_um", "linear_um"), ("# angular", "angular")).attention
     assert "noise.signal_mv" in sentence
     assert "linear_um" not in sentence
-    assert "signals are left out of the diagnosis" in sentence
+    assert_says(sentence, "signals", "left out", "diagnosis")
     assert answered(tmp_path, ("# signal_mv", "signal_mv")).attention == ()
 
 
@@ -73,7 +74,7 @@ def test_guesses_are_marked_and_told_until_the_remark_is_gone(
     assert all(words in line for words in marked)
     place = starter.splitlines().index(line) + 1
     told = answered(tmp_path, *[("# point_mm", "point_mm")] * ("# point_mm" in starter)).attention
-    assert any(f"line {place} of campaign.toml marks a guess" in one for one in told)
+    assert_says(told, f"line {place}", "campaign.toml", "guess")
     assert all(any(key in one for one in told) for key in keys)
     assert not any("guess" in one for one in answered(tmp_path, (line, "")).attention)
 
@@ -95,7 +96,7 @@ def test_photographs_without_a_scale_are_told_what_gives_one(tmp_path: Path) -> 
     shutil.copy(shot, tmp_path / "images" / "1")
     started(tmp_path)
     (sentence,) = check_campaign(open_campaign(tmp_path)).attention
-    assert "the photographs have no scale" in sentence
+    assert_says(sentence, "photographs", "no scale")
     assert "scale_bars.csv" in sentence
     (tmp_path / "scale_bars.csv").write_text("bar,first,second,length_mm,sigma_mm\nB,p,q,500,0.01\n")
     assert check_campaign(open_campaign(tmp_path)).attention == ()
@@ -106,5 +107,5 @@ def test_positioning_runs_as_the_contract_has_them_need_no_entry(tmp_path: Path)
     rows = "".join(f"1,{10 * at},{way},{cycle},{10 * at}.001\n" for cycle in (1, 2) for at in range(4) for way in ways)
     started(tmp_path, positioning="run,target_mm,direction,cycle,position_mm\n" + rows)
     checked = check_campaign(open_campaign(tmp_path))
-    assert "16 approaches of an axis" in checked.read
+    assert_says(checked.read, "16 approaches")
     assert checked.attention == ()

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.sentences import assert_says, says
 from tests.tolerance import assert_close
 from truing.formats.source import CampaignFiles
 from truing.pipeline.campaign_folder import SettingsView
@@ -192,7 +193,7 @@ def test_every_fault_is_reported_at_once(folder):
     faults = folder.faults()
     assert {fault.file for fault in faults} == {"points.csv", "configurations.csv", "targets.csv", "campaign.toml"}
     assert {fault.row for fault in faults if fault.file == "points.csv"} == {4, 5}
-    assert any("did you mean points" in fault.expected for fault in faults)
+    assert any(says(fault.expected, "did you mean", "points") for fault in faults)
 
 
 @pytest.mark.parametrize("body", ["base", "platform"])
@@ -234,7 +235,8 @@ def test_a_survey_of_other_names_or_without_a_body(folder):
     assert "(Q0, Q1, Q2" in fault.expected
     folder.targets[1:] = [row for row in survey_rows() if row.startswith("base")]
     (fault,) = folder.faults()
-    assert (fault.file, fault.expected) == ("targets.csv", "targets of body platform")
+    assert fault.file == "targets.csv"
+    assert_says(fault.expected, "targets", "body platform")
 
 
 def test_a_standard_deviation_of_zero(folder):
@@ -277,7 +279,7 @@ def test_a_truncated_archive(folder):
 def test_many_unknown_poses_are_counted(folder):
     folder.configurations[1:] = folder.configurations[1:2]
     (fault,) = {f for f in folder.faults() if f.more}
-    assert fault.expected == "a pose of configurations"
+    assert_says(fault.expected, "pose", "configurations")
     assert fault.more == 16 - 3
 
 
@@ -317,13 +319,13 @@ def test_the_reference_body_has_to_be_there(folder):
     without_mechanism(folder)
     folder.toml = folder.toml.replace('"base"', '"floor"')
     (fault,) = folder.faults()
-    assert "points of body floor" in fault.expected
+    assert_says(fault.expected, "points", "body floor")
 
 
 def test_drives_have_to_be_columns(folder):
     folder.toml = folder.toml.replace("kind =", 'drives = ["temperature"]\nkind =')
     (fault,) = folder.faults()
-    assert "did you mean temperature_c" in fault.expected
+    assert_says(fault.expected, "did you mean", "temperature_c")
 
 
 EDITS = st.tuples(

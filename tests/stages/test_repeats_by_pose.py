@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from tests.sentences import assert_says
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3
 from truing.pipeline.command_line import app
@@ -125,7 +126,7 @@ def test_a_single_reflector_without_any_body_is_seen_from_the_instrument(tmp_pat
 def test_a_body_alone_is_seen_from_an_instrument_that_stood_still(tmp_path):
     toml = TOML.replace('[bodies]\nreference = "base"\n', '[measurement]\nframe = "campaign"\n')
     line = written(tmp_path, (0.01, 0.01, 0.3), toml, ("tool",)).call("ingest", "qa", "pose", "calibrate")
-    assert "tool: repeats of pose p2 scatter" in of_repeatability(line)["tool"]["message"]
+    assert_says(of_repeatability(line)["tool"]["message"], "tool", "repeats", "pose p2")
     rows = line.tables["pose_repeatability"].to_pylist()
     assert {(row["subject"], row["figure"]) for row in rows} >= {("tool", "RP"), ("tool", "RP_c")}
     (tmp_path / "campaign.toml").write_text(toml.replace('"campaign"\n', '"pose"\n', 1))
@@ -143,7 +144,7 @@ def test_repeats_that_were_seen_once_are_not_evaluated(tmp_path):
     found = of_repeatability(stage_line(tmp_path).call("ingest", "qa"))["tool"]
     assert found["verdict"] == "not evaluated"
     assert found["value"] is None
-    assert "measure three poses twice" in found["message"]
+    assert_says(found["message"], "three poses", "twice")
 
 
 def test_copies_of_the_scatter_agree_with_numpy(uneven):

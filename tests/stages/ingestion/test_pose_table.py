@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tests.sentences import assert_says
 from tests.stages.line import run_line
 from tests.tolerance import assert_close
 from truing.report.measured_section import measured
@@ -167,7 +168,7 @@ def test_degrees_are_no_radians(tmp_path):
     table(tmp_path, [*XYZ, *columns], np.hstack([PLACES, np.degrees(values)]))
     found = faults(tmp_path)
     assert {fault.column for fault in found} <= {"rx_rad", "ry_rad", "rz_rad"}
-    assert "did you mean degrees" in found[0].expected
+    assert_says(found[0].expected, "did you mean", "degrees")
     (tmp_path / "campaign.toml").write_text(
         HEAD + '[files.poses]\npath = "poses.csv"\nunits = { rx_rad = "deg", ry_rad = "deg", rz_rad = "deg" }\n'
     )

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from tests.sensor_campaign import campaign_toml, measured, write_campaign
+from tests.sentences import assert_says
 from tests.stages.line import run_line
 from tests.tolerance import assert_between, assert_close
 from truing.estimation.interferometry.flexible_response import ChannelFit
@@ -309,6 +310,6 @@ def test_a_programme_of_loads_that_repeats_worse_than_the_others_is_named(tmp_pa
     rows = qa[qa["check"] == "repeatability"].set_index("subject")
     row = rows.loc["channel dx"]
     assert row["verdict"] == "warn"
-    assert row["message"].startswith("dx: repeats of run 7 scatter by ")
+    assert_says(row["message"], "dx", "repeats", "run 7")
     assert_between(row["value"], 1.6, 8.0)
     assert set(rows.drop(index="channel dx")["verdict"]) == {"pass"}
