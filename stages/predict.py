@@ -21,7 +21,7 @@ _OF_MECHANISMS = {"axis": "truing.stages.axis.prediction"}
 
 
 def predict(model: str, inputs: pa.Table, file: str = "configurations") -> pa.Table:
-    """Return what a model.toml predicts: poses for a table of configurations, readings for one of load steps or of
+    """Return the prediction of a model.toml: poses for a table of configurations, readings for one of load steps or of
     commands of an axis; of a sensor.toml, the wrenches for a table of signals.
 
     Raises CampaignFaults where ``file`` lacks a column that is needed or holds no number in it, ValueError where the

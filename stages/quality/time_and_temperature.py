@@ -110,7 +110,7 @@ def temperature_span(around: PoseSurroundings, limits: CampaignLimits) -> Check:
 
 
 def temperature_columns(names: Iterable[str]) -> list[str]:
-    """Return which columns hold temperatures in degrees Celsius, by their names."""
+    """Return the columns that hold temperatures in degrees Celsius, by their names."""
     return [name for name in names if name.endswith("_c")]
 
 

@@ -15,8 +15,9 @@ _SIZES = {  # of other units, in the one of the key
 
 
 def unit_slip(ratio: float, declared: float, unit: str) -> str:
-    """Return which slip in the unit of a declared noise explains the ratio of the scatter to it, to end a message with;
-    empty where the two are of one size. ``declared`` is in the unit of its key.
+    """Return the end of a message: the slip in the unit of a declared noise that explains the ratio of the scatter to it.
+
+    Empty where the two are of one size. ``declared`` is in the unit of its key.
     """
     if not (math.isfinite(ratio) and ratio > 0.0) or 1.0 / FAR <= ratio <= FAR:
         return ""
