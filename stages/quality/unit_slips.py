@@ -15,7 +15,7 @@ _SIZES = {  # of other units, in the one of the key
 
 
 def unit_slip(ratio: float, declared: float, unit: str) -> str:
-    """Return the end of a message: the slip in the unit of a declared noise that explains the ratio of the scatter to it.
+    """Return the end of a message: the slip in a declared noise's unit that explains the ratio of the scatter to it.
 
     Empty where the two are of one size. ``declared`` is in the unit of its key.
     """
