@@ -141,8 +141,8 @@ def test_a_run_that_cannot_be_assessed_gives_the_reason(runs: Path, name: str, w
         (("once", "copy"), "copy: expected a run of other measurements than"),
         (("spring", "empty"), "empty: expected a folder that `truing run` has filled"),
         (("spring", "nowhere"), "nowhere: expected a folder that `truing run` has filled"),
-        (("spring", "bench"), "bench: found 'a force sensor on its bench'; expected runs of one machine"),
-        (("spring", "other"), "other: found 'ups of 6 legs'; expected runs of one machine"),
+        (("spring", "bench"), "bench: found 'a force sensor on its bench'; expected runs of the machine of"),
+        (("spring", "other"), "other: found 'ups of 6 legs'; expected runs of the machine of"),
         (("spring", "broken"), "broken: expected a model.toml that `truing run` has written"),
     ],
 )
