@@ -53,7 +53,7 @@ CHANGES: dict[str, tuple[str, Act, ExitCode, str]] = {
     "run vanishes": ("qa", lambda c, r: shutil.rmtree(r), ExitCode.ENVIRONMENT, "was changed after it was written"),
     "run vanishes at once": ("ingest", lambda c, r: shutil.rmtree(r), ExitCode.ENVIRONMENT, "run has disappeared"),
     "table is cut short": ("qa", _halved, ExitCode.ENVIRONMENT, "was changed after it was written"),
-    "a folder in a table's place": ("qa", _without_place, ExitCode.ENVIRONMENT, "qa.parquet cannot be put"),
+    "a folder in a table's place": ("qa", _without_place, ExitCode.ENVIRONMENT, "qa.parquet cannot be renamed"),
 }
 
 

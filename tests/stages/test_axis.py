@@ -166,7 +166,7 @@ def _broken(folder: Path, of: str, old: str, new: str) -> Path:
         ("campaign.toml", "motor_deg = 0.0003\n", "", "noise.motor_deg"),
         ("campaign.toml", '"command_deg"', '"command_counts"', "counts_per_deg"),
         ("campaign.toml", '"command_deg"', '"command_mm"', "a column ..._deg or ..._counts as command"),
-        ("campaign.toml", 'load = "load_deg"', 'load = "motor_deg"', "a column of its own"),
+        ("campaign.toml", 'load = "load_deg"', 'load = "motor_deg"', "different columns for command, motor and load"),
         ("campaign.toml", 'kind = "rotary"', 'kind = "round"', "mechanism.kind"),
     ],
 )

@@ -149,7 +149,7 @@ def test_all_that_is_wrong_with_photographs_and_codes_is_told_at_once(folder):
         ('[[photographs.boards]]\nkind = "chessboard"\ncolumns = 7\nrows = 5', "one even and one odd number"),
         ('[[photographs.boards]]\nkind = "charuco"\ncolumns = 7\nrows = 5\nfamily = "ring12"', "square markers"),
         ("smallest_px = 9.0\nlargest_px = 8.0", "largest_px above smallest_px"),
-        ('[[photographs.boards]]\nkind = "chessboard"\ncolumns = 6\nrows = 5\n' * 2, "a name each"),
+        ('[[photographs.boards]]\nkind = "chessboard"\ncolumns = 6\nrows = 5\n' * 2, "different names for all boards"),
     ],
 )
 def test_settings_that_cannot_be(folder, section, expected):
