@@ -58,6 +58,7 @@ def test_csv_gives_every_table_back(run: truing.Run) -> None:
     assert list(poses) == list(run["poses"])
 
 
+@pytest.mark.slow
 def test_the_workbook_lists_and_holds_every_table(run: truing.Run) -> None:
     (name, book), *more = workbook(run)
     sheets = _sheets(book)

@@ -196,6 +196,7 @@ def test_a_surface_that_slides_along_itself_is_refused_and_its_motions_are_named
         assert fit.unobservable[1].startswith("rotation about (0.000, 0.000, 1.000) through (0.0")
 
 
+@pytest.mark.slow
 def test_a_box_is_refused_with_the_three_attitudes_that_look_the_same():
     reference, scan = measured(np.random.default_rng(6), box, 4000, 3000)
     fit = register_scan(scan, reference)

@@ -34,6 +34,7 @@ def _new(toy: ToySensor, seed: int, count: int = 200) -> tuple[NDArray, NDArray]
     return true, true @ toy.A.T + rng.normal(size=(count, 6)) * toy.signal_sigma
 
 
+@pytest.mark.slow
 def test_wrenches_of_new_signals_err_as_much_as_their_covariance_says():
     squares = []
     for seed in range(20):

@@ -115,6 +115,7 @@ def _thinned(model: MechanismModel) -> MechanismModel:
     return with_targets(model, np.cumsum(model.targets.body == BASE) <= 2)
 
 
+@pytest.mark.slow
 def test_predicted_covariance_is_that_of_drawn_models() -> None:
     """Draw unknowns and readings from what the model says of them; the poses scatter as it says."""
     rng = np.random.default_rng(3)
