@@ -138,6 +138,7 @@ def test_what_has_changed_is_told_with_what_it_cannot_be_told_from():
     assert state_of("changes", tables) == "attention"
     assert_says(part.lead, "1 of 35", "changed", "l of leg 4", "150.0 ± 2.0 µm", "a_y4")
     assert part.lead.count(" of leg ") == 1
+    assert_says(part.lead, "earlier model", "a_y4", "cannot")
     assert part.listings[0].rows[0][0] == "l of leg 4"
     assert part.listings[0].rows[0][5:7] == ("0.1500 ± 0.0020", "a_y4")
     assert part.listings[0].marks.count("changed") == 1
