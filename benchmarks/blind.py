@@ -3,6 +3,7 @@
     python -m benchmarks.blind [--instrument sensor] [--campaigns 40] [--workers 2] [--seed 2] [--results F] [--write]
     python -m benchmarks.blind --instrument sensor --unforeseen [...]: effects thought of when the diagnosis stood
     python -m benchmarks.blind [--instrument sensor] --foreign [...]: worlds that nobody described
+    python -m benchmarks.blind [--instrument sensor] --foreign-alone [...]: one effect of these worlds at a time
     python -m benchmarks.blind [--instrument sensor] --added [...]: causes that joined the catalogue since the page was
         drawn, one by one
 
@@ -30,7 +31,7 @@ from tests.blind.rates import clear_from, told
 RUNS = Path("runs")
 # Of twenty campaigns: nothing, one effect, two, one of no catalogue.
 CYCLE = ("nothing",) * 5 + ("one",) * 9 + ("two",) * 3 + ("unknown",) * 3
-UNFORESEEN, FOREIGN, ADDED = "unforeseen", "foreign", "added"
+UNFORESEEN, FOREIGN, ALONE, ADDED = "unforeseen", "foreign", "foreign-alone", "added"
 FOREIGN_SNR = 10.0, 40.0  # of each effect of a foreign world
 BELOW_CLEAR = 0.3  # of single effects: too weak to be found for certain
 OBVIOUS = (3.0, 30.0)  # times clear, where an instrument's share of them is drawn
@@ -74,6 +75,8 @@ def _names(group: str, own: Instrument, rng: np.random.Generator, number: int) -
         return (str(rng.choice(sorted(own.strange))),)
     if group == UNFORESEEN:
         return (str(rng.choice(sorted(own.unforeseen))),)
+    if group == ALONE:
+        return (sorted(own.foreign)[number % len(own.foreign)],)
     if group == FOREIGN:
         return tuple(rng.choice(sorted(own.foreign), int(rng.integers(2, 5)), replace=False).tolist())
     return ()
@@ -83,7 +86,7 @@ def _strength(group: str, names: Sequence[str], obvious: float, rng: np.random.G
     """From where the effects must be found up to three times that; of single ones some are weaker, some obvious."""
     if not names:
         return 1.0
-    if group == FOREIGN:
+    if group in (FOREIGN, ALONE):
         return float(np.exp(rng.uniform(*np.log(FOREIGN_SNR))))
     clear = max(clear_from(name, two=group == "two") for name in names)
     if group in ("one", ADDED) and rng.random() < BELOW_CLEAR:
@@ -144,11 +147,14 @@ def main() -> None:
     for option, group, what in (
         ("--unforeseen", UNFORESEEN, "effects thought of later"),
         ("--foreign", FOREIGN, "worlds that nobody described"),
+        ("--foreign-alone", ALONE, "one effect of these worlds at a time; the pages hold no table of it"),
         ("--added", ADDED, "causes that joined the catalogue since"),
     ):
         groups.add_argument(option, dest="group", action="store_const", const=group, help=what)
     parser.add_argument("--write", action="store_true", help="make the page anew")
     options = parser.parse_args()
+    if options.write and options.group == ALONE:
+        parser.error("--write: the pages hold no table of --foreign-alone")
     own = INSTRUMENTS[options.instrument]
     results = options.results or RUNS / f"{own.short}{f'-{options.group}' if options.group else ''}.jsonl"
     numbers = range(options.first, options.first + options.campaigns)
