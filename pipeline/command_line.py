@@ -294,6 +294,9 @@ def design(
             help="Interferometer: choose loads that show these causes instead of loads for a calibration.",
         ),
     ] = "",
+    accuracy: Annotated[
+        bool, typer.Option("--accuracy", help="Instead: accuracy of the pose from that of the actuators.")
+    ] = False,
     seed: _Seed = 0,
     out: _OutTable = None,
 ) -> None:
@@ -304,6 +307,8 @@ def design(
     the sensor's calibration matrix. With --causes, it chooses runs of loads that halve the uncertainty of these causes,
     in addition to the steps measured or planned.
 
+    --accuracy chooses nothing. It writes tables next to FILE (default: runs/<name>/accuracy.csv) and a page, FILE.html.
+
     Example: truing design sample_data/telescope --poses 40 --verification 6 --out configurations.csv
 
     Example: truing design sample_data/force-sensor --causes hysteresis,creep --out loads.csv
@@ -311,11 +316,14 @@ def design(
 
     def choose() -> ExitCode:
         from truing.pipeline.design_command import DesignFiles, design_campaign
+        from truing.pipeline.design_study import study_campaign
         from truing.stages.configurations.chosen import DesignOptions
 
         names = _listed(parameters)
         shown = _listed(causes)
         options = DesignOptions(poses, verification, method.value, within.value, names, trade_off, seed, at_once, shown)
+        if accuracy:
+            return study_campaign(campaign, "accuracy", options, DesignFiles(extend, avoid, out))
         return design_campaign(campaign, options, DesignFiles(extend, avoid, out))
 
     _end(choose)

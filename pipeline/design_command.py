@@ -44,7 +44,7 @@ def design_campaign(place: Path, options: DesignOptions, files: DesignFiles) -> 
         return (_loads_for_causes if options.causes else _plan_loads)(campaign, options, files, console)
     if options.causes:
         raise CampaignFaults([Fault("--causes", "no causes for poses: `truing run` leaves next_poses.parquet")])
-    found = design(campaign.validated(), options, _tables(campaign, files))
+    found = design(campaign.validated(), options, design_tables(campaign, files))
     for line in words_of(found):
         console.line(line)
     _hand_over(
@@ -121,7 +121,8 @@ def _hand_over(
     console.line(f"{what}: {out}{then}")
 
 
-def _tables(campaign: CampaignFolder, files: DesignFiles) -> DesignTables:
+def design_tables(campaign: CampaignFolder, files: DesignFiles) -> DesignTables:
+    """Tables of a design: files of the call, and what the campaign holds; raises CampaignFaults."""
     extend = None if files.extend is None else read_given(files.extend, "a configurations table")
     avoid = None if files.avoid is None else read_given(files.avoid, "a table of forbidden regions")
     existing, survey = _measured(campaign)

@@ -7,7 +7,19 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from truing.schemas.section import TYPED, Finite, Name, NotNegative, Path, Positive, Section, Share, Temperature, Vector
+from truing.schemas.section import (
+    TYPED,
+    Finite,
+    Name,
+    NotNegative,
+    OneOrSeveral,
+    Path,
+    Positive,
+    Section,
+    Share,
+    Temperature,
+    Vector,
+)
 
 _STIFFEST_GPA = 2000.0  # diamond has 1200
 _IN_GPA = {"MPa": 1e-3, "Pa": 1e-9}
@@ -130,6 +142,9 @@ class LeggedMechanism(MechanismSection):
     leg_tube: Rod | None = Field(None, description="stiffness model: the legs")
     tolerance: Tolerance = Field(Tolerance(), description="prior uncertainty of the geometry")
     actuator_pitch_mm: Positive | None = Field(None, description="lead of the actuators' leadscrews")
+    actuator_accuracy_mm: OneOrSeveral | None = Field(
+        None, description="largest error of an actuator, ±, as specified: one number, or one per leg"
+    )
     payload_kg: Positive | None = Field(
         None,
         description="mass that the legs carry, platform included; a column of configurations.csv with this name has "
@@ -146,6 +161,13 @@ class LeggedMechanism(MechanismSection):
             raise ValueError("the actuator direction u for every leg of a 6-pus")
         if len(self.legs) < 3:
             raise ValueError(f"at least three legs for a {self.type}, not {len(self.legs)}")
+        return self
+
+    @model_validator(mode="after")
+    def _accuracies_fit_the_legs(self) -> LeggedMechanism:
+        given = self.actuator_accuracy_mm
+        if isinstance(given, tuple) and len(given) != len(self.legs):
+            raise ValueError(f"one actuator_accuracy_mm, or {len(self.legs)}, one per leg, not {len(given)}")
         return self
 
     @model_validator(mode="after")

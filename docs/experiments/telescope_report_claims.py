@@ -14,9 +14,12 @@ from docs.experiments.telescope_report_geometry import best_shape
 from docs.experiments.telescope_report_machine import MODEL, stand, with_deformation
 from truing.estimation.design.observability import indices, observe
 from truing.estimation.rotation import exp_so3, log_so3
-from truing.simulation.mechanisms.legs.kinematics import inverse, inverse_jacobian, leg_vectors, reference_pose, unit
+from truing.simulation.mechanisms.actuator_errors import QUANTITIES, actuator_errors
+from truing.simulation.mechanisms.legs.kinematics import inverse, leg_vectors, reference_pose, unit
 from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet
+from truing.simulation.mechanisms.pose_regressors import Placed
 from truing.simulation.mechanisms.structures.beam_model import circle_distance
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine
 
 AXES = ("x", "y", "z", "theta_x", "theta_y")
@@ -151,13 +154,11 @@ def sensitivity() -> Sensitivity:
     home = reference_pose(legs)
     moved = np.concatenate([np.zeros((1, 6)), corners_of_workspace()])
     p, R = home.p + moved[:, :3], exp_so3(moved[:, 3:]) @ home.R
-    twist = np.linalg.inv(inverse_jacobian(legs, p, R, legs.rho0 + travel(moved)))
-    worst = 1e-6 * published().stated["actuator_accuracy"] * twist @ _corners(6).T
-    return Sensitivity(
-        float(np.linalg.norm(worst[:, :3], axis=1).max()),
-        float(np.abs(worst[:, 3:5]).max()),
-        float(np.abs(worst[:, 5]).max()),
-    )
+    placed = Placed(p, R, legs.rho0 + travel(moved))
+    accuracy = np.full(6, 1e-6 * published().stated["actuator_accuracy"])
+    found = actuator_errors(KinematicModel("6-pus"), rigid(), placed, accuracy).worst.max(0)
+    worst = dict(zip(QUANTITIES, found.tolist(), strict=True))
+    return Sensitivity(worst["position"], max(worst["rx"], worst["ry"]), worst["rz"])
 
 
 @cache

@@ -19,6 +19,7 @@ from truing.simulation.change import Change
 from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, full_set
 from truing.simulation.mechanisms.pose_regressors import PoseRegressors, pose_regressors
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
+from truing.simulation.mechanisms.structures.structure import Machine
 from truing.stages.common.nominal_mechanism import FILE, plain_machine
 from truing.stages.common.point_arrays import number_column, survey_points
 
@@ -40,21 +41,15 @@ def design_problem(
     Raises CampaignFaults for an incomplete campaign or unknown parameters, ValueError if forbidden regions leave no
     room.
     """
-    machine = plain_machine(settings)
     section = cast("LeggedMechanism", settings.mechanism)
-    structure = KinematicModel(machine.legs.closure.name)
+    machine = plain_machine(settings)
     whole = full_set(machine, "none")
-    try:
-        regressors = pose_regressors(structure, machine, whole, limits.pose, limits.readings)
-    except ValueError as error:
-        given = "rho_mm, or, without --within actuators, all of x_mm y_mm z_mm rx_deg ry_deg rz_deg"
-        raise CampaignFaults([Fault(FILE, f"{error}: {given}", column="workspace")]) from None
-    half = np.concatenate([limits.pose, limits.readings])
-    region = FeasibleRegion(6, regressors.quantities, half, limits.lower, limits.upper)
+    problem = problem_of(machine, limits, whole)
+    structure = problem.regressors.structure
     names = tuple(replace(entry, leg=0) for entry in whole.entries if entry.leg == 0)
     tolerance = np.array([_tolerance(section.tolerance, entry) for entry in names])
-    noise, noise_from = _residual_noise(settings, regressors, survey)
-    problem = DesignProblem(regressors, region, names, tolerance, noise, noise_from)
+    noise, noise_from = _residual_noise(settings, problem.regressors, survey)
+    problem = replace(problem, names=names, tolerance=tolerance, noise=noise, noise_from=noise_from)
     kept = _named(names, parameters) if parameters else identifiable_parameters(problem)
     chosen = ParameterSet(
         tuple(entry for k in kept for entry in whole.entries[k * problem.legs : (k + 1) * problem.legs])
@@ -63,6 +58,22 @@ def design_problem(
     held = tuple(entry.name for k, entry in enumerate(names) if k not in kept)
     chosen_names = tuple(names[k] for k in kept)
     return replace(problem, regressors=narrowed, names=chosen_names, tolerance=tolerance[kept], held=held)
+
+
+def problem_of(machine: Machine, limits: ConfigurationLimits, parameters: ParameterSet) -> DesignProblem:
+    """Return the region of configurations and the regressors of parameters, without names, tolerances and noise.
+
+    Raises CampaignFaults if the limits leave a displacement unbounded.
+    """
+    structure = KinematicModel(machine.legs.closure.name)
+    try:
+        regressors = pose_regressors(structure, machine, parameters, limits.pose, limits.readings)
+    except ValueError as error:
+        given = "rho_mm, or, without --within actuators, all of x_mm y_mm z_mm rx_deg ry_deg rz_deg"
+        raise CampaignFaults([Fault(FILE, f"{error}: {given}", column="workspace")]) from None
+    half = np.concatenate([limits.pose, limits.readings])
+    region = FeasibleRegion(6, regressors.quantities, half, limits.lower, limits.upper)
+    return DesignProblem(regressors, region, (), np.zeros(0), np.ones(machine.legs.count), "")
 
 
 def limits_of(settings: Campaign, *, pose_too: bool, avoid: pa.Table | None, avoid_file: str) -> ConfigurationLimits:

@@ -1,0 +1,95 @@
+"""Studies of a machine by `truing design`: words, tables, page, and refusals."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.csv
+import pytest
+
+from tests.pipeline.test_design import SAMPLE, call, campaign, hexapod, sensor
+from tests.sentences import assert_says
+from tests.simulation.mechanisms.telescope import telescope
+from truing.simulation.mechanisms.legs.kinematics import forward
+
+
+def mechanism(**keys: Any) -> dict[str, Any]:
+    return tomllib.loads((SAMPLE / "campaign.toml").read_text(encoding="utf-8"))["mechanism"] | keys
+
+
+def test_the_accuracy_of_the_telescope_is_the_report_s(tmp_path: Path) -> None:
+    place = campaign(tmp_path / "machine", mechanism=mechanism(actuator_accuracy_mm=0.001))
+    done = call(place, "--accuracy", "--out", tmp_path / "found.csv")
+    assert done.exit_code == 0, done.output
+    assert_says(done.output, "±1 µm (mechanism.actuator_accuracy_mm)", "5.96 µm", "6.87 arcsec")
+    assert_says(done.output, "Requirement along z", "10 %")
+    worst = pyarrow.csv.read_csv(tmp_path / "found.csv").to_pandas().set_index("quantity")
+    # the report's section 2.3: 6 um; about z 1.9e-3 degrees
+    assert 5.9 < worst.loc["position", "worst"] < 6.0
+    assert 6.8 < worst.loc["rz", "worst"] < 6.9
+    assert worst.loc["x", "requirement"] == pytest.approx(100.0)
+    assert (worst["worst"] >= worst["at_reference"]).all()
+    legs = pyarrow.csv.read_csv(tmp_path / "found-legs.csv").to_pandas()
+    np.testing.assert_allclose(legs.groupby("quantity")["share"].sum(), 1.0, rtol=1e-9)
+    page = (tmp_path / "found.html").read_text(encoding="utf-8")
+    assert all(words in page for words in ("Share of each leg", "Over the workspace", "5.96 µm"))
+
+
+def test_the_map_holds_poses_within_the_limits_that_its_readings_reach(tmp_path: Path) -> None:
+    place = campaign(tmp_path / "machine", mechanism=mechanism(actuator_accuracy_mm=[0.001] * 5 + [0.002]))
+    assert call(place, "--accuracy", "--out", tmp_path / "found.csv").exit_code == 0
+    found = pyarrow.csv.read_csv(tmp_path / "found-map.csv").to_pandas()
+    limits = {"x_mm": 1.0, "y_mm": 1.0, "z_mm": 0.1, "rx_deg": 0.5, "ry_deg": 0.5}
+    for name, limit in limits.items():
+        assert found[name].abs().max() == pytest.approx(limit, abs=2e-6)
+    rho = found[[f"rho{leg}_mm" for leg in range(1, 7)]].to_numpy()
+    assert np.abs(rho - 10.0).max() <= 1.3 + 2e-6
+    reached = forward(telescope(), 1e-3 * rho)
+    home = forward(telescope(), telescope().rho0[None])
+    np.testing.assert_allclose(1e3 * (reached.p - home.p)[:, 0], found["x_mm"], atol=1e-4)
+    worst = pyarrow.csv.read_csv(tmp_path / "found.csv").to_pandas().set_index("quantity")
+    assert worst.loc["position", "worst"] == pytest.approx(found["position_error_um"].max())
+
+
+def test_without_a_stated_accuracy_the_noise_of_the_readings_counts(tmp_path: Path) -> None:
+    place = campaign(tmp_path / "machine")
+    done = call(place, "--accuracy", "--out", tmp_path / "found.csv")
+    assert_says(done.output, "±1.73 µm", "√3 times noise.actuator_mm", "mechanism.actuator_accuracy_mm is absent")
+
+
+def test_seven_legs_have_an_accuracy_too(tmp_path: Path) -> None:
+    machine = {"type": "ups", "legs": hexapod(7), "actuator_accuracy_mm": 0.01}
+    place = campaign(tmp_path / "ups", mechanism=machine, workspace={"rho_mm": 15.0, "rz_deg": 3.0}, requirement=None)
+    done = call(place, "--accuracy", "--out", tmp_path / "found.parquet")
+    assert done.exit_code == 0, done.output
+    assert "Requirement" not in done.output
+
+
+REFUSED: list[tuple[dict[str, Any], list[object], str]] = [
+    ({"noise": {"point_mm": 0.005}}, ["--accuracy"], "column mechanism.actuator_accuracy_mm: expected the largest"),
+    ({"mechanism": mechanism(actuator_accuracy_mm=[0.001] * 5)}, ["--accuracy"], "or 6, one per leg, not 5"),
+    ({"mechanism": mechanism(actuator_accuracy_mm=-1.0)}, ["--accuracy"], "one number above 0, or a list of such"),
+    ({"workspace": None}, ["--accuracy"], "column workspace: expected limits of pose and readings"),
+    ({"mechanism": None}, ["--accuracy"], "column mechanism.type: found 'none'; expected a mechanism"),
+    ({}, ["--accuracy", "--extend", "kept.csv"], "--extend: found 'kept.csv'; expected no poses to keep"),
+    ({}, ["--accuracy", "--out", "found.xls"], "--out: found 'found.xls'; expected a file that ends in .csv"),
+]
+
+
+@pytest.mark.parametrize(("sections", "options", "words"), REFUSED, ids=[words[:40] for *_, words in REFUSED])
+def test_machines_that_cannot_be_studied_are_a_fault(
+    sections: dict[str, Any], options: list[object], words: str, tmp_path: Path
+) -> None:
+    done = call(campaign(tmp_path / "given", **sections), *options)
+    assert done.exit_code == 2, done.output
+    assert words in done.output
+    assert "Traceback" not in done.output
+
+
+def test_a_sensor_has_no_actuators(tmp_path: Path) -> None:
+    done = call(sensor(tmp_path / "bench"), "--accuracy")
+    assert done.exit_code == 2, done.output
+    assert "column mechanism.type: found '6-upur'" in done.output
