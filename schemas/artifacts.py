@@ -86,6 +86,12 @@ _MEASUREMENT = (
         "response* load* coefficient unit",
     ),
     parquet(
+        "given_deformation",
+        "simulated K from the campaign's deformation_file: shift of an attachment along z per displacement of an "
+        "actuator",
+        "leg* column* coefficient sigma unit",
+    ),
+    parquet(
         "displacement",
         "displacement of the platform per load case, without zeros and drift of the runs; empty if not measured",
         f"case* branch {_WRENCH} dx_mm dy_mm dz_mm rx_rad ry_rad rz_rad {COVARIANCE} n_used n_rejected",
@@ -184,6 +190,11 @@ _CALIBRATION = (
         "errors of each deformation model",
         "model leg figure value unit",
         optional="subject",
+    ),
+    parquet(
+        "simulated_deformation",
+        "entries of the measured K minus those of the simulated one",
+        "leg* column* measured sigma simulated simulated_sigma difference pull verdict unit",
     ),
     parquet(
         "compliance",

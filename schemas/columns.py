@@ -219,7 +219,7 @@ _MEASURED = (
     real("applied", "", "load along the axis of its row, N or N m", nullable=True),
     real("measured", "", "measured value, in the unit of its row"),
     real("simulated", "", "simulated value for the same quantity", nullable=True),
-    size("simulated_sigma", "", "standard deviation of the simulated value from the tolerances", nullable=True),
+    size("simulated_sigma", "", "standard deviation of the simulated value", nullable=True),
     real("residual", "", "measured minus fitted, in the unit of its row", nullable=True),
     text("term", "name of the term of the model"),
     real("air_temperature_c", "degC", "temperature of the air along the beams", minimum=-273.15, nullable=True),
@@ -553,7 +553,12 @@ _CONCLUDED = (
     text("folder", "folder of the run, as given"),
     text("campaign", "campaign of the run"),
     text("group", "kind of number", choices=("geometry", "effect", "compliance", "G_B")),
-    real("difference", "", "the number minus that of the previous run, in the unit of its row", nullable=True),
+    real(
+        "difference",
+        "",
+        "the number minus the one that it is compared with: of the previous run, or simulated; in the unit of its row",
+        nullable=True,
+    ),
     *(
         real(f"missed_{when}", "unit", f"measured minus predicted {when} the extension, in the unit of its row")
         for when in ("before", "after")
@@ -564,7 +569,13 @@ _CONCLUDED = (
     real("nominal", "", "parameter before calibration, in the unit of its row", nullable=True),
     real("identified", "", "parameter after calibration", nullable=True),
     size("tolerance", "", "standard deviation of manufacturing and assembly", nullable=True),
-    real("pull", "", "difference from nominal over its standard deviation by tolerance and measurement", nullable=True),
+    real(
+        "pull",
+        "",
+        "difference over its standard deviation: from nominal, by tolerance and measurement; from the simulated value, "
+        "by simulation and measurement",
+        nullable=True,
+    ),
     flag("identifiable", "whether the data determine the parameter better than its tolerance"),
     text("effect_of", "cause and its subject; empty for the machine's own parameters", nullable=True),
     integer("other_leg", "leg of the other parameter, counted from 1", minimum=1, nullable=True),

@@ -151,6 +151,11 @@ class LeggedMechanism(MechanismSection):
         "precedence",
     )
     payload_com_mm: Vector = Field((0.0, 0.0, 0.0), description="centre of gravity of this mass, platform frame")
+    deformation_file: Path | None = Field(
+        None,
+        description="simulated deformation of the platform: K, its entries with sigma, or a table of shifts; compared "
+        "with the measured K",
+    )
     model: Path | None = Field(None, description="model.toml of an earlier campaign of this machine, as a start")
 
     @model_validator(mode="after")

@@ -17,12 +17,18 @@ DECLARATION = Stage(
     reads=(
         *("observations?", "survey?", "configurations?", "poses?", "residuals?"),
         *("readings?", "given_compliance?", "displacement?", "reading_residuals?", "run_terms?", "positions?", "qa?"),
-        *("object_points?", "point_correlations?", "point_sensitivities?", "camera_correlations?"),
+        *(
+            "object_points?",
+            "point_correlations?",
+            "point_sensitivities?",
+            "camera_correlations?",
+            "given_deformation?",
+        ),
     ),
     leaves=(
         *("deformation?", "deformation_models?", "deformation_errors"),
         *("shift_covariances?", "shift_sensitivities?", "survey_covariances?"),
-        *("target_deformation?", "compliance?", "axis_curves?", "positioning?"),
+        *("simulated_deformation?", "target_deformation?", "compliance?", "axis_curves?", "positioning?"),
     ),
     settings=(
         *("campaign.kind", "campaign.drives", "mechanism.type", "mechanism.legs", "mechanism.height_mm"),

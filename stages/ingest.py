@@ -28,7 +28,8 @@ DECLARATION = Stage(
             "readings?",
             "signals?",
         ),
-        *("quadrature?", "reading_corrections?", "positions?", "given_compliance?", "relabelled?", "resurveys?"),
+        *("quadrature?", "reading_corrections?", "positions?", "given_compliance?", "given_deformation?"),
+        *("relabelled?", "resurveys?"),
         "exclusions",
     ),
     settings=(

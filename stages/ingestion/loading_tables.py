@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,17 +11,17 @@ import pyarrow as pa
 
 from truing.arrays import Array
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
-from truing.formats.faultlog import FaultLog, discreet
+from truing.formats.faultlog import FaultLog
 from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import POSITIONING, WRENCH
 from truing.formats.source import CampaignFiles, RawFile
 from truing.report.numbers import count
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault, Unfit
-from truing.schemas.settings_text import read_settings_text
 from truing.stages.common.table_arrays import SmallTable, numbered, numbers, once, texts
 from truing.stages.declaration import Outcome
 from truing.stages.ingestion.corrected_readings import Corrections, positions_at_reference
+from truing.stages.ingestion.matrix_lines import Line, numbers_of, read_lines
 from truing.stages.ingestion.reading_table import ReadingTable, read_readings
 from truing.stages.ingestion.signal_table import read_signals
 from truing.stages.ingestion.tables import (
@@ -47,53 +46,23 @@ _MANY = 0.5  # of the rows: more different values are not repeated targets
 def read_compliance(source: CampaignFiles, log: FaultLog) -> pa.Table | None:
     """The compliance of mechanism.compliance_file as a long table; None where there is none."""
     file = source.compliance
-    if file is None:
-        return None
-    try:
-        lines = read_settings_text(file.path).splitlines()
-    except (OSError, ValueError):
-        log.add(Fault("campaign.toml", "an existing text file", column="mechanism.compliance_file", value=file.name))
+    lines = None if file is None else read_lines(file, "compliance_file", log)
+    if file is None or lines is None:
         return None
     matrix = _matrix(file, lines, log, source.is_outside(file))
     return None if matrix is None else _long(matrix)
 
 
-def _matrix(file: RawFile, lines: list[str], log: FaultLog, is_outside: bool) -> Array | None:
+def _matrix(file: RawFile, rows: list[Line], log: FaultLog, is_outside: bool) -> Array | None:
     """The numbers (6, 6); None where a fault was noted. A line of the six loads' names may head them."""
-    rows = [(number, _cells(line)) for number, line in enumerate(lines, 1) if line.strip() and line.lstrip()[0] != "#"]
     if rows and [cell.casefold()[:2] for cell in rows[0][1]] == list(LOADS):
         rows = rows[1:]
     if len(rows) != 6:
         log.add(Fault(file.name, "six rows: dx dy dz rx ry rz", value=f"{len(rows)} rows"))
         return None
-    matrix = np.full((6, 6), np.nan)
-    clean = True
-    for i, (number, cells) in enumerate(rows):
-        if len(cells) != 6:
-            log.add(Fault(file.name, "six numbers: fx fy fz mx my mz", row=number, value=f"{len(cells)} cells"))
-            clean = False
-            continue
-        for j, cell in enumerate(cells):
-            matrix[i, j] = _number(cell)
-            if not np.isfinite(matrix[i, j]):
-                shown = discreet(cell) if is_outside else cell
-                log.add(Fault(file.name, "a finite number", row=number, column=LOADS[j], value=shown))
-                clean = False
-    if clean:
-        clean = _is_symmetric(file, matrix, [number for number, _ in rows], log)
+    matrix = numbers_of(file, rows, LOADS, "six numbers: fx fy fz mx my mz", log, is_outside)
+    clean = bool(np.isfinite(matrix).all()) and _is_symmetric(file, matrix, [number for number, _ in rows], log)
     return matrix if clean else None
-
-
-def _cells(line: str) -> list[str]:
-    separator = next((mark for mark in (";", ",", "\t") if mark in line), None)
-    return [cell.strip() for cell in (line.split(separator) if separator else re.split(r"\s+", line.strip()))]
-
-
-def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return float("nan")
 
 
 def _is_symmetric(file: RawFile, matrix: Array, rows: list[int], log: FaultLog) -> bool:

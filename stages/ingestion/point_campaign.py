@@ -23,6 +23,7 @@ from truing.stages.ingestion.later_surveys import LaterSurveys, read_later_surve
 from truing.stages.ingestion.points import ExpectedPoints, Geometry, Points
 from truing.stages.ingestion.pose_table import PoseTable, check_bodies, read_poses
 from truing.stages.ingestion.relabelling import PoseTimes, Relabelling, declared, relabelled_table
+from truing.stages.ingestion.simulated_deformation import read_simulated_deformation
 from truing.stages.ingestion.tables import (
     all_left_out,
     check_any_fitted,
@@ -46,6 +47,7 @@ class _Parts:
     later: LaterSurveys | None = None
     measured: PoseTable | None = None
     scans: DenseScans | None = None
+    deformation: pa.Table | None = None
 
     def artifacts(self) -> dict[str, Any]:
         """The tables by artifact."""
@@ -57,6 +59,7 @@ class _Parts:
             "scans": None if self.scans is None else self.scans.table(poses),
             "resurveys": None if self.later is None else self.later.table(),
             "measured_poses": None if self.measured is None else self.measured.table,
+            "given_deformation": self.deformation,
         }
         return {name: table for name, table in found.items() if table is not None}
 
@@ -105,7 +108,8 @@ def _first_tables(settings: Any, source: CampaignFiles, adjusted: AdjustedPoints
     if survey is not None and (source.has_photographs or source.entries("points")):
         check_survey_noise(survey, log)
     check_any_fitted([configurations.table], configurations.file, "pose", log)
-    return _Parts(configurations, survey, start)
+    deformation = read_simulated_deformation(source, len(legs_of(settings)), log)
+    return _Parts(configurations, survey, start, deformation=deformation)
 
 
 def _without_points(parts: _Parts, expected: ExpectedPoints, log: FaultLog) -> Outcome:

@@ -56,6 +56,7 @@ from truing.stages.common.point_arrays import (
 from truing.stages.common.point_errors import common_correlation, point_errors
 from truing.stages.common.rows import Rows
 from truing.stages.declaration import Outcome
+from truing.stages.responses import simulated_shifts
 from truing.stages.responses.tables import add_figures, error_rows
 
 if TYPE_CHECKING:
@@ -173,15 +174,39 @@ def attachment_deformation(tables: Mapping[str, pa.Table], rest_mm: Sequence[flo
     platform = fitted_points(tables, "platform", poses, survey.targets)
     shifts = attachment_shifts(survey, platform, framed_points(tables, poses), len(rest_mm))
     found = attachment_models(drive, shifts, heldout)
+    errors, (read, left_out, figure) = _leg_error_rows(found, shifts), _leg_words(shifts, found.rejected, found.fits)
     identifier = "int64" if isinstance(poses[0], int) else "string"
     artifacts = {
         "deformation": _deformation_rows(poses, drive, shifts, found.rejected).table(identifier),
         "deformation_models": _leg_model_rows(found).table(),
-        "deformation_errors": _leg_error_rows(found, shifts).table(),
     }
+    if "given_deformation" in tables:
+        given = simulated_shifts.given_deformation(tables["given_deformation"])
+        figure += f"; {_compare_with_simulation(artifacts, errors, drive, found, shifts, given)}"
+    artifacts["deformation_errors"] = errors.table()
     if shifts.together is not None:
         artifacts |= handed_on(shifts.together, poses, np.isfinite(shifts.shift), identifier)
-    return Outcome(artifacts, *_leg_words(shifts, found.rejected, found.fits))
+    return Outcome(artifacts, read, left_out, figure)
+
+
+def _compare_with_simulation(
+    artifacts: dict[str, pa.Table],
+    errors: Rows,
+    drive: Array,
+    found: AttachmentModels,
+    shifts: LegShifts,
+    given: tuple[Array, Array],
+) -> str:
+    """Add the comparison with the simulated K, and what that K leaves of the shifts; the closing words."""
+    one = simulated_shifts.compared(found, shifts, given)
+    artifacts["simulated_deformation"] = simulated_shifts.entry_rows(one).table()
+    if one is not None:
+        simulated_shifts.add_comparison(errors, one)
+        fit = simulated_shifts.simulated_fit(drive, found, shifts, given[0])
+        held = found.kept[~found.fitted] - fit.offset.mean(0) - drive[~found.fitted] @ given[0].T
+        sets = {**residual_sets(fit), "verification_": held}
+        error_rows(errors, simulated_shifts.SIMULATED, fit, sets, "um", 1e6, None)
+    return simulated_shifts.words(one)
 
 
 def _drives(

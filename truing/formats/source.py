@@ -37,6 +37,7 @@ _OF_SENSORS = (
     *("3fr", "fff", "mrw", "dcr", "kdc", "rwl", "raw"),
 )
 _OTHER_PICTURES = frozenset((*_COMPRESSED, *_OF_PROGRAMS, *_OF_SENSORS))
+_FILES_OF_MECHANISM = ("model", "compliance_file", "deformation_file")
 _DEEPEST = 3  # images/<pose>/<camera>/<file>
 _READ = ", ".join(f".{ending}" for ending in PICTURES)
 
@@ -63,6 +64,7 @@ class CampaignFiles:
         self._files = campaign.files
         self._prior_model = getattr(campaign.mechanism, "model", None)
         self._compliance = getattr(campaign.mechanism, "compliance_file", None)
+        self._deformation = getattr(campaign.mechanism, "deformation_file", None)
 
     def entries(self, table: str) -> tuple[FileMapping, ...]:
         """Return the mappings of a table's raw files: those of [files.<table>], else the contract's file names."""
@@ -133,6 +135,11 @@ class CampaignFiles:
         """Return the file of the simulated compliance; None if campaign.toml names none."""
         return None if self._compliance is None else RawFile(self._compliance, self.folder / self._compliance)
 
+    @property
+    def deformation(self) -> RawFile | None:
+        """Return the file of the simulated deformation; None if campaign.toml names none."""
+        return None if self._deformation is None else RawFile(self._deformation, self.folder / self._deformation)
+
 
 def has_photographs(folder: Path, document: Mapping[str, Any]) -> bool:
     """Whether a campaign's points come from photographs; the parsed campaign.toml need not be valid."""
@@ -178,7 +185,7 @@ def _mapped(document: Mapping[str, Any]) -> Mapping[str, Any]:
 
 def _files_of_mechanism(document: Mapping[str, Any]) -> list[str]:
     mechanism = document.get("mechanism")
-    named = [mechanism.get(key) for key in ("model", "compliance_file")] if isinstance(mechanism, Mapping) else []
+    named = [mechanism.get(key) for key in _FILES_OF_MECHANISM] if isinstance(mechanism, Mapping) else []
     return [name for name in named if isinstance(name, str)]
 
 

@@ -19,6 +19,7 @@ from truing.report.scene.by_leg import by_leg
 from truing.report.scene.scenes import pose_scene
 from truing.report.scene.view import picture
 from truing.report.section_verdict import SectionVerdict
+from truing.report.simulated_section import simulated_entries, simulated_map, simulated_sentence, simulated_test
 from truing.report.tables import Tables, cell, filled
 from truing.schemas.verdict import ReasonCode
 
@@ -37,12 +38,17 @@ def deformation(tables: Tables) -> ReportSection | None:
     if "deformation" not in tables:
         return None
     modelled = filled(tables, "deformation_errors") is not None
-    shown = [*_picture(tables), *_legs(tables), *_targets(tables)]
+    shown = [*_picture(tables), *_legs(tables), *simulated_map(tables), *_targets(tables)]
     if not modelled:
         why = why_no_deformation(tables)
         return ReportSection("deformation", "Deformation", why, tuple(shown), _legwise(tables), "not evaluated")
     tests = _tests(tables)
-    listings = (listing_of(tests, "Tests of the models"), *_legwise(tables), _errors(tables))
+    listings = (
+        listing_of(tests, "Tests of the models"),
+        *_legwise(tables),
+        *simulated_entries(tables),
+        _errors(tables),
+    )
     return ReportSection("deformation", "Deformation", _sentence(tables), tuple(shown), listings)
 
 
@@ -53,7 +59,7 @@ def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     rigid, text = _tests(tables)[0], _sentence(tables)
     if rigid.holds is None:
         return SectionVerdict("deformation", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, rigid.statement)
-    if rigid.holds:
+    if rigid.holds and all(test.holds is not False for test in simulated_test(_facts(tables))):
         return SectionVerdict("deformation", RelationState.OK, ReasonCode.RIGID, text, rigid.p, "1")
     return SectionVerdict("deformation", RelationState.ATTENTION, ReasonCode.DEFORMS, text, rigid.p, "1")
 
@@ -81,7 +87,7 @@ def _tests(tables: Tables) -> list[ModelTest]:
     says = ("The model explains no more than chance.", "The model explains significantly more than chance.")
     why = "This campaign does not allow the model: too few poses, or no attachment for each actuator."
     models = [by_p(words, found[model], _UNLIKELY, says, why, FOUND) for model, words in asked.items()]
-    return [rigid, *models, *_in_plane_test(facts)]
+    return [rigid, *models, *_in_plane_test(facts), *simulated_test(_facts(tables))]
 
 
 def _in_plane_test(facts: pd.DataFrame) -> list[ModelTest]:
@@ -171,6 +177,13 @@ def _better(p: float) -> str:
     return f"{'fits' if p < _UNLIKELY else 'does not fit'} significantly better"
 
 
+def _facts(tables: Tables) -> dict[tuple[str, str], float]:
+    """Return the figures of whole models by model and name."""
+    errors = tables["deformation_errors"]
+    whole = errors[errors["leg"].isna()]
+    return dict(zip(zip(whole["model"], whole["figure"], strict=True), whole["value"].astype(float), strict=True))
+
+
 def _sentence(tables: Tables) -> str:
     facts = tables["deformation_errors"].set_index(["model", "figure"])["value"]
     words = []
@@ -195,6 +208,7 @@ def _sentence(tables: Tables) -> str:
         )
     if ("matrix", "modulo_plane") in facts and float(facts[("matrix", "modulo_plane")]):
         words.append("Shifts are known except for a common plane: fewer than three targets lie away from attachments.")
+    words += simulated_sentence(tables, _facts(tables))
     return " ".join(words) or "Coefficients and errors of the deformation models."
 
 

@@ -65,7 +65,8 @@ _TABLES = """
 observations survey configurations readings signals displacement run_terms scans exclusions exclusion_effects
 diagnosis_left_out calibration_left_out relabelled resurveys likely_names repeats lack_of_fit pose_repeatability qa
 belonging
-poses residuals reading_residuals deformation target_deformation deformation_models deformation_errors compliance
+poses residuals reading_residuals deformation target_deformation deformation_models deformation_errors
+simulated_deformation compliance
 axis_curves quadrature reading_corrections positions positioning calibration implicit_calibration correlations
 accuracy model_choice observability absorption requirements sensor_matrix sensor_merit sensor_choice error_classes
 calibrations_compared diagnosis diagnosis_choices adequacy detectable pulls pull_sums prediction reading_errors

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from truing.arrays import Array, Index, Mask
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS, RecordedSteps
+from truing.estimation.matrix_comparison import joint_test
 from truing.estimation.response import ResponseFit, birge, fit_response
 from truing.estimation.uncertainty_budget import Budget, Source, beyond_declared, budget, linear_estimate
 
@@ -153,8 +154,6 @@ def compare(
     measured: Compliance, simulated: ArrayLike, simulated_covariance: ArrayLike | None = None
 ) -> ComplianceComparison:
     """Return the comparison with a simulated compliance (6, 6), with covariance (36, 36) row by row, or exact."""
-    from scipy.special import chdtrc
-
     model = np.asarray(simulated, float)
     total = measured.covariance + (0.0 if simulated_covariance is None else np.asarray(simulated_covariance, float))
     assessed = measured.known & measured.fit.free[:, :6]
@@ -164,14 +163,8 @@ def compare(
         z = np.where(assessed & (spread > 0.0), difference / spread, np.nan)
         ratio = np.where(assessed, measured.entries / model, np.nan)
     at = np.flatnonzero(np.isfinite(z))
-    scale = spread.ravel()[at]
-    correlation = total[np.ix_(at, at)] / np.outer(scale, scale)
-    standard = z.ravel()[at]
-    chi_square = float(standard @ np.linalg.pinv(correlation, hermitian=True, rcond=1e-12) @ standard)
-    rank = int(np.linalg.matrix_rank(correlation, hermitian=True, tol=1e-12 * max(len(at), 1))) if len(at) else 0
-    return ComplianceComparison(
-        difference, z, ratio, chi_square, rank, float(chdtrc(rank, chi_square)) if rank else float("nan")
-    )
+    found = joint_test(difference.ravel()[at], total[np.ix_(at, at)])
+    return ComplianceComparison(difference, z, ratio, found.chi_square, found.dof, found.p_value)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from truing.belonging.relation import RelationState
+from truing.report.comparison_map import comparison_map
 from truing.report.deformation_section import compliance_map
 from truing.report.figure_style import BAR, BLUE, GREY, ORANGE, RED, panel_grid, style
 from truing.report.model_tests import FOUND, ModelTest, by_p, listing_of
@@ -24,8 +25,6 @@ from truing.report.tables import CHANNELS, LOADS, Tables, cell, filled, kilo, mo
 from truing.schemas.verdict import ReasonCode
 
 _UNCLEAR = 0.01
-
-_CLIPPED = 6.0
 
 _BRANCHES = {"loading": ("triangle-up", BLUE), "unloading": ("triangle-down-open", RED), "unloaded": ("circle", GREY)}
 _BAND = "rgba(230,159,0,0.25)"
@@ -229,31 +228,9 @@ def _comparison_map(compliance: pd.DataFrame) -> go.Figure:
                 f"simulated {with_uncertainty(factor * two.coefficient, factor * two.sigma, unit)}<br>"
                 f"{one.pull:+.1f} sigma: {one.verdict}"
             )
-    figure = go.Figure()
-    figure.add_trace(
-        go.Heatmap(
-            z=np.clip(pull, -_CLIPPED, _CLIPPED),
-            x=list(LOADS),
-            y=[f"{channel} " for channel in CHANNELS],
-            text=text,
-            texttemplate="%{text}",
-            textfont={"size": 12},
-            customdata=sentence,
-            hovertemplate="%{y}under %{x}<br>%{customdata}<extra></extra>",
-            colorscale="RdBu_r",
-            zmin=-_CLIPPED,
-            zmax=_CLIPPED,
-            xgap=1,
-            ygap=1,
-            colorbar={"title": {"text": "sigmas apart"}, "thickness": 16},
-        )
-    )
-    subtitle = "µm (dx dy dz) or arcsec (rx ry rz) per kN or kN·m. White: agrees; the darker, the further apart"
-    style(figure, "Compliance, measured (above) and simulated (below)", subtitle, 560)
-    figure.update_yaxes(autorange="reversed", automargin=True, type="category", showgrid=False)
-    figure.update_xaxes(side="top", type="category", showgrid=False)
-    figure.update_layout(margin={"t": 110, "b": 20})
-    return figure
+    title = "Compliance, measured (above) and simulated (below)"
+    subtitle = "µm (dx dy dz) or arcsec (rx ry rz) per kN or kN·m"
+    return comparison_map(pull, text, sentence, list(CHANNELS), list(LOADS), title, subtitle)
 
 
 def _short(value: float) -> str:
