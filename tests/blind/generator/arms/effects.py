@@ -1,0 +1,195 @@
+"""Hidden effects: each has a shape over the poses and one size, in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tests.blind.generator.arms.arm import Arm
+from tests.blind.generator.arms.instrument import Instrument
+from tests.blind.generator.arms.motion import State, at_rest
+from tests.blind.generator.arms.schedule import Schedule
+from tests.blind.generator.arms.transforms import Array
+
+JOINT_CAUSES = (
+    "joint-offset",
+    "joint-gain",
+    "joint-backlash",
+    "joint-eccentricity",
+    "joint-harmonic",
+    "joint-compliance",
+    "approach-scatter",
+)
+LINK_CAUSES = ("link-bending", "link-growth")
+BASE_CAUSES = ("base-drift", "base-jump")
+CAUSES = (*JOINT_CAUSES, *LINK_CAUSES, *BASE_CAUSES, "target-moved", "joints-exchanged")
+OF_GRAVITY = ("joint-compliance", "link-bending")
+OF_ANGLE = ("joint-eccentricity", "joint-harmonic", "joint-compliance")  # revolute joints alone
+SIX = ("dx", "dy", "dz", "rx", "ry", "rz")
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One hidden effect. ``shape`` is what one unit of ``size`` adds: to a joint (N,), a link's growth (N,), the base's
+    motion (N, 6) or a target's place (N, 3); of compliance and flexibility it is empty.
+    """
+
+    cause: str
+    subject: str
+    where: int
+    shape: Array
+    size: float = 1.0
+    fixed: dict[str, float | str] = field(default_factory=dict)
+    strength: float = 0.0
+
+
+def hide(effects: Sequence[Effect], arm: Arm, schedule: Schedule, targets: int) -> State:
+    """The state of an arm with effects in it."""
+    state = at_rest(arm, schedule.readings, targets)
+    for effect in effects:
+        state = _added(state, effect)
+    return state
+
+
+def _added(state: State, effect: Effect) -> State:
+    change, where = effect.size * effect.shape, effect.where
+    if effect.cause == "joint-compliance":
+        return replace(state, compliance=_at(state.compliance, where, effect.size))
+    if effect.cause == "link-bending":
+        return replace(state, flexibility=_at(state.flexibility, where, effect.size))
+    if effect.cause == "link-growth":
+        return replace(state, growth=_at(state.growth, (slice(None), where), change))
+    if effect.cause == "joints-exchanged":
+        return replace(state, angles=state.angles + change)
+    if effect.cause == "target-moved":
+        return replace(state, shift=_at(state.shift, (slice(None), where), change))
+    if change.ndim == 2:
+        return replace(state, twist=state.twist + change)
+    return replace(state, angles=_at(state.angles, (slice(None), where), change))
+
+
+def _at(values: Array, where: int | tuple[slice, int], change: Array | float) -> Array:
+    changed = values.copy()
+    changed[where] += change
+    return changed
+
+
+def draw_effect(
+    cause: str, arm: Arm, schedule: Schedule, instrument: Instrument, rng: np.random.Generator
+) -> list[Effect]:
+    """Effects of one cause at every subject that can carry it, in random order; sizes are one unit."""
+    if cause in JOINT_CAUSES:
+        found = [_of_joint(cause, k, arm, schedule, rng) for k in range(len(arm.actuated)) if _fits(cause, arm, k)]
+    elif cause in LINK_CAUSES:
+        shape = schedule.warmth if cause == "link-growth" else np.zeros(0)
+        found = [Effect(cause, f"link {arm.links[n].name}", n, shape) for n in _beams(cause, arm)]
+    elif cause in BASE_CAUSES:
+        found = [] if instrument.frame == "pose" else [_of_base(cause, schedule, rng)]
+    elif cause == "target-moved":
+        found = [_of_target(n, instrument, schedule, rng) for n in range(len(instrument.targets))]
+    elif cause == "joints-exchanged":
+        found = _exchanges(arm, schedule)
+    else:
+        raise ValueError(f"cause {cause!r}: expected one of {', '.join(CAUSES)}")
+    return [found[n] for n in rng.permutation(len(found))]
+
+
+def _fits(cause: str, arm: Arm, column: int) -> bool:
+    return cause not in OF_ANGLE or arm.joints[arm.actuated[column]].kind == "revolute"
+
+
+def _of_joint(cause: str, column: int, arm: Arm, schedule: Schedule, rng: np.random.Generator) -> Effect:
+    angle, fixed = schedule.readings[:, column], dict[str, float | str]()
+    shape, phase = np.zeros(0), float(rng.uniform(-np.pi, np.pi))
+    if cause == "joint-offset":
+        shape = np.ones_like(angle)
+    elif cause == "joint-gain":
+        shape = angle
+    elif cause == "joint-backlash":
+        shape = -schedule.approach[:, column]
+    elif cause == "approach-scatter":
+        shape = rng.normal(size=len(angle))
+    elif cause in ("joint-eccentricity", "joint-harmonic"):
+        order = 1 if cause == "joint-eccentricity" else int(rng.integers(2, 7))
+        shape, fixed = np.sin(order * angle + phase), {"order": float(order), "phase": phase}
+    return Effect(cause, f"joint {arm.names()[column]}", column, shape, fixed=fixed)
+
+
+def _beams(cause: str, arm: Arm) -> list[int]:
+    """Links with one joint at their end, far enough away; a bent one may not carry a slide."""
+    found = []
+    for number in range(1, len(arm.links)):
+        ends = arm.children(number)
+        long = len(ends) == 1 and np.linalg.norm(arm.joints[ends[0]].origin[:3, 3]) > 0.05
+        if long and (cause == "link-growth" or arm.joints[ends[0]].kind != "prismatic"):
+            found.append(number)
+    return found
+
+
+def _of_base(cause: str, schedule: Schedule, rng: np.random.Generator) -> Effect:
+    way = rng.normal(size=6) * np.array([1.0, 1.0, 1.0, 1.5, 1.5, 1.5])  # turns per metre of motion: a base of 0.7 m
+    way, count = way / np.linalg.norm(way[:3]), len(schedule.time)
+    fixed = {f"way_{name}": float(part) for name, part in zip(SIX, way, strict=True)}
+    if cause == "base-drift":
+        course = (schedule.time - schedule.time[0]) / (schedule.time[-1] - schedule.time[0])
+        return Effect(cause, "", 0, np.outer(course, way), fixed={**fixed})
+    start = int(rng.integers(count // 4, 3 * count // 4))
+    after = (np.arange(count) >= start).astype(float)
+    return Effect(cause, "", 0, np.outer(after, way), fixed={**fixed, "from_pose": float(start + 1)})
+
+
+def _of_target(number: int, instrument: Instrument, schedule: Schedule, rng: np.random.Generator) -> Effect:
+    way, count = rng.normal(size=3), len(schedule.time)
+    way, start = way / np.linalg.norm(way), int(rng.integers(count // 4, 3 * count // 4))
+    shape = np.outer((np.arange(count) >= start).astype(float), way)
+    fixed: dict[str, float | str] = {f"way_{name}": float(part) for name, part in zip(SIX[:3], way, strict=True)}
+    fixed["from_pose"] = float(start + 1)
+    return Effect("target-moved", f"target {instrument.targets[number].name}", number, shape, fixed=fixed)
+
+
+def _exchanges(arm: Arm, schedule: Schedule) -> list[Effect]:
+    found, names = [], arm.names()
+    kinds = [arm.joints[n].kind for n in arm.actuated]
+    for one in range(len(names)):
+        for other in range(one + 1, len(names)):
+            if kinds[one] == kinds[other]:
+                order = np.arange(len(names))
+                order[[one, other]] = other, one
+                shape = schedule.readings[:, order] - schedule.readings
+                found.append(Effect("joints-exchanged", f"joint {names[one]} joint {names[other]}", one, shape))
+    return found
+
+
+def parameters(effect: Effect, arm: Arm) -> dict[str, dict[str, float | str]]:
+    """Parameters of an effect by the names of the campaign format, in SI."""
+    size, fixed = effect.size, effect.fixed
+    slide = effect.cause in JOINT_CAUSES and arm.joints[arm.actuated[effect.where]].kind == "prismatic"
+    unit = "m" if slide else "rad"
+    named: dict[str, tuple[float, str]] = {}
+    if effect.cause in ("joint-offset", "joint-backlash"):
+        named = {effect.cause.removeprefix("joint-"): (size, unit)}
+    elif effect.cause == "joint-gain":
+        named = {"gain": (size, "1")}
+    elif effect.cause == "approach-scatter":
+        named = {"scatter": (size, unit)}
+    elif effect.cause in ("joint-eccentricity", "joint-harmonic"):
+        phase = float(fixed["phase"])
+        named = {"sine": (size * np.cos(phase), "rad"), "cosine": (size * np.sin(phase), "rad")}
+        if effect.cause == "joint-harmonic":
+            named = {"order": (float(fixed["order"]), "1"), "amplitude": (abs(size), "rad"), **named}
+    elif effect.cause == "joint-compliance":
+        named = {"compliance": (size, "rad/(N m)")}
+    elif effect.cause == "link-bending":
+        named = {"flexibility": (size, "1/(N m^2)")}
+    elif effect.cause == "link-growth":
+        named = {"growth": (size, "1/K")}
+    elif effect.cause.startswith("base-") or effect.cause == "target-moved":
+        ways = {name: float(fixed[f"way_{name}"]) for name in SIX if f"way_{name}" in fixed}
+        named = {name: (size * way, "rad" if name.startswith("r") else "m") for name, way in ways.items()}
+        if "from_pose" in fixed:
+            named["from_pose"] = (float(fixed["from_pose"]), "1")
+    elif effect.cause == "foreign":
+        named = {"size": (size, "")}
+    return {name: {"value": float(value), "unit": of} for name, (value, of) in named.items()}

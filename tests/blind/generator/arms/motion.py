@@ -1,0 +1,138 @@
+"""Where the links of an arm are: exact kinematics with elastic joints and links under gravity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.blind.generator.arms.arm import STANDARD_GRAVITY, Arm
+from tests.blind.generator.arms.transforms import Array, rotation
+
+ROUNDS = 4  # of loads and deflections: each one gains at least three digits
+
+
+@dataclass(frozen=True)
+class State:
+    """What nature made of N poses: angles (N, K) of actuated joints, elasticity, growth (N, L) of each link's vectors,
+    motion (N, 6) of the base in its own frame, shifts (N, M, 3) of targets in their body's frame; SI.
+    """
+
+    angles: Array
+    compliance: Array
+    flexibility: Array
+    growth: Array
+    twist: Array
+    shift: Array
+
+    @property
+    def elastic(self) -> bool:
+        """Whether anything yields to gravity."""
+        return bool(np.any(self.compliance) or np.any(self.flexibility))
+
+
+@dataclass(frozen=True)
+class Places:
+    """Rotations (N, L, 3, 3) and origins (N, L, 3) of all links in the base frame."""
+
+    turned: Array
+    moved: Array
+
+
+def at_rest(arm: Arm, angles: Array, targets: int) -> State:
+    """A state with nothing hidden."""
+    count, links = len(angles), len(arm.links)
+    return State(
+        angles,
+        np.zeros(angles.shape[1]),
+        np.zeros(links),
+        np.zeros((count, links)),
+        np.zeros((count, 6)),
+        np.zeros((count, targets, 3)),
+    )
+
+
+def places(arm: Arm, state: State) -> Places:
+    """All links' places; deflections are in balance with the loads of the deflected arm."""
+    found = _rigid(arm, state.angles, state.growth, {})
+    for _ in range(ROUNDS if state.elastic else 0):
+        angles = state.angles + state.compliance * gravity_torques(arm, found)
+        found = _rigid(arm, angles, state.growth, _bends(arm, state.flexibility, found))
+    return found
+
+
+def _rigid(arm: Arm, angles: Array, growth: Array, bends: dict[int, tuple[Array, Array]]) -> Places:
+    count = len(angles)
+    turned, moved = np.tile(np.eye(3), (count, len(arm.links), 1, 1)), np.zeros((count, len(arm.links), 3))
+    for joint in arm.joints:
+        own, point = joint.origin[:3, :3], joint.origin[:3, 3] * (1.0 + growth[:, joint.parent, None])
+        if joint.parent in bends:
+            shift, turn = bends[joint.parent]
+            point, own = point + shift, rotation(turn) @ own
+        above = turned[:, joint.parent] @ own
+        base = moved[:, joint.parent] + np.einsum("nij,nj->ni", turned[:, joint.parent], point)
+        value = joint.factor * angles[:, joint.source] + joint.shift if joint.source >= 0 else np.zeros(count)
+        if joint.kind == "revolute":
+            above = above @ rotation(value[:, None] * joint.axis)
+        elif joint.kind == "prismatic":
+            base = base + np.einsum("nij,nj->ni", above, value[:, None] * joint.axis)
+        turned[:, joint.child], moved[:, joint.child] = above, base
+    return Places(turned, moved)
+
+
+def _masses(arm: Arm, found: Places) -> tuple[Array, Array, Array]:
+    """Masses (B,), their centres (N, B, 3) in the base frame, the links (B,) that carry them; the payload is last."""
+    masses = np.array([*(link.mass for link in arm.links), arm.payload])
+    carriers = np.array([*range(len(arm.links)), arm.tips[0]])
+    own = np.array([*(link.com for link in arm.links), arm.payload_com])
+    centres = found.moved[:, carriers] + np.einsum("nbij,bj->nbi", found.turned[:, carriers], own)
+    return masses, centres, carriers
+
+
+def _load(arm: Arm, found: Places, joint: int) -> tuple[Array, Array]:
+    """Weight (3,), N, of all that a joint carries, and its moment (N, 3), N m, about the joint's origin."""
+    masses, centres, carriers = _masses(arm, found)
+    carried = masses * np.isin(carriers, arm.outboard(joint))
+    weight = STANDARD_GRAVITY * arm.gravity * carried.sum()
+    arms = np.einsum("b,nbi->ni", carried, centres - found.moved[:, None, arm.joints[joint].child])
+    return weight, np.cross(arms, STANDARD_GRAVITY * arm.gravity)
+
+
+def gravity_torques(arm: Arm, found: Places) -> Array:
+    """Torque (N, K) of gravity along each actuated joint, N m (N for a slide), with that of joints that follow it."""
+    torques = np.zeros((len(found.moved), len(arm.actuated)))
+    for number, joint in enumerate(arm.joints):
+        if joint.source < 0:
+            continue
+        axis = found.turned[:, joint.child] @ joint.axis
+        weight, moment = _load(arm, found, number)
+        load = np.broadcast_to(weight, moment.shape) if joint.kind == "prismatic" else moment
+        torques[:, joint.source] += joint.factor * np.sum(axis * load, axis=1)
+    return torques
+
+
+def potential_energy(arm: Arm, found: Places) -> Array:
+    """Potential energy (N,) of all masses in the field of gravity, J."""
+    masses, centres, _ = _masses(arm, found)
+    return np.asarray(-STANDARD_GRAVITY * np.einsum("b,nbi,i->n", masses, centres, arm.gravity))
+
+
+def _bends(arm: Arm, flexibility: Array, found: Places) -> dict[int, tuple[Array, Array]]:
+    """Shift (N, 3) and turn (N, 3) of the end of every bent link, in the link's frame.
+
+    Euler beam, clamped at the link's frame, loaded at its end by the weight and moment of all beyond.
+    """
+    bent: dict[int, tuple[Array, Array]] = {}
+    for link in np.flatnonzero(flexibility):
+        (end,) = arm.children(int(link))
+        length = float(np.linalg.norm(arm.joints[end].origin[:3, 3]))
+        along = arm.joints[end].origin[:3, 3] / length
+        weight, moment = _load(arm, found, end)
+        back = np.swapaxes(found.turned[:, link], -1, -2)
+        force, torque = back @ weight, np.einsum("nij,nj->ni", back, moment)
+        torque = torque - np.outer(torque @ along, along)
+        lever = np.cross(along, force)
+        turn = flexibility[link] * (length * torque + length**2 / 2.0 * lever)
+        shift = flexibility[link] * np.cross(length**2 / 2.0 * torque + length**3 / 3.0 * lever, along)
+        bent[int(link)] = (shift, turn)
+    return bent

@@ -1,0 +1,48 @@
+"""Which poses an arm takes, in which order, at which temperature: before anything is hidden."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.blind.generator.arms.arm import Arm
+from tests.blind.generator.arms.transforms import Array
+
+MOVED = 5.0  # standard deviations of the reading: a smaller step is no movement
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """N poses of K joints: exact readings (N, K), m or rad, in the order of time."""
+
+    readings: Array
+    time: Array
+    warmth: Array  # temperature above the reference temperature, K
+    held_out: NDArray[np.bool_]
+    series: NDArray[np.int64]
+    approach: Array  # (N, K) direction of each joint's last movement
+
+
+def draw_schedule(arm: Arm, sigmas: Array, rng: np.random.Generator, count: int | None = None) -> Schedule:
+    """Draw 40 to 150 poses within the limits of the joints, in up to three series."""
+    count = count or int(rng.integers(40, 151))
+    low, high = np.array([arm.joints[n].limits for n in arm.actuated]).T
+    readings = low + (high - low) * rng.uniform(0.03, 0.97, (count, len(low)))
+    time = np.cumsum(rng.uniform(20.0, 60.0, count)) - 20.0
+    course = np.sin(2.0 * np.pi * time / time[-1] * rng.uniform(0.3, 1.5) + rng.uniform(0.0, 6.28))
+    warmth = rng.uniform(-2.0, 4.0) + rng.uniform(1.0, 4.0) * course + rng.normal(0.0, 0.05, count)
+    held = rng.random(count) < (rng.uniform(0.1, 0.3) if rng.random() < 0.8 else 0.0)
+    parts = int(rng.integers(1, 4))
+    series = np.minimum(np.arange(count) * parts // count, parts - 1)
+    return Schedule(readings, time, warmth, held, series, approach(readings, sigmas))
+
+
+def approach(readings: Array, sigmas: Array) -> Array:
+    """Direction (N, K) of the last movement larger than five sigmas of the reading; +1 before any."""
+    way = np.ones(readings.shape)
+    for n in range(1, len(readings)):
+        step = readings[n] - readings[n - 1]
+        way[n] = np.where(np.abs(step) > MOVED * sigmas, np.sign(step), way[n - 1])
+    return way
