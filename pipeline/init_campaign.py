@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     _Entry = tuple["RawGroup", Guess, list[str]]
 
 _TEMPLATE = Path(__file__).with_name("campaign_template.toml")
-_LOADING_TABLES = {"interferometer", "displacement", "signals", "quadrature", "positioning"}
+_LOADING_TABLES = {"interferometer", "displacement", "signals", "quadrature", "positioning", "published"}
 _APART = (
     "targets",
     "configurations",

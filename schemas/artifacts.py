@@ -92,6 +92,12 @@ _MEASUREMENT = (
         "leg* column* coefficient sigma unit",
     ),
     parquet(
+        "published",
+        "published displacements under load, from the campaign's table `published`",
+        "load* channel* applied* source* published unit",
+        optional="published_in",
+    ),
+    parquet(
         "displacement",
         "displacement of the platform per load case, without zeros and drift of the runs; empty if not measured",
         f"case* branch {_WRENCH} dx_mm dy_mm dz_mm rx_rad ry_rad rz_rad {COVARIANCE} n_used n_rejected",
@@ -213,6 +219,12 @@ _CALIBRATION = (
         "displacement over load of the load cases along one axis: measured, and simulated if known",
         "load* channel* case* branch applied measured sigma unit",
         optional="simulated simulated_sigma",
+    ),
+    parquet(
+        "published_compared",
+        "published displacements compared with those of this campaign at the same load",
+        "load* channel* applied* source* published unit own own_sigma allowed_difference verdict",
+        optional="published_in",
     ),
     parquet(
         "calibration",

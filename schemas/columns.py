@@ -220,6 +220,28 @@ _MEASURED = (
     real("measured", "", "measured value, in the unit of its row"),
     real("simulated", "", "simulated value for the same quantity", nullable=True),
     size("simulated_sigma", "", "standard deviation of the simulated value", nullable=True),
+    text("source", "whether a published value is computed or measured", choices=("theory", "measurement")),
+    real("published", "", "published displacement at the load of its row, in its unit"),
+    text("published_in", "figure or table of the publication; empty if not given", nullable=True),
+    real(
+        "own",
+        "",
+        "the same quantity in this campaign: simulated for theory, measured for a measurement (interpolated between "
+        "the loads applied); empty without a simulation, or beyond the loads applied",
+        nullable=True,
+    ),
+    size(
+        "own_sigma",
+        "",
+        "standard deviation of this value: by tolerances if simulated, by noise if measured",
+        nullable=True,
+    ),
+    size(
+        "allowed_difference",
+        "",
+        "95 % limit of published minus own, by noise and tolerances of this campaign; empty without a simulation",
+        nullable=True,
+    ),
     real("residual", "", "measured minus fitted, in the unit of its row", nullable=True),
     text("term", "name of the term of the model"),
     real("air_temperature_c", "degC", "temperature of the air along the beams", minimum=-273.15, nullable=True),

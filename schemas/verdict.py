@@ -62,6 +62,7 @@ class ReasonCode(StrEnum):
     POSES_LOST = "poses-lost"
     RIGID = "rigid"
     DEFORMS = "deforms"
+    SIMULATION_MISSES = "simulation-misses"
     WITHHELD = "withheld"
     NOT_EVALUATED = "not-evaluated"
 
@@ -110,8 +111,9 @@ _MEANING = {
     ReasonCode.CHANGED: "parameters changed since the earlier model; value: their number",
     ReasonCode.COMPLETE: "every body has a pose wherever it was measured",
     ReasonCode.POSES_LOST: "bodies lack a pose somewhere; value: their number",
-    ReasonCode.RIGID: "no model of deformation explains more than chance, or the simulated one fits",
-    ReasonCode.DEFORMS: "a body deforms significantly, or otherwise than simulated",
+    ReasonCode.RIGID: "no model of deformation explains more than chance, or the simulated one is as measured",
+    ReasonCode.DEFORMS: "a body deforms significantly, or its compliance is not symmetric",
+    ReasonCode.SIMULATION_MISSES: "the simulated compliance is not as measured; value: p-value of the difference",
     ReasonCode.WITHHELD: "not evaluated, because the data do not belong together",
     ReasonCode.NOT_EVALUATED: "not evaluated: the explanation says why",
 }

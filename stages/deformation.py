@@ -18,6 +18,7 @@ DECLARATION = Stage(
         *("observations?", "survey?", "configurations?", "poses?", "residuals?"),
         *("readings?", "given_compliance?", "displacement?", "reading_residuals?", "run_terms?", "positions?", "qa?"),
         *(
+            "published?",
             "object_points?",
             "point_correlations?",
             "point_sensitivities?",
@@ -29,6 +30,7 @@ DECLARATION = Stage(
         *("deformation?", "deformation_models?", "deformation_errors"),
         *("shift_covariances?", "shift_sensitivities?", "survey_covariances?"),
         *("simulated_deformation?", "target_deformation?", "compliance?", "axis_curves?", "positioning?"),
+        "published_compared?",
     ),
     settings=(
         *("campaign.kind", "campaign.drives", "mechanism.type", "mechanism.legs", "mechanism.height_mm"),

@@ -29,7 +29,7 @@ DECLARATION = Stage(
             "signals?",
         ),
         *("quadrature?", "reading_corrections?", "positions?", "given_compliance?", "given_deformation?"),
-        *("relabelled?", "resurveys?"),
+        *("published?", "relabelled?", "resurveys?"),
         "exclusions",
     ),
     settings=(

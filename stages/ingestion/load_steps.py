@@ -18,7 +18,7 @@ from truing.schemas.faults import Fault
 from truing.stages.common.table_arrays import declared_missing, numbered, numbers, once, texts, unit_factors, without
 
 AXES = tuple(name[:2] for name in WRENCH)
-_KINDS = {axis: "N" if axis.startswith("f") else "N m" for axis in AXES}
+KINDS = {axis: "N" if axis.startswith("f") else "N m" for axis in AXES}
 _FURTHEST_TEST = 2.5  # of a range; above this, a wrong unit is more likely than an overload test
 _ROUNDED = 1e-9  # a load at its range is in it
 EMPTY_LOAD = "a load in every row; an empty cell has to be declared by missing"
@@ -47,7 +47,7 @@ def six_loads(found: CollectedRows, loading: Any, log: FaultLog) -> Array:
     if one:
         axis, load = (
             texts(found, "load_axis"),
-            numbers(found, "load") * unit_factors(found, "load", "load_axis", _KINDS, log),
+            numbers(found, "load") * unit_factors(found, "load", "load_axis", KINDS, log),
         )
         found.fault(log, np.isnan(load), "load", EMPTY_LOAD)
         loads = np.where(axis[:, None] == np.array(AXES, object), load[:, None], 0.0)
@@ -66,7 +66,7 @@ def _check_range(found: CollectedRows, loads: Array, column: str | None, loading
         limit = loading.allowed(name)
         if limit is not None:
             beyond = np.abs(loads[:, k]) > limit * (1.0 + _ROUNDED)
-            expected = f"at most {limit:g} {_KINDS[AXES[k]]} of {AXES[k]} either way, by [loading]"
+            expected = f"at most {limit:g} {KINDS[AXES[k]]} of {AXES[k]} either way, by [loading]"
             cure = _cure(np.abs(loads[beyond, k]).max(initial=0.0) / getattr(loading, name))
             found.fault(log, beyond, column or name, expected + cure)
 

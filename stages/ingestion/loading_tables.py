@@ -22,6 +22,7 @@ from truing.stages.common.table_arrays import SmallTable, numbered, numbers, onc
 from truing.stages.declaration import Outcome
 from truing.stages.ingestion.corrected_readings import Corrections, positions_at_reference
 from truing.stages.ingestion.matrix_lines import Line, numbers_of, read_lines
+from truing.stages.ingestion.published_values import read_published
 from truing.stages.ingestion.reading_table import ReadingTable, read_readings
 from truing.stages.ingestion.signal_table import read_signals
 from truing.stages.ingestion.tables import (
@@ -100,6 +101,7 @@ class LoadingTables:
     signals: SmallTable | None
     compliance: pa.Table | None
     positions: PositionTable | None = None
+    published: pa.Table | None = None
 
     @property
     def artifacts(self) -> dict[str, pa.Table]:
@@ -112,6 +114,7 @@ class LoadingTables:
             found["reading_corrections"] = pa.Table.from_pylist(self.corrections, schema=schema)
         found |= {} if self.signals is None else {"signals": self.signals.table}
         found |= {} if self.positions is None else {"positions": self.positions.table}
+        found |= {} if self.published is None else {"published": self.published}
         return found | ({} if self.compliance is None else {"given_compliance": self.compliance})
 
     @property
@@ -136,6 +139,8 @@ class LoadingTables:
             parts.append(f"{count(len(names), 'signal')} of {count(len(self.signals.table), 'load step')}")
         if self.positions is not None:
             parts.append(f"{count(len(self.positions.table), 'approach')} of an axis to its targets")
+        if self.published is not None:
+            parts.append(count(len(self.published), "published value"))
         return " and ".join(parts)
 
     @property
@@ -185,7 +190,7 @@ def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> 
     compliance = read_compliance(source, log)
     if settings.mechanism.type == "6-upur":
         check_sensor(settings.mechanism, compliance, log, loaded)
-    return LoadingTables(readings, signals, compliance, positions)
+    return LoadingTables(readings, signals, compliance, positions, read_published(source, log))
 
 
 def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog, loaded: Sequence[pa.Table] = ()) -> None:

@@ -47,6 +47,7 @@ from truing.stages.common.positioning import SEED, deviations, instrument
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, MOVED_COLUMNS, MOVED_SI
 from truing.stages.common.rows import Rows
 from truing.stages.declaration import Outcome
+from truing.stages.responses.published import compared_with_published
 from truing.stages.responses.tables import add_figures, error_rows
 
 if TYPE_CHECKING:
@@ -75,13 +76,18 @@ def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign, why: st
                                             for form, fit in found.items()}  # fmt: skip
     fits = reference_fits(loaded, None if simulated is None else simulated.entries)
     fits |= {form: one.fit for form, one in found.items()}
+    compliance = _compliance_rows(found, loaded.spread, simulated, against).table()
     artifacts = {
-        "compliance": _compliance_rows(found, loaded.spread, simulated, against).table(),
+        "compliance": compliance,
         "deformation_errors": _error_rows(loaded, fits, found, simulated, against).table(),
         "axis_curves": axis_curve_rows(tables["displacement"], simulated).table(),
     }
+    if "published" in tables:
+        artifacts["published_compared"] = compared_with_published(
+            tables["published"], artifacts["axis_curves"], simulated
+        ).table()
     read = f"{int(np.isfinite(loaded.reading).sum())} readings of {count(len(loaded.steps.runs), 'run')}"
-    return Outcome(artifacts, read, _left_out(tables, loaded), _figure(fits, against))
+    return Outcome(artifacts, read, _left_out(tables, loaded), _figure(fits, against, compliance))
 
 
 def _compliance_rows(
@@ -202,14 +208,15 @@ def _left_out(tables: Mapping[str, pa.Table], loaded: Loaded) -> str:
     return ", ".join(texts) or "nothing"
 
 
-def _figure(fits: Mapping[str, ResponseFit], against: Mapping[str, ComplianceComparison]) -> str:
+def _figure(fits: Mapping[str, ResponseFit], against: Mapping[str, ComplianceComparison], compliance: pa.Table) -> str:
     shares = {name: r_squared(fits["none"], fits["matrix"], k) for k, name in enumerate(CHANNELS)}
     words = ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items() if np.isfinite(share))
-    text = f"compliance matrix explains {words}"
+    text = f"compliance matrix explains {words} of the variance"
     if "matrix" not in against:
         return text
-    one = against["matrix"]
-    return f"{text} of the variance; {one.dof} of 36 entries compared with the simulated ones, p {p_value(one.p_value)}"
+    verdicts = [row["verdict"] for row in compliance.to_pylist() if row["model"] == "matrix"]
+    missed, p = verdicts.count("differs"), p_value(against["matrix"].p_value)
+    return f"{text}; simulation misses {missed} of {count(len(verdicts), 'measured entry')} (p {p})"
 
 
 def axis_curve_rows(displacement: pa.Table, simulated: SimulatedCompliance | None) -> Rows:

@@ -46,6 +46,10 @@ _RAW: tuple[Column, ...] = (
     *(Column(f"{a}0_px", "real", "principal point from the middle of the format", "px", nullable=True) for a in "xy"),
     *(Column(name, "real", "distortion, its length in px", nullable=True) for name in _DISTORTION),
     Column("free", "text", "parameters to estimate, separated by blanks", nullable=True),
+    Column("theoretical_maximum", "real", "published theory at the load, um or arcsec", nullable=True),
+    Column("measured_positive", "real", "published measurement at the positive load, um or arcsec", nullable=True),
+    Column("measured_negative", "real", "published measurement at the negative load, um or arcsec", nullable=True),
+    Column("figure", "text", "figure or table of the publication", nullable=True),
 )
 _QUATERNION = ("qw", "qx", "qy", "qz")
 _VECTOR = ("rx_rad", "ry_rad", "rz_rad")
@@ -175,6 +179,11 @@ QUADRATURE = TableShape(
     covariates=True,
 )
 POSITIONING = TableShape("positioning", ("run", "target_mm", "direction", "cycle", "position_mm"), _SURROUNDINGS)
+PUBLISHED = TableShape(
+    "published",
+    ("load_axis", "load", "channel"),
+    ("theoretical_maximum", "measured_positive", "measured_negative", "unit", "figure"),
+)
 
 IMAGE_POINTS = TableShape(
     "image_points",

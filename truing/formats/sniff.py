@@ -63,6 +63,8 @@ _SIGNS = (
     ("quadrature", {"signal_x", "signal_y"}),
     ("quadrature", {"phase_deg", "radius"}),
     ("positioning", {"target_mm", "position_mm"}),
+    ("published", {"theoretical_maximum"}),
+    ("published", {"measured_positive", "measured_negative"}),
     ("displacement", {"dx_mm", "dy_mm", "dz_mm"}),
     ("signals", {"v1_mv"}),
     ("configurations", {"pose", "time_s"}),

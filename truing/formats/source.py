@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 OF_IMAGES = ("images", "image_points", "image_targets", "scale_bars", "known_points", "cameras")
 OTHERS = (
     *("points", "poses", "targets", "resurveys", "configurations", "scans", "surfaces"),
-    *("displacement", "interferometer", "signals", "quadrature", "positioning"),
+    *("displacement", "interferometer", "signals", "quadrature", "positioning", "published"),
 )
 TABLES = (*OTHERS, *OF_IMAGES)
 _RAYS = ("images", "image_points")  # either of these defines a campaign of photographs

@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 
 from truing.belonging.relation import RelationState
 from truing.report.figure_style import BAR, BLUE, GREEN, ORANGE, RED, label, panel_grid, style
-from truing.report.model_tests import FOUND, ModelTest, by_p, listing_of
+from truing.report.model_tests import REJECTED, ModelTest, by_p, listing_of
 from truing.report.numbers import count, p_equals, p_value, plain, quantity, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_deformation
@@ -78,7 +78,7 @@ def _tests(tables: Tables) -> list[ModelTest]:
         _UNLIKELY,
         ("No model explains more than chance.", "Targets move with the drives, beyond chance."),
         "No model could be fitted.",
-        FOUND,
+        REJECTED,
     )
     asked = {
         "linear": "no target moves with its own drive (linear model against none)",
@@ -86,7 +86,7 @@ def _tests(tables: Tables) -> list[ModelTest]:
     }
     says = ("The model explains no more than chance.", "The model explains significantly more than chance.")
     why = "This campaign does not allow the model: too few poses, or no attachment for each actuator."
-    models = [by_p(words, found[model], _UNLIKELY, says, why, FOUND) for model, words in asked.items()]
+    models = [by_p(words, found[model], _UNLIKELY, says, why, REJECTED) for model, words in asked.items()]
     return [rigid, *models, *_in_plane_test(facts), *simulated_test(_facts(tables))]
 
 
@@ -95,7 +95,7 @@ def _in_plane_test(facts: pd.DataFrame) -> list[ModelTest]:
     p = facts.loc[(facts["model"] == _IN_PLANE) & (facts["figure"] == "p_value_over_none"), "value"].dropna()
     says = ("No shift in the plane exceeds chance.", "Attachments shift in the plane with the actuators.")
     asked = "attachments shift only along z, not in the platform's plane"
-    return [by_p(asked, float(p.iloc[0]), _UNLIKELY, says, "", FOUND)] if len(p) else []
+    return [by_p(asked, float(p.iloc[0]), _UNLIKELY, says, "", REJECTED)] if len(p) else []
 
 
 def _legwise(tables: Tables) -> tuple[Listing, ...]:

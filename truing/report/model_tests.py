@@ -9,8 +9,9 @@ from truing.report.numbers import p_value, plain
 from truing.report.page import Listing
 
 _UNLIKELY, _MARGIN = 1e-3, 1.1  # p-value and factor beyond which errors are called smaller than noise allows
-_PASS, _FAIL, FOUND, _IDLE = "pass", "fail", "found", "not evaluated"
-_MARKS = {_PASS: "pass", _FAIL: "fail", FOUND: "found", _IDLE: "none"}
+# A rejected hypothesis is a result; a contradicted one is a simulation that the measurement does not confirm.
+_PASS, _FAIL, REJECTED, CONTRADICTED, _IDLE = "pass", "fail", "rejected", "contradicted", "not evaluated"
+_MARKS = {_PASS: "pass", _FAIL: "fail", REJECTED: "found", CONTRADICTED: "warn", _IDLE: "none"}
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class ModelTest:
 
     @property
     def state(self) -> str:
-        """State: ``pass``, ``fail``, ``found`` or ``not evaluated``."""
+        """State: ``pass``, ``fail``, ``rejected``, ``contradicted`` or ``not evaluated``."""
         return _IDLE if self.holds is None else _PASS if self.holds else self.otherwise
 
 

@@ -128,10 +128,10 @@ def percent(value: float) -> str:
 
 
 def count(n: int, noun: str) -> str:
-    """Return a number with its noun: ``1 pose``, ``2 poses``, ``2 bodies``, ``2 approaches``."""
+    """Return a number with its noun: ``1 pose``, ``2 poses``, ``2 bodies``, ``2 entries``, ``2 approaches``."""
     if n == 1:
         return f"{n} {noun}"
-    if noun.endswith("dy"):
+    if noun.endswith(("dy", "ry")):
         return f"{n:,} {noun[:-1]}ies"
     return f"{n:,} {noun}{'es' if noun.endswith('ch') else 's'}"
 

@@ -9,7 +9,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.report.comparison_map import comparison_map
-from truing.report.model_tests import FOUND, ModelTest, by_p
+from truing.report.model_tests import CONTRADICTED, ModelTest, by_p
 from truing.report.numbers import p_equals, with_uncertainty
 from truing.report.page import Drawn, Listing
 from truing.report.tables import Tables, filled
@@ -71,7 +71,7 @@ def simulated_test(facts: Facts) -> list[ModelTest]:
     p = facts.get(("matrix", "agreement_p_value"))
     says = ("Noise explains the differences.", "The simulation predicts another deformation than the measured one.")
     asked = "the platform deforms as simulated (all entries of K together)"
-    return [] if p is None else [by_p(asked, p, UNLIKELY, says, "", FOUND)]
+    return [] if p is None else [by_p(asked, p, UNLIKELY, says, "", CONTRADICTED)]
 
 
 def simulated_map(tables: Tables) -> Drawn:

@@ -14,9 +14,10 @@ from tests.stages.benches import bench, layout
 from truing.report.exclusion_section import excluded
 from truing.report.sections import build_sections
 from truing.report.sensor.calibration import calibration
-from truing.report.sensor.deformation import deformation
+from truing.report.sensor.deformation import deformation, deformation_verdict
 from truing.report.sensor.displacement import displacement
-from truing.report.tables import WHY_NOT
+from truing.report.tables import CHANNELS, LOADS, WHY_NOT
+from truing.schemas.verdict import ReasonCode
 
 STAGES = ("ingest", "pose", "deformation", "calibrate")
 
@@ -113,3 +114,32 @@ def test_what_was_not_evaluated_says_so(tables, section, name):
     assert found.lead == "The instrument was away."
     assert found.state == ("" if name == "sensor_matrix" else "not evaluated")  # the verdict says it of calibrations
     assert section({}) is None
+
+
+@pytest.mark.parametrize(
+    ("apart", "said", "code", "mark"),
+    [
+        (0, ("reproduces all 36 measured entries",), ReasonCode.RIGID, "pass"),
+        (4, ("misses 4 of the 36 measured entries", "reproduces the other 32"), ReasonCode.SIMULATION_MISSES, "warn"),
+        (36, ("reproduces none of the 36 measured entries",), ReasonCode.SIMULATION_MISSES, "warn"),
+    ],
+)
+def test_a_simulation_that_misses_entries_cannot_be_read_as_agreement(apart, said, code, mark):
+    """The number of entries that agree and differ, the mark of the section, and the word of the test."""
+    entries = [(response, load) for response in CHANNELS for load in LOADS]
+    rows = pd.DataFrame(entries, columns=["response", "load"]).assign(coefficient=1e-8, sigma=1e-10, unit="m/N")
+    pulls = [9.0 + k if k < apart else 0.5 for k in range(36)]
+    verdicts = ["differs" if k < apart else "agrees" for k in range(36)]
+    measured = rows.assign(model="matrix", pull=pulls, verdict=verdicts)
+    compliance = pd.concat([measured, rows.assign(model="simulated", pull=None, verdict=None)], ignore_index=True)
+    facts = [("agreement_p_value", 1e-9 if apart else 0.4), ("symmetry_p_value", 0.5)]
+    errors = pd.DataFrame(
+        [("matrix", figure, p, "1") for figure, p in facts], columns=["model", "figure", "value", "unit"]
+    )
+    tables = {"compliance": compliance, "deformation_errors": errors}
+    section = deformation(tables)
+    for fact in said:
+        assert_says(section.lead, fact)
+    verdict = deformation_verdict(tables, {})
+    assert (verdict.reason_code, verdict.mark) == (code, mark)
+    assert section.listings[0].rows[0][0] == ("contradicted" if apart else "pass")

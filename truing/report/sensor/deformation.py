@@ -14,13 +14,19 @@ from truing.belonging.relation import RelationState
 from truing.report.comparison_map import comparison_map
 from truing.report.deformation_section import compliance_map
 from truing.report.figure_style import BAR, BLUE, GREY, ORANGE, RED, panel_grid, style
-from truing.report.model_tests import FOUND, ModelTest, by_p, listing_of
-from truing.report.numbers import p_equals, p_value, plain, printed, quantity, with_uncertainty
+from truing.report.model_tests import CONTRADICTED, REJECTED, ModelTest, by_p, listing_of
+from truing.report.numbers import count, p_equals, p_value, plain, printed, quantity, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.scene.by_leg import by_leg_of_sensor
 from truing.report.scene.scenes import load_scene
 from truing.report.scene.view import picture
 from truing.report.section_verdict import SectionVerdict
+from truing.report.sensor.published import (
+    published_listing,
+    published_pairs,
+    published_sentence,
+    published_traces,
+)
 from truing.report.tables import CHANNELS, LOADS, Tables, cell, filled, kilo, moved_unit, per_kilo, reason
 from truing.schemas.verdict import ReasonCode
 
@@ -42,6 +48,7 @@ def deformation(tables: Tables) -> ReportSection | None:
     shown = [*_view(tables), *_curves(tables), *_maps(compliance)]
     tests = _tests(tables)
     listings = [listing_of(tests, "Tests of the models"), by_leg_of_sensor(tables), _entries(compliance)]
+    listings += [one for one in (published_listing(tables),) if one is not None]
     listings.append(_errors(tables["deformation_errors"]))
     reported = tuple(listing for listing in listings if listing.rows)
     return ReportSection("deformation", "Deformation under load", _lead(tables, compliance), tuple(shown), reported)
@@ -60,7 +67,8 @@ def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     first = (failed or evaluated)[0]
     text = _lead(tables, compliance)
     if failed:
-        return SectionVerdict("deformation", RelationState.ATTENTION, ReasonCode.DEFORMS, text, first.p, "1", _UNCLEAR)
+        code = ReasonCode.SIMULATION_MISSES if first.otherwise == CONTRADICTED else ReasonCode.DEFORMS
+        return SectionVerdict("deformation", RelationState.ATTENTION, code, text, first.p, "1", _UNCLEAR)
     return SectionVerdict("deformation", RelationState.OK, ReasonCode.RIGID, text, first.p, "1", _UNCLEAR)
 
 
@@ -76,7 +84,7 @@ def _tests(tables: Tables) -> list[ModelTest]:
             "Noise and tolerances do not explain the differences.",
         ),
         "There is no simulation to compare with, or no full matrix was measured.",
-        FOUND,
+        CONTRADICTED,
     )
     symmetric = by_p(
         "the compliance is symmetric, as for an elastic body",
@@ -84,7 +92,7 @@ def _tests(tables: Tables) -> list[ModelTest]:
         _UNCLEAR,
         ("Noise explains the asymmetry.", "Loads differ from the recorded ones, or the response is not linear."),
         "Not every pair of entries was measured.",
-        FOUND,
+        REJECTED,
     )
     return [agrees, symmetric]
 
@@ -107,7 +115,10 @@ def _curves(tables: Tables) -> Drawn:
     drawn: Drawn = []
     if own.any():
         drawn.append(
-            (_own_axes(curves), "Loading and unloading: a difference between them is hysteresis, clearance or creep.")
+            (
+                _own_axes(curves, tables),
+                "Loading and unloading: a difference between them is hysteresis, clearance or creep.",
+            )
         )
     if "simulated" in curves and curves["simulated"].notna().any():
         drawn.append(
@@ -139,21 +150,31 @@ def _lead(tables: Tables, compliance: pd.DataFrame) -> str:
     open_entries = len(CHANNELS) * len(LOADS) - len(measured)
     if open_entries:
         texts.append(f"Of 36 entries {open_entries} were never measured: they are unknown, not zero.")
-    return " ".join([*texts, *_against(measured), *_asymmetry(facts)]) or "Displacement per load."
+    return (
+        " ".join([*texts, *_against(measured), *_asymmetry(facts), *published_sentence(tables)])
+        or "Displacement per load."
+    )
 
 
 def _against(measured: pd.DataFrame) -> list[str]:
-    """Return the entries that the simulation gets wrong, the worst first."""
+    """Return how many entries the simulation reproduces, and those that it misses, the worst first."""
     if "pull" not in measured or not measured["pull"].notna().any():
         return ["There is no simulation to compare with."]
     apart = measured[measured["verdict"] == "differs"]
+    some = f"{count(len(measured), 'measured entry')} of the compliance"
     if not len(apart):
-        agree = "The one measured entry agrees" if len(measured) == 1 else f"All {len(measured)} measured entries agree"
-        return [f"{agree} with the simulated ones within noise and tolerances."]
+        every = f"the {some}" if len(measured) == 1 else f"all {some}"
+        return [f"The simulation reproduces {every} within noise and tolerances."]
     worst = apart.reindex(apart["pull"].abs().sort_values(ascending=False).index)
     named = ", ".join(f"{r.response} under {r.load} ({r.pull:+.1f} sigma)" for r in worst.head(6).itertuples())
     more = f" and {len(worst) - 6} more" if len(worst) > 6 else ""
-    return [f"{len(apart)} of {len(measured)} measured entries differ from the simulated ones: {named}{more}."]
+    if len(apart) == len(measured):
+        return [f"The simulation reproduces none of the {some}: it misses {named}{more}."]
+    others = len(measured) - len(apart)
+    return [
+        f"The simulation misses {len(apart)} of the {some}: {named}{more}. "
+        f"It reproduces the other {others} within noise and tolerances."
+    ]
 
 
 def _asymmetry(facts: dict[tuple[str, str], float]) -> list[str]:
@@ -238,7 +259,7 @@ def _short(value: float) -> str:
     return "0" if abs(value) < 5e-4 else plain(value)
 
 
-def _own_axes(curves: pd.DataFrame) -> go.Figure:
+def _own_axes(curves: pd.DataFrame, tables: Tables) -> go.Figure:
     """Return each load against the displacement along or about its own axis (force-sensor paper, figures 12-17)."""
     pairs = [(load, channel) for load, channel in zip(LOADS, CHANNELS, strict=True) if len(_of(curves, load, channel))]
     titles = [f"{channel} under {load}" for load, channel in pairs]
@@ -251,11 +272,15 @@ def _own_axes(curves: pd.DataFrame) -> go.Figure:
                 grid.add_trace(trace, **place)
         for trace in _measurement(part, part["measured"], shown):
             grid.add_trace(trace, **place)
+        for trace in published_traces(tables, load, channel, shown):
+            grid.add_trace(trace, **place)
         grid.update_xaxes(title_text=f"{load} ({kilo(load)})", title_standoff=4, **place)
         grid.update_yaxes(title_text=f"{channel} ({moved_unit(channel)})", title_standoff=4, **place)
     subtitle = "Bars: 95 % of the noise. Line and band: simulation, and 95 % of what its tolerances leave open"
     if not any(_simulated(_of(curves, *pair)) for pair in pairs):
         subtitle = "Bars: 95 % of the noise. The campaign holds no simulation"
+    if published_pairs(tables):
+        subtitle += ". Dashed and stars: published values"
     style(grid, "Displacement along each load's own axis", subtitle, 170 + 260 * rows)
     return _legend(grid)
 

@@ -32,6 +32,8 @@ PUBLISHED = (
     ("731.4", "612.75", "-697.37"),
     ("685.75", "635.94", "-674.47"),
 )
+# Largest loading point of Table 3, N and N m.
+PUBLISHED_LOAD = 9000
 
 
 def force_sensor_campaign(layout: Layout = LAYOUT, seed: int = SEED) -> Campaign:
@@ -47,7 +49,7 @@ def write_force_sensor(folder: Path) -> Path:
 
 
 def _published() -> Iterable[str]:
-    yield "figure,load_axis,channel,unit,theoretical_maximum,measured_positive,measured_negative"
+    yield "figure,load_axis,load,channel,unit,theoretical_maximum,measured_positive,measured_negative"
     rows = zip(AXES, CHANNELS, UNITS, PUBLISHED, strict=True)
     for number, (axis, channel, unit, printed) in enumerate(rows, start=12):
-        yield f"{number},{axis},{channel},{unit},{','.join(printed)}"
+        yield f"{number},{axis},{PUBLISHED_LOAD},{channel},{unit},{','.join(printed)}"

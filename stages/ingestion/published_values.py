@@ -1,0 +1,81 @@
+"""Published displacements under load, as printed: the table `published` of a loading campaign."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from truing.arrays import Array
+from truing.formats.faultlog import FaultLog
+from truing.formats.row_collection import CollectedRows, collect_rows
+from truing.formats.shapes import PUBLISHED
+from truing.formats.source import CampaignFiles
+from truing.schemas.faults import Fault
+from truing.stages.common.rows import Rows
+from truing.stages.common.table_arrays import numbers, once, texts, unit_factors
+from truing.stages.ingestion.load_steps import KINDS
+from truing.stages.ingestion.reading_table import UNITS
+
+# Column of the file, its source, and the sign of its load.
+_VALUES = (
+    ("theoretical_maximum", "theory", 1.0),
+    ("measured_positive", "measurement", 1.0),
+    ("measured_negative", "measurement", -1.0),
+)
+_KEY = ("load_axis", "load", "channel")
+
+
+def read_published(source: CampaignFiles, log: FaultLog) -> pa.Table | None:
+    """The published values, one row each, um and arcsec; None where the campaign has none or a fault was noted."""
+    found = collect_rows(source, PUBLISHED, log)
+    if found is None:
+        return None
+    once(found, log, *_KEY)
+    names = [name for name, *_ in _VALUES if name in found.table.column_names]
+    if not names:
+        expected = f"a column {' or '.join(name for name, *_ in _VALUES)}"
+        log.add(Fault(found.first_file, expected))
+    load = numbers(found, "load") * unit_factors(found, "load", "load_axis", KINDS, log)
+    found.fault(log, ~(load > 0.0), "load", "the size of the load of these values, above 0, N or N m")
+    _check_units(found, log)
+    if log:
+        return None
+    values = {name: _in_units(found, name, log) for name in names}
+    return None if log else _rows(found, load, values).table()
+
+
+def _check_units(found: CollectedRows, log: FaultLog) -> None:
+    """Note rows whose unit is not that of their channel."""
+    if "unit" not in found.table.column_names:
+        return
+    unit, channel = texts(found, "unit"), texts(found, "channel")
+    for name, own in UNITS.items():
+        wrong = (channel == name) & (unit != own) & (unit != "")
+        found.fault(log, np.asarray(wrong, dtype=bool), "unit", f"{own}, the unit of {name}")
+
+
+def _in_units(found: CollectedRows, name: str, log: FaultLog) -> Array:
+    return numbers(found, name) * unit_factors(found, name, "channel", UNITS, log)
+
+
+def _rows(found: CollectedRows, load: Array, values: dict[str, Array]) -> Rows:
+    axis, channel = texts(found, "load_axis"), texts(found, "channel")
+    more: dict[str, Any] = {}
+    if "figure" in found.table.column_names:
+        more["published_in"] = found.table.column("figure").to_pylist()
+    rows = Rows("published")
+    for name, source, sign in _VALUES:
+        known = np.flatnonzero(np.isfinite(values[name])) if name in values else np.zeros(0, int)
+        for k in known:
+            rows.add(
+                load=axis[k],
+                channel=channel[k],
+                applied=sign * load[k],
+                source=source,
+                published=values[name][k],
+                unit=UNITS[channel[k]],
+                **{column: each[k] for column, each in more.items()},
+            )
+    return rows
