@@ -297,6 +297,9 @@ def design(
     accuracy: Annotated[
         bool, typer.Option("--accuracy", help="Instead: accuracy of the pose from that of the actuators.")
     ] = False,
+    tolerances: Annotated[
+        bool, typer.Option("--tolerances", help="Instead: errors of a force sensor's platform by each tolerance.")
+    ] = False,
     seed: _Seed = 0,
     out: _OutTable = None,
 ) -> None:
@@ -307,7 +310,8 @@ def design(
     the sensor's calibration matrix. With --causes, it chooses runs of loads that halve the uncertainty of these causes,
     in addition to the steps measured or planned.
 
-    --accuracy chooses nothing. It writes tables next to FILE (default: runs/<name>/accuracy.csv) and a page, FILE.html.
+    --accuracy and --tolerances choose nothing. They write tables next to FILE (default: runs/<name>/accuracy.csv or
+    tolerances.csv) and a page, FILE.html.
 
     Example: truing design sample_data/telescope --poses 40 --verification 6 --out configurations.csv
 
@@ -322,8 +326,9 @@ def design(
         names = _listed(parameters)
         shown = _listed(causes)
         options = DesignOptions(poses, verification, method.value, within.value, names, trade_off, seed, at_once, shown)
-        if accuracy:
-            return study_campaign(campaign, "accuracy", options, DesignFiles(extend, avoid, out))
+        studies = [name for name, wanted in (("accuracy", accuracy), ("tolerances", tolerances)) if wanted]
+        if studies:
+            return study_campaign(campaign, studies, options, DesignFiles(extend, avoid, out))
         return design_campaign(campaign, options, DesignFiles(extend, avoid, out))
 
     _end(choose)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,10 +18,12 @@ from truing.pipeline.run_owner import folder_next_to_run, note_owner
 from truing.report.accuracy_page import accuracy_head, accuracy_sections, accuracy_words
 from truing.report.page import PageHead, ReportSection
 from truing.report.rendering.render import render_page
+from truing.report.sensor.tolerances import tolerance_head, tolerance_sections, tolerance_words
 from truing.schemas.campaign import Campaign
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.configurations.accuracy import accuracy_tables
 from truing.stages.configurations.chosen import DesignOptions, DesignTables
+from truing.stages.responses.tolerances import tolerance_tables
 
 Frames = Mapping[str, pd.DataFrame]
 
@@ -37,19 +39,39 @@ class DesignStudy:
     sections: Callable[[Frames], list[ReportSection]]
 
 
+def _tolerance_tables(settings: Campaign, options: DesignOptions, _: DesignTables) -> dict[str, pa.Table]:
+    return dict(zip(("", "-samples"), tolerance_tables(settings, options.seed).values(), strict=True))
+
+
+def _as_artifacts(frames: Frames) -> Frames:
+    return {f"tolerance_{name}": frame for name, frame in frames.items()}
+
+
 STUDIES = {
     "accuracy": DesignStudy(accuracy_tables, "worst", accuracy_words, accuracy_head, accuracy_sections),
+    "tolerances": DesignStudy(
+        _tolerance_tables,
+        "errors",
+        lambda frames: tolerance_words(frames["errors"]),
+        lambda name, frames: tolerance_head(name, frames["errors"]),
+        lambda frames: tolerance_sections(_as_artifacts(frames)),
+    ),
 }
 
 
-def study_campaign(place: Path, name: str, options: DesignOptions, files: DesignFiles) -> ExitCode:
-    """Study a machine, print the results, and leave tables and a page. Raises CampaignFaults."""
+def study_campaign(place: Path, studies: Sequence[str], options: DesignOptions, files: DesignFiles) -> ExitCode:
+    """Study a machine, print the results, and leave tables and a page. Raises CampaignFaults, also for two studies."""
+    name, *others = studies
+    if others:
+        raise CampaignFaults([Fault(f"--{others[0]}", f"one study at a time, not with --{name}")])
     campaign, console, study = open_campaign(place), RunConsole(quiet=False), STUDIES[name]
     check_file(files.out, reads=(files.avoid,), campaign=campaign)
-    if files.extend is not None:
-        raise CampaignFaults([Fault("--extend", f"no poses to keep with --{name}", value=str(files.extend))])
+    given = {"--extend": files.extend, "--avoid": None if name == "accuracy" else files.avoid}
+    if unused := [Fault(key, f"no such table with --{name}", value=str(file)) for key, file in given.items() if file]:
+        raise CampaignFaults(unused)
     settings, folder = campaign.validated(), folder_next_to_run(campaign)
-    found = study.tables(settings, options, design_tables(campaign, files))
+    tables = DesignTables() if name == "tolerances" else design_tables(campaign, files)
+    found = study.tables(settings, options, tables)
     frames = {ending.lstrip("-") or study.first: table.to_pandas() for ending, table in found.items()}
     for line in study.words(frames):
         console.line(line)

@@ -227,6 +227,17 @@ _CALIBRATION = (
         optional="published_in",
     ),
     parquet(
+        "tolerance_errors",
+        "force sensor as designed: errors of its platform by each tolerance, and by all at once",
+        "error_source* pose_part* tolerance_width_um unit first_order sample_rms low high error_95 variance_share "
+        "open_chains",
+    ),
+    parquet(
+        "tolerance_samples",
+        "force sensor as designed: platforms of a hundred sensors drawn within each tolerance, and within all",
+        "error_source* sample* platform_shift_um platform_turn_arcsec",
+    ),
+    parquet(
         "calibration",
         "parameters identified by errors in variables with tolerances as prior, also those of the extended model",
         "model* deformation* leg* parameter* unit nominal identified sigma tolerance pull identifiable status",

@@ -648,6 +648,23 @@ _CONCLUDED = (
     size("noise_rms", "", "root mean square error by noise alone", nullable=True),
     integer("count", "number of poses, load steps or readings in the root mean square", minimum=1),
     # Requirements.
+    text(
+        "error_source",
+        "tolerance of a force sensor that moves its platform; all: every tolerance at once",
+        choices=(
+            *("platform_radius", "base_radius", "lower_clearance", "middle_clearance", "sensor_installation", "all"),
+        ),
+    ),
+    text("pose_part", "position of the platform, or its attitude", choices=("position", "attitude")),
+    size("tolerance_width_um", "um", "full width T of the tolerance zone, with sigma = T / 6", nullable=True),
+    size("first_order", "", "rms error of the platform to first order, legs as closed loops, in the unit of its row"),
+    size("sample_rms", "", "rms error of the drawn sensors in tolerance_samples.parquet, in the unit of its row"),
+    size("error_95", "", "error that 95 % of all sensors do not exceed, in the unit of its row"),
+    share("variance_share", "share of the source in the variance of the error by all tolerances"),
+    size("open_chains", "", "rms of the mean of six open chains (force-sensor paper, eq. 14), in the unit of its row"),
+    integer("sample", "number of the drawn sensor", minimum=1),
+    size("platform_shift_um", "um", "distance of the platform's origin from its place as designed"),
+    size("platform_turn_arcsec", "arcsec", "rotation of the platform from its attitude as designed"),
     text("component", "position along or rotation about an axis", choices=("x", "y", "z", "rx", "ry", "rz")),
     real("requirement", "", "required accuracy, in the unit of its row", nullable=True),
     size("error", "", "error that 95 of 100 poses do not exceed", nullable=True),

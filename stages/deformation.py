@@ -30,7 +30,7 @@ DECLARATION = Stage(
         *("deformation?", "deformation_models?", "deformation_errors"),
         *("shift_covariances?", "shift_sensitivities?", "survey_covariances?"),
         *("simulated_deformation?", "target_deformation?", "compliance?", "axis_curves?", "positioning?"),
-        "published_compared?",
+        *("published_compared?", "tolerance_errors?", "tolerance_samples?"),
     ),
     settings=(
         *("campaign.kind", "campaign.drives", "mechanism.type", "mechanism.legs", "mechanism.height_mm"),
@@ -47,9 +47,9 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     progress(0, 1, "deformation models")
     why = withheld(tables)
     if settings.campaign.kind == "interferometer":  # positions of an axis have nothing to do with loads
-        from truing.stages.responses.loads import load_deformation, with_positioning
+        from truing.stages.responses.loads import load_deformation, with_positioning, with_tolerances
 
-        return with_positioning(load_deformation(tables, settings, why), tables, settings)
+        return with_tolerances(with_positioning(load_deformation(tables, settings, why), tables, settings), settings)
     from truing.stages.responses.shifts import shifts_within_bodies
 
     return shifts_within_bodies(tables, settings, why)

@@ -37,6 +37,7 @@ from truing.estimation.response import (
 )
 from truing.report.numbers import count, gross_errors, p_value
 from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.faults import CampaignFaults
 from truing.simulation.bench.six_upur.nominal_sensor import SimulatedCompliance
 from truing.stages.common.belonging import subject_of, withheld_runs
 from truing.stages.common.loaded_steps import loaded_steps
@@ -49,6 +50,7 @@ from truing.stages.common.rows import Rows
 from truing.stages.declaration import Outcome
 from truing.stages.responses.published import compared_with_published
 from truing.stages.responses.tables import add_figures, error_rows
+from truing.stages.responses.tolerances import has_tolerances, tolerance_tables
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -267,6 +269,19 @@ def with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: C
         read=read if found.read == "nothing" else f"{found.read}; {read}",
         figure=text if found.read == "nothing" else f"{found.figure}; {text}",
     )
+
+
+def with_tolerances(found: Outcome, settings: Campaign) -> Outcome:
+    """What was made of loads, and the errors of the sensor as designed by its tolerances, which no data change.
+
+    A sensor whose legs do not hold the platform, or do not close, has none; `truing design --tolerances` says why.
+    """
+    if not has_tolerances(settings):
+        return found
+    try:
+        return replace(found, artifacts={**found.artifacts, **tolerance_tables(settings)})
+    except CampaignFaults:
+        return found
 
 
 def positioning_rows(positions: pa.Table, optics: Interferometer, withheld: Collection[str] = ()) -> Rows:

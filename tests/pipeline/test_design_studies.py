@@ -74,7 +74,7 @@ REFUSED: list[tuple[dict[str, Any], list[object], str]] = [
     ({"mechanism": mechanism(actuator_accuracy_mm=-1.0)}, ["--accuracy"], "one number above 0, or a list of such"),
     ({"workspace": None}, ["--accuracy"], "column workspace: expected limits of pose and readings"),
     ({"mechanism": None}, ["--accuracy"], "column mechanism.type: found 'none'; expected a mechanism"),
-    ({}, ["--accuracy", "--extend", "kept.csv"], "--extend: found 'kept.csv'; expected no poses to keep"),
+    ({}, ["--accuracy", "--extend", "kept.csv"], "--extend: found 'kept.csv'; expected no such table"),
     ({}, ["--accuracy", "--out", "found.xls"], "--out: found 'found.xls'; expected a file that ends in .csv"),
 ]
 
@@ -93,3 +93,33 @@ def test_a_sensor_has_no_actuators(tmp_path: Path) -> None:
     done = call(sensor(tmp_path / "bench"), "--accuracy")
     assert done.exit_code == 2, done.output
     assert "column mechanism.type: found '6-upur'" in done.output
+
+
+def test_the_tolerances_of_a_sensor_have_bands_and_shares(tmp_path: Path) -> None:
+    done = call(sensor(tmp_path / "bench"), "--tolerances", "--out", tmp_path / "found.csv")
+    assert done.exit_code == 0, done.output
+    assert_says(done.output, "sensor installation", "68 %")
+    assert_says(done.output, "rms attitude error 13.1 arcsec", "95 % of sensors")
+    errors = pyarrow.csv.read_csv(tmp_path / "found.csv").to_pandas()
+    each = errors[errors["error_source"] != "all"]
+    np.testing.assert_allclose(each.groupby("pose_part")["variance_share"].sum(), 1.0)
+    assert ((errors["low"] < errors["sample_rms"]) & (errors["sample_rms"] < errors["high"])).all()
+    samples = pyarrow.csv.read_csv(tmp_path / "found-samples.csv").to_pandas()
+    rms = np.sqrt((samples["platform_shift_um"] ** 2).groupby(samples["error_source"]).mean())
+    own = errors[errors["pose_part"] == "position"].set_index("error_source")["sample_rms"]
+    np.testing.assert_allclose(rms.loc[own.index], own, rtol=1e-9)
+    page = (tmp_path / "found.html").read_text(encoding="utf-8")
+    assert all(words in page for words in ("Tolerances as designed", "rms to first order", "68 %"))
+
+
+def test_tolerances_that_are_none_are_a_fault(tmp_path: Path) -> None:
+    machine = tomllib.loads((SAMPLE.parent / "force-sensor" / "campaign.toml").read_text(encoding="utf-8"))["mechanism"]
+    place = sensor(tmp_path / "bench", mechanism=machine | {"tolerance": {"stiffness": 0.02}})
+    done = call(place, "--tolerances")
+    assert done.exit_code == 2, done.output
+    assert "column mechanism.tolerance: expected at least one of platform_radius_um" in done.output
+    done = call(campaign(tmp_path / "telescope"), "--tolerances")
+    assert "column mechanism.type: found '6-pus'; expected 6-upur" in done.output
+    done = call(campaign(tmp_path / "both"), "--tolerances", "--accuracy")
+    assert done.exit_code == 2
+    assert "one study at a time" in done.output

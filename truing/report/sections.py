@@ -50,6 +50,7 @@ SECTIONS = (
     PageSection(
         "deformation", ("truing.report.deformation_section", "truing.report.sensor.deformation"), "Deformation"
     ),
+    PageSection("tolerances", ("truing.report.sensor.tolerances",), bench=True),
     PageSection(
         "calibration", ("truing.report.calibration.section", "truing.report.sensor.calibration"), "Calibration"
     ),
@@ -66,7 +67,8 @@ observations survey configurations readings signals displacement run_terms scans
 diagnosis_left_out calibration_left_out relabelled resurveys likely_names repeats lack_of_fit pose_repeatability qa
 belonging
 poses residuals reading_residuals deformation target_deformation deformation_models deformation_errors
-simulated_deformation compliance axis_curves published_compared quadrature reading_corrections positions positioning
+simulated_deformation compliance axis_curves published_compared tolerance_errors tolerance_samples
+quadrature reading_corrections positions positioning
 calibration implicit_calibration correlations accuracy model_choice observability absorption requirements sensor_matrix
 sensor_merit sensor_choice error_classes calibrations_compared diagnosis diagnosis_choices adequacy detectable pulls
 pull_sums prediction reading_errors axis_errors next_poses next_loads changes uncertainty uncertainty_budget

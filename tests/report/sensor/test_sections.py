@@ -37,7 +37,7 @@ def tables(tmp_path_factory) -> dict[str, pd.DataFrame]:
 def test_the_page_has_a_bench_and_no_machine(tables):
     found = build_sections(tables, {})
     sections = {section.id: section for section in found}
-    order = ["diagnosis", "measured", "qa", "displacement", "deformation", "calibration", "requirements"]
+    order = ["diagnosis", "measured", "qa", "displacement", "deformation", "tolerances", "calibration", "requirements"]
     assert [section.id for section in found] == [*order, "uncertainty", "excluded", "provenance"]
     assert sections["requirements"].state == "not tested"
 

@@ -1,0 +1,155 @@
+"""Section on the tolerances of a force sensor: errors of its platform by each (force-sensor paper, figures 8-9).
+
+Dots are drawn sensors; a bar is the 95 % interval of their rms; a line is the rms to first order.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+
+from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, common_look, style
+from truing.report.numbers import percent, plain, sign
+from truing.report.page import Listing, PageHead, ReportSection
+from truing.report.tables import Tables, filled
+
+_TITLE = "Tolerances as designed"
+_ALL = "all"
+_NAMES = {
+    "platform_radius": "platform radius",
+    "base_radius": "base radius",
+    "lower_clearance": "lower clearance",
+    "middle_clearance": "middle clearance",
+    "sensor_installation": "sensor installation",
+    _ALL: "all together",
+}
+_SAMPLES = {"position": "platform_shift_um", "attitude": "platform_turn_arcsec"}
+_HEADS = (
+    "source",
+    "tolerance T",
+    "rms",
+    "rms of 100 drawn sensors (95 %)",
+    "95 % of sensors below",
+    "share of the variance",
+)
+_COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7")
+_SPREAD = 0.28  # half width of the cloud of dots
+
+
+def tolerances(tables: Tables) -> ReportSection | None:
+    """Return the section with the errors of the platform by each tolerance; None without tolerances."""
+    errors, samples = filled(tables, "tolerance_errors"), filled(tables, "tolerance_samples")
+    if errors is None or samples is None:
+        return None
+    words = tolerance_words(errors)
+    figures = tuple(
+        (_figure(errors, samples, part), text)
+        for part, text in (
+            ("position", "Distance of the platform's origin from its place as designed."),
+            ("attitude", "Rotation of the platform from its attitude as designed."),
+        )
+    )
+    caption = "Share of the variance of position and attitude; a tolerance with a small share may be wider."
+    listings = tuple(_listing(errors, part) for part in _SAMPLES)
+    return ReportSection("tolerances", _TITLE, " ".join(words), (*figures, (_shares(errors), caption)), listings)
+
+
+def tolerance_words(errors: pd.DataFrame) -> list[str]:
+    """Return the main results in sentences, from tolerance_errors."""
+    said = []
+    for part in _SAMPLES:
+        own = errors[errors["pose_part"] == part]
+        row, each = own[own["error_source"] == _ALL].iloc[0], own[own["error_source"] != _ALL]
+        largest = each.nlargest(1, "variance_share").iloc[0]
+        unit = sign(str(row["unit"]))
+        text = f"All tolerances together: rms {part} error {plain(row['first_order'])} {unit}, "
+        text += f"below {plain(row['error_95'])} {unit} for 95 % of sensors."
+        name, share = _NAMES[largest["error_source"]], percent(100.0 * largest["variance_share"])
+        said += [text, f"Largest share in the {part} variance: {name}, {share}."]
+    return [
+        *said,
+        "Errors are of the sensor as designed, without load; its legs are closed loops. No data change them.",
+    ]
+
+
+def _figure(errors: pd.DataFrame, samples: pd.DataFrame, part: str) -> go.Figure:
+    """Return the drawn errors of each source with the band of their rms, and the rms to first order."""
+    own = errors[errors["pose_part"] == part].reset_index(drop=True)
+    figure, unit = go.Figure(), sign(str(own["unit"].iloc[0]))
+    aside = np.random.default_rng(0).uniform(-_SPREAD, _SPREAD, len(samples))
+    place = samples["error_source"].map({name: k for k, name in enumerate(own["error_source"])})
+    dots = {"color": BLUE, "size": 4, "opacity": 0.5}
+    figure.add_trace(
+        go.Scatter(x=place + aside, y=samples[_SAMPLES[part]], mode="markers", marker=dots, name="one drawn sensor")
+    )
+    bars = {"type": "data", "symmetric": False, "array": own["high"] - own["sample_rms"]}
+    bars |= {"arrayminus": own["sample_rms"] - own["low"], "color": RED, "thickness": 3, "width": 4}
+    figure.add_trace(
+        go.Scatter(
+            x=own.index + _SPREAD + 0.08,
+            y=own["sample_rms"],
+            mode="markers",
+            marker={"color": RED, "size": 3},
+            error_y=bars,
+            name="rms of the drawn sensors, 95 %",
+        )
+    )
+    ends = np.stack([own.index - 0.42, own.index + 0.42, np.full(len(own), np.nan)], 1).ravel()
+    heights = np.repeat(own["first_order"].to_numpy(), 3)
+    black = {"color": "black", "width": 1.5}
+    figure.add_trace(
+        go.Scatter(x=ends, y=heights, mode="lines", line=black, name="rms to first order", hoverinfo="skip")
+    )
+    style(figure, f"Error of the {part} by each tolerance", "each tolerance alone, then all together", 400)
+    figure.update_xaxes(tickvals=list(own.index), ticktext=[_NAMES[name] for name in own["error_source"]], color=GREY)
+    figure.update_yaxes(title={"text": f"{part} error, {unit}"}, rangemode="tozero")
+    figure.update_layout(legend={"orientation": "h", "y": -0.14})
+    return figure
+
+
+def _shares(errors: pd.DataFrame) -> go.Figure:
+    figure = go.Figure()
+    each = errors[errors["error_source"] != _ALL]
+    for (source, own), colour in zip(each.groupby("error_source", sort=False), _COLOURS, strict=False):
+        name, shares = _NAMES[str(source)], 100.0 * own["variance_share"]
+        bar = {"orientation": "h", "marker": {"color": colour}}
+        figure.add_trace(go.Bar(y=own["pose_part"], x=shares, name=name, **bar))
+    style(figure, "Share of each tolerance in the variance of the error", "per cent", 230)
+    figure.update_layout(barmode="stack", legend={"traceorder": "normal"})
+    return figure
+
+
+def _listing(errors: pd.DataFrame, part: str) -> Listing:
+    own = errors[errors["pose_part"] == part]
+    unit = sign(str(own["unit"].iloc[0]))
+    rows = tuple(
+        (
+            _NAMES[str(row.error_source)],
+            "–" if row.error_source == _ALL else f"{plain(row.tolerance_width_um)} µm",
+            f"{plain(row.first_order)} {unit}",
+            f"{plain(row.sample_rms)} ({plain(row.low)} to {plain(row.high)}) {unit}",
+            f"{plain(row.error_95)} {unit}",
+            percent(100.0 * row.variance_share),
+        )
+        for row in own.itertuples()
+    )
+    return Listing(_HEADS, rows, caption=f"Errors of the {part}")
+
+
+def tolerance_head(campaign: str, errors: pd.DataFrame) -> PageHead:
+    """Return the head of a page on the tolerances alone."""
+    words = tolerance_words(errors)
+    whole = errors[errors["error_source"] == _ALL]
+    tiles = tuple(
+        (f"rms {row.pose_part} error", f"{plain(float(row.first_order))} {sign(str(row.unit))}")
+        for row in whole.itertuples()
+    )
+    return PageHead(f"{campaign}: errors by tolerances", tuple(("none", text) for text in words), tiles)
+
+
+@common_look()
+def tolerance_sections(tables: Tables) -> list[ReportSection]:
+    """Return the sections of a page on the tolerances alone."""
+    found = tolerances(tables)
+    return [] if found is None else [found]
