@@ -14,24 +14,23 @@ from docs.experiments.marked_tables import renew, table
 from truing.schemas.quality_check import CheckLimits, Checks, QualityCheck
 from truing.schemas.quality_checks import CHECKS
 
-_MARK = "settable"
 PAGE = Path(__file__).parents[1] / "qa.md"
 
 
 def overview(checks: Checks) -> str:
-    """Return a table of all checks: from where on each warns and fails, and which limits may be set."""
+    """Return a table of all checks: question, limits, the quantity of settable limits, and withheld results."""
     rows = [
         [
             f"`{name}`",
             one.question,
             one.criterion.warns or "–",
             one.criterion.fails or "–",
-            _MARK * isinstance(one.criterion, CheckLimits),
+            one.criterion.of if isinstance(one.criterion, CheckLimits) else "",
             one.withholds,
         ]
         for name, one in checks.items()
     ]
-    return table(["check", "what it asks", "warns", "fails", "", "withholds"], rows)
+    return table(["check", "what it asks", "warns", "fails", "settable limit on", "withholds"], rows)
 
 
 def entries(checks: Checks) -> str:
@@ -40,10 +39,8 @@ def entries(checks: Checks) -> str:
 
 
 def _entry(name: str, check: QualityCheck) -> str:
-    """Return why a check is made, the quantity of its settable limit, and what to do; limits are in the overview."""
-    criterion = check.criterion
-    quantity = f"- *Limit on*: {criterion.of}.\n" if isinstance(criterion, CheckLimits) else ""
-    return f"### `{name}`\n\n**{check.question}** {check.why}\n\n{quantity}- *What to do*: {check.to_do}"
+    """Return why a check is made and what to do; its question and limits are in the overview."""
+    return f"### `{name}`\n\n{check.why} *What to do*: {check.to_do}"
 
 
 TABLES: Mapping[str, Callable[[], str]] = {
