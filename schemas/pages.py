@@ -6,9 +6,11 @@ import json
 import re
 import types
 import typing
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from datetime import date
+from functools import cache
 from typing import Any, Literal
 
 from annotated_types import Ge, Gt, Le, Lt
@@ -24,6 +26,7 @@ from truing.schemas.mechanism import AxisMechanism, LeggedMechanism, SensorMecha
 from truing.schemas.section import Finite, NotNegative, Positive, Vector, Whole
 
 _COVARIANCE = ("cov_0_0", "cov_5_5")
+_TABLE_HEAD = "| column | kind | unit | allowed | meaning |\n| --- | --- | --- | --- | --- |"
 _ARTIFACTS_HEAD = """# What does a run leave, column by column?
 
 This page lists every file of a run folder, with name, unit, bounds and meaning of each column.
@@ -31,8 +34,14 @@ This page lists every file of a run folder, with name, unit, bounds and meaning 
 Tables are Parquet files. A column name has the same meaning in every table. The metadata of each file holds its
 schema and version (`truing.schema`, `truing.schema_version`), the units (`truing.units`), the stage, the digest of its
 inputs, the software version and the campaign. Every artifact is checked against these definitions (`schemas/`)
-whenever it is written or read. `python -m schemas` writes this page.
+whenever it is written or read. Optional columns are present if the campaign has them. `python -m schemas` writes this page.
 """
+_COMMON_HEAD = """## Columns of several tables
+
+"""
+_COMMON = "[above](#columns-of-several-tables)"
+# Number of tables from which on a column is explained once, above all tables.
+_SEVERAL = 4
 
 _CAMPAIGN_HEAD = """# What may campaign.toml hold, key by key?
 
@@ -79,7 +88,21 @@ _SIGNS = {Gt: ("gt", "above"), Ge: ("ge", "from"), Lt: ("lt", "below"), Le: ("le
 
 def artifacts_page() -> str:
     """The page of artifacts as Markdown."""
-    return "\n".join([_ARTIFACTS_HEAD, *(_artifact(artifact) for artifact in ARTIFACTS.values())])
+    common = [_TABLE_HEAD, *(_column_row(COLUMNS[name]) for name in _listed(_common_columns())), ""]
+    tables = (_artifact(artifact) for artifact in ARTIFACTS.values())
+    return "\n".join([_ARTIFACTS_HEAD, _COMMON_HEAD + "\n".join(common), *tables])
+
+
+@cache
+def _common_columns() -> tuple[str, ...]:
+    """Columns of several tables, in the order of their definition."""
+    tables = Counter(name for one in ARTIFACTS.values() for name in (*one.columns, *one.optional, *one.families))
+    return tuple(name for name in COLUMNS if tables[name] >= _SEVERAL)
+
+
+def _listed(names: Iterable[str]) -> list[str]:
+    """Columns that have a row: the first entry of a covariance stands for all."""
+    return [name for name in names if name == _COVARIANCE[0] or not re.match(r"cov_\d", name)]
 
 
 def _artifact(artifact: Artifact) -> str:
@@ -92,22 +115,27 @@ def _artifact(artifact: Artifact) -> str:
 
 
 def _columns(artifact: Artifact) -> Iterator[str]:
-    yield "| column | kind | unit | allowed | meaning |\n| --- | --- | --- | --- | --- |"
-    for name in artifact.columns:
-        if name == _COVARIANCE[0] or not re.match(r"cov_\d", name):
-            yield _column_row(COLUMNS[name])
-    yield from (_column_row(COLUMNS[name], "; present if the campaign has it") for name in artifact.optional)
-    yield from (_column_row(COLUMNS[name], "; numbered") for name in artifact.families)
+    yield _TABLE_HEAD
+    kinds = ((artifact.columns, ""), (artifact.optional, "; optional"), (artifact.families, "; numbered"))
+    for names, remark in kinds:
+        shared = [_shown(COLUMNS[name]) for name in _listed(names) if name in _common_columns()]
+        if shared:
+            yield f"| {', '.join(shared)} |  |  |  | {_COMMON}{remark} |"
+    for names, remark in kinds:
+        yield from (_column_row(COLUMNS[name], remark) for name in _listed(names) if name not in _common_columns())
     if artifact.covariates:
         yield "| any other | real |  |  | a covariate of the campaign |"
     yield ""
 
 
-def _column_row(column: Column, remark: str = "") -> str:
-    """One table row; the entries of a covariance share one row."""
+def _shown(column: Column) -> str:
+    """Name of a column, of a numbered family, or of all entries of a covariance."""
     first, last = _COVARIANCE
-    shown = f"`{first}` .. `{last}`" if column.name == first else f"`{column.family or column.name}`"
-    return f"| {shown} | {column.kind} | {column.unit} | {_allowed(column)} | {column.meaning}{remark} |"
+    return f"`{first}` .. `{last}`" if column.name == first else f"`{column.family or column.name}`"
+
+
+def _column_row(column: Column, remark: str = "") -> str:
+    return f"| {_shown(column)} | {column.kind} | {column.unit} | {_allowed(column)} | {column.meaning}{remark} |"
 
 
 def _names(names: tuple[str, ...]) -> str:
