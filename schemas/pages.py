@@ -34,7 +34,8 @@ This page lists every file of a run folder, with name, unit, bounds and meaning 
 Tables are Parquet files. A column name has the same meaning in every table. The metadata of each file holds its
 schema and version (`truing.schema`, `truing.schema_version`), the units (`truing.units`), the stage, the digest of its
 inputs, the software version and the campaign. Every artifact is checked against these definitions (`schemas/`)
-whenever it is written or read. Optional columns are present if the campaign has them. `python -m schemas` writes this page.
+whenever it is written or read. Optional columns are present if the campaign has them.
+`python -m schemas` writes this page.
 """
 _COMMON_HEAD = """## Columns of several tables
 
