@@ -9,6 +9,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from truing.schemas.section import (
+    TYPED,
     Day,
     Identifier,
     Name,
@@ -46,6 +47,44 @@ class Overload(Section):
     mz: OverloadFactor = Field(1.0, description="for the torque about z")
 
 
+_LEAST_ARM_MM = 1.0  # a shorter arm is in metres, or none
+
+
+class LoadingUnit(Section):
+    """[loading.units.<load>]: two units that apply one load together, at opposite points of the platform."""
+
+    arm_mm: Vector = Field(description="from the platform origin to the first unit; the second is opposite")
+
+
+class LoadingUnits(Section):
+    """[loading.units]: loads that two units apply together; a force is shared, a torque is their couple."""
+
+    fx: LoadingUnit | None = Field(None, description="units of the force along x")
+    fy: LoadingUnit | None = Field(None, description="units of the force along y")
+    fz: LoadingUnit | None = Field(None, description="units of the force along z")
+    mx: LoadingUnit | None = Field(None, description="units of the torque about x")
+    my: LoadingUnit | None = Field(None, description="units of the torque about y")
+    mz: LoadingUnit | None = Field(None, description="units of the torque about z")
+
+    @model_validator(mode="after")
+    def _arms_lie_across(self) -> LoadingUnits:
+        for load, arm in self.arms_mm.items():
+            along = "xyz".index(load[1])
+            across = math.hypot(*(part for place, part in enumerate(arm) if place != along))
+            if across < _LEAST_ARM_MM:
+                expected = f"arm_mm of {load} with at least {_LEAST_ARM_MM:g} mm across {load[1]}"
+                raise ValueError(f"{expected}, not {across:g}: units on the axis share no moment")
+            if load.startswith("m") and abs(arm[along]) > TYPED * across:
+                raise ValueError(f"arm_mm of {load} perpendicular to {load[1]}, not with {arm[along]:g} mm along it")
+        return self
+
+    @property
+    def arms_mm(self) -> dict[str, Vector]:
+        """Declared arms by load."""
+        declared = ((load, getattr(self, load)) for load in type(self).model_fields)
+        return {load: unit.arm_mm for load, unit in declared if unit is not None}
+
+
 class Loading(Section):
     """[loading]: range of each load; a larger load is a fault, except in an overload test."""
 
@@ -58,6 +97,11 @@ class Loading(Section):
     overload: Overload = Field(
         Overload(),
         description="largest load of an overload test over the range (1.2: 120 %): one number, or one per load",
+    )
+
+    units: LoadingUnits = Field(
+        LoadingUnits(),
+        description="loads that two units apply together, and where they act: { fz = { arm_mm = [..] } }",
     )
 
     @field_validator("overload", mode="before")

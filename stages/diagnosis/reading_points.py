@@ -52,6 +52,7 @@ Array = NDArray[np.float64]
 
 _FEWEST_STEPS = 6
 _MILLIVOLT = 1e-3
+_MM = 1e-3
 
 
 def reading_model(tables: Mapping[str, pa.Table], settings: Campaign) -> BenchModel:
@@ -218,6 +219,7 @@ def _known(
         settings.interferometer.wavelength_nm * 1e-9,
         settings.mechanism.reference_temperature_c,
         declared_optics(settings.interferometer),
+        {axis: tuple(_MM * part for part in arm) for axis, arm in settings.loading.units.arms_mm.items()},
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from truing.inference.selection import CauseSelection, Settings
 from truing.inference.verdicts import FOUND, Verdict
 from truing.schemas.interferometer import Interferometer
 from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
-from truing.simulation.bench.causes.load_path import LoadEccentricity
+from truing.simulation.bench.causes.load_path import LoadEccentricity, LoadImbalance
 from truing.simulation.bench.causes.nonparametric import BEYOND, GAIN, PERIOD, SO_FAR, WAY, NonparametricReadingEffect
 from truing.simulation.bench.known_readings import Optics
 from truing.simulation.bench.load_steps import AIR
@@ -24,9 +24,14 @@ from truing.stages.common.declared_optics import declared_optics
 
 
 def _found(
-    seed: int, cause: Cause | None = None, values: Sequence[float] = (), declared: Optics | None = None
+    seed: int,
+    cause: Cause | None = None,
+    values: Sequence[float] = (),
+    declared: Optics | None = None,
+    arms: Mapping[str, tuple[float, ...]] | None = None,
 ) -> list[Verdict]:
-    """What is found in a campaign with an effect, machine and zeros within their tolerances; ``declared``: of beams."""
+    """What is found in a campaign with an effect, machine and zeros within their tolerances; ``declared``: of beams;
+    ``arms``: of loading units."""
     rng, own = np.random.default_rng(seed), bench()
     truth = own.model(*([] if cause is None else [cause]), signals=False)
     shared = rng.normal(size=truth.shared_size)
@@ -38,6 +43,7 @@ def _found(
     poses = Epochs(Observations(points, covariance, seen), own.conditions, Frames.of_numbers(len(seen)))
     model = own.model(signals=False)
     known = model.known if declared is None else replace(model.known, optics=declared)
+    known = replace(known, arms=arms or {})
     search = CauseSelection(replace(model, known=known), poses, None, Settings(0.05, 100, seed))
     return [v for v in search.run(list(catalogue_of_readings().values())).verdicts if v.verdict == FOUND]
 
@@ -55,6 +61,35 @@ def test_an_eccentric_load_is_found_with_its_offsets() -> None:
         sigma = one.sigma or 0.0
         assert 0.01 < sigma < 0.2
         assert abs(float(one.value) - value) < 3.0 * sigma
+
+
+@pytest.mark.parametrize(
+    ("axis", "arm", "components", "values", "share"),
+    [
+        ("mx", (0.0, 0.6, 0.0), ("z",), [0.08], 0.024),  # a force of 2 excess / arm per torque
+        ("fz", (0.4, 0.3, 0.0), ("x", "y"), [0.0048, -0.0064], 0.008),  # a moment of 2 excess arm x z per force
+    ],
+)
+def test_the_share_of_declared_units_is_found(axis, arm, components, values, share) -> None:
+    """Hidden as parasitic loads that differ between push and pull, found as the share of the first unit."""
+    hidden = LoadImbalance(axis, components, ("_asymmetry",))
+    (only,) = _found(6, hidden, values, arms={axis: arm})
+    assert (only.cause.id, only.cause.subject) == ("load-imbalance", f"load {axis}")
+    told = {one.name: one for one in only.cause.reported(only.values, only.covariance, 6)}
+    found = told["share_asymmetry"]
+    assert 0.0 < (found.sigma or 0.0) < 0.1 * share
+    assert abs(float(found.value) - share) < 3.0 * (found.sigma or 0.0)
+    what = "moment" if axis[0] == "f" else "force"
+    for component, value in zip(components, values, strict=True):
+        one = told[f"{what}_{component}_asymmetry"]
+        assert abs(float(one.value) - value) < 3.0 * (one.sigma or 0.0) < 0.3 * abs(value)
+
+
+def test_a_parasitic_load_that_the_units_cannot_bring_keeps_its_own_name() -> None:
+    """Units on y share a moment about x; a moment about y is no share of theirs."""
+    (only,) = _found(7, LoadImbalance("fz", ("y",), ("_asymmetry",)), [0.002], arms={"fz": (0.0, 0.5, 0.0)})
+    assert only.cause.id == "load-imbalance"
+    assert [p.name for p in only.cause.parameters(6)] == ["moment_y_asymmetry"]
 
 
 def test_a_tilted_beam_is_no_stiffness() -> None:

@@ -43,6 +43,22 @@ SLIP = {"count": size(-2), "from_step": size(7)}
         ),
         (
             "load-imbalance",
+            "load mx",
+            {
+                "share": size(0.002, 0.001),
+                "share_asymmetry": size(-0.0153, 0.0005),
+                "force_z_asymmetry": size(0.05, 0.002, "1/m"),
+            },
+            "The first unit takes 1.530 ± 0.050 % of the torque about x less under positive loads than under negative",
+        ),
+        (
+            "load-imbalance",
+            "load fz",
+            {"share_growth": size(0.0153, 0.0005), "moment_y_growth": size(0.02, 0.001, "m")},
+            "takes 1.530 ± 0.050 % of the z load more at the largest load than at small ones",
+        ),
+        (
+            "load-imbalance",
             "load mz",
             {"force_x_growth": size(0.3, 0.04, "1/m")},
             "force along x that grows nonlinearly",

@@ -16,6 +16,7 @@ _BARE = {
     "scale": (1e6, "ppm"),
     "loss": (1e6, "ppm"),
     **dict.fromkeys(("asymmetry", "cubic", "width", "fraction"), _PER_CENT),
+    **dict.fromkeys(("share", "share_asymmetry", "share_growth"), _PER_CENT),
 }
 # Scales from this size on are given in per cent.
 _LARGE_SCALE = 5e-4

@@ -19,6 +19,11 @@ from truing.report.wordings.claim import (
 
 _ALONG = {"fx": "x", "fy": "y", "fz": "z", "mx": "x", "my": "y", "mz": "z"}
 _ALL_CHANNELS = "all linear channels"
+# Shares of two units that change with the load, and between which loads.
+_SHARES = {
+    "share_asymmetry": "under positive loads than under negative ones",
+    "share_growth": "at the largest load than at small ones",
+}
 _OF_COLUMN = {
     "per_k_material": ("material_temperature_c", "the temperature of the material"),
     "per_k_air": ("air_temperature_c", "the temperature of the air"),
@@ -111,6 +116,9 @@ def _imbalance(claim: Claim) -> str:
     who = load_words(_axis(claim))
     if shown is None:
         return f"the units that apply {who} are not balanced"
+    if share := next((size for size in claim.sizes if size.name in _SHARES and size.number is not None), None):
+        more = "more" if (share.number or 0.0) > 0.0 else "less"
+        return f"the first unit takes {size_in_words(positive(share))} of {who} {more} {_SHARES[share.name]}"
     what, component = shown.name.split("_")[:2]
     brought = f"a parasitic {what} {'about' if what == 'moment' else 'along'} {component}"
     size = size_in_words(positive(shown))

@@ -188,6 +188,7 @@ class KnownReadings:
     wavelength_m: float = 632.990577e-9
     reference_temperature_c: float = 20.0
     optics: Optics = field(default_factory=Optics.plain)
+    arms: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # m, of the first of two units, by load axis
 
     @property
     def signals(self) -> int:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -60,6 +60,7 @@ class LoadSteps:
     signals: NDArray
     wavelength_m: float
     legs: LegElasticity | None = None  # if the elements of the legs are known
+    arms: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # m, of the first of two units, by load axis
 
     @cached_property
     def code(self) -> NDArray:

@@ -186,7 +186,7 @@ class BenchModel(ChannelModel[ReadingCause]):
         bare = LoadSteps(
             own.run, own.step, own.time_s, own.load, known.largest, own.covariates, known.channels, known.sigma,
             own.load @ response.compliance.T, own.load @ self._rows(shared, response).T, known.wavelength_m,
-            sensor.legs,
+            sensor.legs, known.arms,
         )  # fmt: skip
         loads = {name: own.load[:, n] for n, name in enumerate(LOADS) if bare.loaded[n]}
         columns = {**own.covariates, TIME: own.time_s, IN_RUN: bare.in_run_s, ORDER: order, **loads}

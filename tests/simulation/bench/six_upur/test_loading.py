@@ -15,6 +15,7 @@ from truing.simulation.bench.six_upur.loading import (
     eccentric_wrench,
     imbalance,
     imbalanced_wrench,
+    share_wrench,
     two_units,
     wrench_of,
 )
@@ -82,5 +83,29 @@ def test_wrenches_are_linear_in_what_describes_the_imbalance() -> None:
 def test_unknown_axes_are_refused() -> None:
     with pytest.raises(ValueError, match="found 'z', expected one of fx, fy"):
         wrench_of("z", 1.0)
-    with pytest.raises(ValueError, match="expected a force"):
+    with pytest.raises(ValueError, match="found 'z', expected one of fx, fy"):
+        two_units("z", (0.1, 0.0, 0.0))
+    with pytest.raises(ValueError, match=r"arm of mx: .* expected one across"):
         two_units("mx", (0.1, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("axis", "arm", "along"), [("mx", (0, 0.6, 0), 2), ("my", (0.5, 0, 0), 2), ("mz", (0, -0.4, 0), 0)]
+)
+@given(pushing=NUMBERS, pulling=NUMBERS)
+def test_units_of_a_torque_bring_a_force_and_keep_the_torque(axis, arm, along, pushing, pulling) -> None:
+    """A couple of F1 and F2 on arms a: torque a (F1 + F2) as recorded, force F1 - F2 of 2 excess / a of it."""
+    units = two_units(axis, arm, pushing, pulling)
+    excess = np.where(LOADS < 0.0, pulling, pushing)
+    first = two_units(axis, arm, 0.5, 0.5).wrench(1.0)[along]  # all of the load on the first unit
+    assert_close(abs(first), 1.0 / np.linalg.norm(arm), atol=1e-12, what="force of the whole torque")
+    expected = wrench_of(axis, LOADS)
+    expected[:, along] = 2.0 * excess * first * LOADS
+    assert_close(units.wrench(LOADS), expected, atol=1e-9, what="wrench")
+    assert_close(imbalanced_wrench(axis, LOADS, units.imbalance(axis), 1e4), expected, atol=1e-9, what="imbalance")
+
+
+def test_the_couple_of_a_torque_turns_the_right_way_round() -> None:
+    """About z by units at +y and -y: the first pushes towards -x."""
+    assert_close(share_wrench("mz", (0.0, 0.5, 0.0)), [-4.0, 0, 0, 0, 0, 0], atol=1e-12, what="per excess")
+    assert_close(share_wrench("fz", (0.5, 0.0, 0.0)), [0, 0, 0, 0, -1.0, 0], atol=1e-12, what="per excess")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from truing.simulation.bench.causes.reading_causes import MM, BenchScene, ReadingCause, is_force, loaded_axes
 from truing.simulation.bench.load_steps import LoadSteps, ReadingState
-from truing.simulation.bench.six_upur.loading import AXES
-from truing.simulation.cause import Parameter, Step
+from truing.simulation.bench.six_upur.loading import AXES, share_wrench
+from truing.simulation.cause import Parameter, ReportedParameter, Step
 
-_PLAUSIBLE_M, _PLAUSIBLE_PER_M = 5e-3, 0.05
+_PLAUSIBLE_M, _PLAUSIBLE_PER_M, _PLAUSIBLE_SHARE = 5e-3, 0.05, 0.05
 _XYZ = "xyz"
 # Forms of an imbalance: proportional to the load F, to its size, and to F |F| over the largest load.
 RATIO, ASYMMETRY, GROWTH = "", "_asymmetry", "_growth"
@@ -98,33 +98,50 @@ class LoadImbalance(LoadCause):
     """Two drive units of an axis differ: a force causes a parasitic moment, a torque a parasitic force.
 
     ``components`` of x, y, z. ``forms``: ``""`` proportional to the load F; ``_asymmetry`` to |F| / 2, which differs
-    between positive and negative loads; ``_growth`` to F |F| over the largest load.
+    between positive and negative loads; ``_growth`` to F |F| over the largest load. ``arm``: place of the first of two
+    declared units, m; the parameters are then its excess over half of the load.
     """
 
     axis: str = "fz"
     components: tuple[str, ...] = ("x",)
     forms: tuple[str, ...] = (RATIO, ASYMMETRY)
+    arm: tuple[float, ...] = ()
 
     id = "load-imbalance"
     step = Step.DRIVE
     reach = 30.0
 
     def candidates(self, scene: BenchScene) -> Sequence[LoadImbalance]:
-        """Return subsets of components, with asymmetry for axes loaded in both directions, and with growth for
-        several levels."""
+        """Return subsets of components and the shares of declared units, with asymmetry for axes loaded in both
+        directions, and with growth for several levels."""
         load = scene.steps.load
         found: list[LoadImbalance] = []
         for axis in loaded_axes(scene):
             own = load[:, AXES.index(axis)]
-            sets = [tuple(chosen) for size in (1, 2, 3) for chosen in combinations(_XYZ, size)]
-            if own.min() < 0.0 < own.max():
-                found += [LoadImbalance(axis, chosen, (*more, ASYMMETRY)) for chosen in sets for more in _MEAN]
-            if len(np.unique(np.abs(own))) > 2:
-                found += [LoadImbalance(axis, chosen, (*more, GROWTH)) for chosen in sets for more in _MEAN]
+            bases = self._of_axis(axis, tuple(scene.steps.arms.get(axis, ())))
+            forms = [ASYMMETRY] if own.min() < 0.0 < own.max() else []
+            forms += [GROWTH] if len(np.unique(np.abs(own))) > 2 else []
+            found += [replace(one, forms=(*more, form)) for form in forms for one in bases for more in _MEAN]
         return found
 
+    @staticmethod
+    def _of_axis(axis: str, arm: tuple[float, ...]) -> list[LoadImbalance]:
+        """Return the share of declared units, and the subsets of components that differ from it."""
+        sets = [tuple(chosen) for size in (1, 2, 3) for chosen in combinations(_XYZ, size)]
+        if not arm:
+            return [LoadImbalance(axis, chosen) for chosen in sets]
+        units = LoadImbalance(axis, (), arm=arm)
+        return [units, *(LoadImbalance(axis, chosen) for chosen in sets if chosen != units._brought)]
+
+    @property
+    def _brought(self) -> tuple[str, ...]:
+        """Components of the parasitic load that an unequal share of the units brings."""
+        return tuple(_XYZ[place % 3] for place in np.flatnonzero(share_wrench(self.axis, self.arm)))
+
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the parasitic load of each component, form by form."""
+        """Return the parasitic load of each component, or the excess of the first unit, form by form."""
+        if self.arm:
+            return tuple(Parameter(f"share{form}", "1", _PLAUSIBLE_SHARE) for form in self.forms)
         force = is_force(self.axis)
         name, unit, scale = ("moment", "m", _PLAUSIBLE_M) if force else ("force", "1/m", _PLAUSIBLE_PER_M)
         return tuple(Parameter(f"{name}_{c}{form}", unit, scale) for c in self.components for form in self.forms)
@@ -132,11 +149,31 @@ class LoadImbalance(LoadCause):
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return d wrench / d parameters."""
         load = self._courses(state.steps)
+        if self.arm:
+            return np.asarray(share_wrench(self.axis, self.arm)[:, None] * load[:, None])
         wrench = np.zeros((len(load), 6, len(self.components), len(self.forms)))
         first = 3 if is_force(self.axis) else 0
         for place, component in enumerate(self.components):
             wrench[:, first + _XYZ.index(component), place] = load
         return wrench.reshape(len(load), 6, -1)
+
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
+        """Return the parameters; those of declared units are followed by the parasitic load that they bring."""
+        own = super().reported(values, covariance, legs)
+        if not self.arm:
+            return own
+        what, unit = ("moment", "m") if is_force(self.axis) else ("force", "1/m")
+        brought = share_wrench(self.axis, self.arm)
+        return own + tuple(
+            ReportedParameter(
+                f"{what}_{_XYZ[place % 3]}{form}",
+                float(brought[place] * value),
+                float(abs(brought[place]) * np.sqrt(variance)),
+                unit,
+            )
+            for form, value, variance in zip(self.forms, values, np.diag(covariance), strict=True)
+            for place in np.flatnonzero(brought)
+        )
 
     def _courses(self, steps: LoadSteps) -> NDArray:
         """Return the load course (B, forms), N or N m, of each form."""

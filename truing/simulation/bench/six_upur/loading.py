@@ -86,15 +86,30 @@ class LoadingUnits:
 
 
 def two_units(axis: str, arm_m: ArrayLike, pushing: float = 0.0, pulling: float = 0.0) -> LoadingUnits:
-    """Return two units at +arm and -arm (3,), m, that share a force axis: the first takes 1/2 + its excess of the load.
+    """Return two units at +arm and -arm (3,), m, that apply a load: the first takes 1/2 + its excess of it.
 
-    pushing, pulling: the excess for positive and for negative loads, 1. Raises ValueError for a torque.
+    pushing, pulling: the excess for positive and for negative loads, 1. A force is shared; a torque is the couple of
+    two opposite forces across arm and axis. Raises ValueError for another axis, and for an arm along that of a torque.
     """
-    if axis not in AXES[:3]:
-        raise ValueError(f"load axis: found {axis!r}, expected a force: {', '.join(AXES[:3])}")
-    along, arm = np.eye(3)[AXES.index(axis)], np.asarray(arm_m)
-    shares = ([0.5 + excess, 0.5 - excess] for excess in (pushing, pulling))
-    return LoadingUnits(np.stack([arm, -arm]), *(np.outer(share, along) for share in shares))
+    arm, force, signs = np.asarray(arm_m, float), *_of_unit(axis, np.asarray(arm_m, float))
+    shares = (np.array([0.5 + excess, 0.5 - excess]) * signs for excess in (pushing, pulling))
+    return LoadingUnits(np.stack([arm, -arm]), *(np.outer(share, force) for share in shares))
+
+
+def share_wrench(axis: str, arm_m: ArrayLike) -> NDArray:
+    """Return the parasitic wrench (6,) per load and excess of the first of two units at +arm and -arm (3,), m."""
+    return two_units(axis, arm_m, 1.0, 1.0).imbalance(axis).ratio
+
+
+def _of_unit(axis: str, arm: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the force (3,) of a unit that takes the whole load, per load, and the signs (2,) of both units."""
+    direction = wrench_of(axis, 1.0)
+    if axis in AXES[:3]:
+        return direction[:3], np.array([1.0, 1.0])
+    along = np.cross(direction[3:], arm)
+    if not along.any():
+        raise ValueError(f"arm of {axis}: found {arm.tolist()} m, expected one across the axis")
+    return along / (along @ along), np.array([1.0, -1.0])
 
 
 def _wrench_per_load(at: NDArray, force: NDArray) -> NDArray:
