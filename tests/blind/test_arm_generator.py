@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import tomllib
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -21,11 +22,13 @@ from tests.blind.generator.arms.draw import ArmCampaign, record
 from tests.blind.generator.arms.effects import Effect, draw_effect, hide
 from tests.blind.generator.arms.geometry import NOTATIONS, Design, Tolerance
 from tests.blind.generator.arms.instrument import rows as differences
+from tests.blind.generator.arms.instrument import see
 from tests.blind.generator.arms.layouts import ROWS, TREES, with_masses, with_other_frames
 from tests.blind.generator.arms.motion import at_rest, gravity_torques, places, potential_energy
 from tests.blind.generator.arms.notation import mechanism_lines, urdf
+from tests.blind.generator.arms.robot import robot_campaign, write_robot
 from tests.blind.generator.arms.schedule import approach
-from tests.blind.generator.arms.strength import linear_fit
+from tests.blind.generator.arms.strength import apart, linear_fit
 from tests.blind.generator.arms.transforms import Array, any_rotation, roll_pitch_yaw, rotation, small_vector
 
 
@@ -226,6 +229,71 @@ def test_a_least_squares_fit_takes_up_what_it_fits() -> None:
     assert fit.displacement(Effect("base-jump", "", 0, whole)) > 1e-4
 
 
+def _squares_left(campaign: ArmCampaign, effects: Sequence[Effect]) -> tuple[float, int]:
+    """Sum of squares that a Gauss-Newton fit of geometry, targets and base leaves, and its degrees of freedom."""
+    bench, instrument = campaign.bench, campaign.bench.instrument
+    sigmas, count = bench.design.sigmas(bench.tolerance), len(instrument.targets)
+    known = np.repeat([1.0 / instrument.noise * target.surveyed for target in instrument.targets], 3)
+    prior = np.concatenate([1.0 / sigmas, known, np.zeros(6)])
+
+    def left(found: Array) -> Array:
+        geometry, places_, base = np.split(found, [len(sigmas), len(sigmas) + 3 * count])
+        own = [
+            replace(t, place=p)
+            for t, p in zip(instrument.targets, campaign.survey + places_.reshape(-1, 3), strict=True)
+        ]
+        stood = (instrument.base[0] @ rotation(base[3:]), instrument.base[1] + base[:3])
+        arm = bench.design.changed(geometry)
+        state = hide(effects, arm, bench.schedule, count)
+        seen = see(replace(instrument, targets=tuple(own), base=stood), bench.schedule, arm, state)
+        away = differences(instrument, campaign.recorded, seen)[~bench.schedule.held_out]
+        return np.concatenate([away.ravel(), -prior * found])
+
+    found, rank = np.zeros(len(prior)), 0
+    for _ in range(4):
+        now = left(found)
+        slope = np.stack([(left(found + step) - now) / 1e-7 for step in 1e-7 * np.eye(len(found))], axis=1)
+        change, _, rank, _ = np.linalg.lstsq(-slope, now, rcond=1e-10)
+        found = found + change
+    return float(np.sum(left(found) ** 2)), np.count_nonzero(now) - int(rank)
+
+
+def test_a_fit_with_the_truth_leaves_the_noise_and_without_it_the_strength() -> None:
+    """Nonlinear fits: with the true effect the sum of squares is that of the noise, without it larger by strength²."""
+    campaign = draw(7, layout="bench-5r", notation="urdf", instrument="points-campaign", causes=(), poses=50)
+    tolerance = Tolerance(np.radians(0.1), 3e-4, np.radians(0.05))
+    bench = replace(campaign.bench, tolerance=tolerance, joint_noise=np.zeros(5))
+    effects = draw_effect(
+        "joint-harmonic", bench.design.arm, bench.schedule, bench.instrument, np.random.default_rng(1)
+    )
+    unit = linear_fit(bench).strength(replace(effects[0], size=1e-5)) / 1e-5
+    effect = replace(effects[0], size=15.0 / unit)
+    campaign = record(7, "bench-5r", bench, [effect], np.random.default_rng(2))
+    (within, degrees), (without, _) = _squares_left(campaign, [effect]), _squares_left(campaign, [])
+    assert abs(within - degrees) < 3.5 * np.sqrt(2.0 * degrees)
+    assert 15.0 - 3.5 < np.sqrt(without - within) < 15.0 + 3.5
+
+
+def test_the_sample_is_written_again_to_the_byte(tmp_path: Path) -> None:
+    folder = write_robot(tmp_path / "robot")
+    kept = Path(__file__).parents[2] / "sample_data" / "robot"
+    assert {path.name for path in kept.iterdir()} == {path.name for path in folder.iterdir()} | {"README.md"}
+    for written in folder.iterdir():
+        assert written.read_bytes() == (kept / written.name).read_bytes(), f"{written.name} is out of date"
+    now, before = (json.loads(at.with_name("robot.truth.json").read_text(encoding="utf-8")) for at in (folder, kept))
+    assert [effect["parameters"] for effect in now["effects"]] == [effect["parameters"] for effect in before["effects"]]
+
+
+def test_the_sample_hides_two_clear_effects() -> None:
+    campaign = robot_campaign()
+    assert [(e.cause, e.subject) for e in campaign.effects] == [
+        ("joint-compliance", "joint shoulder"),
+        ("joint-eccentricity", "joint elbow"),
+    ]
+    assert min(apart(linear_fit(campaign.bench), campaign.effects)) > 12.0
+    assert np.count_nonzero(campaign.bench.schedule.held_out) == 15
+
+
 def test_exact_effects_are_as_defined() -> None:
     bench = draw(5, layout="scara", causes=(), poses=40).bench
     arm, rng, schedule = bench.design.arm, np.random.default_rng(1), bench.schedule
@@ -282,7 +350,7 @@ def test_folders_hold_to_the_campaign_format(layout: str, tmp_path: Path) -> Non
 def test_masses_of_the_urdf_are_the_arms(tmp_path: Path) -> None:
     campaign = draw(2, layout="industrial-6r", notation="urdf", causes=("joint-compliance",), poses=40)
     folder = write(campaign, tmp_path / "arm")
-    robot = ElementTree.parse(folder / "arm.urdf").getroot()
+    robot = ElementTree.parse(folder / "robot.urdf").getroot()
     heavy = [link for link in robot.iter("link") if len(link)]
     masses = {link.get("name"): float(link.find("inertial/mass").get("value")) for link in heavy}
     assert masses == {link.name: link.mass for link in campaign.arm.links if link.mass}

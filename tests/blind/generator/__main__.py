@@ -1,14 +1,15 @@
-"""python -m tests.blind.generator telescope|force-sensor FOLDER: writes a sample campaign."""
+"""python -m tests.blind.generator telescope|force-sensor|robot FOLDER: writes a sample campaign."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
 
+from tests.blind.generator.arms.robot import write_robot
 from tests.blind.generator.sensor.force_sensor import write_force_sensor
 from tests.blind.generator.telescope import write_telescope
 
-WRITERS = {"telescope": write_telescope, "force-sensor": write_force_sensor}
+WRITERS = {"telescope": write_telescope, "force-sensor": write_force_sensor, "robot": write_robot}
 
 
 def main() -> None:

@@ -26,7 +26,7 @@ def write(campaign: ArmCampaign, folder: Path | str, name: str | None = None) ->
     (folder / "campaign.toml").write_text(settings_text(campaign, name or folder.name), encoding="utf-8")
     if bench.design.notation == "urdf":
         text = urdf(bench.design.arm, campaign.layout, on_floor=campaign.layout in ("gantry", "two-tips"))
-        (folder / "arm.urdf").write_text(text, encoding="utf-8")
+        (folder / "robot.urdf").write_text(text, encoding="utf-8")
     _write(folder / "configurations.csv", _configurations(campaign))
     if instrument.targets:
         _write(folder / "targets.csv", _targets(campaign))

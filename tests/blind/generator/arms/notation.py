@@ -59,7 +59,7 @@ def _joint_lines(arm: Arm, number: int, joint: Joint) -> list[str]:
 def mechanism_lines(design: Design) -> list[str]:
     """Lines of ``[mechanism]`` that hold the geometry."""
     if design.notation == "urdf":
-        return ['urdf = "arm.urdf"']
+        return ['urdf = "robot.urdf"']
     if design.notation == "screws":
         return _screw_lines(design.arm)
     return ["dh = [", *(f"  {_row_text(row, design.notation)}," for row in design.rows), "]"]

@@ -30,7 +30,8 @@ def draw_schedule(arm: Arm, sigmas: Array, rng: np.random.Generator, count: int 
     count = count or int(rng.integers(40, 151))
     low, high = np.array([arm.joints[n].limits for n in arm.actuated]).T
     readings = low + (high - low) * rng.uniform(0.03, 0.97, (count, len(low)))
-    time = np.cumsum(rng.uniform(20.0, 60.0, count)) - 20.0
+    time = np.cumsum(rng.uniform(20.0, 60.0, count))
+    time -= time[0]
     course = np.sin(2.0 * np.pi * time / time[-1] * rng.uniform(0.3, 1.5) + rng.uniform(0.0, 6.28))
     warmth = rng.uniform(-2.0, 4.0) + rng.uniform(1.0, 4.0) * course + rng.normal(0.0, 0.05, count)
     held = rng.random(count) < (rng.uniform(0.1, 0.3) if rng.random() < 0.8 else 0.0)
