@@ -18,6 +18,7 @@ from truing.schemas.section import Section
 from truing.schemas.sections import (
     Acceptance,
     Bodies,
+    CalibrationSection,
     CampaignSection,
     Diagnosis,
     Loading,
@@ -88,6 +89,7 @@ class Campaign(Section):
     measurement: Measurement = Measurement()
     poses: MeasuredPoses = MeasuredPoses()
     bodies: Bodies = Bodies()
+    calibration: CalibrationSection = CalibrationSection()
     diagnosis: Diagnosis = Diagnosis()
     qa: QualityLimits = QualityLimits()
     exclude: tuple[Overrule, ...] = ()

@@ -416,7 +416,7 @@ _PHOTOGRAPHED = (
 )
 
 _FITTED = ("errors-in-variables", "implicit", "nominal", "points")
-_DEFORMING = ("none", "linear", "nonlinear", "matrix")
+_DEFORMING = ("none", "linear", "nonlinear", "matrix", "in-plane")
 _LOAD_NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
 RESULTS = ("pose", "calibration", "accuracy", "cause", "compliance", "G_B", "G_B'", "load", "positioning")
 

@@ -271,6 +271,16 @@ class Measurement(Section):
         return up
 
 
+class CalibrationSection(Section):
+    """[calibration]: what the calibration of a legged mechanism takes up beyond its standard models."""
+
+    deformation: Literal["z", "in-plane"] = Field(
+        "z",
+        description="z: shifts of the attachments along z of the platform; in-plane: one more model, which also takes "
+        "up the measured shifts along x and y (deformation in-plane in the tables)",
+    )
+
+
 class MeasuredPoses(Section):
     """[poses]: notation of orientations in the table `poses`."""
 

@@ -36,7 +36,7 @@ DECLARATION = Stage(
         *("mechanism.tolerance", "mechanism.flexure", "mechanism.leg_tube", "mechanism.height_mm"),
         *("mechanism.elements", "mechanism.reference_temperature_c", "loading", "signals"),
         *("noise.point_mm", "noise.actuator_mm", "noise.signal_mv", "noise.load_n", "noise.load_nm"),
-        *("requirement", "exclude", "keep"),
+        *("calibration", "requirement", "exclude", "keep"),
     ),
     summary="kinematic and stiffness models identified, with their observability",
 )

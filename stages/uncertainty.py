@@ -25,7 +25,17 @@ DECLARATION = Stage(
         *("pose_covariances?", "shift_covariances?", "shift_sensitivities?", "survey_covariances?"),
     ),
     leaves=("uncertainty", "uncertainty_budget"),
-    settings=("campaign.kind", "mechanism", "loading", "interferometer", "signals", "noise", "exclude", "keep"),
+    settings=(
+        "campaign.kind",
+        "mechanism",
+        "loading",
+        "interferometer",
+        "signals",
+        "noise",
+        "calibration",
+        "exclude",
+        "keep",
+    ),
     summary="standard and expanded uncertainty of every result, with a budget by source",
 )
 

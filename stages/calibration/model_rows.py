@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 Key = tuple[str, str]  # model, deformation
 
+LESS_THAN_K = ("none", "linear")
 LEAST_CORRELATION = 0.05  # pairs of parameters below this correlation are not listed
 _COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -256,7 +257,7 @@ def absorption_rows(
     full = {(c.case.structure.name, c.estimator): c for c in calibrations if c.case.deformation == "matrix"}
     for calibration in calibrations:
         whole = full.get((calibration.case.structure.name, calibration.estimator))
-        if calibration.case.deformation != "matrix" and whole is not None:
+        if calibration.case.deformation in LESS_THAN_K and whole is not None:
             _absorbed(rows, data, fitted.chosen(calibration.kept & whole.kept), calibration, whole)
     return rows
 

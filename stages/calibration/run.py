@@ -60,6 +60,7 @@ _NO_FRAME = (
 )
 _FREE = "accuracy and requirements: fewer than six legs do not constrain the platform, so readings give no pose"
 _DEFORMATION = {"none": "rigid platform", "linear": "linear deformation", "matrix": "matrix deformation"}
+_DEFORMATION["in-plane"] = "matrix deformation along z, x and y"
 
 
 def calibrate_mechanism(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:

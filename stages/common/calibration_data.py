@@ -148,6 +148,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> CalibrationD
         _deformations(tables.get("deformation_models"), count),
         surveyed,
         "" if usable.all() else f"{int((~usable).sum())} poses without readings or without a pose of the platform",
+        _in_plane(tables.get("deformation_models"), count) if settings.calibration.deformation == "in-plane" else None,
         "survey" in tables and _rests_on_attachments(survey_points(tables["survey"], "platform")),
     )
 
@@ -207,6 +208,18 @@ def _deformations(models: pa.Table | None, legs: int) -> dict[str, Deformation]:
     rows = [row for row in models.to_pylist() if row["leg"] is not None and row["column"] > 0]
     found = {name: _coefficients([row for row in rows if row["model"] == name], legs) for name in ("linear", "matrix")}
     return {name: one for name, one in found.items() if np.isfinite(one.K).any()}
+
+
+def _in_plane(models: pa.Table | None, legs: int) -> Deformation | None:
+    """Coefficients (L, 2, L) of the shifts along x and y of the platform; None where they were not determined."""
+    rows = [] if models is None else [row for row in models.to_pylist() if row["model"] == "in-plane"]
+    if not rows:
+        return None
+    K, sigma = np.full((2, legs, 2, legs), np.nan)
+    for row in rows:
+        place = row["leg"] - 1, "xy".index(row["axis"]), row["column"] - 1
+        K[place], sigma[place] = row["coefficient"], row["sigma"]
+    return Deformation(K, sigma)
 
 
 def _coefficients(rows: list[dict[str, Any]], legs: int) -> Deformation:

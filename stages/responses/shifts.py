@@ -22,6 +22,7 @@ from truing.estimation.deformation import (
     target_models,
     with_common_errors,
 )
+from truing.estimation.following_shift import following_shift
 from truing.estimation.measured_numbers import shift_number
 from truing.estimation.response import (
     FALSE_ALARM,
@@ -174,7 +175,10 @@ def attachment_deformation(tables: Mapping[str, pa.Table], rest_mm: Sequence[flo
     platform = fitted_points(tables, "platform", poses, survey.targets)
     shifts = attachment_shifts(survey, platform, framed_points(tables, poses), len(rest_mm))
     found = attachment_models(drive, shifts, heldout)
-    errors, (read, left_out, figure) = _leg_error_rows(found, shifts), _leg_words(shifts, found.rejected, found.fits)
+    errors, (read, left_out, figure) = (
+        _leg_error_rows(found, shifts, drive),
+        _leg_words(shifts, found.rejected, found.fits),
+    )
     identifier = "int64" if isinstance(poses[0], int) else "string"
     artifacts = {
         "deformation": _deformation_rows(poses, drive, shifts, found.rejected).table(identifier),
@@ -279,7 +283,7 @@ def _coefficient_rows(rows: Rows, name: str, fit: ResponseFit, determined: Mask,
     )
 
 
-def _leg_error_rows(found: AttachmentModels, shifts: LegShifts) -> Rows:
+def _leg_error_rows(found: AttachmentModels, shifts: LegShifts, drive: Array) -> Rows:
     rows = Rows("deformation_errors")
     for name, fit in found.fits.items():
         error_rows(rows, name, fit, {**residual_sets(fit), "verification_": found.held[name]}, "um", 1e6, None)
@@ -292,6 +296,12 @@ def _leg_error_rows(found: AttachmentModels, shifts: LegShifts) -> Rows:
     _shape_rows(rows, found.kept[found.fitted], shifts.attachments)
     if found.in_plane:
         _in_plane_rows(rows, **found.in_plane)
+        for name, fit in (("matrix", found.fits["matrix"]), (IN_PLANE, found.in_plane["matrix"])):
+            size = following_shift(fit, drive[found.fitted])
+            figures = {"rms_following": size.rms, "rms_following_upper": size.upper, "rms_detectable": size.detectable}
+            for figure, value in figures.items():
+                if np.isfinite(value):
+                    rows.add(model=name, figure=figure, value=1e6 * value, unit="um")
     return rows
 
 

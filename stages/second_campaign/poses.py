@@ -98,7 +98,7 @@ def _calibrated(tables: Mapping[str, pa.Table], nominal: Machine) -> tuple[str, 
     own = [row for row in identified.to_pylist() if (row["model"], row["deformation"]) == chosen[0]]
     stood = {(row["parameter"], row["leg"]): row["identified"] for row in own}
     count = nominal.legs.count
-    start = replace(nominal, deformation=np.zeros((count, count)))
+    start = replace(nominal, deformation=np.zeros((count, count)), in_plane=np.zeros((count, 2, count)))
     every = full_set(start, chosen[0][1], rho0=True)
     parameters = ParameterSet(tuple(e for e in every.entries if (e.name, e.leg_number) in stood))
     values = np.array([stood[e.name, e.leg_number] for e in parameters.entries], float) * parameters.units

@@ -83,7 +83,8 @@ class MeasuredPlatform:
 
 @dataclass(frozen=True)
 class Deformation:
-    """Deformation from targets on the attachments: K (L, L) m/m, sigma (L, L), NaN where not determined."""
+    """Deformation from targets on the attachments: K (L, L) m/m, along x and y (L, 2, L), with sigma of the same shape;
+    NaN where not determined."""
 
     K: NDArray
     sigma: NDArray
@@ -109,4 +110,5 @@ class CalibrationData:
     deformations: Mapping[str, Deformation]  # linear, matrix, where the deformation stage determined them
     surveyed: SurveyedAttachments | None
     left_out: str
+    in_plane: Deformation | None = None  # along x and y, (L, 2, L), if the calibration takes it up
     modulo_plane: bool = False  # too few platform targets away from the attachments: its frame deforms with them

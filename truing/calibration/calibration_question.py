@@ -20,11 +20,12 @@ from truing.estimation.errors_in_variables.fit import Prior
 from truing.estimation.measured_numbers import pose_numbers, shift_number
 from truing.simulation.mechanisms.calibration_problem import AttachmentShifts, CalibrationProblem, CommonErrors
 from truing.simulation.mechanisms.legs.leg_bodies import LegBodies, LegPoses, seated
-from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, full_set
+from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, column_of, full_set, is_in_plane
 from truing.simulation.mechanisms.structures.structure import Machine, Structure
 from truing.simulation.targets import FREE_ANGLE_RAD, FREE_DIRECTION, FREE_LENGTH_M
 
 DEFORMATIONS = ("none", "linear", "matrix")
+IN_PLANE = "in-plane"  # matrix, with the attachments' shifts along x and y
 # Prior sigma of a deformation coefficient without any knowledge.
 _FREE_DEFORMATION = 0.1
 
@@ -173,6 +174,9 @@ def cases(data: CalibrationData, structures: tuple[Structure, ...]) -> Iterator[
         for deformation in DEFORMATIONS[:1] if data.modulo_plane else DEFORMATIONS:
             if deformation != "matrix" or "matrix" in data.deformations:
                 yield Case(structure, deformation, _deforming(data.machine, deformation, data.deformations))
+    if data.in_plane is not None and "matrix" in data.deformations and not data.modulo_plane:
+        bent = _deforming(data.machine, "matrix", data.deformations)
+        yield Case(structures[0], IN_PLANE, replace(bent, in_plane=np.nan_to_num(data.in_plane.K)))
 
 
 def _deforming(machine: Machine, deformation: str, known: Mapping[str, Deformation]) -> Machine:
@@ -236,7 +240,8 @@ def with_targets(
     problem = with_common(problem, measured)
     tolerance, prior = calibration_question.tolerance, _of_machine(calibration_question)
     if problem.shifts is not None:
-        bent = np.array([is_deformation(entry) for entry in calibration_question.problem.parameters.entries])
+        entries = calibration_question.problem.parameters.entries  # shifts are measured along z alone
+        bent = np.array([is_deformation(entry) and not is_in_plane(entry) for entry in entries])
         tolerance, prior = np.where(bent, np.nan, tolerance), _opened(prior, bent)
     noise = noise_of_all(problem, measured, calibration_question.noise)
     return CalibrationQuestion(problem, noise, tolerance, prior_of_all(problem, prior))
@@ -301,21 +306,17 @@ def free(parameters: ParameterSet, data: CalibrationData) -> ParameterSet:
 
 def tolerances(data: CalibrationData, case: Case, parameters: ParameterSet) -> NDArray:
     """Return the prior sigma (P,) of each parameter; NaN where there is none."""
-    known = data.deformations.get(case.deformation)
+    known = data.deformations.get("matrix" if case.deformation == IN_PLANE else case.deformation)
     found = np.full(len(parameters), np.nan)
     for i, entry in enumerate(parameters.entries):
         head = entry.name.partition("_")[0]
         if head in data.tolerance:
             found[i] = data.tolerance[head]
+        elif data.in_plane is not None and is_in_plane(entry):
+            found[i] = data.in_plane.sigma[entry.leg, "xy".index(entry.name[1]), column_of(entry)]
         elif known is not None and is_deformation(entry):
-            found[i] = known.sigma.ravel()[_place(entry.name, entry.leg, len(known.K))]
+            found[i] = known.sigma[entry.leg, entry.leg if entry.name == "kappa" else column_of(entry)]
     return np.where(found > 0, found, np.nan)
-
-
-def _place(name: str, leg: int, legs: int) -> int:
-    """Return the flat index of a deformation coefficient in K."""
-    column = leg if name == "kappa" else int(name.replace("_", "")[1 + len(str(leg + 1)) :]) - 1
-    return leg * legs + column
 
 
 def widest(parameters: ParameterSet) -> NDArray:

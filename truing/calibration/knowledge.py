@@ -28,7 +28,13 @@ from truing.estimation.design.observability import Observability, observe
 from truing.estimation.errors_in_variables.fit import ErrorsInVariablesFit
 from truing.estimation.uncertainty_budget import Source, beyond_declared, linear_estimate
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
-from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, deformation_set, full_set
+from truing.simulation.mechanisms.parameters import (
+    LegParameter,
+    ParameterSet,
+    deformation_set,
+    full_set,
+    is_in_plane,
+)
 from truing.simulation.mechanisms.structures.catalogue import structures
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 
@@ -90,7 +96,8 @@ def observe_model(dataset: CalibrationData, fitted: MeasuredPlatform, chosen: Ma
     seen = linear(dataset, calibration_question, values, fitted).jacobian
     bent = np.array([is_deformation(entry) for entry in chosen.parameters.entries])
     scales, units = _scales(dataset.tolerance, chosen.parameters), chosen.parameters.units
-    jacobian = _without(_with_common_known(seen, calibration_question), calibration_question.count) * units
+    seen = _with_shifts_known(_with_common_known(seen, calibration_question), calibration_question)
+    jacobian = _without(seen, calibration_question.count) * units
     return observe(jacobian, np.where(bent, _PLAUSIBLE_KAPPA, scales) / units, chosen.parameters.labels)
 
 
@@ -103,6 +110,15 @@ def _with_common_known(jacobian: NDArray, calibration_question: CalibrationQuest
     """Return the derivatives with additional prior rows of errors common to all poses."""
     known = np.zeros((calibration_question.common, jacobian.shape[1]))
     known[:, jacobian.shape[1] - calibration_question.common :] = np.eye(calibration_question.common)
+    return np.concatenate([jacobian, known])
+
+
+def _with_shifts_known(jacobian: NDArray, calibration_question: CalibrationQuestion) -> NDArray:
+    """Return the derivatives with a row for each coefficient that shifts in the platform's plane determined before."""
+    entries = calibration_question.problem.parameters.entries
+    places = [i for i, entry in enumerate(entries) if is_in_plane(entry)]
+    known = np.zeros((len(places), jacobian.shape[1]))
+    known[np.arange(len(places)), places] = 1.0 / calibration_question.tolerance[places]
     return np.concatenate([jacobian, known])
 
 

@@ -69,7 +69,7 @@ def _without_bad_legs(
     if not machine.legs.closure.one_body:
         return measured, ()
     rho = problem.readings(machine)
-    upper = upper_joints(machine.legs, problem.p, problem.R, machine.delta_bz(rho))
+    upper = upper_joints(machine.bent_legs(rho), problem.p, problem.R, machine.delta_bz(rho))
     joints = (machine.legs.closure.lower(machine.legs, rho), upper)
     good, out = dict(measured.legs), []
     for leg, found in measured.legs.items():

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
 from truing.belonging.relation import RelationState
+from truing.report.coefficient_map import cells_of, coefficient_map, matrix_axes, significant
 from truing.report.figure_style import BAR, BLUE, GREEN, ORANGE, RED, label, panel_grid, style
+from truing.report.in_plane_section import directions, in_plane_maps, in_plane_sentence, in_plane_test
 from truing.report.model_tests import REJECTED, ModelTest, by_p, listing_of
-from truing.report.numbers import count, p_equals, p_value, plain, quantity, with_uncertainty
+from truing.report.numbers import count, p_equals, p_value, plain, quantity
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_deformation
 from truing.report.scene.by_leg import by_leg
@@ -29,7 +30,6 @@ _UNLIKELY = 0.01  # p-value below which a model is significant
 # The rigid fit of a body with three targets removes nearly all of their displacements.
 _TARGETS_OF_A_PICTURE = 3
 
-_IN_PLANE = "in-plane"  # the model of shifts along x and y
 _LINES = {"x": BLUE, "y": ORANGE, "z": GREEN}
 
 
@@ -38,7 +38,7 @@ def deformation(tables: Tables) -> ReportSection | None:
     if "deformation" not in tables:
         return None
     modelled = filled(tables, "deformation_errors") is not None
-    shown = [*_picture(tables), *_legs(tables), *simulated_map(tables), *_targets(tables)]
+    shown = [*_picture(tables), *_legs(tables), *in_plane_maps(tables), *simulated_map(tables), *_targets(tables)]
     if not modelled:
         why = why_no_deformation(tables)
         return ReportSection("deformation", "Deformation", why, tuple(shown), _legwise(tables), "not evaluated")
@@ -46,6 +46,7 @@ def deformation(tables: Tables) -> ReportSection | None:
     listings = (
         listing_of(tests, "Tests of the models"),
         *_legwise(tables),
+        *directions(tables),
         *simulated_entries(tables),
         _errors(tables),
     )
@@ -87,15 +88,7 @@ def _tests(tables: Tables) -> list[ModelTest]:
     says = ("The model explains no more than chance.", "The model explains significantly more than chance.")
     why = "This campaign does not allow the model: too few poses, or no attachment for each actuator."
     models = [by_p(words, found[model], _UNLIKELY, says, why, REJECTED) for model, words in asked.items()]
-    return [rigid, *models, *_in_plane_test(facts), *simulated_test(_facts(tables))]
-
-
-def _in_plane_test(facts: pd.DataFrame) -> list[ModelTest]:
-    """Return the test if attachments shift along z alone, where it was made."""
-    p = facts.loc[(facts["model"] == _IN_PLANE) & (facts["figure"] == "p_value_over_none"), "value"].dropna()
-    says = ("No shift in the plane exceeds chance.", "Attachments shift in the plane with the actuators.")
-    asked = "attachments shift only along z, not in the platform's plane"
-    return [by_p(asked, float(p.iloc[0]), _UNLIKELY, says, "", REJECTED)] if len(p) else []
+    return [rigid, *models, *in_plane_test(_facts(tables)), *simulated_test(_facts(tables))]
 
 
 def _legwise(tables: Tables) -> tuple[Listing, ...]:
@@ -153,7 +146,7 @@ def _legs(tables: Tables) -> Drawn:
     drawn: Drawn = [(shift_against_drive(shifts, models), words)]
     if (models["model"] == "matrix").any():
         words = "Row: attachment that shifts. Column: actuator that moves it. The linear model has the diagonal alone."
-        drawn.append((coefficient_map(models), words))
+        drawn.append((coefficient_map(models[models["model"] == "matrix"]), words))
     return drawn
 
 
@@ -200,12 +193,7 @@ def _sentence(tables: Tables) -> str:
         words.append(
             f"Of the mean square shift {lift:.0f} % is lift, {tilt:.0f} % tilt and {buckle:.0f} % buckling of the ring."
         )
-    if (p := facts.get((_IN_PLANE, "p_value_over_none"), 1.0)) < _UNLIKELY:
-        shift, left = (quantity(float(facts[(_IN_PLANE, name)]), "um") for name in ("rms_shift", "rms_left"))
-        words.append(
-            f"Attachments also shift in the platform's plane with the actuators (p {p_equals(float(p))}): {shift} rms "
-            f"along x and y, {left} after a matrix model."
-        )
+    words += in_plane_sentence(_facts(tables))
     if ("matrix", "modulo_plane") in facts and float(facts[("matrix", "modulo_plane")]):
         words.append("Shifts are known except for a common plane: fewer than three targets lie away from attachments.")
     words += simulated_sentence(tables, _facts(tables))
@@ -298,69 +286,6 @@ def _slope(rows: pd.DataFrame, slope: float) -> go.Scatter:
     )
 
 
-# Wider matrices have no room for numbers in their cells.
-_NUMBERED = 15
-
-
-def coefficient_map(models: pd.DataFrame) -> go.Figure:
-    """Return the matrix model's coefficients as a heat map; entries that chance could explain are in brackets."""
-    matrix = models[models["model"] == "matrix"]
-    wide = {c: matrix.pivot(index="leg", columns="column", values=c) for c in ("coefficient", "sigma")}
-    values, sigma = 1e3 * wide["coefficient"], 1e3 * wide["sigma"]
-    real = _significant(matrix, "leg", "column").to_numpy()
-    bound = float(np.nanmax(np.abs(values.to_numpy())))
-    figure = go.Figure()
-    figure.add_trace(
-        go.Heatmap(
-            z=values,
-            x=[f"actuator {c}" for c in values.columns],
-            y=[f"attachment {r} " for r in values.index],
-            text=_cells(values.to_numpy(), real, "{:.1f}"),
-            texttemplate="%{text}" if len(values.columns) <= _NUMBERED else None,
-            textfont={"size": 14},
-            customdata=_entry_listing(values.to_numpy(), sigma.to_numpy()),
-            colorscale="RdBu_r",
-            zmin=-bound,
-            zmax=bound,
-            xgap=1,
-            ygap=1,
-            colorbar={"title": {"text": "µm per mm"}, "thickness": 16},
-            hovertemplate="%{y}with %{x}: %{customdata}<extra></extra>",
-        )
-    )
-    typical = float(np.nanmedian(sigma.to_numpy()))
-    subtitle = f"One sigma of an entry: {typical:.2g} µm per mm. In brackets: not distinguishable from zero"
-    style(figure, "K: shift of each attachment along z, in µm per mm of each actuator", subtitle, 520)
-    _matrix_axes(figure)
-    return figure
-
-
-def _significant(matrix: pd.DataFrame, index: str, columns: str) -> pd.DataFrame:
-    known = matrix if "significant" in matrix else matrix.assign(significant=True)
-    return known.pivot(index=index, columns=columns, values="significant")
-
-
-def _cells(values: Any, real: Any, form: str) -> list[list[str]]:
-    return [
-        [form.format(v) if mark else f"({form.format(v)})" for v, mark in zip(row, marks, strict=True)]
-        for row, marks in zip(values, real, strict=True)
-    ]
-
-
-def _entry_listing(values: Any, sigma: Any) -> list[list[str]]:
-    """Return every entry with its uncertainty."""
-    return [
-        [with_uncertainty(v, s, "µm/mm") for v, s in zip(*pair, strict=True)]
-        for pair in zip(values, sigma, strict=True)
-    ]
-
-
-def _matrix_axes(figure: go.Figure) -> None:
-    figure.update_yaxes(autorange="reversed", automargin=True, type="category", showgrid=False)
-    figure.update_xaxes(side="top", type="category", showgrid=False)
-    figure.update_layout(margin={"t": 110, "b": 20})
-
-
 def compliance_map(compliance: pd.DataFrame) -> go.Figure:
     """Return the compliance matrix as a map in standard deviations, with the value of each entry in its cell."""
     matrix = compliance[compliance["model"] == "matrix"]
@@ -368,14 +293,14 @@ def compliance_map(compliance: pd.DataFrame) -> go.Figure:
     wide = {
         c: matrix.pivot(index="response", columns="load", values=c).loc[order] for c in ("coefficient", "sigma", "unit")
     }
-    real = _significant(matrix, "response", "load").loc[order].to_numpy()
+    real = significant(matrix, "response", "load").loc[order].to_numpy()
     figure = go.Figure()
     figure.add_trace(
         go.Heatmap(
             z=(wide["coefficient"] / wide["sigma"]).clip(-50, 50),
             x=[label(load) for load in order[1]],
             y=[f"{label(response)} " for response in order[0]],
-            text=_cells(wide["coefficient"].to_numpy(), real, "{:.2e}"),
+            text=cells_of(wide["coefficient"].to_numpy(), real, "{:.2e}"),
             texttemplate="%{text}",
             zmin=-50,
             zmax=50,
@@ -389,7 +314,7 @@ def compliance_map(compliance: pd.DataFrame) -> go.Figure:
     )
     subtitle = "m or rad per N or N·m. Colour: value over its sigma, clipped at 50. In brackets: not significant"
     style(figure, "Compliance: displacement (row) per load (column)", subtitle, 500)
-    _matrix_axes(figure)
+    matrix_axes(figure)
     return figure
 
 

@@ -15,7 +15,8 @@ _LENGTHS = ("platform_radius", "base_radius", "lower_clearance", "middle_clearan
 UNBROKEN = "\u00a0"
 MEANING = (
     "a: lower joint, b: upper joint, u: direction of the actuator, l: length of the leg, ρ0: reading at the reference, "
-    "κ: shift of its attachment per displacement of its own actuator; K, ρ2: per displacement of actuator 2."
+    "κ: shift of its attachment per displacement of its own actuator; K, ρ2: per displacement of actuator 2; Kx, Ky: "
+    "the same along x and y of the platform."
 )
 
 
@@ -27,12 +28,17 @@ def symbols(words: str) -> str:
 def kind_of(parameter: str, leg: float) -> str:
     """Return the kind of a parameter, equal in every leg: ``a_x``, ``κ``, ``K, ρ2`` for the second entry of K's row."""
     column = _column_of(parameter, leg)
-    return f"K, ρ{column}" if column else _name_in_words(parameter)
+    return f"{_matrix_of(parameter)}, ρ{column}" if column else _name_in_words(parameter)
+
+
+def _matrix_of(parameter: str) -> str:
+    """Return the matrix of a coefficient: K, or Kx and Ky for shifts in the platform's plane."""
+    return next((name for name in ("Kx", "Ky") if parameter.startswith(name)), "K")
 
 
 def _column_of(parameter: str, leg: float) -> str:
     """Return the drive of an entry of K, ``2`` of ``K12`` or ``10`` of ``K1_10``; empty for other parameters."""
-    own = f"K{int(leg)}" if leg == leg else "K"
+    own = _matrix_of(parameter) + (f"{int(leg)}" if leg == leg else "")
     column = parameter.removeprefix(own).removeprefix("_")
     return column if parameter.startswith(own) and column.isdigit() else ""
 

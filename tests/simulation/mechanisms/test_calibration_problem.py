@@ -93,3 +93,40 @@ def test_the_report_identifies_a_leg_from_its_own_closure_alone() -> None:
     found = problem.constrain(problem.start, np.zeros((3, problem.deviations))).by_values
     for j, entry in enumerate(problem.parameters.entries):
         assert np.all(np.abs(np.delete(found[..., j], entry.leg, -1)) == 0.0), entry.label
+
+
+def _bent_in_its_plane(name: str, poses: int = 3) -> CalibrationProblem:
+    """Exact poses of a machine whose attachments shift along all axes, all its coefficients open."""
+    rng = np.random.default_rng(12)
+    machine = Machine(telescope(name), K, in_plane=rng.normal(0.0, 0.02, (6, 2, 6)))
+    rho = readings(rng, poses)
+    reached = poses_at(STRUCTURES[name], machine, rho)
+    assert reached.converged.all()
+    parameters = full_set(machine, "in-plane", rho0=True)
+    return CalibrationProblem(STRUCTURES[name], machine, parameters, reached.p, reached.R, rho)
+
+
+@pytest.mark.parametrize("name", ["6-pus", "ups"])
+def test_derivatives_with_shifts_in_the_plane_agree_with_a_complex_step(name: str) -> None:
+    problem = _bent_in_its_plane(name)
+    assert_derivatives_exact(problem, *_apart(problem, np.random.default_rng(13)))
+
+
+def test_shifts_in_the_plane_are_those_of_the_moved_attachments() -> None:
+    problem = _bent_in_its_plane("6-pus", poses=1)
+    machine, moved = problem.nominal, problem.rho[0] - problem.nominal.legs.rho0
+    assert machine.in_plane is not None
+    shift = np.concatenate([machine.in_plane @ moved, (K @ moved)[:, None]], -1)
+    rigid = Machine(machine.legs.replace(b=machine.legs.b + shift), np.zeros((6, 6)))
+    found = poses_at(STRUCTURES["6-pus"], rigid, problem.rho)
+    assert_close(found.p, problem.p, atol=1e-12)
+    assert_close(found.R, problem.R, atol=1e-12)
+
+
+def test_values_of_shifts_in_the_plane_stand_where_their_names_say() -> None:
+    problem = _bent_in_its_plane("6-pus")
+    assert problem.nominal.in_plane is not None
+    values = dict(zip(problem.parameters.labels, problem.start, strict=True))
+    assert values["Kx23"] == problem.nominal.in_plane[1, 0, 2]
+    assert values["Ky61"] == problem.nominal.in_plane[5, 1, 0]
+    assert values["K61"] == K[5, 0]

@@ -105,7 +105,7 @@ def test_a_matrix_of_many_legs_is_told_apart_by_its_names() -> None:
 
 def test_an_unknown_deformation_or_parameter_is_refused() -> None:
     machine = _machine()
-    with pytest.raises(ValueError, match="deformation: found 'cubic', expected none, linear or matrix"):
+    with pytest.raises(ValueError, match="deformation: found 'cubic', expected none, linear, matrix or in-plane"):
         report_set(machine, "cubic")
     with pytest.raises(ValueError, match="found 'kapa', expected a number of the machine"):
         ParameterSet((LegParameter("kapa", 0, "1", 1.0),)).values(machine)

@@ -9,10 +9,15 @@ from truing.report.tables import Tables, filled
 Key = tuple[str, str]  # model, deformation
 ERRORS_IN_VARIABLES, IMPLICIT, NOMINAL = "errors-in-variables", "implicit", "nominal"
 TO_POINTS = "points"  # the extended model's estimator
-DEFORMATIONS = ("none", "linear", "matrix")
+DEFORMATIONS = ("none", "linear", "matrix", "in-plane")
 EXTENDED = "extended"  # the model of the diagnosis, among those of the structure
 _KEY = ["model", "deformation"]
-_DEFORMATION_WORDS = {"none": "the deformation ignored", "linear": "linear deformation", "matrix": "matrix deformation"}
+_DEFORMATION_WORDS = {
+    "none": "the deformation ignored",
+    "linear": "linear deformation",
+    "matrix": "matrix deformation",
+    "in-plane": "matrix deformation along z, x and y",
+}
 
 
 def figures_by_calibration(tables: Tables, estimator: str = ERRORS_IN_VARIABLES) -> pd.DataFrame | None:

@@ -12,7 +12,7 @@ import plotly.graph_objects as go
 
 from truing.report.absorption import absorbed_by, swallowed
 from truing.report.calibration.calibrations import shown_calibration
-from truing.report.deformation_section import coefficient_map
+from truing.report.coefficient_map import coefficient_map
 from truing.report.diagnosis.adequacy import adequacy
 from truing.report.diagnosis.assessed_causes import RIVAL, SUSPECTED, AssessedCause, accepted_of, assessed_causes
 from truing.report.diagnosis.detectable_sizes import hidden

@@ -1,7 +1,8 @@
 """Class `ParameterSet`: named parameters of a machine to identify, and the machine as a function of them.
 
 Names are those of the tables: a_x .. b_z, u_x .. u_z, l, rho0, kappa (the leg's own entry of K), K11 .. (a leg's row of
-K), flexure_length; shared by all legs flexure_bending, flexure_axial, flexure_torsion and the same of tube.
+K), Kx11 .., Ky11 .. (the same of its shift along x and y of the platform), flexure_length; shared by all legs
+flexure_bending, flexure_axial, flexure_torsion and the same of tube.
 """
 
 from __future__ import annotations
@@ -139,6 +140,8 @@ def _along_the_sphere(u: NDArray, slope: NDArray) -> NDArray:
 
 # Number of trailing axes of each field of a machine that may contain parameters.
 _RANK = {"a": 2, "b": 2, "u": 2, "l": 1, "rho0": 1, "deformation": 2, "flexure_length": 1, "flexure": 1, "tube": 1}
+_RANK["in_plane"] = 3
+_IN_PLANE = ("Kx", "Ky")
 
 
 def _slot(parameter: LegParameter) -> _Slot:
@@ -151,16 +154,24 @@ def _slot(parameter: LegParameter) -> _Slot:
         return _Slot(name, (leg,))
     if name == "kappa":
         return _Slot("deformation", (leg, leg))
+    if is_in_plane(parameter):
+        return _Slot("in_plane", (leg, _IN_PLANE.index(name[:2]), column_of(parameter)))
     if name.startswith("K") and name[1:].replace("_", "").isdigit():
-        return _Slot("deformation", (leg, _column(name, leg)))
+        return _Slot("deformation", (leg, column_of(parameter)))
     if head in ("flexure", "tube") and tail in _STIFFNESS:
         return _Slot(head, (list(_STIFFNESS).index(tail),))
     raise ValueError(f"parameter: found {name!r}, expected a number of the machine")
 
 
-def _column(name: str, leg: int) -> int:
-    """Return j - 1 of the name Kij or Ki_j."""
-    return int(name[1:].partition("_")[2] if "_" in name else name[1 + len(str(leg + 1)) :]) - 1
+def is_in_plane(parameter: LegParameter) -> bool:
+    """Return True for coefficients of shifts in the platform's plane."""
+    return parameter.name[:2] in _IN_PLANE
+
+
+def column_of(parameter: LegParameter) -> int:
+    """Return j - 1 of the name Kij, Ki_j, Kxij or Kxi_j of leg i."""
+    digits = parameter.name.lstrip("Kxy")
+    return int(digits.partition("_")[2] if "_" in digits else digits[len(str(parameter.leg + 1)) :]) - 1
 
 
 def _array(machine: Machine, field: str) -> NDArray:
@@ -210,19 +221,21 @@ def full_set(
 
 
 def deformation_set(machine: Machine, deformation: str) -> ParameterSet:
-    """Return the parameters of a deformation: none, kappa of each leg, or K row by row."""
+    """Return the parameters of a deformation: none, kappa of each leg, K row by row, or K with its rows along x and
+    y."""
     _check(deformation)
     count = machine.legs.count
-    if deformation == "matrix":
+    if deformation in ("matrix", "in-plane"):
         between = "_" if count > 9 else ""
-        pairs = ((i, j) for i in range(count) for j in range(count))
-        return ParameterSet(tuple(_ratio(f"K{i + 1}{between}{j + 1}", i) for i, j in pairs))
+        kinds = ("K", *(_IN_PLANE if deformation == "in-plane" else ()))
+        places = ((kind, i, j) for kind in kinds for i in range(count) for j in range(count))
+        return ParameterSet(tuple(_ratio(f"{kind}{i + 1}{between}{j + 1}", i) for kind, i, j in places))
     return ParameterSet(tuple(_ratio("kappa", leg) for leg in range(count) if deformation == "linear"))
 
 
 def _check(deformation: str) -> None:
-    if deformation not in ("none", "linear", "matrix"):
-        raise ValueError(f"deformation: found {deformation!r}, expected none, linear or matrix")
+    if deformation not in ("none", "linear", "matrix", "in-plane"):
+        raise ValueError(f"deformation: found {deformation!r}, expected none, linear, matrix or in-plane")
 
 
 def _directions(machine: Machine, count: int) -> list[LegParameter]:

@@ -16,7 +16,7 @@ from truing.simulation.change import Change
 from truing.simulation.mechanisms.legs.closures import Legs
 from truing.simulation.mechanisms.legs.kinematics import attachments, shortest_turn, unit, upper_joints
 from truing.simulation.mechanisms.parameters import LegParameter
-from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel, shift_change
+from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel, in_plane_change, shift_change
 from truing.simulation.mechanisms.structures.structure import Closing, Machine, Structure
 
 _OWN = 5  # unknowns per leg: c0, and the two smallest components of w
@@ -185,14 +185,16 @@ class Joints:
 
 def joints_of(leg: NDArray, machine: Machine, p: NDArray, R: NDArray, rho: NDArray, change: Change) -> Joints:
     """Return the joints of legs (K,), from 0, at poses p (..., 3), R (..., 3, 3) and readings rho (..., L)."""
-    legs, shift = machine.legs, machine.delta_bz(rho)
+    legs, shift = machine.bent_legs(rho), machine.delta_bz(rho)
     upper, lower = upper_joints(legs, p, R, shift), legs.closure.lower(legs, rho)
     arms = attachments(legs, shift) @ np.swapaxes(R, -1, -2)
     axis = R[..., None, :, 2, None]
     driven = legs.closure.lower_change(legs, rho, Change({"rho": np.eye(legs.count)}, legs.count))
     moved = np.einsum("...ij,...ljp->...lip", R, change.get("b", (legs.count, 3)))
     bent = axis * shift_change(machine, rho, change)[..., None, :]
-    upper_parts = (np.eye(3), -skew(arms), axis * machine.deformation[..., None, :], moved + bent)
+    bent = bent + np.einsum("...ij,...ljp->...lip", R[..., :2], in_plane_change(machine, rho, change))
+    driven_above = np.einsum("...ij,...ljk->...lik", R, machine.by_readings())
+    upper_parts = (np.eye(3), -skew(arms), driven_above, moved + bent)
     lower_parts = (np.zeros((3, 6)), driven, legs.closure.lower_change(legs, rho, change))
     slopes = (concatenated(upper.shape, *parts)[..., leg, :, :] for parts in (lower_parts, upper_parts))
     return Joints(leg, lower[..., leg, :], upper[..., leg, :], *slopes)

@@ -33,16 +33,17 @@ class KinematicModel:
 
     def close(self, machine: Machine, p: NDArray, R: NDArray, rho: NDArray, change: Change) -> Closing:
         """Return the closure residuals at poses p (..., 3), R (..., 3, 3) and readings rho (..., L), m."""
-        legs = machine.legs
+        legs = machine.bent_legs(rho)
         arms = attachments(legs, machine.delta_bz(rho)) @ np.swapaxes(R, -1, -2)
         upper = p[..., None, :] + arms
         value, towards = legs.closure.close(legs, upper, rho)
-        along = np.sum(towards * R[..., None, :, 2], -1)  # of the closing by delta_bz
+        along = towards @ R  # of the closing by the attachments, platform frame
         own = reading_change(machine, upper, rho)
-        by_rho = own[..., None] * np.eye(legs.count) + along[..., None] * machine.deformation
-        bent = along[..., None] * shift_change(machine, rho, change)
+        by_rho = own[..., None] * np.eye(legs.count) + np.einsum("...li,...lij->...lj", along, machine.by_readings())
+        bent = along[..., 2, None] * shift_change(machine, rho, change)
+        bent = bent + np.einsum("...li,...lip->...lp", along[..., :2], in_plane_change(machine, rho, change))
         by_twist = np.concatenate([towards, np.cross(arms, towards)], -1)
-        moved = np.einsum("...li,...lip->...lp", towards @ R, change.get("b", (legs.count, 3)))
+        moved = np.einsum("...li,...lip->...lp", along, change.get("b", (legs.count, 3)))
         return Closing(value, by_twist, by_rho, legs.closure.close_change(legs, upper, rho, change) + moved + bent)
 
 
@@ -61,6 +62,17 @@ def shift_change(machine: Machine, rho: NDArray, change: Change) -> NDArray:
         shift = shift + np.einsum("...ijp,...j->...ip", bent, rho - machine.legs.rho0)
     if moved is not None:
         shift = shift - machine.deformation @ moved
+    return shift
+
+
+def in_plane_change(machine: Machine, rho: NDArray, change: Change) -> NDArray:
+    """Return the derivative (..., L, 2, P) of the shift along x and y of the platform by the parameters of a change."""
+    bent, moved = change.fields.get("in_plane"), change.fields.get("rho0")
+    shift = np.zeros((machine.legs.count, 2, change.size))
+    if bent is not None:
+        shift = shift + np.einsum("...iajp,...j->...iap", bent, rho - machine.legs.rho0)
+    if moved is not None and machine.in_plane is not None:
+        shift = shift - np.einsum("...iaj,...jp->...iap", machine.in_plane, moved)
     return shift
 
 

@@ -46,7 +46,8 @@ class Machine:
     deformation: K (..., L, L), shift of the attachments along z of the platform per displacement of the actuators
     (telescope report, eq. 2), diagonal if each depends on its own actuator only (eq. 1); flexure_length: (..., L) m, if
     the joints are flexures; flexure, tube: their sections, if known; load: wrench (6,) on the platform at its origin,
-    base axes, N and N m.
+    base axes, N and N m; in_plane: shift of attachment i along x and y of the platform per displacement of actuator j,
+    (L, 2, L), which only the kinematic model uses; None for none.
     """
 
     legs: Legs
@@ -55,10 +56,24 @@ class Machine:
     flexure: BeamSection | None = None
     tube: BeamSection | None = None
     load: NDArray = field(default_factory=lambda: np.zeros(6))
+    in_plane: NDArray | None = None
 
     def delta_bz(self, rho: NDArray) -> NDArray:
         """Return the attachments' shift (..., L), m, along z of the platform at readings rho (..., L), m."""
         return np.einsum("...ij,...j->...i", self.deformation, rho - self.legs.rho0)
+
+    def bent_legs(self, rho: NDArray) -> Legs:
+        """Return the legs with their attachments shifted in the platform's plane, as at readings rho (..., L), m."""
+        if self.in_plane is None:
+            return self.legs
+        shift = np.einsum("...iaj,...j->...ia", self.in_plane, rho - self.legs.rho0)
+        return self.legs.replace(b=self.legs.b + np.concatenate([shift, 0.0 * shift[..., :1]], -1))
+
+    def by_readings(self) -> NDArray:
+        """Return the derivative (..., L, 3, L) of the attachments, platform frame, by the readings."""
+        plane = np.zeros((self.legs.count, 2, self.legs.count)) if self.in_plane is None else self.in_plane
+        along = self.deformation[..., None, :]
+        return np.concatenate([np.broadcast_to(plane, (*along.shape[:-3], *plane.shape[-3:])), along], -2)
 
 
 @dataclass(frozen=True)
