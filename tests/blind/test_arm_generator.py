@@ -209,6 +209,17 @@ def test_every_cause_is_hidden_at_the_strength_asked_for(cause: str) -> None:
         )
 
 
+def test_a_joint_without_load_is_never_the_soft_one() -> None:
+    """Rounding leaves a trace of torque about a vertical axis, which no compliance of a machine brings to light."""
+    for seed in (0, 7):
+        campaign = draw(seed, layout="industrial-6r", causes=("joint-compliance",), poses=40)
+        (effect,) = campaign.effects
+        arm = campaign.bench.design.arm
+        found = places(arm, at_rest(arm, campaign.bench.schedule.readings, 0))
+        assert effect.size <= 3e-4
+        assert np.abs(gravity_torques(arm, found)[:, effect.where]).max() > 0.1
+
+
 def test_an_offset_never_shows_stronger_than_its_prior_allows() -> None:
     for seed in range(40):
         campaign = draw(seed, causes=("joint-offset",), poses=40)

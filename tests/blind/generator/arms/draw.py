@@ -20,7 +20,13 @@ from tests.blind.generator.arms.transforms import Array, X, Y, Z, rotation
 
 OFFSET = 4.0  # tolerances: the least hidden offset
 LARGEST = 0.01  # m: no effect moves a point farther
-BOUNDS = {"link-growth": 2e-4, "joint-gain": 0.02}  # 1/K; 1
+BOUNDS = {  # sizes beyond them belong to no machine: 1/K, 1, rad/(N m), 1/(N m²), rad or m
+    "link-growth": 2e-4,
+    "joint-gain": 0.02,
+    "joint-compliance": 3e-4,
+    "link-bending": 1e-3,
+    "joint-offset": 0.05,
+}
 APART = 0.7  # share of its strength that an effect keeps beside another one
 ATTEMPTS = 60
 
