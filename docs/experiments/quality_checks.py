@@ -40,7 +40,7 @@ def entries(checks: Checks) -> str:
 
 def _entry(name: str, check: QualityCheck) -> str:
     """Return why a check is made and what to do; its question and limits are in the overview."""
-    return f"### `{name}`\n\n{check.why} *What to do*: {check.to_do}"
+    return f"### `{name}`\n\n{check.why} *Remedy*: {check.to_do}"
 
 
 TABLES: Mapping[str, Callable[[], str]] = {
