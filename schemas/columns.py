@@ -296,13 +296,11 @@ _MEASURED = (
     ),
     text(
         "reason_code",
-        "code of the reason for the state or the verdict. For a cause: found; noise; remainder (columns predict the "
-        "misfit where no model of causes holds); rival; chance; held-out (worse prediction); dropped (not needed "
-        "next to others); contained (in a found cause); unseen (the campaign cannot show it); for a suspected cause: "
-        "inadequate (the model does not hold as a whole), unnamed (an effect without a name remains), unpaid (the "
-        "misfit of the simulation is not smaller with it) or elsewhere (left-out blocks are less probable with it); "
-        "ended (the search ended before a decision); no-time, no-up, ... (a needed quantity is not recorded). For a "
-        "section: the list in docs/verdict.md",
+        "code of the reason for the state or the verdict. Of a cause: found; noise; remainder (columns predict the misfit "
+        "where no model holds); rival; chance; held-out (worse prediction); dropped (not needed next to others); contained "
+        "(in a found cause); unseen (the campaign cannot show it); inadequate, unnamed, unpaid, elsewhere (suspected: "
+        "docs/diagnosis.md); ended (search ended before); no-time, no-up, ... (a quantity is not recorded). Of a section: "
+        "docs/verdict.md",
     ),
     real("misfit", "", "rms misfit of the relation as recorded; a count or ratio in unit 1", nullable=True),
     real("misfit_explained", "", "rms misfit with the slips corrected; empty if no slip explains it", nullable=True),
