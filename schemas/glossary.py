@@ -13,8 +13,8 @@ from pathlib import Path
 _FILE = Path(__file__).with_name("glossary.csv")
 _HEAD = """# Glossary
 
-This page defines the terms of the project, with symbol and unit. The last column names the page that explains a term, and the module
-that defines or computes it. Frames, signs and orders: [conventions](conventions.md).
+This page defines the terms of the project, with symbol and unit. The last column names the page that
+explains a term, and the module that defines or computes it. Frames, signs and orders: [conventions](conventions.md).
 Written by `python -m schemas` from `schemas/glossary.csv`.
 
 | term | symbol | unit | meaning | where |
