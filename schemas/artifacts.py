@@ -293,6 +293,13 @@ _CALIBRATION = (
         "model deformation leg figure value unit combination",
     ),
     parquet(
+        "flexure_parameters",
+        "design parameters of flexures and legs in the models that use them: effect of one tolerance on the closure, "
+        "and whether the data determine them",
+        "model* leg* parameter* unit nominal tolerance sensitivity_um closure_noise_um sigma_over_tolerance "
+        "identifiable",
+    ),
+    parquet(
         "absorption",
         "bias of the parameters by an effect that the model leaves out: predicted, and observed in the fit",
         "effect* model* deformation* estimator* leg* parameter* unit predicted observed sigma",

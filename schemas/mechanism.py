@@ -75,6 +75,11 @@ class Leg(Section):
     length_mm: Positive = Field(description="leg length (ups: at zero reading)")
     rho0_mm: Finite = Field(0.0, description="actuator reading in the reference configuration")
     flexure_length_mm: Positive | None = Field(None, description="length of the flexures at both ends")
+    flexure_beta: Annotated[float, Field(ge=0.0, lt=0.75)] = Field(
+        0.25,
+        description="beam model: distance of the centre, on whose circle a flexure's end moves, from its root, in "
+        "flexure lengths (beta of the telescope report)",
+    )
 
     @model_validator(mode="after")
     def _direction_is_unit(self) -> Leg:
@@ -99,6 +104,10 @@ class Tolerance(Section):
     u: Share | None = Field(None, description="direction of the actuators, rad")
     length_mm: NotNegative | None = Field(None, description="leg length")
     rho0_mm: NotNegative | None = Field(None, description="reference reading of the actuators")
+    flexure_length_mm: NotNegative | None = Field(
+        None, description="length of the flexures; given: beam and stiffness model identify it"
+    )
+    flexure_beta: NotNegative | None = Field(None, description="flexure_beta; given: the beam model identifies it")
 
 
 class MechanismSection(Section):

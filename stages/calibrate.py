@@ -29,7 +29,7 @@ DECLARATION = Stage(
         *("model_choice?", "observability?", "absorption?", "requirements?"),
         *("sensor_matrix?", "sensor_merit?", "sensor_choice?", "error_classes?", "sensor?"),
         *("repeats?", "lack_of_fit?", "pose_repeatability?", "calibration_left_out?"),
-        "calibrations_compared?",
+        *("calibrations_compared?", "flexure_parameters?"),
     ),
     settings=(
         *("campaign.kind", "campaign.drives", "measurement.frame", "mechanism.type", "mechanism.legs"),

@@ -22,6 +22,7 @@ from truing.calibration.accuracy import (
 )
 from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform
 from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration
+from truing.calibration.flexure_knowledge import DesignParameter
 from truing.calibration.knowledge import absorbed, observe_legs, observe_model
 from truing.estimation.design.observability import Observability, choose_identifiable, indices, inseparable
 from truing.estimation.held_out import ContenderChoice
@@ -244,6 +245,26 @@ def _observed_rows(rows: Rows, model: str, deformation: str, leg: int | None, fo
         for text, sigma in zip(texts, group.sigma, strict=False):
             value = float(sigma) if np.isfinite(sigma) else None
             rows.add(**common, figure="unidentifiable", value=value, combination=text)
+
+
+def flexure_rows(found: Sequence[DesignParameter]) -> Rows:
+    """Design parameters of flexures and legs, with what the data say of them."""
+    rows = Rows("flexure_parameters")
+    for one in found:
+        unit = one.entry.si
+        rows.add(
+            model=one.model,
+            leg=one.entry.leg_number,
+            parameter=one.entry.name,
+            unit=one.entry.unit,
+            nominal=one.nominal / unit,
+            tolerance=one.tolerance / unit,
+            sensitivity_um=1e6 * one.sensitivity,
+            closure_noise_um=1e6 * one.noise,
+            sigma_over_tolerance=one.sigma if np.isfinite(one.sigma) else None,
+            identifiable=one.identifiable,
+        )
+    return rows
 
 
 def absorption_rows(

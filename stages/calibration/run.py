@@ -13,6 +13,7 @@ from truing.belonging.relation import RelationState
 from truing.calibration.accuracy import AssessedCalibration, Extended, choice, doubts, shortcoming
 from truing.calibration.calibration_input import CalibrationData
 from truing.calibration.calibration_question import Case, cases
+from truing.calibration.flexure_knowledge import flexure_knowledge
 from truing.calibration.model_cases import (
     LEAST_LEGS,
     OFF,
@@ -34,6 +35,7 @@ from truing.stages.calibration.model_rows import (
     add_uncalibrated,
     choice_rows,
     correlation_rows,
+    flexure_rows,
     observability_rows,
     parameter_rows,
     requirement_rows,
@@ -149,6 +151,7 @@ def _calibrated(
         "implicit_accuracy": _accuracy("implicit_accuracy", closed, data),
         "model_choice": choice_rows([*likely, *closed], measured.roles, made),
         "observability": observability_rows(data, used, best.calibration),
+        "flexure_parameters": flexure_rows(flexure_knowledge(data, used.chosen(clean.kept))),
         "absorption": absorption_rows(data, used, (*both.likely, *both.implicit)),
         "requirements": Rows("requirements"),
         "calibration_left_out": _left_out_rows(clean),
@@ -162,8 +165,9 @@ def _calibrated(
         add_extended(rows, extended, requirement, data, fitted, incomplete)
         if extended.effects and best.errors is not None:
             rows["calibrations_compared"] = compared_rows(best, extended, fitted)
-    if not rows["calibration_left_out"].count:
-        del rows["calibration_left_out"]
+    for name in ("calibration_left_out", "flexure_parameters"):
+        if not rows[name].count:
+            del rows[name]
     identifier = "int64" if isinstance(measured.poses[0], int) else "string"
     no_frame, free = _NO_FRAME if data.modulo_plane else "", "" if best.errors else _FREE
     open_questions = (data.left_out, *_screened_words(clean), *failures, no_frame, free)

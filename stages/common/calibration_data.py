@@ -198,8 +198,10 @@ def _roles(configurations: pa.Table, poses: tuple[int | str, ...]) -> NDArray:
 def _tolerances(mechanism: LeggedMechanism) -> dict[str, float]:
     given = mechanism.tolerance
     sigmas = {"a": given.a_mm, "b": given.b_mm, "l": given.length_mm, "rho0": given.rho0_mm}
+    sigmas["flexure_length"] = given.flexure_length_mm
     found = {name: sigma * 1e-3 for name, sigma in sigmas.items() if sigma is not None}
-    return found if given.u is None else {**found, "u": given.u}
+    ratios = {"u": given.u, "beta": given.flexure_beta}
+    return found | {name: sigma for name, sigma in ratios.items() if sigma is not None}
 
 
 def _deformations(models: pa.Table | None, legs: int) -> dict[str, Deformation]:

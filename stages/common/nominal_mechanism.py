@@ -64,6 +64,7 @@ def nominal_machine(mechanism: LeggedMechanism) -> Machine:
         np.array(lengths, float) * 1e-3 if known else None,
         _section(mechanism.flexure),
         _section(mechanism.leg_tube),
+        beta=np.array([leg.flexure_beta for leg in mechanism.legs]),
     )
 
 

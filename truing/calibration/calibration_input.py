@@ -105,7 +105,7 @@ class CalibrationData:
 
     measured: MeasuredPlatform
     machine: Machine
-    tolerance: Mapping[str, float]  # one sigma of a, b, l, rho0 (m) and u (1), where campaign.toml gives it
+    tolerance: Mapping[str, float]  # one sigma of a, b, l, rho0, flexure_length (m), u and beta, where given
     reading_sigma: float  # m
     deformations: Mapping[str, Deformation]  # linear, matrix, where the deformation stage determined them
     surveyed: SurveyedAttachments | None

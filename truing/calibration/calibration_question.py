@@ -25,6 +25,7 @@ from truing.simulation.mechanisms.structures.structure import Machine, Structure
 from truing.simulation.targets import FREE_ANGLE_RAD, FREE_DIRECTION, FREE_LENGTH_M
 
 DEFORMATIONS = ("none", "linear", "matrix")
+OF_FLEXURES = ("beam", "stiffness")  # models of bending flexures; beta belongs to the first
 IN_PLANE = "in-plane"  # matrix, with the attachments' shifts along x and y
 # Prior sigma of a deformation coefficient without any knowledge.
 _FREE_DEFORMATION = 0.1
@@ -211,12 +212,25 @@ class CalibrationQuestion:
 
 def question(data: CalibrationData, measured: MeasuredPlatform, case: Case) -> CalibrationQuestion:
     """Return the errors-in-variables problem of platform and readings, with all parameters of the machine free."""
-    parameters = free(full_set(case.nominal, case.deformation, rho0="rho0" in data.tolerance), data)
+    parameters = free(_every(data, case), data)
     problem, tolerance = problem_of(case, parameters, measured), tolerances(data, case, parameters)
     prior = _prior(data.surveyed, parameters, problem.start, tolerance)
     problem = with_common(problem, measured)
     return CalibrationQuestion(
         problem, own_covariance(measured, data.reading_sigma), tolerance, prior_of_all(problem, prior)
+    )
+
+
+def _every(data: CalibrationData, case: Case) -> ParameterSet:
+    """Return the parameters of a case; those of flexures only in models that use them, where a tolerance is given."""
+    known, model = data.tolerance, case.structure.name
+    bends = case.nominal.flexure_length is not None and model in OF_FLEXURES
+    return full_set(
+        case.nominal,
+        case.deformation,
+        rho0="rho0" in known,
+        flexure_length=bends and "flexure_length" in known,
+        beta=bends and model == OF_FLEXURES[0] and "beta" in known and case.nominal.beta is not None,
     )
 
 
@@ -301,7 +315,12 @@ def common_effects(measured: MeasuredPlatform) -> NDArray:
 def free(parameters: ParameterSet, data: CalibrationData) -> ParameterSet:
     """Return the parameters without those that a tolerance of zero declares exact."""
     exact = {name for name, sigma in data.tolerance.items() if sigma == 0}
-    return ParameterSet(tuple(e for e in parameters.entries if e.name.partition("_")[0] not in exact))
+    return ParameterSet(tuple(entry for entry in parameters.entries if kind(entry) not in exact))
+
+
+def kind(entry: LegParameter) -> str:
+    """Return the kind of a parameter, by which tolerances are given: a, b, u, l, rho0, flexure_length, beta."""
+    return entry.name if entry.name == "flexure_length" else entry.name.partition("_")[0]
 
 
 def tolerances(data: CalibrationData, case: Case, parameters: ParameterSet) -> NDArray:
@@ -309,9 +328,8 @@ def tolerances(data: CalibrationData, case: Case, parameters: ParameterSet) -> N
     known = data.deformations.get("matrix" if case.deformation == IN_PLANE else case.deformation)
     found = np.full(len(parameters), np.nan)
     for i, entry in enumerate(parameters.entries):
-        head = entry.name.partition("_")[0]
-        if head in data.tolerance:
-            found[i] = data.tolerance[head]
+        if kind(entry) in data.tolerance:
+            found[i] = data.tolerance[kind(entry)]
         elif data.in_plane is not None and is_in_plane(entry):
             found[i] = data.in_plane.sigma[entry.leg, "xy".index(entry.name[1]), column_of(entry)]
         elif known is not None and is_deformation(entry):
@@ -321,9 +339,8 @@ def tolerances(data: CalibrationData, case: Case, parameters: ParameterSet) -> N
 
 def widest(parameters: ParameterSet) -> NDArray:
     """Return sigmas (P,) without information, which keep the equations well scaled."""
-    heads = [entry.name.partition("_")[0] for entry in parameters.entries]
-    wide = {"u": FREE_DIRECTION, "a": FREE_LENGTH_M, "b": FREE_LENGTH_M, "l": FREE_LENGTH_M, "rho0": FREE_LENGTH_M}
-    return np.array([wide.get(head, _FREE_DEFORMATION) for head in heads])
+    wide = dict.fromkeys(("a", "b", "l", "rho0", "flexure_length"), FREE_LENGTH_M) | {"u": FREE_DIRECTION}
+    return np.array([wide.get(kind(entry), _FREE_DEFORMATION) for entry in parameters.entries])
 
 
 def _prior(

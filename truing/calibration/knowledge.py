@@ -14,6 +14,7 @@ from truing.calibration.calibration_question import (
     Case,
     cases,
     is_deformation,
+    kind,
     observation_covariance,
     problem_of,
     question,
@@ -52,6 +53,8 @@ _TOLERANCES = {
     "u": "directions of the actuators",
     "l": "lengths of the legs",
     "rho0": "reference readings",
+    "flexure_length": "lengths of the flexures",
+    "beta": "beta of the flexures",
 }
 
 
@@ -153,7 +156,7 @@ def observe_legs(dataset: CalibrationData, fitted: MeasuredPlatform) -> list[Obs
 def _scales(tolerance: Mapping[str, float], parameters: ParameterSet) -> NDArray:
     """Return plausible errors (P,) of the parameters: their tolerances; for the reference reading that of
     the joints."""
-    heads = [entry.name.partition("_")[0] for entry in parameters.entries]
+    heads = [kind(entry) for entry in parameters.entries]
     known = {"rho0": tolerance.get("a", 0.0), "kappa": _PLAUSIBLE_KAPPA, **tolerance}
     given = np.array([known.get(head, 0.0) for head in heads])
     return np.where(given > 0, given, widest(parameters))
@@ -313,4 +316,4 @@ def _kinds(calibration_question: CalibrationQuestion) -> dict[Source, list[int]]
 def _tolerance(entry: LegParameter) -> Source:
     if is_deformation(entry):
         return Source("deformation, as the targets on the attachments showed it", "B")
-    return Source(f"tolerance of the {_TOLERANCES.get(entry.name.partition('_')[0], entry.name)}", "B")
+    return Source(f"tolerance of the {_TOLERANCES.get(kind(entry), entry.name)}", "B")

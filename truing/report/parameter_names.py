@@ -6,7 +6,7 @@ import re
 
 from truing.report.numbers import sign
 
-_SYMBOLS = {"kappa": "κ", "rho0": "ρ0"}
+_SYMBOLS = {"kappa": "κ", "rho0": "ρ0", "beta": "β"}
 _UNITS = {"N m2": "N·m²"}
 _STIFFNESS = r"stiffness of (\d+) (\w+) (\w+)"
 _LENGTHS = ("platform_radius", "base_radius", "lower_clearance", "middle_clearance", "sensor_installation")

@@ -28,6 +28,7 @@ TABLE_3 = (
 )  # actuators from their reference, m
 STEP = 1e-30
 SHAPES = {"a": (6, 3), "b": (6, 3), "u": (6, 3), "l": (6,), "rho0": (6,), "flexure_length": (6,), "deformation": (6, 6)}
+SHAPES |= {"beta": (6,)}
 SECTIONS = {"flexure": (3,), "tube": (3,)}
 
 
@@ -68,6 +69,7 @@ def crooked(rng: np.random.Generator, kind: str) -> Machine:
         deformation=rng.normal(0.0, 0.01, (6, 6)),
         flexure_length=flexures,
         load=load,
+        beta=rng.uniform(0.1, 0.4, 6),
     )
 
 

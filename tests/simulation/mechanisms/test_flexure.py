@@ -114,3 +114,10 @@ def test_derivatives_of_the_distance_agree_with_a_complex_step(law: BendLaw, slo
     by_length = law(length + 1j * STEP, cosine).value.imag / STEP
     assert_close(found.by_cosine, by_cosine, atol=1e-13 * LENGTH_M, what="by cosine, m")
     assert_close(found.by_length, by_length, atol=1e-14, what="by length")
+
+
+@given(beta=st.floats(-1.0, 0.7), slope=st.floats(0.0, 1.5))
+def test_the_derivative_by_beta_agrees_with_a_complex_step(beta: float, slope: float) -> None:
+    length, cosine = np.array(LENGTH_M), np.array(np.cos(slope))
+    expected = circle_distance(length, cosine, np.array(beta + 1j * STEP)).value.imag / STEP
+    assert_close(circle_distance(length, cosine, beta).by_beta, expected, atol=1e-12 * LENGTH_M, what="by beta, m")

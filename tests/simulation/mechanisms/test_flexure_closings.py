@@ -112,6 +112,7 @@ def test_frames_and_the_order_of_legs_do_not_matter(model: Structure, kind: str)
         legs=legs.replace(**{name: array[order] for name, array in arrays.items()}),
         deformation=machine.deformation[np.ix_(order, order)],
         flexure_length=np.asarray(machine.flexure_length)[order],
+        beta=np.asarray(machine.beta)[order],
         load=np.concatenate([turn @ machine.load[:3], turn @ machine.load[3:]]),
     )
     found = model.close(other, p @ turn.T, turn @ R, rho[:, order], NO_CHANGE)

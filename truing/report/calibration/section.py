@@ -23,6 +23,7 @@ from truing.report.calibration.calibrations import (
     rows_of,
     shown_calibration,
 )
+from truing.report.calibration.design_parameters import design_parameters
 from truing.report.calibration.figures import geometry_picture, has_geometry
 from truing.report.calibration.listings import GOOD, all_calibrations, all_deviations, deviations, strong_correlations
 from truing.report.calibration.with_findings import compared_calibrations, data_words
@@ -182,6 +183,7 @@ def _listings(tables: Tables, fitted: pd.DataFrame) -> list[Listing]:
         caption = ". ".join(filter(None, (f"The same {_AS_REPORTED}", _method_words(tables))))
         listings.append(all_calibrations(as_reported, filled(tables, "implicit_calibration"), caption, folded=True))
     listings += [deviations(fitted, key), *all_deviations(fitted, _BY_DEFAULT, "calibration.parquet")]
+    listings += design_parameters(tables)
     reported = filled(tables, "implicit_calibration")
     if reported is not None:
         listings += all_deviations(reported, _AS_REPORTED, "implicit_calibration.parquet")

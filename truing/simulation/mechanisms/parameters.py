@@ -1,7 +1,7 @@
 """Class `ParameterSet`: named parameters of a machine to identify, and the machine as a function of them.
 
 Names are those of the tables: a_x .. b_z, u_x .. u_z, l, rho0, kappa (the leg's own entry of K), K11 .. (a leg's row of
-K), Kx11 .., Ky11 .. (the same of its shift along x and y of the platform), flexure_length; shared by all legs
+K), Kx11 .., Ky11 .. (the same of its shift along x and y of the platform), flexure_length, beta; shared by all legs
 flexure_bending, flexure_axial, flexure_torsion and the same of tube.
 """
 
@@ -140,7 +140,7 @@ def _along_the_sphere(u: NDArray, slope: NDArray) -> NDArray:
 
 # Number of trailing axes of each field of a machine that may contain parameters.
 _RANK = {"a": 2, "b": 2, "u": 2, "l": 1, "rho0": 1, "deformation": 2, "flexure_length": 1, "flexure": 1, "tube": 1}
-_RANK["in_plane"] = 3
+_RANK |= {"in_plane": 3, "beta": 1}
 _IN_PLANE = ("Kx", "Ky")
 
 
@@ -150,7 +150,7 @@ def _slot(parameter: LegParameter) -> _Slot:
     head, _, tail = name.partition("_")
     if head in ("a", "b", "u") and tail in _AXES:
         return _Slot(head, (leg, _AXES.index(tail)))
-    if name in ("l", "rho0", "flexure_length"):
+    if name in ("l", "rho0", "flexure_length", "beta"):
         return _Slot(name, (leg,))
     if name == "kappa":
         return _Slot("deformation", (leg, leg))
@@ -206,17 +206,24 @@ def report_set(machine: Machine, deformation: str) -> ParameterSet:
 
 
 def full_set(
-    machine: Machine, deformation: str, *, rho0: bool = False, flexure_length: bool = False, sections: bool = False
+    machine: Machine,
+    deformation: str,
+    *,
+    rho0: bool = False,
+    flexure_length: bool = False,
+    beta: bool = False,
+    sections: bool = False,
 ) -> ParameterSet:
     """Return all of a, b, u (if the closure has one) and l, and the deformation's kappa or all of K.
 
-    On request also the reference readings, the flexures' lengths, and the stiffnesses of flexures and tubes.
+    On request also the reference readings, lengths and beta of the flexures, and the stiffnesses of flexures and tubes.
     """
     legs = range(machine.legs.count)
     entries = [_millimetres(f"{name}_{axis}", leg) for name in "ab" for axis in _AXES for leg in legs]
     entries += _directions(machine, 2)
     for name, wanted in (("l", True), ("rho0", rho0), ("flexure_length", flexure_length)):
         entries += [_millimetres(name, leg) for leg in legs if wanted]
+    entries += [_ratio("beta", leg) for leg in legs if beta]
     return ParameterSet((*entries, *deformation_set(machine, deformation).entries, *_sections(sections)))
 
 

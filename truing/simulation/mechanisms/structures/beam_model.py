@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,15 +42,18 @@ _SINC_SLOPE = (1 / 3, -1 / 30, 1 / 840, -1 / 45360, 1 / 3991680, -1 / 518918400)
 
 @dataclass(frozen=True)
 class Distance:
-    """Distance (...) from a flexure's pivot to its end, m, with its derivatives by cosine of the bend and by l_b."""
+    """Distance (...) from a flexure's pivot to its end, m, with its derivatives by cosine of the bend, l_b and beta."""
 
     value: NDArray
     by_cosine: NDArray
     by_length: NDArray
+    by_beta: NDArray
 
 
-# From the flexure's length l_b (...), m, and the cosine of its bend (...).
-BendLaw = Callable[[NDArray, NDArray], Distance]
+class BendLaw(Protocol):
+    """Law of a bent flexure, from its length l_b (...), m, the cosine of its bend (...), and beta."""
+
+    def __call__(self, length: NDArray, cosine: NDArray, beta: NDArray | float = ..., /) -> Distance: ...
 
 
 def deflection(length: ArrayLike, slope: ArrayLike) -> tuple[NDArray, NDArray]:
@@ -78,7 +82,7 @@ def circle_remainder(length: ArrayLike, dx: ArrayLike, dy: ArrayLike) -> NDArray
     return x * x - 1.5 * l_b * x + y * y
 
 
-def circle_distance(length: NDArray, cosine: NDArray, beta: float = BETA) -> Distance:
+def circle_distance(length: NDArray, cosine: NDArray, beta: NDArray | float = BETA) -> Distance:
     """Return the distance for a flexure whose end moves on the circle of radius (1 - beta) l_b (eq. 15-17).
 
     length l_b and cosine of the bend (...); beta below 3/4, beyond which eq. 15 has no positive root or two.
@@ -86,20 +90,21 @@ def circle_distance(length: NDArray, cosine: NDArray, beta: float = BETA) -> Dis
     lean = (1 - 2 * beta) * cosine
     root = np.sqrt(3 - 4 * beta + lean * lean)
     share = (root - lean) / 2
-    return Distance(length * share, -length * (1 - 2 * beta) * share / root, share + 0.0 * length)
+    by_beta = length * (cosine - (1 + cosine * lean) / root)
+    return Distance(length * share, -length * (1 - 2 * beta) * share / root, share + 0.0 * length, by_beta)
 
 
-def arc_distance(length: NDArray, cosine: NDArray) -> Distance:
+def arc_distance(length: NDArray, cosine: NDArray, beta: NDArray | float = BETA) -> Distance:
     """Return the distance for a flexure bent to a circular arc, without approximation: l_b (sin t / t - cos t / 2).
 
     It is measured along the leg, the arc's tangent, which misses the pivot by l_b t^3 / 24: no elongation to first
-    order.
+    order. It does not depend on beta.
     """
     squared = _squared_angle(cosine)
     sinc = _by_series(squared, _SINC, lambda t: np.sin(t) / t)
     slope = _by_series(squared, _SINC_SLOPE, lambda t: (np.sin(t) - t * np.cos(t)) / t**3) / sinc
     share = sinc - cosine / 2
-    return Distance(length * share, length * (slope - 0.5), share + 0.0 * length)
+    return Distance(length * share, length * (slope - 0.5), share + 0.0 * length, 0.0 * share * length * beta)
 
 
 def _parabola_shortening(t: NDArray) -> NDArray:
@@ -182,7 +187,8 @@ def bent(
     apart = np.sqrt(np.sum(g * g, -1))
     z, turned = g / apart[..., None], reference.z @ reference.R @ np.swapaxes(R, -1, -2)
     cos_a, cos_b = np.sum(z * reference.z, -1), np.sum(z * turned, -1)
-    a, b = distance(l_b, cos_a), distance(l_b, cos_b)
+    beta = BETA if machine.beta is None else machine.beta
+    a, b = distance(l_b, cos_a, beta), distance(l_b, cos_b, beta)
     sideways = _times(a.by_cosine, reference.z - _times(cos_a, z)) + _times(b.by_cosine, turned - _times(cos_b, z))
     value = legs.closure.length(legs, rho) - l_b + a.value + b.value - apart
     return LegBending(value, z, turned, a, b, z - sideways / apart[..., None])
@@ -203,7 +209,8 @@ def _by_nominal_flexures(legs: Legs, reference: ReferencePose, R: NDArray, bend:
     a = np.einsum("...li,...lip->...lp", _times(bend.a.by_cosine, bend.z), moved.z)
     b = np.einsum("...li,...lip->...lp", _times(bend.b.by_cosine, seen), on_platform)
     longer = (bend.a.by_length + bend.b.by_length - 1)[..., None]
-    return a + b + longer * change.get("flexure_length", (legs.count,))
+    rounder = (bend.a.by_beta + bend.b.by_beta)[..., None] * change.get("beta", (legs.count,))
+    return a + b + longer * change.get("flexure_length", (legs.count,)) + rounder
 
 
 def _times(scalars: NDArray, vectors: NDArray) -> NDArray:

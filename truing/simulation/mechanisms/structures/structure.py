@@ -45,9 +45,10 @@ class Machine:
 
     deformation: K (..., L, L), shift of the attachments along z of the platform per displacement of the actuators
     (telescope report, eq. 2), diagonal if each depends on its own actuator only (eq. 1); flexure_length: (..., L) m, if
-    the joints are flexures; flexure, tube: their sections, if known; load: wrench (6,) on the platform at its origin,
-    base axes, N and N m; in_plane: shift of attachment i along x and y of the platform per displacement of actuator j,
-    (L, 2, L), which only the kinematic model uses; None for none.
+    the joints are flexures; beta: (..., L), the flexures' design parameter (eq. 15), None for 1/4; flexure, tube: their
+    sections, if known; load: wrench (6,) on the platform at its origin, base axes, N and N m; in_plane: shift of
+    attachment i along x and y of the platform per displacement of actuator j, (L, 2, L), which only the kinematic model
+    uses; None for none.
     """
 
     legs: Legs
@@ -57,6 +58,7 @@ class Machine:
     tube: BeamSection | None = None
     load: NDArray = field(default_factory=lambda: np.zeros(6))
     in_plane: NDArray | None = None
+    beta: NDArray | None = None
 
     def delta_bz(self, rho: NDArray) -> NDArray:
         """Return the attachments' shift (..., L), m, along z of the platform at readings rho (..., L), m."""
@@ -93,8 +95,8 @@ class Closing:
 class Structure(Protocol):
     """An immutable model of the structure, identified by its name.
 
-    Changes have the fields a, b, u (..., L, 3, P), l, rho0, flexure_length (..., L, P), deformation (..., L, L, P),
-    flexure, tube (..., 3, P) in the order bending, axial, torsion.
+    Changes have the fields a, b, u (..., L, 3, P), l, rho0, flexure_length, beta (..., L, P), deformation (..., L, L,
+    P), flexure, tube (..., 3, P) in the order bending, axial, torsion.
     """
 
     @property
