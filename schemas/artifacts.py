@@ -221,6 +221,16 @@ _CALIBRATION = (
         optional="simulated simulated_sigma",
     ),
     parquet(
+        "neglected",
+        "change of each entry of the simulated compliance by an effect that the simulation neglects",
+        "effect* response* load* coefficient effect_change sigma effect_over_sigma verdict unit",
+    ),
+    parquet(
+        "own_weight",
+        "mass and weight of a sensor, its displacement under own weight, and the tensions of its legs",
+        "figure* subject* value unit",
+    ),
+    parquet(
         "published_compared",
         "published displacements compared with those of this campaign at the same load",
         "load* channel* applied* source* published unit own own_sigma allowed_difference verdict",

@@ -429,7 +429,8 @@ _CONCLUDED = (
     ),
     text(
         "verdict",
-        "result: pass, warn, fail; found, suspected, indistinguishable, rejected, not testable; agrees, differs",
+        "result: pass, warn, fail; found, suspected, indistinguishable, rejected, not testable; agrees, differs; "
+        "negligible, not negligible",
         nullable=True,
     ),
     share("probability", "probability among the candidates, given the data", nullable=True),
@@ -618,6 +619,13 @@ _CONCLUDED = (
     text("estimator", "fit method", choices=_FITTED),
     text("combination", "combination of parameters that the data do not separate, in words", nullable=True),
     text("effect", "effect that the model leaves out"),
+    real("effect_change", "", "change of the simulated entry by this effect, in the unit of its row"),
+    size(
+        "effect_over_sigma",
+        "",
+        "size of this change over the standard deviation of measured minus simulated; empty without uncertainty",
+        nullable=True,
+    ),
     real("predicted", "", "part of the effect that the parameter absorbs, by linear algebra before the fit"),
     real("observed", "", "change of the parameter when the effect is left out of the fit", nullable=True),
     # Force sensor.

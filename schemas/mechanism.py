@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from importlib.metadata import entry_points
 from typing import Annotated, Literal
 
@@ -223,6 +224,42 @@ _ALLOWED: dict[str, tuple[str, ...]] = {
     "rigid": ("length_mm",),
     "compliance": ("length_mm", "matrix"),
 }
+_SOLID = ("cylinder", "leaf", "notch")  # kinds with a volume
+_LIGHTEST, _DENSEST = 30.0, 30e3  # kg/m^3: from rigid foam to above osmium, 22.6e3
+
+
+def _is_density(value: float) -> float:
+    if not _LIGHTEST <= value <= _DENSEST:
+        meant = f"; did you mean {1e3 * value:g} ({value:g} in g/cm3)?" if value < _LIGHTEST else ""
+        raise ValueError(f"from {_LIGHTEST:g} to {_DENSEST:g} kg/m3{meant}")
+    return value
+
+
+Density = Annotated[float, Field(gt=0.0, allow_inf_nan=False), AfterValidator(_is_density)]
+
+
+class SensorPlate(Section):
+    """[mechanism.platform], [mechanism.base]: a plate that holds the joints, its elasticity and weight."""
+
+    thickness_mm: Positive = Field(description="thickness")
+    rigid_radius_mm: Positive = Field(description="radius of its rigid middle, where the load acts or the base is held")
+    outer_radius_mm: Positive | None = Field(
+        None, description="radius of the disc, for its mass; absent: of its joints"
+    )
+    youngs_gpa: Modulus = Field(description="Young's modulus")
+    poisson: Poisson = Field(description="Poisson's ratio")
+    density_kg_m3: Density | None = Field(None, description="density; absent: without weight")
+    mass_kg: Positive | None = Field(None, description="mass, instead of that of a full disc by density")
+    com_mm: Vector = Field((0.0, 0.0, 0.0), description="platform: centre of gravity, platform frame")
+    elastic: bool = Field(
+        False, description="whether the simulation contains the plate's elasticity; otherwise its neglect is tested"
+    )
+
+    @model_validator(mode="after")
+    def _mass_once(self) -> SensorPlate:
+        if self.density_kg_m3 is not None and self.mass_kg is not None:
+            raise ValueError("density_kg_m3 or mass_kg, not both")
+        return self
 
 
 class SensorElement(Section):
@@ -247,6 +284,8 @@ class SensorElement(Section):
     matrix: tuple[tuple[Finite, ...], ...] | None = Field(
         None, description="compliance: 6 x 6 matrix, SI, at the element's outer end"
     )
+    density_kg_m3: Density | None = Field(None, description="cylinder, leaf, notch: density, for its weight")
+    mass_kg: Positive | None = Field(None, description="mass, for its weight, instead of density_kg_m3")
 
     @model_validator(mode="after")
     def _keys_fit_the_kind(self) -> SensorElement:
@@ -254,9 +293,12 @@ class SensorElement(Section):
         given = {name for name in self.model_fields_set if getattr(self, name) is not None} - {"kind"}
         if lacking := [name for name in needed if name not in given]:
             raise ValueError(f"{', '.join(lacking)} {kind}")
-        if foreign := sorted(given - {*needed, *_ALLOWED.get(self.kind, ())}):
+        of_weight = ("mass_kg", "density_kg_m3") if self.kind in _SOLID else ("mass_kg",)
+        if foreign := sorted(given - {*needed, *_ALLOWED.get(self.kind, ()), *of_weight}):
             allowed = ", ".join(_ALLOWED.get(self.kind, needed))
             raise ValueError(f"{allowed} {kind}, not {', '.join(foreign)}")
+        if self.density_kg_m3 is not None and self.mass_kg is not None:
+            raise ValueError(f"density_kg_m3 or mass_kg {kind}, not both")
         if self.kind == "cylinder":
             thin_rod("cylinder", self.diameter_mm or 0.0, self.length_mm)
         own = 2.0 * (self.radius_mm or 0.0)
@@ -287,6 +329,8 @@ class SensorMechanism(MechanismSection):
     height_mm: Positive = Field(description="height of the platform's origin above the fixed frame's, without load")
     elements: tuple[SensorElement, ...] = Field((), description="elements of one leg, from the base to the platform")
     compliance_file: Path | None = Field(None, description="simulated compliance, 6 x 6, SI, instead of elements")
+    platform: SensorPlate | None = Field(None, description="plate of the upper joints: elasticity and weight")
+    base: SensorPlate | None = Field(None, description="plate of the lower joints: elasticity")
     tolerance: SensorTolerance = Field(SensorTolerance(), description="prior uncertainty of geometry and stiffness")
     model: Path | None = Field(None, description="model.toml of an earlier campaign of this sensor, as a start")
 
@@ -294,6 +338,19 @@ class SensorMechanism(MechanismSection):
     def _one_simulation(self) -> SensorMechanism:
         if self.elements and self.compliance_file is not None:
             raise ValueError("either elements or compliance_file, not both")
+        return self
+
+    @model_validator(mode="after")
+    def _plates_fit_the_joints(self) -> SensorMechanism:
+        joints = {"platform": [leg.b_mm for leg in self.legs], "base": [leg.B_mm for leg in self.legs]}
+        for name, points in joints.items():
+            plate, radius = getattr(self, name), min(math.hypot(*point[:2]) for point in points)
+            if plate is None:
+                continue
+            if plate.rigid_radius_mm >= radius:
+                raise ValueError(f"{name}.rigid_radius_mm below {radius:g} mm (joints), not {plate.rigid_radius_mm:g}")
+            if plate.elastic and not self.elements:
+                raise ValueError(f"elements, because {name}.elastic adds to their compliance")
         return self
 
 

@@ -34,7 +34,14 @@ DECLARATION = Stage(
     settings=(
         *("campaign.kind", "campaign.drives", "measurement.frame", "mechanism.type", "mechanism.legs"),
         *("mechanism.tolerance", "mechanism.flexure", "mechanism.leg_tube", "mechanism.height_mm"),
-        *("mechanism.elements", "mechanism.reference_temperature_c", "loading", "signals"),
+        *(
+            "mechanism.elements",
+            "mechanism.platform",
+            "mechanism.base",
+            "mechanism.reference_temperature_c",
+            "loading",
+            "signals",
+        ),
         *("noise.point_mm", "noise.actuator_mm", "noise.signal_mv", "noise.load_n", "noise.load_nm"),
         *("calibration", "requirement", "exclude", "keep"),
     ),

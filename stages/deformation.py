@@ -30,11 +30,21 @@ DECLARATION = Stage(
         *("deformation?", "deformation_models?", "deformation_errors"),
         *("shift_covariances?", "shift_sensitivities?", "survey_covariances?"),
         *("simulated_deformation?", "target_deformation?", "compliance?", "axis_curves?", "positioning?"),
-        *("published_compared?", "tolerance_errors?", "tolerance_samples?"),
+        *("published_compared?", "neglected?", "own_weight?", "tolerance_errors?", "tolerance_samples?"),
     ),
     settings=(
         *("campaign.kind", "campaign.drives", "mechanism.type", "mechanism.legs", "mechanism.height_mm"),
-        *("mechanism.elements", "mechanism.tolerance", "interferometer", "noise.load_n", "noise.load_nm"),
+        *(
+            "mechanism.elements",
+            "mechanism.platform",
+            "mechanism.base",
+            "mechanism.tolerance",
+            "measurement.up",
+            "loading",
+            "interferometer",
+            "noise.load_n",
+            "noise.load_nm",
+        ),
     ),
     summary="deformation residuals, and linear and matrix models of them",
 )

@@ -18,7 +18,7 @@ _LOADS = ("readings?", "signals?", "given_compliance?")
 _RAYS = ("ray_statistics?", "ray_information?", "ray_effects?", "point_correlations?", "object_points?", "scale_bars?")
 _MECHANISM = (
     *("type", "legs", "tolerance", "reference_temperature_c", "actuator_pitch_mm", "payload_kg", "payload_com_mm"),
-    *("height_mm", "elements"),
+    *("height_mm", "elements", "platform", "base"),
 )
 _NOISE = ("point_mm", "actuator_mm", "signal_mv", "load_n", "load_nm")
 _SECTIONS = ("loading", "interferometer", "signals", "bodies", "workspace", "exclude", "keep")

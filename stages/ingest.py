@@ -34,7 +34,15 @@ DECLARATION = Stage(
     ),
     settings=(
         *("campaign.kind", "campaign.drives", "mechanism.type", "mechanism.legs", "mechanism.model"),
-        *("mechanism.height_mm", "mechanism.elements", *COLUMNS_OF_AXES, *NOISE_OF_ENCODERS, "loading"),
+        *(
+            "mechanism.height_mm",
+            "mechanism.elements",
+            "mechanism.platform",
+            "mechanism.base",
+            *COLUMNS_OF_AXES,
+            *NOISE_OF_ENCODERS,
+            "loading",
+        ),
         *("interferometer", "signals.sensitivity_mv_per_n", "noise.point_mm", "noise.linear_um"),
         *("noise.angular_arcsec", "noise.displacement_mm", "noise.rotation_rad", "measurement.frame", "poses.euler"),
         *("bodies.reference", "photographs.boards", "renamed", "resurvey", "files"),

@@ -27,7 +27,14 @@ DECLARATION = Stage(
     ),
     settings=(
         *("campaign.kind", "bodies", "measurement.frame", "mechanism.type", "exclude", "keep", "interferometer.beams"),
-        *("mechanism.legs", "mechanism.height_mm", "mechanism.elements", "mechanism.tolerance"),
+        *(
+            "mechanism.legs",
+            "mechanism.height_mm",
+            "mechanism.elements",
+            "mechanism.platform",
+            "mechanism.base",
+            "mechanism.tolerance",
+        ),
     ),
     summary="rigid-body poses or displacements under load, with covariance, and the residuals of every reading",
 )

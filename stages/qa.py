@@ -28,7 +28,15 @@ DECLARATION = Stage(
     leaves=("qa", "likely_names?", "belonging?"),
     settings=(
         *("campaign.kind", "campaign.drives", "measurement.frame", "mechanism.type", "mechanism.legs"),
-        *("mechanism.height_mm", "mechanism.tolerance", "mechanism.elements", *COLUMNS_OF_AXES, *NOISE_OF_COMMANDS),
+        *(
+            "mechanism.height_mm",
+            "mechanism.tolerance",
+            "mechanism.elements",
+            "mechanism.platform",
+            "mechanism.base",
+            *COLUMNS_OF_AXES,
+            *NOISE_OF_COMMANDS,
+        ),
         *("loading", "interferometer", "signals.range_mv", "signals.zero_mv", "signals.sensitivity_mv_per_n"),
         *("bodies", "noise.actuator_mm", "noise.signal_mv", "noise.load_n", "noise.load_nm", "qa", "accept"),
         *("exclude", "keep", "mechanism.reference_temperature_c"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -12,19 +13,65 @@ from truing.arrays import Array
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.simulation.bench.six_upur import elements
 from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres
+from truing.simulation.bench.six_upur.plates import Plate, at_base, at_platform, sensor_with_part
 from truing.simulation.bench.six_upur.stiffness import ElasticSensor, elastic_sensor
 from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
-    from truing.schemas.mechanism import SensorElement, SensorMechanism
+    from truing.schemas.mechanism import SensorElement, SensorMechanism, SensorPlate
 
-_MM = 1e-3
+_MM, _GPA = 1e-3, 1e9
 
 
 def elastic_parts(section: SensorMechanism) -> ElasticSensor | None:
-    """Stiffness of the sensor by its elements, None without elements; raises ValueError if they do not fit."""
-    return elastic_sensor(sensor_joints(section), [_element(e) for e in section.elements]) if section.elements else None
+    """Stiffness of the sensor by its elements and elastic plates, None without elements.
+
+    Raises ValueError if they do not fit the legs.
+    """
+    if not section.elements:
+        return None
+    found = elastic_sensor(sensor_joints(section), leg_elements(section))
+    for name, plate, added in (("platform", section.platform, at_platform), ("base", section.base, at_base)):
+        if plate is not None and plate.elastic:
+            found = sensor_with_part(found, f"{name} youngs", added(plate_of(plate), found.joints))
+    return found
+
+
+def leg_elements(section: SensorMechanism) -> list[elements.LegElement]:
+    """Elements of one leg, from the base to the platform."""
+    return [_element(one) for one in section.elements]
+
+
+def plate_of(section: SensorPlate) -> Plate:
+    """A declared plate, m and Pa."""
+    return Plate(section.thickness_mm * _MM, section.rigid_radius_mm * _MM, section.youngs_gpa * _GPA, section.poisson)
+
+
+def plate_mass_kg(section: SensorPlate, joints_mm: float) -> float:
+    """Mass of a plate: as declared, else of a full disc; 0 without density. joints_mm: radius where none is given."""
+    if section.mass_kg is not None:
+        return section.mass_kg
+    radius = (section.outer_radius_mm or joints_mm) * _MM
+    return math.pi * radius**2 * section.thickness_mm * _MM * (section.density_kg_m3 or 0.0)
+
+
+def leg_mass_kg(section: SensorMechanism) -> float:
+    """Mass of one leg: its elements whose mass or density is declared."""
+    return sum(one.mass_kg or _volume(one) * (one.density_kg_m3 or 0.0) for one in section.elements)
+
+
+def _volume(one: SensorElement) -> float:
+    """Volume of a cylinder, leaf or notch, m^3; 0 for other kinds."""
+    length, width = (one.length_mm or 0.0) * _MM, (one.width_mm or 0.0) * _MM
+    if one.kind == "cylinder":
+        return 0.25 * math.pi * ((one.diameter_mm or 0.0) * _MM) ** 2 * length
+    if one.kind == "leaf":
+        return length * width * (one.thickness_mm or 0.0) * _MM
+    if one.kind == "notch":
+        radius, web = (one.radius_mm or 0.0) * _MM, (one.web_mm or 0.0) * _MM
+        return width * (2.0 * radius * (web + 2.0 * radius) - math.pi * radius**2)
+    return 0.0
 
 
 def sensor_joints(section: SensorMechanism) -> JointCentres:

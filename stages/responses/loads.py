@@ -48,6 +48,7 @@ from truing.stages.common.positioning import SEED, deviations, instrument
 from truing.stages.common.reading_arrays import LOAD_COLUMNS, MOVED_COLUMNS, MOVED_SI
 from truing.stages.common.rows import Rows
 from truing.stages.declaration import Outcome
+from truing.stages.responses.neglected import neglected_effects
 from truing.stages.responses.published import compared_with_published
 from truing.stages.responses.tables import add_figures, error_rows
 from truing.stages.responses.tolerances import has_tolerances, tolerance_tables
@@ -84,6 +85,7 @@ def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign, why: st
         "deformation_errors": _error_rows(loaded, fits, found, simulated, against).table(),
         "axis_curves": axis_curve_rows(tables["displacement"], simulated).table(),
     }
+    artifacts |= neglected_effects(settings, simulated, compliance)
     if "published" in tables:
         artifacts["published_compared"] = compared_with_published(
             tables["published"], artifacts["axis_curves"], simulated

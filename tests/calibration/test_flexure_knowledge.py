@@ -96,5 +96,3 @@ def test_a_parameter_without_a_declared_tolerance_is_held_in_the_calibration() -
     fit = maximum_likelihood(data, data.measured, Case(BeamModel(), "none", machine), np.ones(_POSES, bool))
     assert "beta" not in {entry.name for entry in fit.parameters.entries}
     assert _of(data, "beam", "beta")[0].tolerance == 0.25
-
-

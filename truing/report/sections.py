@@ -51,6 +51,7 @@ SECTIONS = (
         "deformation", ("truing.report.deformation_section", "truing.report.sensor.deformation"), "Deformation"
     ),
     PageSection("tolerances", ("truing.report.sensor.tolerances",), bench=True),
+    PageSection("neglected", ("truing.report.sensor.neglected",), bench=True, reads=("neglected", "own_weight")),
     PageSection(
         "calibration", ("truing.report.calibration.section", "truing.report.sensor.calibration"), "Calibration"
     ),
