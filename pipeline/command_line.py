@@ -297,6 +297,9 @@ def design(
     accuracy: Annotated[
         bool, typer.Option("--accuracy", help="Instead: accuracy of the pose from that of the actuators.")
     ] = False,
+    uniqueness: Annotated[
+        bool, typer.Option("--uniqueness", help="Instead: proof that readings determine the pose over the workspace.")
+    ] = False,
     tolerances: Annotated[
         bool, typer.Option("--tolerances", help="Instead: errors of a force sensor's platform by each tolerance.")
     ] = False,
@@ -310,8 +313,8 @@ def design(
     the sensor's calibration matrix. With --causes, it chooses runs of loads that halve the uncertainty of these causes,
     in addition to the steps measured or planned.
 
-    --accuracy and --tolerances choose nothing. They write tables next to FILE (default: runs/<name>/accuracy.csv or
-    tolerances.csv) and a page, FILE.html.
+    --accuracy, --uniqueness and --tolerances choose nothing. They write tables next to FILE (default:
+    runs/<name>/accuracy.csv and so on) and a page, FILE.html.
 
     Example: truing design sample_data/telescope --poses 40 --verification 6 --out configurations.csv
 
@@ -326,7 +329,8 @@ def design(
         names = _listed(parameters)
         shown = _listed(causes)
         options = DesignOptions(poses, verification, method.value, within.value, names, trade_off, seed, at_once, shown)
-        studies = [name for name, wanted in (("accuracy", accuracy), ("tolerances", tolerances)) if wanted]
+        wanted = {"accuracy": accuracy, "uniqueness": uniqueness, "tolerances": tolerances}
+        studies = [name for name, chosen in wanted.items() if chosen]
         if studies:
             return study_campaign(campaign, studies, options, DesignFiles(extend, avoid, out))
         return design_campaign(campaign, options, DesignFiles(extend, avoid, out))

@@ -19,10 +19,12 @@ from truing.report.accuracy_page import accuracy_head, accuracy_sections, accura
 from truing.report.page import PageHead, ReportSection
 from truing.report.rendering.render import render_page
 from truing.report.sensor.tolerances import tolerance_head, tolerance_sections, tolerance_words
+from truing.report.uniqueness_page import uniqueness_head, uniqueness_sections, uniqueness_words
 from truing.schemas.campaign import Campaign
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.configurations.accuracy import accuracy_tables
 from truing.stages.configurations.chosen import DesignOptions, DesignTables
+from truing.stages.configurations.uniqueness import uniqueness_tables
 from truing.stages.responses.tolerances import tolerance_tables
 
 Frames = Mapping[str, pd.DataFrame]
@@ -49,6 +51,7 @@ def _as_artifacts(frames: Frames) -> Frames:
 
 STUDIES = {
     "accuracy": DesignStudy(accuracy_tables, "worst", accuracy_words, accuracy_head, accuracy_sections),
+    "uniqueness": DesignStudy(uniqueness_tables, "statements", uniqueness_words, uniqueness_head, uniqueness_sections),
     "tolerances": DesignStudy(
         _tolerance_tables,
         "errors",

@@ -22,6 +22,7 @@ from truing.calibration.configuration_search import (
 from truing.estimation.design.pose_selection import information_of
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.configurations.chosen import Design, DesignOptions, DesignTables
+from truing.stages.configurations.needed import needed_by_models
 from truing.stages.configurations.problem import design_problem, limits_of
 from truing.stages.configurations.tables import configurations_table, existing_configurations, readings_of
 
@@ -63,7 +64,8 @@ def design(settings: Campaign, options: DesignOptions, tables: DesignTables) -> 
     is_new = tables.extend is None and bool(problem.region.allowed(np.zeros((1, 6)))[0])
     rest = problem.regressors.machine.legs.rho0 if is_new else None
     table = configurations_table(placed.rho, order, rest, options, tables.extend)
-    return Design(problem, options, placed, whole, kept, existing, candidates, order, table)
+    needed = needed_by_models(settings, problem, rng)
+    return Design(problem, options, placed, whole, kept, existing, candidates, order, needed, table)
 
 
 @contextmanager

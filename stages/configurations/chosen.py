@@ -10,6 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.calibration.configuration_search import AssessedConfigurations, Bounded, DesignProblem
+from truing.calibration.needed_configurations import NeededConfigurations
 from truing.estimation.design.pose_order import TRADE_OFF, PoseOrder
 from truing.estimation.design.pose_selection import efficiency
 from truing.estimation.interferometry.recorded_steps import LOADS
@@ -57,7 +58,8 @@ class DesignTables:
 @dataclass(frozen=True)
 class Design:
     """Chosen configurations and their quality. placed: calibration poses, then verification poses; whole: chosen and
-    kept poses; existing: the campaign's own; candidates: candidates and the bound on them."""
+    kept poses; existing: the campaign's own; candidates: candidates and the bound on them; needed: least number of
+    configurations of each model that the machine has."""
 
     problem: DesignProblem
     options: DesignOptions
@@ -67,6 +69,7 @@ class Design:
     existing: AssessedConfigurations | None
     candidates: Bounded
     order: PoseOrder
+    needed: tuple[NeededConfigurations, ...]
     table: pa.Table = field(repr=False)
 
     @property

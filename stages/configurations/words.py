@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from truing.calibration.needed_configurations import NeededConfigurations
 from truing.estimation.design.pose_selection import efficiency
 from truing.estimation.interferometry.recorded_steps import LOADS
 from truing.report.numbers import count as counted
@@ -18,7 +19,14 @@ _WITHIN = {"workspace": "within the limits of pose and readings in [workspace]",
 
 def words_of(design: Design) -> list[str]:
     """Return the output lines of a design."""
-    return [*_chosen(design), *_quality(design), *_sigmas(design), *_order(design), *_existing(design)]
+    return [
+        *_chosen(design),
+        *_quality(design),
+        *_sigmas(design),
+        *_needed(design),
+        *_order(design),
+        *_existing(design),
+    ]
 
 
 def _chosen(design: Design) -> list[str]:
@@ -82,6 +90,19 @@ def _sigma_line(design: Design, k: int, entry: LegParameter) -> str:
     unit = _UNITS[entry.unit]
     cells = [f"{sigma[leg]:.3g}{unit} (leg {leg + 1})" for leg in (best, worst)]
     return f"  {entry.name:18} {cells[0]:18} {cells[1]:18} {tolerance / entry.si:.3g}{unit}"
+
+
+def _needed(design: Design) -> list[str]:
+    """Return the least number of configurations of each model."""
+    said = [f"{one.model} {one.configurations} ({_counted_parameters(one)})" for one in design.needed]
+    if not said:
+        return []
+    return [f"least number of configurations by model, for what its limits separate: {', '.join(said)}"]
+
+
+def _counted_parameters(one: NeededConfigurations) -> str:
+    shared = f", {one.shared} of them shared by the legs" if one.shared else ""
+    return f"{counted(one.parameters, 'parameter')}{shared}, {counted(one.equations, 'equation')} per pose"
 
 
 def _order(design: Design) -> list[str]:

@@ -123,3 +123,42 @@ def test_tolerances_that_are_none_are_a_fault(tmp_path: Path) -> None:
     done = call(campaign(tmp_path / "both"), "--tolerances", "--accuracy")
     assert done.exit_code == 2
     assert "one study at a time" in done.output
+
+
+def test_the_telescope_s_readings_determine_its_pose(tmp_path: Path) -> None:
+    done = call(campaign(tmp_path / "machine"), "--uniqueness", "--out", tmp_path / "found.csv")
+    assert done.exit_code == 0, done.output
+    assert_says(done.output, "Proven, rigid legs (6-pus)", "never have the same readings")
+    assert_says(done.output, "Proven, flexures by beam theory", "one reading closes each leg")
+    statements = pyarrow.csv.read_csv(tmp_path / "found.csv").to_pandas()
+    assert set(statements["state"]) == {"proven"}
+    assert len(statements) == 2 * (2 + 6)
+    limits = pyarrow.csv.read_csv(tmp_path / "found-range.csv").to_pandas().set_index("coordinate")
+    assert limits.loc["rx_deg", "half_range"] == pytest.approx(0.5)
+    assert limits.loc["rz_deg", "given_by"] == "corners"
+    # the report: flexures do not bend by more than 1 degree
+    path = pyarrow.csv.read_csv(tmp_path / "found-flexures.csv").to_pandas()
+    assert 0.8 < path["largest_bend_deg"].iloc[0] < 1.0
+    page = (tmp_path / "found.html").read_text(encoding="utf-8")
+    assert all(words in page for words in ("Flexures and ideal pivots", "ideal pivot in the middle", "proven"))
+
+
+def test_what_is_not_decided_is_said_and_listed(tmp_path: Path) -> None:
+    limits = {"x_mm": 1.0, "y_mm": 1.0, "z_mm": 780.0, "rx_deg": 1.0, "ry_deg": 1.0, "rz_deg": 1.0}
+    machine = {"type": "ups", "legs": hexapod(6)}
+    done = call(
+        campaign(tmp_path / "wide", mechanism=machine, workspace=limits), "--uniqueness", "--out", tmp_path / "f.csv"
+    )
+    assert done.exit_code == 0, done.output
+    assert_says(done.output, "Not decided, rigid legs (ups)", "parts of the range left")
+    assert "flexures" not in done.output
+    assert not (tmp_path / "f-flexures.csv").exists()
+    assert len(pyarrow.csv.read_csv(tmp_path / "f-undecided.csv")) > 0
+
+
+def test_the_least_number_of_configurations_is_told_for_each_model(tmp_path: Path) -> None:
+    done = call(
+        campaign(tmp_path / "machine"), "--within", "actuators", "--method", "random", "--out", tmp_path / "f.csv"
+    )
+    assert_says(done.output, "least number of configurations", "6-pus 7 (42 parameters", "jacobian 6 (36 parameters")
+    assert_says(done.output, "beam 8 (48 parameters", "stiffness 7", "shared by the legs")

@@ -57,7 +57,7 @@ def accuracy_map(problem: DesignProblem, accuracy: NDArray, rng: np.random.Gener
     part = [name for name, group in groups.items() for _ in group]
     errors = _errors_at(problem, accuracy)
     found = errors(x[kept]).worst
-    ends = np.stack([_climbed(problem, errors, x[kept][np.argmax(found[:, k])], k, rng) for k in range(found.shape[1])])
+    ends = _climbed(problem, errors, x[kept][np.argmax(found, 0)], found.max(0), rng)
     sections = _sections(problem, corners)
     whole = np.concatenate([x[kept], ends, *sections.values()])
     names = [name for name, keep in zip(part, kept, strict=True) if keep] + ["climbed"] * len(ends)
@@ -80,21 +80,26 @@ def _climbed(
     problem: DesignProblem,
     errors: Callable[[NDArray], ActuatorErrors],
     start: NDArray,
-    quantity: int,
+    value: NDArray,
     rng: np.random.Generator,
 ) -> NDArray:
-    """Return coordinates (6,) near the start with a larger error of a quantity, by random steps of falling size."""
-    best, value, spread = start, errors(start[None]).worst[0, quantity], _FIRST_SPREAD
+    """Return coordinates (Q, 6) near start (Q, 6) with errors larger than value (Q,), one row for each of QUANTITIES.
+
+    Each climbs by random steps, of falling size once none of them helps.
+    """
+    count, size = start.shape
+    rows = np.arange(count)
+    best, value, spread = start.copy(), value.copy(), np.full(count, _FIRST_SPREAD)
     for _ in range(_ROUNDS):
-        tries = problem.region.pulled_in(best + spread * rng.normal(size=(_TRIES, start.size)))
-        tries = tries[problem.region.allowed(tries)]
-        sizes = errors(tries).worst[:, quantity] if len(tries) else np.zeros(0)
-        for k in np.argsort(-sizes)[:3]:
-            if sizes[k] > value and problem.reached(tries[k : k + 1])[0]:
-                best, value = tries[k], sizes[k]
-                break
-        else:
-            spread *= _SHRINK
+        steps = spread[:, None, None] * rng.normal(size=(count, _TRIES, size))
+        tries = problem.region.pulled_in((best[:, None] + steps).reshape(-1, size))
+        sizes = errors(tries).worst.reshape(count, _TRIES, count)[rows, :, rows]
+        sizes = np.where(problem.region.allowed(tries).reshape(count, _TRIES), sizes, 0.0)
+        first = np.argmax(sizes, -1)
+        top = tries.reshape(count, _TRIES, size)[rows, first]
+        better = (sizes[rows, first] > value) & problem.reached(top)
+        best, value = np.where(better[:, None], top, best), np.where(better, sizes[rows, first], value)
+        spread = np.where(better, spread, _SHRINK * spread)
     return best
 
 

@@ -29,10 +29,10 @@ from truing.simulation.mechanisms.structures.structure import poses_at
 _SAME = 1e-7  # m and rad
 # Least length of any combination of unit columns of separable parameters. This tests rank, not noise, as in the report:
 # the report's parameters reach 1e-3 and more on the telescope, a_z or b_z in addition 4e-5 at most.
-_SEPARABLE = 2e-4
+SEPARABLE = 2e-4
 _BETWEEN = 50  # interior points, in case all corners are forbidden
 # Parameters of the report (section 6.3.1); others enter only after these.
-_REPORTED = ("a_x", "a_y", "b_x", "b_y", "u_x", "u_y", "u_z", "l")
+REPORTED = ("a_x", "a_y", "b_x", "b_y", "u_x", "u_y", "u_z", "l")
 _DENSE = 2000  # points spread over the region, in addition to its corners
 _CLIMBERS = 60  # starting points of the search for more sensitive points
 _ROUNDS = 4  # rounds in which the points found join the candidates
@@ -122,10 +122,10 @@ def identifiable_parameters(problem: DesignProblem) -> list[int]:
         blocks[leg, : len(triangle), leg] = triangle
     jacobian = blocks.reshape(problem.legs * size, -1)
     labels = [f"{entry.name}{leg + 1}" for leg in range(problem.legs) for entry in problem.names]
-    first = [0.0 if entry.name in _REPORTED else 1.0 for entry in problem.names] * problem.legs
+    first = [0.0 if entry.name in REPORTED else 1.0 for entry in problem.names] * problem.legs
     groups = list(range(size)) * problem.legs
     found = choose_identifiable(
-        jacobian, np.ones(len(labels)), labels, groups=groups, preference=first, unidentifiable=1.0 / _SEPARABLE
+        jacobian, np.ones(len(labels)), labels, groups=groups, preference=first, unidentifiable=1.0 / SEPARABLE
     )
     return [int(k) for k in np.flatnonzero(found.chosen[:size])]
 

@@ -18,6 +18,7 @@ from truing.simulation.mechanisms.structures.beam_model import (
     circle_distance,
     circle_remainder,
     deflection,
+    flexure_path,
 )
 
 LENGTH_M = 0.01
@@ -121,3 +122,14 @@ def test_the_derivative_by_beta_agrees_with_a_complex_step(beta: float, slope: f
     length, cosine = np.array(LENGTH_M), np.array(np.cos(slope))
     expected = circle_distance(length, cosine, np.array(beta + 1j * STEP)).value.imag / STEP
     assert_close(circle_distance(length, cosine, beta).by_beta, expected, atol=1e-12 * LENGTH_M, what="by beta, m")
+
+
+def test_the_circle_follows_the_beam_and_the_ideal_pivot_does_not() -> None:
+    """The report's figure 9: shortening l_b slope^2 / 6 of beam and circle, l_b slope^2 / 4 of a pivot."""
+    slope = np.radians(np.linspace(0.1, 1.0, 10))
+    path = flexure_path(LENGTH_M, slope)
+    unit = LENGTH_M * slope**2
+    assert_close(path.circle[0] / unit, path.beam[0] / unit, atol=1e-4, what="circle")
+    assert_close(path.beam[0] / unit, np.full(10, 1 / 6), atol=1e-4, what="beam")
+    assert_close(path.pivot[0] / unit, np.full(10, 1 / 4), atol=1e-4, what="pivot")
+    assert_close(path.pivot[1], path.beam[1], atol=1e-4 * LENGTH_M * slope.max(), what="across")

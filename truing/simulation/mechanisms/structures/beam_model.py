@@ -82,6 +82,30 @@ def circle_remainder(length: ArrayLike, dx: ArrayLike, dy: ArrayLike) -> NDArray
     return x * x - 1.5 * l_b * x + y * y
 
 
+@dataclass(frozen=True)
+class FlexurePath:
+    """Displacement (along, across) (N,), m, of the end of a flexure from its straight place, along towards its root.
+
+    slope (N,), rad; pivot: of an ideal pivot in the middle; beam: by eq. 12; circle: on that of radius (1 - beta) l_b
+    (eq. 13), as far across as the beam.
+    """
+
+    slope: NDArray
+    pivot: tuple[NDArray, NDArray]
+    beam: tuple[NDArray, NDArray]
+    circle: tuple[NDArray, NDArray]
+
+
+def flexure_path(length: float, slope: NDArray, beta: float = BETA) -> FlexurePath:
+    """Return the paths of the end of a flexure of length l_b, m, at slopes (N,), rad (telescope report, figure 9)."""
+    along, across = deflection(length, slope)
+    radius = (1.0 - beta) * length
+    pivot = 0.5 * length * (1.0 - np.cos(slope)), 0.5 * length * np.sin(slope)
+    # the difference of two nearly equal lengths, without cancellation
+    circle = across**2 / (radius + np.sqrt(radius**2 - across**2))
+    return FlexurePath(slope, pivot, (along, across), (circle, across))
+
+
 def circle_distance(length: NDArray, cosine: NDArray, beta: NDArray | float = BETA) -> Distance:
     """Return the distance for a flexure whose end moves on the circle of radius (1 - beta) l_b (eq. 15-17).
 

@@ -1,0 +1,142 @@
+"""Page of what is proven of a machine over its workspace: one pose, no singular pose, one reading; and its flexures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pandas as pd
+import plotly.graph_objects as go
+
+from truing.report.figure_style import BLUE, GREY, ORANGE, common_look, style
+from truing.report.numbers import count as counted
+from truing.report.numbers import plain
+from truing.report.page import Listing, PageHead, ReportSection
+
+_MARKS = {"proven": "pass", "not decided": "warn", "refuted": "fail"}
+_ORDER = ("proven", "not decided", "refuted")
+_MEANINGS = {
+    "one pose": "two different poses never have the same readings",
+    "no singular pose": "no pose is singular",
+    "one reading": "at most one reading closes each leg in each pose",
+}
+_MODELS = {"beam": "flexures by beam theory"}
+_HEADS = ("statement", "model", "state", "parts examined", "parts not decided", "slope of the closure by the reading")
+
+
+def uniqueness_words(frames: Mapping[str, pd.DataFrame]) -> list[str]:
+    """Return the results in sentences. frames: statements, range, undecided, and flexures if any."""
+    lines = [f"Range: {_range(frames['range'])}, about the reference pose."]
+    for (statement, model), own in frames["statements"].groupby(["statement", "model"], sort=False):
+        lines.append(f"{_state(own).capitalize()}, {_model(str(model))}: {_MEANINGS[str(statement)]}{_where(own)}.")
+    if (frames["statements"]["state"] != "proven").any():
+        lines.append("Not decided is no fault of the machine: smaller limits in [workspace] are easier to prove.")
+    return lines
+
+
+def _state(own: pd.DataFrame) -> str:
+    return max(own["state"], key=_ORDER.index)
+
+
+def _model(name: str) -> str:
+    return _MODELS.get(name, f"rigid legs ({name})")
+
+
+def _where(own: pd.DataFrame) -> str:
+    """Return the extent of what is not decided, or the legs."""
+    open_ = own[own["state"] != "proven"]
+    if not len(open_):
+        return ""
+    if open_["leg"].notna().any():
+        return f" (not shown for leg {', '.join(str(int(leg)) for leg in open_['leg'])})"
+    left, examined = open_["undecided_parts"].iloc[0], open_["parts"].iloc[0]
+    if left != left:
+        return ""
+    return f" ({counted(int(left), 'part')} of the range left after {counted(int(examined), 'part')})"
+
+
+def _range(table: pd.DataFrame) -> str:
+    units = {"mm": "mm", "deg": "°"}
+    said = []
+    for row in table[~table["coordinate"].str.startswith("rho")].itertuples():
+        name, _, unit = str(row.coordinate).partition("_")
+        source = "" if row.given_by == "workspace" else " (as far as the other limits let it)"
+        said.append(f"{name} ±{plain(row.half_range)} {units[unit]}{source}")
+    readings = table[table["coordinate"].str.startswith("rho")]["half_range"]
+    return f"{', '.join(said)}, readings ±{plain(readings.max())} mm"
+
+
+def uniqueness_head(campaign: str, frames: Mapping[str, pd.DataFrame]) -> PageHead:
+    """Return the head of the page with the main results."""
+    words, statements = uniqueness_words(frames), frames["statements"]
+    states = [_state(own) for _, own in statements.groupby(["statement", "model"], sort=False)]
+    marks = ["none", *(_MARKS[state] for state in states)]
+    marks += ["none"] * (len(words) - len(marks))
+    tiles = tuple((name, str(states.count(name))) for name in _ORDER if name in states)
+    return PageHead(f"{campaign}: one pose for its readings", tuple(zip(marks, words, strict=True)), tiles)
+
+
+@common_look()
+def uniqueness_sections(frames: Mapping[str, pd.DataFrame]) -> list[ReportSection]:
+    """Return the sections on statements, undecided parts, and flexures."""
+    sections = [
+        ReportSection(
+            "statements",
+            "What is proven",
+            "Every bound is rounded outwards (interval arithmetic). A proven statement holds for every pose of the "
+            "range, with the nominal geometry and a rigid platform.",
+            listings=(_statements(frames["statements"]),),
+        )
+    ]
+    undecided = frames["undecided"]
+    if len(undecided):
+        sections.append(_parts(undecided))
+    if (path := frames.get("flexures")) is not None:
+        most, length = (float(path[name].iloc[0]) for name in ("largest_bend_deg", "flexure_length_mm"))
+        text = f"Flexures of {plain(length)} mm bend by up to {plain(most)}° at the corners of the workspace."
+        caption = "Displacement of a flexure's end from its straight place (telescope report, figure 9)."
+        sections.append(
+            ReportSection("flexures", "Flexures and ideal pivots", text, ((flexure_figure(path), caption),))
+        )
+    return sections
+
+
+def _statements(table: pd.DataFrame) -> Listing:
+    rows, marks = [], []
+    for row in table.itertuples():
+        of_leg = "" if row.leg != row.leg else f", leg {int(row.leg)}"
+        slope = "–" if row.slope_low != row.slope_low else f"{row.slope_low:.4f} to {row.slope_high:.4f}"
+        open_ = "–" if row.undecided_parts != row.undecided_parts else str(int(row.undecided_parts))
+        text = f"{_MEANINGS[str(row.statement)]}{of_leg}"
+        rows.append((text, _model(str(row.model)), str(row.state), str(row.parts), open_, slope))
+        marks.append(_MARKS[str(row.state)])
+    return Listing(_HEADS, tuple(rows), tuple(marks), "Statements over the range")
+
+
+def _parts(undecided: pd.DataFrame) -> ReportSection:
+    names = [str(name) for name in undecided.columns if name != "model"]
+    rows = tuple((str(row["model"]), *(f"{row[name]:.4g}" for name in names)) for _, row in undecided.iterrows())
+    listing = Listing(
+        ("model", *names), rows, caption="Parts of the range", folded=True, held_by="the -undecided table"
+    )
+    lead = "Parts of the range in which interval arithmetic could not decide, as displacement from the reference pose."
+    return ReportSection("undecided", "What is not decided", lead, listings=(listing,))
+
+
+def flexure_figure(path: pd.DataFrame) -> go.Figure:
+    """Return the path of a flexure's end: ideal pivot, beam theory, and the circle that replaces it."""
+    figure = go.Figure()
+    for name, (title, line) in _PATHS.items():
+        x, y = path[f"{name}_across_um"], path[f"{name}_along_um"]
+        figure.add_trace(go.Scatter(x=x, y=y, mode="lines", line=line, name=title))
+    style(figure, "Displacement of a flexure's end", f"bent from 0 to {plain(float(path['bend_deg'].max()))}°", 400)
+    figure.update_xaxes(title={"text": "across, µm"})
+    figure.update_yaxes(title={"text": "towards the root, µm"})
+    figure.update_layout(legend={"orientation": "h", "y": -0.18})
+    return figure
+
+
+_PATHS = {
+    "pivot": ("ideal pivot in the middle", {"color": GREY, "dash": "dash"}),
+    "beam": ("beam theory (eq. 12)", {"color": BLUE, "width": 4}),
+    "circle": ("circle of the beam model (eq. 13)", {"color": ORANGE, "dash": "dot", "width": 3}),
+}
