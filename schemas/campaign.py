@@ -21,6 +21,7 @@ from truing.schemas.sections import (
     CalibrationSection,
     CampaignSection,
     Diagnosis,
+    ExternalLoad,
     Loading,
     MeasuredPoses,
     Measurement,
@@ -79,6 +80,7 @@ class Campaign(Section):
     campaign: CampaignSection
     mechanism: Annotated[Mechanism, BeforeValidator(_typed)] = NoMechanism()
     loading: Loading = Loading()
+    external_load: ExternalLoad = ExternalLoad()
     interferometer: Interferometer = Interferometer()
     signals: Signals = Signals()
     photographs: Photographs = Photographs()

@@ -168,6 +168,12 @@ class LeggedMechanism(MechanismSection):
     )
     model: Path | None = Field(None, description="model.toml of an earlier campaign of this machine, as a start")
 
+    @property
+    def is_elastic(self) -> bool:
+        """Whether flexures and legs are known, so that the stiffness model takes up loads."""
+        known = self.flexure is not None and self.leg_tube is not None
+        return known and len(self.legs) == 6 and all(leg.flexure_length_mm is not None for leg in self.legs)
+
     @model_validator(mode="after")
     def _legs_fit_the_type(self) -> LeggedMechanism:
         if self.type == "6-pus" and len(self.legs) != 6:

@@ -271,6 +271,25 @@ class Measurement(Section):
         return up
 
 
+class ExternalLoad(Section):
+    """[external_load]: load on the platform of a legged mechanism, besides the weight of its payload."""
+
+    force_n: Vector = Field(
+        (0.0, 0.0, 0.0),
+        description="force on the platform at its origin, base frame; columns fx_n, fy_n, fz_n of configurations.csv "
+        "have precedence, component by component",
+    )
+    torque_nm: Vector = Field(
+        (0.0, 0.0, 0.0),
+        description="torque about its origin, base frame; columns mx_nm, my_nm, mz_nm have precedence",
+    )
+
+    @property
+    def wrench(self) -> tuple[float, ...]:
+        """Force and torque, N and N m."""
+        return (*self.force_n, *self.torque_nm)
+
+
 class CalibrationSection(Section):
     """[calibration]: what the calibration of a legged mechanism takes up beyond its standard models."""
 

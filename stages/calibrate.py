@@ -43,6 +43,7 @@ DECLARATION = Stage(
             "signals",
         ),
         *("noise.point_mm", "noise.actuator_mm", "noise.signal_mv", "noise.load_n", "noise.load_nm"),
+        *("external_load", "measurement.up", "mechanism.payload_kg", "mechanism.payload_com_mm"),
         *("calibration", "requirement", "exclude", "keep"),
     ),
     summary="kinematic and stiffness models identified, with their observability",

@@ -34,6 +34,7 @@ DECLARATION = Stage(
     ),
     settings=(
         *("campaign.kind", "campaign.drives", "mechanism.type", "mechanism.legs", "mechanism.model"),
+        *("mechanism.flexure", "mechanism.leg_tube", "external_load"),
         *(
             "mechanism.height_mm",
             "mechanism.elements",

@@ -33,6 +33,8 @@ DECLARATION = Stage(
         "signals",
         "noise",
         "calibration",
+        "external_load",
+        "measurement.up",
         "exclude",
         "keep",
     ),

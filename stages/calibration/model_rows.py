@@ -20,7 +20,7 @@ from truing.calibration.accuracy import (
     fit_figures,
     nominal_errors,
 )
-from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform
+from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform, under_load
 from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration
 from truing.calibration.flexure_knowledge import DesignParameter
 from truing.calibration.knowledge import absorbed, observe_legs, observe_model
@@ -28,7 +28,7 @@ from truing.estimation.design.observability import Observability, choose_identif
 from truing.estimation.held_out import ContenderChoice
 from truing.estimation.interval import Interval
 from truing.simulation.mechanisms.structures.catalogue import departure, structures
-from truing.simulation.mechanisms.structures.structure import Machine
+from truing.simulation.mechanisms.structures.structure import Machine, Structure, poses_at
 from truing.stages.common.rows import Rows
 
 if TYPE_CHECKING:
@@ -113,6 +113,8 @@ def add_uncalibrated(rows: Rows, machine: Machine, measured: MeasuredPlatform) -
     errors = nominal_errors(rigid, machine, measured)
     add_figures(rows, (rigid.name, "none"), "nominal", error_figures(errors, measured.roles))
     for structure in others:
+        if structure.name == "stiffness" and measured.load is not None:
+            add_figures(rows, (structure.name, "none"), "nominal", _moved_by_load(structure, machine, measured))
         found = departure(structure, machine, measured.rho) * 1e6
         reported = found[np.isfinite(found)]
         if len(reported):
@@ -121,6 +123,18 @@ def add_uncalibrated(rows: Rows, machine: Machine, measured: MeasuredPlatform) -
                 ("reading_max_from_rigid_legs", float(np.max(np.abs(reported))), "um"),
             ]
             add_figures(rows, (structure.name, "none"), "nominal", figures)
+
+
+def _moved_by_load(structure: Structure, machine: Machine, measured: MeasuredPlatform) -> list[Figure]:
+    """Rms shift of the platform by its load, and rms of what differs between poses: the load's share that a calibration
+    of the geometry cannot take up."""
+    loaded = under_load(machine, measured)
+    free, held = (poses_at(structure, one, measured.rho) for one in (machine, loaded))
+    moved = (held.p - free.p)[free.converged & held.converged] * 1e6
+    if not len(moved):
+        return []
+    sizes = {"load_shift_rms": moved, "load_shift_varying": moved - moved.mean(axis=0)}
+    return [(name, float(np.sqrt(np.mean(np.sum(part**2, -1)))), "um") for name, part in sizes.items()]
 
 
 def accuracy_rows(artifact: str, reported: Sequence[tuple[Key, PoseErrors]], measured: MeasuredPlatform) -> Rows:

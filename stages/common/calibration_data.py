@@ -22,6 +22,7 @@ from truing.calibration.calibration_input import (
 from truing.estimation.measured_numbers import NetworkErrors, pose_numbers, shift_number
 from truing.estimation.rigid_poses.points import SurveyPoints
 from truing.estimation.rotation import exp_so3
+from truing.stages.common.external_load import external_loads
 from truing.stages.common.nominal_mechanism import facing, nominal_machine
 from truing.stages.common.point_arrays import (
     number_column,
@@ -137,7 +138,8 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> CalibrationD
     roles = _roles(tables["configurations"], poses)
     seen = {"platform": platform} | {f"leg{leg + 1}": found for leg, found in carrying.items()}
     network = network_errors(tables, poses, {name: found.covariance for name, found in seen.items()}, count)
-    measured = MeasuredPlatform(poses, roles, base, platform, rho, carrying, shifts, network).chosen(usable)
+    load = external_loads(settings, tables["configurations"], platform.R) if section_.is_elastic else None
+    measured = MeasuredPlatform(poses, roles, base, platform, rho, carrying, shifts, network, load).chosen(usable)
     if not usable.any():
         raise ValueError("no pose has both readings and a pose of the platform in the base")
     return CalibrationData(

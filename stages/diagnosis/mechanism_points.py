@@ -20,9 +20,9 @@ from truing.simulation.mechanisms.extended_model import extended, some_of, write
 from truing.simulation.mechanisms.legs.kinematics import reaches
 from truing.simulation.mechanisms.measured_mechanism import MeasuredTargets, SeatedLegs, seated_legs
 from truing.simulation.mechanisms.model import MechanismModel, PriorKnowledge
-from truing.simulation.mechanisms.weight import Weight
 from truing.simulation.targets import BASE, FREE_DIRECTION, FREE_LENGTH_M, LEG, PLATFORM, Targets, shape_unknowns
 from truing.stages.common.blocks import chosen, groupings_of, labels_of, repeats_of
+from truing.stages.common.external_load import weight_of
 from truing.stages.common.missing_data import HELD_OUT, why_no_diagnosis_of_mechanism
 from truing.stages.common.nominal_mechanism import facing, nominal_legs
 from truing.stages.common.point_arrays import (
@@ -116,17 +116,8 @@ def _known(section: LeggedMechanism, settings: Campaign, bodies: MeasuredTargets
         section.reference_temperature_c,
         None if section.actuator_pitch_mm is None else section.actuator_pitch_mm * 1e-3,
         float(np.mean(flexures)) * 1e-3 if len(flexures) == len(section.legs) else None,
-        _weight(section, settings),
+        weight_of(section, settings),
     )
-
-
-def _weight(section: LeggedMechanism, settings: Campaign) -> Weight | None:
-    """Upward direction and payload; None without an upward direction in campaign.toml."""
-    mass, (across, along, above) = section.payload_kg, (1e-3 * length for length in section.payload_com_mm)
-    if settings.measurement.up is None:
-        return None
-    x, y, z = np.asarray(settings.measurement.up) / np.linalg.norm(settings.measurement.up)
-    return Weight((float(x), float(y), float(z)), mass, (across, along, above))
 
 
 def _targets(

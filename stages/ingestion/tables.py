@@ -16,7 +16,7 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.point_index import NameNumbers
 from truing.formats.read import read_table
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import CONFIGURATIONS, COORDINATE_SIGMAS, TARGETS, TableShape
+from truing.formats.shapes import CONFIGURATIONS, COORDINATE_SIGMAS, TARGETS, WRENCH, TableShape
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count
 from truing.schemas.artifacts import ARTIFACTS
@@ -32,6 +32,7 @@ _COLUMN = "mechanism.model"
 _WRITTEN = "a model.toml that a run has written"
 # What the earlier run wrote of itself; the copy has a provenance of its own.
 _PROVENANCE = re.compile(r"^\[provenance\].*?(?=^\[|\Z)", re.MULTILINE | re.DOTALL)
+_ELASTIC = "six legs with flexure_length_mm, flexure and leg_tube: only the stiffness model takes up a load"
 FITTED, REFERENCE = "calibration", "reference"
 
 
@@ -57,8 +58,21 @@ def read_configurations(
     _check_repeats(found, log)
     _check_readings(found, log, settings)
     _check_drives(found, log, settings.campaign.drives)
+    _check_loads(found, log, settings)
     table = as_artifact("configurations", completed(found.table))
     return SmallTable(table, dict(found.left_out), file=found.first_file)
+
+
+def _check_loads(found: CollectedRows, log: FaultLog, settings: Any) -> None:
+    """A fault at every row without a load, in columns of external loads that a stiffness model takes up, and where a
+    load is declared for legs without one."""
+    if settings.mechanism.is_legged and settings.mechanism.is_elastic:
+        for name in WRENCH:
+            if name in found.table.column_names:
+                expected = "a load in every row; 0 where there is none"
+                found.fault(log, ~np.isfinite(numbers(found, name)), name, expected)
+    elif any((*settings.external_load.force_n, *settings.external_load.torque_nm)):
+        log.add(Fault("campaign.toml", _ELASTIC, column="external_load"))
 
 
 def completed(table: pa.Table) -> pa.Table:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.calibration.calibration_input import MeasuredPlatform
+from truing.calibration.calibration_input import MeasuredPlatform, under_load
 from truing.calibration.calibration_question import common_effects, is_deformation, own_covariance, with_common
 from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration
 from truing.estimation.held_out import Contender, ContenderChoice, choose_model, held_out_misfit
@@ -116,7 +116,7 @@ def _errors(
 ) -> PoseErrors:
     """Return the errors, with parameter covariance (B, P, P) and its covariance (B, P, K) with errors common to all
     poses."""
-    found = reached_poses(structure, machine, measured.rho, change)
+    found = reached_poses(structure, under_load(machine, measured), measured.rho, change)
     turned = log_so3(measured.platform.R @ np.swapaxes(found.R, -1, -2))
     error = np.concatenate([measured.platform.p - found.p, turned], -1)
     shared = found.by_parameter @ with_common @ np.swapaxes(common_effects(measured), -1, -2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +66,7 @@ class MeasuredPlatform:
     legs: Mapping[int, PosesWithCovariance]  # by leg, counted from 0
     shifts: SurveyShifts | None = None
     network: NetworkErrors | None = None
+    load: NDArray | None = None  # wrench on the platform (B, 6), base axes, N and N m; None: none is known
 
     def chosen(self, rows: NDArray) -> MeasuredPlatform:
         """Return some of the poses, by mask (B,)."""
@@ -78,7 +79,13 @@ class MeasuredPlatform:
             {leg: poses.chosen(rows) for leg, poses in self.legs.items()},
             self.shifts and self.shifts.chosen(rows),
             self.network and self.network.chosen(rows),
+            None if self.load is None else self.load[rows],
         )
+
+
+def under_load(machine: Machine, measured: MeasuredPlatform) -> Machine:
+    """Return the machine with the loads of measured poses."""
+    return machine if measured.load is None else replace(machine, load=measured.load)
 
 
 @dataclass(frozen=True)

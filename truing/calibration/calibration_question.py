@@ -14,6 +14,7 @@ from truing.calibration.calibration_input import (
     MeasuredPlatform,
     PosesWithCovariance,
     SurveyedAttachments,
+    under_load,
 )
 from truing.estimation.covariance import shared_parent_covariance
 from truing.estimation.errors_in_variables.fit import Prior
@@ -283,8 +284,9 @@ def _opened(prior: Prior, bent: NDArray) -> Prior:
 
 def problem_of(case: Case, parameters: ParameterSet, measured: MeasuredPlatform) -> CalibrationProblem:
     """Return the problem of identifying parameters of a case at measured poses."""
+    nominal = under_load(case.nominal, measured)
     return CalibrationProblem(
-        case.structure, case.nominal, parameters, measured.platform.p, measured.platform.R, measured.rho
+        case.structure, nominal, parameters, measured.platform.p, measured.platform.R, measured.rho
     )
 
 

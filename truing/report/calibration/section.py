@@ -384,7 +384,20 @@ def _departures(tables: Tables) -> str:
         return ""
     own = nominal[_DEPARTS].dropna()
     sizes = ", ".join(f"{model} {quantity(size, 'um')}" for (model, _), size in own.items())
-    return f" At the same poses, their readings differ from those of rigid legs by (rms): {sizes}."
+    return f" At the same poses, their readings differ from those of rigid legs by (rms): {sizes}.{_load(nominal)}"
+
+
+def _load(nominal: pd.DataFrame) -> str:
+    """Return how far the external load moves the platform by the stiffness model."""
+    if "load_shift_rms" not in nominal or not nominal["load_shift_rms"].notna().any():
+        return ""
+    whole, varying = (
+        quantity(float(nominal[name].dropna().iloc[0]), "um") for name in ("load_shift_rms", "load_shift_varying")
+    )
+    return (
+        f" By the stiffness model, the external load moves the platform by {whole} rms, of which {varying} differ "
+        "between poses."
+    )
 
 
 def _method_words(tables: Tables) -> str:

@@ -29,6 +29,15 @@ def platform_gravity(legs: Legs, rho: NDArray, up: tuple[float, float, float]) -
     return np.asarray(-np.asarray(up) @ forward(legs, rho).R)
 
 
+def weight_wrench(weight: Weight, R: NDArray, mass_kg: NDArray | float) -> NDArray:
+    """Return the weight (B, 6), N and N m, of masses (B,), kg, about the origin of a platform with rotations R (B, 3,
+    3); base frame."""
+    force = np.asarray(mass_kg)[..., None] * (-GRAVITY * np.asarray(weight.up))
+    arm = R @ np.asarray(weight.centre)
+    force = np.broadcast_to(force, arm.shape)
+    return np.concatenate([force, np.cross(arm, force)], -1)
+
+
 def tensions(state: State, up: tuple[float, float, float], centre: tuple[float, float, float]) -> NDArray:
     """Return the tension (B, 6), N per kg, of six legs that carry a mass with its centre in the platform's frame, m.
 

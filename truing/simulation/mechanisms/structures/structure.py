@@ -46,7 +46,7 @@ class Machine:
     deformation: K (..., L, L), shift of the attachments along z of the platform per displacement of the actuators
     (telescope report, eq. 2), diagonal if each depends on its own actuator only (eq. 1); flexure_length: (..., L) m, if
     the joints are flexures; beta: (..., L), the flexures' design parameter (eq. 15), None for 1/4; flexure, tube: their
-    sections, if known; load: wrench (6,) on the platform at its origin, base axes, N and N m; in_plane: shift of
+    sections, if known; load: wrench (..., 6) on the platform at its origin, base axes, N and N m; in_plane: shift of
     attachment i along x and y of the platform per displacement of actuator j, (L, 2, L), which only the kinematic model
     uses; None for none.
     """
@@ -127,7 +127,7 @@ def poses_at(structure: Structure, machine: Machine, rho: NDArray) -> Forward:
     If the structure does not close, the last pose tried is returned as not converged. Raises ValueError for fewer than
     six legs.
     """
-    if is_batched(machine.legs) or machine.deformation.ndim > 2:
+    if is_batched(machine.legs) or machine.deformation.ndim > 2 or machine.load.ndim > 1:
         return _newton(structure, machine, rho)
     return in_pieces(partial(_newton, structure, machine), rho)
 
