@@ -231,6 +231,11 @@ _CALIBRATION = (
         "figure* subject* value unit",
     ),
     parquet(
+        "frames",
+        "origin and direction of each axis of a sensor's frames, unloaded, in the frame of the base",
+        f"frame* axis_name* {POINT} along_x along_y along_z",
+    ),
+    parquet(
         "published_compared",
         "published displacements compared with those of this campaign at the same load",
         "load* channel* applied* source* published unit own own_sigma allowed_difference verdict",

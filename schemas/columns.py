@@ -618,6 +618,9 @@ _CONCLUDED = (
     size("orientation_noise_arcsec", "arcsec", "rms orientation error by noise alone", nullable=True),
     text("estimator", "fit method", choices=_FITTED),
     text("combination", "combination of parameters that the data do not separate, in words", nullable=True),
+    text("frame", "base, platform, leg and its number, joints of a leg, or measurement"),
+    text("axis_name", "axis of the frame: x, y, z; S1 .. S6 of the joints of a leg; channel of a measurement"),
+    *(real(f"along_{a}", "", f"component along {a} of its unit direction, in the frame of the base") for a in "xyz"),
     text("effect", "effect that the model leaves out"),
     real("effect_change", "", "change of the simulated entry by this effect, in the unit of its row"),
     size(

@@ -17,8 +17,11 @@ if TYPE_CHECKING:
 DECLARATION = Stage(
     name="report",
     reads=tuple(f"{table}?" for table in tables_read()),
-    leaves=("verdict", "next_measurements", "report"),
-    settings=("campaign.name", "mechanism.legs", "mechanism.height_mm", "noise.signal_mv"),
+    leaves=("frames?", "verdict", "next_measurements", "report"),
+    settings=(
+        *("campaign.name", "mechanism.legs", "mechanism.height_mm", "noise.signal_mv"),
+        "interferometer.beams",
+    ),
     summary="the verdict, and one self-contained page with figures, findings and exclusions",
 )
 
@@ -29,15 +32,18 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from truing.report.rendering.render import render_page
     from truing.report.verdict import gates
     from truing.runs.page_parts import next_measurements_table, page_parts, verdict_table
+    from truing.stages.common.frames_of_sensor import sensor_frames
 
+    frames = sensor_frames(settings)
+    made = {} if frames is None else {"frames": frames}
     verdict = verdict_table(tables)
-    reported = {**tables, "verdict": verdict}
+    reported = {**tables, **made, "verdict": verdict}
     head, sections = page_parts(settings.campaign.name, reported, _joints(settings), _declared_noise(settings))
     progress(1, 2, "figures")
     page = render_page(head, sections)
     drawn = sum(len(section.figures) for section in all_of(sections))
     read, size = f"{len(tables)} artifacts", f"{len(sections)} sections, {drawn} figures, {len(page) / 1e6:.1f} MB"
-    left = {"verdict": verdict, "next_measurements": next_measurements_table(reported), "report": page}
+    left = {**made, "verdict": verdict, "next_measurements": next_measurements_table(reported), "report": page}
     return Outcome(left, read, "nothing", f"{size}; {_in_short(verdict)}", tuple(gates(verdict.to_pylist())))
 
 

@@ -22,7 +22,7 @@ from docs.experiments.force_sensor_statics import row
 from docs.experiments.marked_tables import table
 from truing.simulation.bench.six_upur.assembly import influence_coefficients, joined_links, sensor_chains
 from truing.simulation.bench.six_upur.influence import roll_pitch_yaw
-from truing.simulation.bench.six_upur.loading import LoadingUnits, two_units
+from truing.simulation.bench.six_upur.loading import AXES, LoadingUnits, share_wrench, two_units
 from truing.simulation.bench.six_upur.stiffness import ElasticSensor
 from truing.simulation.bench.six_upur.uncertain_sensor import compliance_change, compliance_covariance
 
@@ -196,6 +196,32 @@ def units_at_rim(sensor: ElasticSensor, odd: float, even: float) -> LoadingUnits
     offset, moment = lever_arms(sensor, odd, even)
     excesses = (-(offset + sign * moment) / (2.0 * LENS_M) for sign in (1.0, -1.0))
     return two_units("fz", (LENS_M, 0.0, 0.0), *excesses)
+
+
+# Torques by two units, with the axis on which the paper's section 6 places them.
+_COUPLES = (("mx", "y"), ("my", "x"), ("mz", "x"), ("mz", "y"))
+
+
+def torques() -> str:
+    """Return the shares of two units that would give the even part of each measured rotation."""
+    printed = published().maxima
+    rows = []
+    for axis, side in _COUPLES:
+        k = AXES.index(axis)
+        even = 0.5 * (printed.positive[k] + printed.negative[k])
+        wrench = share_wrench(axis, LENS_M * np.eye(3)["xyz".index(side)])
+        force = int(np.abs(wrench[:3]).argmax())
+        shares = [_shares(even * ARCSEC, FULL * (each.sensor().compliance[k] @ wrench)) for each in SETS.values()]
+        rows.append([f"M{axis[1]}, units on ±{side}", f"F{'xyz'[force]}", f"{even:+.1f}", *shares])
+    return table(["torque", "force that it brings", "even part, arcsec", *(f"set {name}" for name in SETS)], rows)
+
+
+def _shares(even: float, per_excess: float) -> str:
+    """Return the shares that give an even part; "impossible" for a force that does not turn the platform."""
+    if abs(per_excess) < 1e-6 * abs(even):
+        return "impossible: it does not turn"
+    excess = 100.0 * even / per_excess
+    return f"{50 + excess:.1f} : {50 - excess:.1f}" if abs(excess) < 50.0 else "more than the whole load"
 
 
 def prior() -> str:

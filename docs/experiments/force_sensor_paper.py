@@ -38,6 +38,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "prior": deformation.prior,
     "maxima": deformation.maxima,
     "along-z": deformation.along_z,
+    "torques": deformation.torques,
     "synthetic": statics.synthetic,
     "arithmetic": deformation.arithmetic,
 }

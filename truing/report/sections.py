@@ -42,6 +42,7 @@ SECTIONS = (
     PageSection("diagnosis", ("truing.report.diagnosis.section",), "Diagnosis"),
     PageSection("axis", ("truing.report.axis_page",)),
     PageSection("measured", ("truing.report.measured_section",)),
+    PageSection("frames", ("truing.report.scene.frames",), bench=True),
     PageSection("qa", ("truing.report.quality_section",), "Quality"),
     PageSection("photographs", ("truing.report.photographs.section",)),
     PageSection("displacement", ("truing.report.sensor.displacement",), "Displacement", "positioning", bench=True),

@@ -1,0 +1,147 @@
+"""Section of frames: base, platform, legs with their joint axes, and measured directions, in one 3-D view."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
+from truing.report.page import Listing, ReportSection
+from truing.report.tables import XYZ, Tables, filled
+
+_ALONG = ["along_x", "along_y", "along_z"]
+_COLOURS = {"base": BLUE, "platform": ORANGE, "measurement": RED}
+_LENGTHS = {"base": 0.35, "platform": 0.35, "measurement": 0.25}  # of an axis, as a share of the largest radius
+_OF_LEGS = 0.18
+_HEAD = 0.2  # of an axis: length of its arrow head
+
+
+def frames(tables: Tables) -> ReportSection | None:
+    """Return the section of the sensor's frames; None without their table."""
+    table = filled(tables, "frames")
+    if table is None:
+        return None
+    lead = (
+        "Every load, displacement and compliance is in the axes of the base, at the platform's origin. An element of a "
+        "leg is in the axes of its leg: z from the lower to the upper joint, x horizontal (S1), S2 opposite to y."
+    )
+    words = "Click an entry of the legend to show or hide it; a double click shows it alone. S1, S2: lower universal "
+    words += (
+        "joint; S3: force cell; S4, S5: upper universal joint; S6: revolute joint. dx .. rz: directions in which the "
+    )
+    words += "channels count, with [interferometer.beams]."
+    return ReportSection("frames", "Frames", lead, ((frames_figure(table), words),), (_listing(table),))
+
+
+def frames_figure(table: pd.DataFrame) -> go.Figure:
+    """Return all frames with named axes, and the legs with the outlines of their joints; fixed frame, mm."""
+    lower, upper = _joints(table, "S1"), _joints(table, "S6")
+    size = float(np.linalg.norm(np.concatenate([lower, upper])[:, :2], axis=1).max())
+    figure = go.Figure([*_legs(lower, upper), *_axes(table, size)])
+    style(
+        figure,
+        "Frames of the sensor",
+        "Unloaded, in the frame of the base. Legs are numbered at their lower joints",
+        680,
+    )
+    figure.update_layout(
+        scene={
+            "aspectmode": "data",
+            "camera": {"eye": {"x": 1.0, "y": -1.25, "z": 0.8}},
+            **{f"{c}axis": {"title": {"text": f"{c} (mm)"}, "nticks": 6} for c in "xyz"},
+        },
+        legend={"orientation": "h", "y": 1.0, "yanchor": "top", "itemsizing": "constant"},
+        margin={"l": 0, "r": 0, "t": 110, "b": 20},
+    )
+    return figure
+
+
+def _joints(table: pd.DataFrame, axis: str) -> NDArray[np.float64]:
+    """Return the points (L, 3) of one joint axis of all legs."""
+    return table.loc[table["axis_name"] == axis, XYZ].to_numpy(dtype=float)
+
+
+def _legs(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> Iterator[go.Scatter3d]:
+    gap = np.full((len(lower), 1, 3), np.nan)
+    rods = np.concatenate([lower[:, None], upper[:, None], gap], axis=1).reshape(-1, 3)
+    yield _line(rods, "legs", GREY, 5.0)
+    for name, points in (("base joints", lower), ("platform joints", upper)):
+        order = np.argsort(np.arctan2(points[:, 1], points[:, 0]))
+        ring = points[np.append(order, order[0])]
+        colour = _COLOURS[name.split()[0]]
+        yield _line(ring, name, colour, 2.0)
+    numbers = [f"leg {k}" for k in range(1, len(lower) + 1)]
+    yield go.Scatter3d(
+        **dict(zip("xyz", lower.T, strict=True)), mode="text", text=numbers, textposition="bottom center",
+        showlegend=False, hoverinfo="skip",
+    )  # fmt: skip
+
+
+def _axes(table: pd.DataFrame, size: float) -> Iterator[go.Scatter3d]:
+    """Yield the axes of each frame as arrows with names at the tips; of the legs, only the first is shown at first."""
+    for name, own in table.groupby("frame", sort=False):
+        frame = str(name)
+        of_leg = frame not in _COLOURS
+        hidden = (of_leg and not frame.endswith(" 1")) or frame == "measurement"
+        length = size * _LENGTHS.get(frame, _OF_LEGS)
+        colour = _COLOURS.get(frame, GREEN if frame.startswith("leg") else "#7b3294")
+        start, way = own[XYZ].to_numpy(dtype=float), own[_ALONG].to_numpy(dtype=float)
+        places = np.concatenate([_arrow(a, length * w) for a, w in zip(start, way, strict=True)])
+        visible = "legendonly" if hidden else True
+        yield _line(places, frame, colour, 5.0, visible=visible, legendgroup=frame)
+        yield go.Scatter3d(
+            **dict(zip("xyz", (start + 1.12 * length * way).T, strict=True)),
+            mode="text",
+            text=[_tip(frame, str(axis)) for axis in own["axis_name"]],
+            textfont={"color": colour, "size": 13},
+            name=frame,
+            legendgroup=frame,
+            showlegend=False,
+            visible=visible,
+            hoverinfo="skip",
+        )
+
+
+def _tip(frame: str, axis: str) -> str:
+    """Return the name of an axis with its frame: ``x base``, ``y 1``, ``S2``."""
+    if frame in ("base", "platform"):
+        return f"{axis} {frame}"
+    return f"{axis} {frame.split()[-1]}" if frame.startswith("leg") else label(axis)
+
+
+def _arrow(start: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the points (7, 3) of an arrow: shaft and head, each ended by a gap."""
+    side = np.cross(way, [0.0, 0.0, 1.0] if abs(way[2]) < 0.9 * np.linalg.norm(way) else [1.0, 0.0, 0.0])
+    side *= 0.4 * _HEAD * np.linalg.norm(way) / np.linalg.norm(side)
+    end, gap = start + way, np.full(3, np.nan)
+    return np.stack([start, end, gap, end - _HEAD * way + side, end, end - _HEAD * way - side, gap])
+
+
+def _line(points: NDArray[np.float64], name: str, colour: str, width: float, **more: object) -> go.Scatter3d:
+    return go.Scatter3d(
+        **dict(zip("xyz", np.round(points, 3).T, strict=True)),
+        mode="lines",
+        name=name,
+        line={"color": colour, "width": width},
+        hoverinfo="name",
+        connectgaps=False,
+        **more,
+    )
+
+
+def _listing(table: pd.DataFrame) -> Listing:
+    rows = tuple(
+        (
+            str(r.frame),
+            str(r.axis_name),
+            ", ".join(f"{value:.3f}" for value in (r.x_mm, r.y_mm, r.z_mm)),
+            ", ".join(f"{value + 0.0:.6f}" for value in (r.along_x, r.along_y, r.along_z)),
+        )
+        for r in table.itertuples()
+    )
+    heads = ("frame", "axis", "origin, mm", "direction")
+    return Listing(heads, rows, (), "Origins and axes in the frame of the base", True, "frames.parquet")
