@@ -6,17 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
-from xml.parsers import expat
 
 import numpy as np
 
 from truing.formats.interior_orientation import CORNER, Row, camera_row
 from truing.formats.raw import RawBatch, Unusable, Wanted, integer_columns, one_batch
+from truing.formats.xml_document import Lines, read_xml
 
-Lines = dict[ElementTree.Element, int]
-
-_LARGEST = 1 << 27
-_DEEPEST = 100  # nesting levels; a project has about ten
 _CALIBRATION = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "b1", "b2")
 _PLACES = ("location", "projection")
 _FREE = "c x0 y0 A1 A2 A3 B1 B2 C1 C2"
@@ -27,7 +23,7 @@ def read_metashape_xml(path: Path, wanted: Wanted, table: str) -> Iterator[RawBa
     """Yield the rows of ``table``, image_points or cameras; raises Unusable if the file is damaged or holds none."""
     if table not in ("image_points", "cameras"):
         raise Unusable(_ONLY)
-    root, lines = _root(path)
+    root, lines = read_xml(path)
     if table == "image_points":
         rays = _rays(root, lines)
         yield from one_batch(rays, wanted, lines=rays.pop("line"))
@@ -36,45 +32,6 @@ def read_metashape_xml(path: Path, wanted: Wanted, table: str) -> Iterator[RawBa
     names = found[0][0] if found else {"camera": 0}
     columns = {name: [row[name] for row, _ in found] for name in names}
     yield from one_batch(columns, wanted, lines=[line for _, line in found])
-
-
-def _root(path: Path) -> tuple[ElementTree.Element, Lines]:
-    """Return the document, and the line of every element. Metashape writes no declarations; a document with its own may
-    expand without limit, and is refused."""
-    with path.open("rb") as stream:
-        content = stream.read(_LARGEST + 1)
-    if len(content) > _LARGEST or b"\0" in content or b"<!DOCTYPE" in content or b"<!ENTITY" in content:
-        raise Unusable(f"XML of at most {_LARGEST >> 20} MB, in UTF-8 and without declarations")
-    try:
-        return _parsed(content)
-    except (expat.ExpatError, ValueError, LookupError) as error:
-        row = error.lineno if isinstance(error, expat.ExpatError) else None
-        raise Unusable("an undamaged XML file", row=row, value=str(error)[:80]) from None
-
-
-def _parsed(content: bytes) -> tuple[ElementTree.Element, Lines]:
-    """Return a document, and the line of every element, from 1; raises ExpatError for damaged XML."""
-    parser, builder = expat.ParserCreate(), ElementTree.TreeBuilder()
-    lines: Lines = {}
-    depth = 0
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
-        depth += 1
-        if depth > _DEEPEST:  # deeper trees would overflow the stack when walked or freed
-            raise Unusable(f"XML nested at most {_DEEPEST} deep", row=parser.CurrentLineNumber, value=f"<{tag}>"[:80])
-        lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
-
-    def end(tag: str) -> None:
-        nonlocal depth
-        depth -= 1
-        builder.end(tag)
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = end
-    parser.CharacterDataHandler = builder.data
-    parser.Parse(content, True)
-    return builder.close(), lines
 
 
 def _rays(root: ElementTree.Element, lines: Lines) -> dict[str, Any]:

@@ -48,6 +48,21 @@ from truing.simulation.mechanisms.causes.nonparametric import NonparametricMecha
 from truing.simulation.mechanisms.causes.scatter import ApproachScatter, NoiseBurst
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
 from truing.simulation.mechanisms.causes.warmth import LegThermal, ThermalExpansion
+from truing.simulation.mechanisms.chains.causes import (
+    BaseDrift,
+    BaseJump,
+    ChainCause,
+    ChainTargetMoved,
+    JointBacklash,
+    JointCompliance,
+    JointEccentricity,
+    JointGain,
+    JointHarmonic,
+    JointOffset,
+    LinkBending,
+    LinkGrowth,
+)
+from truing.simulation.mechanisms.chains.nonparametric import NonparametricChainEffect
 from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.photographs.causes.camera_instability import CameraInstability
 from truing.simulation.photographs.causes.nonparametric import NonparametricRayEffect
@@ -106,6 +121,21 @@ OWN_CAUSES_OF_READINGS: tuple[ReadingCause, ...] = (
 )
 # Causes of a single axis.
 OWN_CAUSES_OF_AXES: tuple[AxisCause, ...] = (ScaleError(), LostMotion(), ZeroShift(), NonparametricAxisEffect())
+# Causes of an open chain.
+OWN_CAUSES_OF_CHAINS: tuple[ChainCause, ...] = (
+    JointOffset(),
+    JointGain(),
+    JointBacklash(),
+    JointEccentricity(),
+    JointHarmonic(),
+    JointCompliance(),
+    LinkBending(),
+    LinkGrowth(),
+    BaseDrift(),
+    BaseJump(),
+    ChainTargetMoved(),
+    NonparametricChainEffect(),
+)
 # Causes that act on rays of photographs, and on points that were computed from photographs.
 OWN_CAUSES_OF_RAYS: tuple[RayCause, ...] = (CameraInstability(), OneBar(), Refraction(), NonparametricRayEffect())
 OWN_CAUSES_OF_PHOTOGRAPHED_POINTS: tuple[PointCause, ...] = (AllBars(), EvenAir())
@@ -156,6 +186,14 @@ def catalogue_of_axes() -> dict[str, AxisCause]:
     return _with_installed(OWN_CAUSES_OF_AXES, AxisCause)
 
 
+def catalogue_of_chains() -> dict[str, ChainCause]:
+    """Return all causes of an open chain, by id, with those of installed packages.
+
+    Raises ValueError if two causes have the same id.
+    """
+    return _with_installed(OWN_CAUSES_OF_CHAINS, ChainCause)
+
+
 def catalogue_of_rays() -> dict[str, RayCause]:
     """Return all causes that act on rays of photographs, by id, with those of installed packages.
 
@@ -169,7 +207,7 @@ def catalogue_of_photographed_points() -> dict[str, PointCause]:
     return {cause.id: cause for cause in OWN_CAUSES_OF_PHOTOGRAPHED_POINTS}
 
 
-OF_TYPES: dict[str, Callable[[], Mapping[str, Cause[Any]]]] = {"axis": catalogue_of_axes}
+OF_TYPES: dict[str, Callable[[], Mapping[str, Cause[Any]]]] = {"axis": catalogue_of_axes, "chain": catalogue_of_chains}
 """Catalogues by type of mechanism, for types other than legs and sensors on a bench."""
 
 
@@ -178,8 +216,8 @@ def _with_installed(own: tuple[CauseT, ...], sort: type[CauseT]) -> dict[str, Ca
     sort."""
 
     def joins(cause: Cause[Any]) -> bool:
-        if not isinstance(cause, PointCause | ReadingCause | RayCause | AxisCause):
-            sorts = "PointCause, ReadingCause, RayCause or AxisCause"
+        if not isinstance(cause, PointCause | ReadingCause | RayCause | AxisCause | ChainCause):
+            sorts = "PointCause, ReadingCause, RayCause, AxisCause or ChainCause"
             raise ValueError(f"cause {cause.id}: found a class of no sort, expected a {sorts}")
         return isinstance(cause, sort)
 

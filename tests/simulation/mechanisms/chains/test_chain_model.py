@@ -1,0 +1,187 @@
+"""A chain with unknown base, geometry, joint zeros and targets: derivatives, and causes that a search finds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.tolerance import assert_close
+from truing.estimation.rotation import exp_so3
+from truing.inference.observations import Epochs, Frames, Observations
+from truing.inference.selection import CauseDiagnosis, CauseSelection, Settings
+from truing.simulation.catalogue import catalogue_of_chains
+from truing.simulation.cause import Effect
+from truing.simulation.inputs import approach
+from truing.simulation.mechanisms.chains.causes import (
+    BaseDrift,
+    BaseJump,
+    ChainCause,
+    ChainTargetMoved,
+    JointBacklash,
+    JointCompliance,
+    JointEccentricity,
+    JointGain,
+    JointHarmonic,
+    JointOffset,
+    LinkBending,
+    LinkGrowth,
+)
+from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels
+from truing.simulation.mechanisms.chains.model import ChainModel, KnownChain
+from truing.simulation.mechanisms.chains.notations import DenavitHartenberg, tree_of_rows
+from truing.simulation.mechanisms.chains.tree import Node, Tree, geometry_modes
+
+ROWS = [
+    DenavitHartenberg(0.05, np.pi / 2, 0.35, 0.0),
+    DenavitHartenberg(0.4, 0.0, 0.0, 0.3),
+    DenavitHartenberg(0.03, np.pi / 2, 0.0, 0.1),
+    DenavitHartenberg(0.0, -np.pi / 2, 0.38, 0.0),
+    DenavitHartenberg(0.08, 0.0, 0.0, 0.2),
+]
+NOISE_M, NOISE_RAD = 2e-5, 5e-5
+
+
+def arm() -> Tree:
+    tree = tree_of_rows(ROWS, ("j1", "j2", "j3", "j4", "j5"))
+    mass = [0.0, 8.0, 6.0, 4.0, 2.0, 1.0, 0.0]
+    nodes = [Node(**{**vars(node), "mass": m, "com": np.array([0.0, 0.05, 0.1])}) for node, m in zip(tree.nodes, mass)]
+    return Tree(tuple(nodes), tree.readings)
+
+
+def campaign(rng: np.random.Generator, poses: int, targets: int = 2, orientation: bool = False) -> ChainModel:
+    tree = arm()
+    q = rng.uniform(-1.2, 1.2, (poses, 5))
+    names = [*(f"P{k}" for k in range(targets)), *(["tip"] if orientation else [])]
+    turned = np.array([False] * targets + [True] * orientation)
+    channels = MeasuredChannels(tuple(names), ("tip",) * len(names), np.full(len(names), 6), turned)
+    order = np.arange(poses, dtype=float)
+    came = approach(q, order, 1e-3)
+    covariates = {
+        "time_s": 60.0 * order,
+        "order": order,
+        "temperature_c": 20.0 + 3.0 * np.sin(order / 7.0) + 0.02 * order,
+        "approach": came,
+        **{f"j{k + 1}_deg": np.degrees(q[:, k]) for k in range(5)},
+    }
+    conditions = ChainConditions(
+        q,
+        covariates,
+        tuple(range(poses)),
+        np.zeros(poses, int),
+        np.tile(np.eye(3), (poses, len(names), 1, 1)),
+        np.full(poses, 1.5),
+        tuple(f"j{k + 1}_deg" for k in range(5)),
+    )
+    count = len(names)
+    modes = geometry_modes(tree, np.array([2e-4] * 3 + [3e-4] * 3), True)
+    shape = np.where(turned[:, None], 0.0, rng.normal(0.0, 0.05, (count, 3)))
+    known = KnownChain(
+        exp_so3(np.array([[0.1, 0.2, 2.0]])),
+        np.array([[1.5, 0.3, 0.2]]),
+        True,
+        modes,
+        True,
+        np.full(5, 2e-4),
+        shape,
+        0.05 * np.eye(3 * count).reshape(count, 3, -1),
+        np.zeros(3 * count, bool),
+        np.tile(np.eye(3), (count, 1, 1)),
+        np.zeros(5),
+        np.array([0.0, 0.0, -1.0]),
+        (6, np.array([0.0, 0.0, 0.05])),
+    )
+    return ChainModel(tree, channels, known, conditions)
+
+
+EVERY: tuple[ChainCause, ...] = (
+    JointOffset("j2"),
+    JointGain("j3"),
+    JointBacklash("j2"),
+    JointEccentricity("j4"),
+    JointHarmonic("j2", order=3),
+    JointCompliance("j3", load=20.0),
+    LinkGrowth("link 2"),
+    LinkBending("link 2", load=10.0),
+    BaseDrift(span=9.0),
+    BaseJump(from_pose=4, from_order=4.0),
+    ChainTargetMoved("tip", "P1", 5, 5.0),
+)
+
+
+@pytest.mark.parametrize("orientation", [False, True])
+def test_derivatives_are_those_of_the_channels(orientation: bool) -> None:
+    rng = np.random.default_rng(1)
+    model = campaign(rng, 10, 2, orientation).with_causes(EVERY)
+    own = model.known
+    noisy = KnownChain(**{**vars(own), "reading_sigma": np.full(5, 1e-4)})
+    model = ChainModel(model.tree, model.channels, noisy, model.conditions, causes=model.causes)
+    reference = model.tree_frames(np.zeros(model.shared_size), np.zeros((10, 5))).R[:, model.channels.node]
+    conditions = ChainConditions(**{**vars(model.conditions), "reference": reference})
+    model = model.at(conditions)
+    shared, local = 0.01 * rng.normal(size=model.shared_size), rng.normal(size=(10, 5))
+    found = model.predict(shared, local)
+    assert_close(found.values, model.points(shared, local), atol=0)
+    for j, step in enumerate(1e-4 * np.eye(model.shared_size)):
+        slope = (model.points(shared + step, local) - model.points(shared - step, local)) / 2e-4
+        assert_close(found.by_shared[..., j], slope, atol=2e-8)
+    for j, step in enumerate(1e-3 * np.eye(5)):
+        slope = (model.points(shared, local + step) - model.points(shared, local - step)) / 2e-3
+        assert_close(found.by_local[..., j], slope, atol=1e-9)
+
+
+def diagnosed(effects: Sequence[Effect[ChainCause]], seed: int, orientation: bool = False) -> CauseDiagnosis:
+    """What a search says of a campaign whose geometry and zeros are drawn from their tolerances."""
+    rng = np.random.default_rng(seed)
+    model = campaign(rng, 60, 1 if orientation else 2, orientation)
+    true = model.with_causes([effect.cause for effect in effects])
+    shared = rng.normal(size=true.shared_size)
+    shared[true.layout["base"]] *= 0.01
+    shared[true.layout["shape"]] *= 0.1
+    true.set_effects(shared, effects)
+    local = np.zeros((60, 0))
+    values = true.points(shared, local)
+    sigma = np.where(model.channels.is_rotation, NOISE_RAD, NOISE_M)[:, None]
+    turned = model.channels.is_rotation
+    if turned.any():
+        seen = exp_so3(sigma * rng.normal(size=values.shape))[:, turned] @ exp_so3(values[:, turned])
+        reference = model.conditions.reference.copy()
+        reference[:, turned] = seen
+        model = model.at(ChainConditions(**{**vars(model.conditions), "reference": reference}))
+        values[:, turned] = 0.0
+    values[:, ~turned] += (sigma * rng.normal(size=values.shape))[:, ~turned]
+    covariance = np.broadcast_to((sigma**2)[..., None] * np.eye(3), (*values.shape, 3))
+    measured = Observations(values, covariance, np.ones(values.shape[:2], bool))
+    frames = Frames(np.tile(np.eye(3), (60, 1, 1)), np.zeros((60, 3)), free=False)
+    epochs = Epochs(measured, model.conditions, frames)
+    return CauseSelection(model, epochs, None, Settings(0.05, 200, 1)).run(list(catalogue_of_chains().values()))
+
+
+def names(diagnosis: CauseDiagnosis) -> list[tuple[str, str]]:
+    return [(v.cause.id, v.cause.subject) for v in diagnosis.verdicts if v.verdict == "found"]
+
+
+@pytest.mark.parametrize("orientation", [False, True])
+def test_nothing_is_found_in_an_arm_within_its_tolerances(orientation: bool) -> None:
+    assert names(diagnosed([], 3, orientation)) == []
+
+
+@pytest.mark.parametrize(
+    ("cause", "values"),
+    [
+        (JointOffset("j3"), [3e-3]),
+        (JointGain("j2"), [4e-4]),
+        (JointBacklash("j3"), [1.5e-4]),
+        (JointEccentricity("j2"), [3e-4, -2e-4]),
+        (JointHarmonic("j4", order=3), [2e-4, 2e-4]),
+        (JointCompliance("j2", load=40.0), [8e-6]),
+        (LinkGrowth("link 2"), [4e-5]),
+        (BaseJump(from_pose=30, from_order=30.0), [1e-4, 0, 5e-5, 0, 1e-4, 0]),
+    ],
+    ids=lambda value: value.id if isinstance(value, ChainCause) else "",
+)
+def test_a_clear_effect_is_found_named_and_measured(cause: ChainCause, values: list[float]) -> None:
+    diagnosis = diagnosed([Effect(cause, np.array(values, float))], 5)
+    assert names(diagnosis) == [(cause.id, cause.subject)]

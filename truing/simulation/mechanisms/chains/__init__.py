@@ -1,0 +1,1 @@
+"""Open kinematic chains: serial arms, gantries and trees of revolute and prismatic joints."""

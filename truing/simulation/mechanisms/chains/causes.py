@@ -1,0 +1,489 @@
+"""Causes that act on a chain: joints, links, base and targets; base class `ChainCause` and scene `ChainScene`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.inference.model import ChannelCandidates
+from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
+from truing.simulation.inputs import ORDER, TIME, Missing
+from truing.simulation.mechanisms.chains.conditions import ChainInputs
+
+_ANGLE, _LENGTH = 5e-4, 3e-4  # plausible errors of a joint, rad and m
+_GAIN = 5e-4
+_GROWTH = 1e-5
+# Deflection that a plausible compliance gives under the largest load, rad or m.
+_MM = 1e-3
+# Least number of poses before an onset, and from it; in a long campaign not every pose is tried as an onset.
+_FEWEST, _MOST_ONSETS = 4, 60
+HARMONICS = (2, 3, 4, 5, 6, 7, 8)
+
+
+@dataclass(frozen=True)
+class ChainScene(Scene["ChainCause"]):
+    """Scene of causes that act on a chain: its joints, links, inputs and targets."""
+
+    inputs_of_machine: ChainInputs
+
+    @property
+    def covariates(self) -> Mapping[str, NDArray]:
+        """Columns (B,) or (B, n) that effects may depend on."""
+        return self.inputs_of_machine.conditions.covariates
+
+    @property
+    def inputs(self) -> Mapping[str, NDArray]:
+        """Readings (B,) of the joints by name."""
+        machine = self.inputs_of_machine
+        return dict(zip(machine.tree.readings, machine.readings.T, strict=True))
+
+    @property
+    def shape(self) -> NDArray:
+        """Positions (K, 3) of the targets in their links, m."""
+        return self.inputs_of_machine.shape
+
+
+@dataclass(frozen=True)
+class ChainCause(Cause[ChainScene]):
+    """Base class of causes that move nodes of a chain by twists that are linear in the parameters."""
+
+    reach = 100.0
+
+    def twists(self, machine: ChainInputs) -> NDArray | None:
+        """Return the twists (B, N, 6, P) of all nodes per unit of the parameters, SI; None if none moves."""
+        return None
+
+    def shifts(self, machine: ChainInputs) -> NDArray | None:
+        """Return the shifts (B, K, 3, P) of targets in their links per unit of the parameters, m; None if none moves."""
+        return None
+
+
+@dataclass(frozen=True)
+class JointCause(ChainCause):
+    """Base class of causes that change the motion of one joint, named as in the description of the robot."""
+
+    joint: str = ""
+    is_angle: bool = True
+
+    step = Step.DRIVE
+
+    @property
+    def subject(self) -> str:
+        """The joint."""
+        return f"joint {self.joint}"
+
+    def candidates(self, scene: ChainScene) -> Sequence[JointCause]:
+        """Return every joint that moved and to which the cause applies."""
+        machine = scene.inputs_of_machine
+        found = [
+            replace(self, joint=name, is_angle=bool(machine.tree.is_revolute[k]))
+            for k, name in enumerate(machine.tree.readings)
+            if np.ptp(machine.readings[:, k]) > 0.0
+        ]
+        return [cause for cause in found if cause.applies(machine)]
+
+    def applies(self, machine: ChainInputs) -> bool:
+        """Whether the joint can have the effect in this campaign."""
+        return True
+
+    def motion(self, machine: ChainInputs, reading: int) -> NDArray:
+        """Return the deviation (B, P) of the joint's motion per unit of the parameters."""
+        raise NotImplementedError
+
+    def twists(self, machine: ChainInputs) -> NDArray:
+        """Return the twists of the joint, and of those that follow it."""
+        reading = machine.tree.readings.index(self.joint)
+        return machine.on_axis(reading, self.motion(machine, reading))
+
+    def _size(self, name: str) -> Parameter:
+        return Parameter(name, "rad", _ANGLE) if self.is_angle else Parameter(name, "mm", _LENGTH, _MM)
+
+
+@dataclass(frozen=True)
+class JointOffset(JointCause):
+    """The zero of a joint's reading is off, beyond its tolerance."""
+
+    id = "joint-offset"
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the offset."""
+        return (self._size("offset"),)
+
+    def motion(self, machine: ChainInputs, reading: int) -> NDArray:
+        """Return one."""
+        return np.ones((len(machine.readings), 1))
+
+
+@dataclass(frozen=True)
+class JointGain(JointCause):
+    """A joint moves by (1 + gain) times its reading."""
+
+    id = "joint-gain"
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the gain."""
+        return (Parameter("gain", "1", _GAIN),)
+
+    def motion(self, machine: ChainInputs, reading: int) -> NDArray:
+        """Return the readings."""
+        return machine.readings[:, reading, None]
+
+
+@dataclass(frozen=True)
+class JointBacklash(JointCause):
+    """A joint stops at its reading minus backlash x direction of approach; the full gap is twice the backlash."""
+
+    id = "joint-backlash"
+    lacking = Missing.APPROACH
+
+    def applies(self, machine: ChainInputs) -> bool:
+        """Whether the joint was approached from both sides."""
+        came = machine.approach
+        return came is not None and bool(np.ptp(came[:, machine.tree.readings.index(self.joint)]) > 0.0)
+
+    def one_sided(self, legs: int) -> tuple[int, ...]:
+        """Return the gap: it cannot be negative."""
+        return (0,)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return half of the gap."""
+        return (self._size("backlash"),)
+
+    def motion(self, machine: ChainInputs, reading: int) -> NDArray:
+        """Return minus the direction of approach."""
+        assert machine.approach is not None
+        return -machine.approach[:, reading, None]
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return no column: the direction follows from the order of the readings."""
+        return ()
+
+
+@dataclass(frozen=True)
+class JointEccentricity(JointCause):
+    """A joint turns by sine x sin(q) + cosine x cos(q) more than it reads, once per turn."""
+
+    id = "joint-eccentricity"
+
+    def applies(self, machine: ChainInputs) -> bool:
+        """Whether the joint turns."""
+        return self.is_angle
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the two amplitudes."""
+        return Parameter("sine", "rad", _ANGLE), Parameter("cosine", "rad", _ANGLE)
+
+    def motion(self, machine: ChainInputs, reading: int) -> NDArray:
+        """Return sine and cosine of the reading."""
+        return _waves(machine.readings[:, reading], 1)
+
+
+@dataclass(frozen=True)
+class JointHarmonic(JointCause):
+    """A joint turns by sine x sin(order q) + cosine x cos(order q) more than it reads: gears, bearings, encoders."""
+
+    order: int = 2
+
+    id = "joint-harmonic"
+
+    def candidates(self, scene: ChainScene) -> Sequence[JointCause]:
+        """Return every revolute joint with every order of which it covers half a period at least."""
+        machine = scene.inputs_of_machine
+        found: list[JointCause] = []
+        for cause in super().candidates(scene):
+            travel = np.ptp(machine.readings[:, machine.tree.readings.index(cause.joint)])
+            found += [replace(cause, order=k) for k in HARMONICS if travel * k >= np.pi]  # type: ignore[call-arg]
+        return found
+
+    def applies(self, machine: ChainInputs) -> bool:
+        """Whether the joint turns."""
+        return self.is_angle
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the two amplitudes; errors of higher orders are smaller."""
+        scale = _ANGLE / self.order
+        return Parameter("sine", "rad", scale), Parameter("cosine", "rad", scale)
+
+    def motion(self, machine: ChainInputs, reading: int) -> NDArray:
+        """Return sine and cosine of the order times the reading."""
+        return _waves(machine.readings[:, reading], self.order)
+
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
+        """Return the amplitudes, and the order."""
+        return (*super().reported(values, covariance, legs), ReportedParameter("order", float(self.order), None, "1"))
+
+
+def _waves(angle: NDArray, order: int) -> NDArray:
+    return np.stack([np.sin(order * angle), np.cos(order * angle)], -1)
+
+
+@dataclass(frozen=True)
+class JointCompliance(JointCause):
+    """A joint gives way under the torque of weight about its axis."""
+
+    load: float = 1.0  # largest torque, N m, or force, N
+
+    id = "joint-compliance"
+    lacking = Missing.PAYLOAD
+
+    def candidates(self, scene: ChainScene) -> Sequence[JointCause]:
+        """Return every joint whose load by weight varies."""
+        machine = scene.inputs_of_machine
+        found: list[JointCause] = []
+        for cause in super().candidates(scene):
+            torque = machine.torque(machine.tree.readings.index(cause.joint))
+            if np.ptp(torque) > 0.0:
+                found.append(replace(cause, load=float(np.abs(torque).max())))  # type: ignore[call-arg]
+        return found
+
+    def one_sided(self, legs: int) -> tuple[int, ...]:
+        """Return the compliance: it cannot be negative."""
+        return (0,)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the compliance."""
+        if self.is_angle:
+            return (Parameter("compliance", "rad/(N m)", _ANGLE / self.load),)
+        return (Parameter("compliance", "mm/N", _LENGTH / self.load, _MM),)
+
+    def motion(self, machine: ChainInputs, reading: int) -> NDArray:
+        """Return the torque about the axis, or the force along it."""
+        return machine.torque(reading)[:, None]
+
+
+@dataclass(frozen=True)
+class LinkCause(ChainCause):
+    """Base class of causes that deform one link, named as in the description of the robot."""
+
+    link: str = ""
+
+    step = Step.STRUCTURE
+
+    @property
+    def subject(self) -> str:
+        """The link."""
+        return f"link {self.link}"
+
+    def _children(self, machine: ChainInputs) -> list[int]:
+        """Return the nodes whose joints sit on the link."""
+        own = machine.tree.links[self.link]
+        return [k for k, node in enumerate(machine.tree.nodes) if node.parent == own]
+
+
+@dataclass(frozen=True)
+class LinkGrowth(LinkCause):
+    """A link grows by growth x temperature difference, from the joint that moves it to those that it carries."""
+
+    id = "link-growth"
+    lacking = Missing.TEMPERATURE
+
+    @property
+    def subject(self) -> str:
+        """The link; empty for all links."""
+        return f"link {self.link}" if self.link else ""
+
+    def candidates(self, scene: ChainScene) -> Sequence[LinkGrowth]:
+        """Return every link with a length, and all of them together, if the temperature varies."""
+        machine = scene.inputs_of_machine
+        heat = machine.heat
+        if heat is None or not np.isfinite(heat).all() or not np.ptp(heat) > 0.0:
+            return ()
+        long = [name for name in machine.tree.links if replace(self, link=name).twists(machine).any()]
+        return [self, *(replace(self, link=name) for name in long)] if long else ()
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return the temperature."""
+        return ("temperature_c",)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the coefficient of growth."""
+        return (Parameter("growth", "1/K", _GROWTH),)
+
+    def twists(self, machine: ChainInputs) -> NDArray:
+        """Return the shift of the next joints along the link's vector."""
+        found = np.zeros((len(machine.readings), machine.tree.size, 6, 1))
+        assert machine.heat is not None
+        nodes = range(1, machine.tree.size) if not self.link else self._children(machine)
+        for k in nodes:
+            node = machine.tree.nodes[k]
+            found[:, k, :3, 0] = np.multiply.outer(machine.heat, node.R.T @ node.t)
+        return found
+
+
+@dataclass(frozen=True)
+class LinkBending(LinkCause):
+    """A link bends as a beam of one flexibility 1/(E I) under the weight that it carries."""
+
+    load: float = 1.0  # largest rotation of its end per unit of flexibility, N m2
+
+    id = "link-bending"
+    lacking = Missing.PAYLOAD
+
+    def candidates(self, scene: ChainScene) -> Sequence[LinkBending]:
+        """Return every link with a length and a varying load."""
+        machine, found = scene.inputs_of_machine, []
+        for name in machine.tree.links:
+            turned = replace(self, link=name).twists(machine)[:, :, 3:, 0]
+            if np.ptp(turned, axis=0).any():
+                found.append(replace(self, link=name, load=float(np.abs(turned).max())))
+        return found
+
+    def one_sided(self, legs: int) -> tuple[int, ...]:
+        """Return the flexibility: it cannot be negative."""
+        return (0,)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the flexibility 1/(E I)."""
+        return (Parameter("flexibility", "1/(N m2)", _ANGLE / self.load),)
+
+    def twists(self, machine: ChainInputs) -> NDArray:
+        """Return shift and rotation of the link's far ends, as of a cantilever with force and moment at its end."""
+        found = np.zeros((len(machine.readings), machine.tree.size, 6, 1))
+        for k in self._children(machine):
+            node = machine.tree.nodes[k]
+            along = node.R.T @ node.t
+            length = float(np.sqrt(along @ along))
+            if not length > 0.0:
+                continue
+            unit = along / length
+            force, moment = (load[:, k] - np.multiply.outer(load[:, k] @ unit, unit) for load in (machine.force, machine.moment))
+            of_force = np.cross(unit, force)  # moment per unit of distance from the end
+            found[:, k, 3:, 0] = moment * length + of_force * length**2 / 2.0
+            bent = np.cross(moment * length**2 / 2.0 + of_force * length**3 / 3.0, unit)
+            found[:, k, :3, 0] = bent
+        return found
+
+
+_MOTION = (*(Parameter(f"d{axis}", "mm", 1e-4, _MM) for axis in "xyz"), *(Parameter(f"turn_{axis}", "rad", 1e-4) for axis in "xyz"))
+
+
+@dataclass(frozen=True)
+class BaseDrift(ChainCause):
+    """The base moves steadily against the instrument, in one series or all; parameters: from its first to last pose."""
+
+    id = "base-drift"
+    step = Step.INSTRUMENT
+    is_persistent = False
+
+    start: float = 0.0
+    span: float = 1.0
+    column: str = ORDER
+
+    def candidates(self, scene: ChainScene) -> Sequence[BaseDrift]:
+        """Return the drift with time, or with the order of poses if times are unknown."""
+        covariates = scene.covariates
+        column = TIME if TIME in covariates else ORDER
+        values = covariates[column]
+        if not np.isfinite(values).all() or not np.ptp(values) > 0.0:
+            return ()
+        return (replace(self, start=float(values.min()), span=float(np.ptp(values)), column=column),)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the motion from the first to the last pose, in the frame of the base."""
+        return _MOTION
+
+    def twists(self, machine: ChainInputs) -> NDArray:
+        """Return the motion in proportion to time."""
+        share = (machine.conditions.covariates[self.column] - self.start) / self.span
+        return machine.at_node(0, share[:, None, None] * np.eye(6))
+
+
+@dataclass(frozen=True)
+class BaseJump(ChainCause):
+    """The base sits elsewhere from some pose on."""
+
+    from_pose: int | str = ""
+    from_order: float = -np.inf
+
+    id = "base-jump"
+    step = Step.INSTRUMENT
+    is_persistent = False
+
+    def candidates(self, scene: ChainScene) -> Sequence[BaseJump]:
+        """Return an onset at every pose, or at every few poses of a long campaign."""
+        machine = scene.inputs_of_machine
+        return [replace(self, from_pose=pose, from_order=order) for pose, order in _onsets(machine)]
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the motion, in the frame of the base."""
+        return _MOTION
+
+    def twists(self, machine: ChainInputs) -> NDArray:
+        """Return the motion, from the pose on."""
+        late = (machine.order >= self.from_order).astype(float)
+        return machine.at_node(0, late[:, None, None] * np.eye(6))
+
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
+        """Return the motion, and the first pose after it."""
+        return (*super().reported(values, covariance, legs), ReportedParameter("from_pose", str(self.from_pose), None, ""))
+
+
+@dataclass(frozen=True)
+class ChainTargetMoved(ChainCause):
+    """One target sits elsewhere on its link from some pose on."""
+
+    link: str = ""
+    target: str = ""
+    from_pose: int | str = ""
+    from_order: float = -np.inf
+
+    id = "target-moved"
+    step = Step.STRUCTURE
+    reach = 1e5
+    is_persistent = False
+
+    @property
+    def subject(self) -> str:
+        """The target."""
+        return f"target {self.target}"
+
+    def candidates(self, scene: ChainScene) -> Sequence[ChainTargetMoved]:
+        """Return none: `channel_candidates` has them."""
+        return ()
+
+    def channel_candidates(self, scene: ChainScene) -> Sequence[ChannelCandidates[ChainTargetMoved]]:
+        """Return every target displaced from each possible pose on, if it is seen often enough before and after."""
+        machine = scene.inputs_of_machine
+        targets, onsets = np.flatnonzero(~machine.channels.is_rotation), _onsets(machine)
+        if not onsets or not len(targets):
+            return ()
+        late = np.stack([machine.order >= order for _, order in onsets])
+        seen = np.ones((len(machine.order), len(targets)), int) if scene.seen is None else scene.seen[:, targets].astype(int)
+        after = late.astype(int) @ seen
+        usable = (after >= _FEWEST) & (seen.sum(0) - after >= _FEWEST)
+
+        def member(target: int, onset: int) -> ChainTargetMoved:
+            k = int(targets[target])
+            names = {"link": machine.channels.links[k], "target": machine.channels.names[k]}
+            return replace(self, **names, from_pose=onsets[onset][0], from_order=onsets[onset][1])  # type: ignore[arg-type]
+
+        return [ChannelCandidates(late[..., None].astype(float), targets, usable, 1e-4, member)]
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the shift in the link's frame."""
+        return tuple(Parameter(f"d{axis}", "mm", 1e-4, _MM) for axis in "xyz")
+
+    def shifts(self, machine: ChainInputs) -> NDArray:
+        """Return the shift of the target, from the pose on; zero if it was not measured."""
+        found = np.zeros((len(machine.readings), len(machine.channels.names), 3, 3))
+        for k, name in enumerate(zip(machine.channels.links, machine.channels.names, strict=True)):
+            if name == (self.link, self.target) and not machine.channels.is_rotation[k]:
+                found[machine.order >= self.from_order, k] = np.eye(3)
+        return found
+
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
+        """Return the shift, and the first displaced pose."""
+        return (*super().reported(values, covariance, legs), ReportedParameter("from_pose", str(self.from_pose), None, ""))
+
+
+def _onsets(machine: ChainInputs) -> list[tuple[int | str, float]]:
+    """Return the poses, and their ranks in time, from which something may have changed."""
+    in_time = np.argsort(machine.order, kind="stable")
+    step = 1 + len(in_time) // _MOST_ONSETS
+    chosen = in_time[_FEWEST : len(in_time) - _FEWEST + 1 : step]
+    return [(machine.conditions.poses[b], float(machine.order[b])) for b in chosen]
+
+

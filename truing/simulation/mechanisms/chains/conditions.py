@@ -1,0 +1,135 @@
+"""Data of the poses of a chain: `ChainConditions`; what is measured on it: `Channels`; both for model and causes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.arrays import Array, Index, Mask
+from truing.simulation.inputs import ORDER, TEMPERATURE
+from truing.simulation.mechanisms.chains.tree import Tree
+
+APPROACH = "approach"
+
+
+@dataclass(frozen=True)
+class MeasuredChannels:
+    """K channels of three numbers each: the position of a target, or the orientation of a link.
+
+    ``node`` (K,) is the link's; ``is_rotation`` (K,) marks orientations.
+    """
+
+    names: tuple[str, ...]
+    links: tuple[str, ...]
+    node: Index
+    is_rotation: Mask
+
+
+@dataclass(frozen=True)
+class ChainConditions:
+    """Readings (B, n) of the joints, rad or m, and covariates (B,) or (B, n) by column, at B poses.
+
+    ``series`` (B,) numbers the frames of the measurement. ``reference`` (B, K, 3, 3) are the measured orientations,
+    from which those channels count. ``payload_kg`` (B,) is the mass at the tip. ``columns`` (n,) names the covariates
+    with the readings, in the units of the table.
+    """
+
+    readings: NDArray
+    covariates: Mapping[str, NDArray]
+    poses: tuple[int | str, ...]
+    series: Index
+    reference: NDArray
+    payload_kg: NDArray
+    columns: tuple[str, ...] = ()
+
+    def chosen(self, own: Mask) -> ChainConditions:
+        """Return the conditions of some poses."""
+        return replace(
+            self,
+            readings=self.readings[own],
+            covariates={name: values[own] for name, values in self.covariates.items()},
+            poses=tuple(pose for pose, wanted in zip(self.poses, own, strict=True) if wanted),
+            series=self.series[own],
+            reference=self.reference[own],
+            payload_kg=self.payload_kg[own],
+        )
+
+
+@dataclass(frozen=True)
+class ChainInputs:
+    """What an effect on a chain may depend on: the tree, readings, covariates, and the load that each node carries.
+
+    ``force``, ``moment`` (B, N, 3) are those of weight at each joint's origin, along the axes of its frame, N and N m;
+    zero where no mass is known. ``shape`` (K, 3) are the targets in their links, m.
+    """
+
+    tree: Tree
+    channels: MeasuredChannels
+    conditions: ChainConditions
+    force: NDArray
+    moment: NDArray
+    reference_temperature_c: float
+    shape: NDArray = field(default_factory=lambda: np.zeros((0, 3)))
+
+    @classmethod
+    def of(
+        cls,
+        tree: Tree,
+        channels: MeasuredChannels,
+        conditions: ChainConditions,
+        gravity: NDArray | None,
+        payload: tuple[int, NDArray],
+        reference_temperature_c: float,
+        shape: NDArray,
+    ) -> ChainInputs:
+        """Return the inputs with the load by gravity (direction in the base's frame; None: unknown).
+
+        ``payload``: node that carries the payload, and its centre of mass (3,) in that link, m.
+        """
+        if gravity is None:
+            force, moment = np.zeros((2, len(conditions.readings), tree.size, 3))
+        else:
+            carried = {payload[0]: (conditions.payload_kg, payload[1])} if conditions.payload_kg.any() else {}
+            force, moment = tree.gravity_load(conditions.readings, gravity, carried)
+        return cls(tree, channels, conditions, force, moment, reference_temperature_c, shape)
+
+    @property
+    def readings(self) -> NDArray:
+        """Readings (B, n), rad or m."""
+        return self.conditions.readings
+
+    @property
+    def heat(self) -> Array | None:
+        """Temperature (B,) above the reference, K; None if it is unknown."""
+        found = self.conditions.covariates.get(TEMPERATURE)
+        return None if found is None else np.asarray(found - self.reference_temperature_c)
+
+    @property
+    def order(self) -> Array:
+        """Rank (B,) of each pose in time."""
+        return np.asarray(self.conditions.covariates[ORDER], float)
+
+    @property
+    def approach(self) -> Array | None:
+        """Direction (B, n) of each joint's last movement; None if it is unknown."""
+        found = self.conditions.covariates.get(APPROACH)
+        return None if found is None else np.asarray(found)
+
+    def torque(self, reading: int) -> Array:
+        """Return the torque (B,) of weight about the axis of a joint, N m, or the force along it, N."""
+        k = self.tree.node_of(reading)
+        load = self.moment if self.tree.is_revolute[reading] else self.force
+        return np.asarray(load[:, k] @ self.tree.nodes[k].axis)
+
+    def on_axis(self, reading: int, motion: NDArray) -> Array:
+        """Return the twists (B, N, 6, P) of a deviation (B, P) of one joint's motion, rad or m."""
+        return np.asarray(self.tree.axis_twists[reading][None, :, :, None] * motion[:, None, None])
+
+    def at_node(self, node: int, twists: NDArray) -> Array:
+        """Return the twists (B, N, 6, P) of a twist (B, 6, P) of one node."""
+        found = np.zeros((len(twists), self.tree.size, *twists.shape[1:]))
+        found[:, node] = twists
+        return found

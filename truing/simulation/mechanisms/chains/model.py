@@ -1,0 +1,298 @@
+"""Class `ChainModel`: targets and orientations on a chain as a function of the unknowns, with exact derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.arrays import Array, Index
+from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, left_jacobian_so3, log_so3
+from truing.simulation.cause import OBSERVED, Effect
+from truing.simulation.effects_model import EffectsModel, Prediction
+from truing.simulation.inputs import ORDER, ranks
+from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
+from truing.simulation.mechanisms.chains.conditions import ChainConditions, ChainInputs, MeasuredChannels
+from truing.simulation.mechanisms.chains.tree import TWIST, Tree, TreeFrames
+
+TWISTS = "twists"
+# Prior sigmas of the base's place and of a target's place where nothing is known of them; they only scale equations.
+FREE_TWIST = np.array([0.05] * 3 + [0.05] * 3)
+FREE_PLACE = 0.05
+
+
+@dataclass(frozen=True)
+class KnownChain:
+    """Prior knowledge of a chain; m and rad.
+
+    ``base_R`` (S, 3, 3), ``base_t`` (S, 3): start values of the base's place in each frame of the measurement. ``modes``
+    (N, 6, Q): errors of the links per prior sigma; ``offsets`` (n,): prior sigma of each joint's zero, 0 if exact.
+    ``shape`` (K, 3): start values of the channels' places in their links, ``shape_modes`` (K, 3, W) their errors per
+    prior sigma. ``tool`` (K, 3, 3): start values of the orientations. ``is_known``: whether the priors of base, modes
+    and shape are knowledge, else wide defaults. ``reading_sigma`` (n,): noise of the readings.
+    """
+
+    base_R: NDArray
+    base_t: NDArray
+    is_base_free: bool
+    modes: NDArray
+    modes_known: bool
+    offsets: NDArray
+    shape: NDArray
+    shape_modes: NDArray
+    shape_known: NDArray
+    tool: NDArray
+    reading_sigma: NDArray
+    gravity: NDArray | None = None
+    payload: tuple[int, NDArray] = (0, np.zeros(3))
+    reference_temperature_c: float = 20.0
+
+
+@dataclass(frozen=True)
+class ChainModel(EffectsModel[ChainCause]):
+    """A chain with K channels as a function of the unknowns for a set of effects.
+
+    Unknowns are in standard deviations of their priors. Shared ones: places of the base, geometry of the links, zeros
+    of the joints, places of the targets, effects. Local ones of each pose: errors of the joint readings.
+    """
+
+    tree: Tree
+    channels: MeasuredChannels
+    known: KnownChain
+    conditions: ChainConditions
+
+    channel_word = "target"
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """Names (K,) of the channels."""
+        return self.channels.names
+
+    @property
+    def channel_kinds(self) -> tuple[str, ...]:
+        """Links (K,) that carry the channels."""
+        return self.channels.links
+
+    @property
+    def channel_groups(self) -> NDArray:
+        """Noise group (K,) of each channel: positions and orientations of each link."""
+        links = {name: k for k, name in enumerate(dict.fromkeys(self.channels.links))}
+        return np.array([2 * links[link] for link in self.channels.links], int) + self.channels.is_rotation
+
+    @property
+    def part_count(self) -> int:
+        """Number of joints that are read."""
+        return len(self.tree.readings)
+
+    @property
+    def free_offsets(self) -> Index:
+        """Readings whose zero has a prior uncertainty."""
+        return np.flatnonzero(self.known.offsets > 0.0)
+
+    @property
+    def noisy(self) -> Index:
+        """Readings with noise."""
+        return np.flatnonzero(self.known.reading_sigma > 0.0)
+
+    @property
+    def _sizes(self) -> dict[str, int]:
+        return {
+            "base": TWIST * len(self.known.base_t) if self.known.is_base_free else 0,
+            "geometry": self.known.modes.shape[-1],
+            "offset": len(self.free_offsets),
+            "shape": self.known.shape_modes.shape[-1],
+        }
+
+    @property
+    def local_size(self) -> int:
+        """Number of local unknowns H: errors of the readings that have noise."""
+        return len(self.noisy)
+
+    @property
+    def unpredicted(self) -> NDArray:
+        """Mask (H,) of the local unknowns that the chain does not predict: none."""
+        return np.zeros(self.local_size, bool)
+
+    @property
+    def input_scale(self) -> NDArray:
+        """Prior sigma (H,) of each reading, rad or m."""
+        return np.asarray(self.known.reading_sigma[self.noisy])
+
+    @property
+    def _shared_known(self) -> NDArray:
+        known = np.zeros(self.shared_size, bool)
+        known[self.layout["geometry"]] = self.known.modes_known
+        known[self.layout["offset"]] = True
+        known[self.layout["shape"]] = self.known.shape_known
+        return known
+
+    @property
+    def blocks(self) -> NDArray:
+        """Ranks (B,) of the poses in time: any pose can be left out of a fit."""
+        return ranks(self.conditions.covariates[ORDER])
+
+    @cached_property
+    def machine(self) -> ChainInputs:
+        """What effects may depend on."""
+        known = self.known
+        return ChainInputs.of(
+            self.tree,
+            self.channels,
+            self.conditions,
+            known.gravity,
+            known.payload,
+            known.reference_temperature_c,
+            known.shape,
+        )
+
+    @property
+    def scene(self) -> ChainScene:
+        """Scene from which causes propose candidates."""
+        return ChainScene(self.machine)
+
+    def at(self, conditions: ChainConditions) -> Self:
+        """Return the model at other poses."""
+        return replace(self, conditions=conditions)
+
+    def rescaled(self, readings: float, survey: float) -> Self:
+        """Return the model with the noise of the readings, and of surveyed targets, multiplied by factors."""
+        modes = self.known.shape_modes * np.where(self.known.shape_known, survey, 1.0)
+        sigma = self.known.reading_sigma * readings
+        return replace(self, known=replace(self.known, shape_modes=modes, reading_sigma=sigma))
+
+    def twists(self, shared: NDArray, local: NDArray) -> Array:
+        """Return the twists (B, N, 6) of all nodes at shared (G,) and local (B, H) unknowns."""
+        found = np.zeros((len(self.conditions.readings), self.tree.size, TWIST))
+        found += self.known.modes @ shared[self.layout["geometry"]]
+        for part, slopes in self._own_twists():
+            found += slopes @ shared[part]
+        if self.local_size:
+            found += np.einsum("bh,hni->bni", local, self._reading_twists)
+        for effect in self.effects(shared):
+            if (moved := effect.cause.twists(self.machine)) is not None:
+                found += moved @ effect.values
+        return found
+
+    def places(self, shared: NDArray) -> Array:
+        """Return the places (B, K, 3) of the channels in their links; rotation vectors for orientations."""
+        shape = self.known.shape + self.known.shape_modes @ shared[self.layout["shape"]]
+        found = np.broadcast_to(shape, (len(self.conditions.readings), *shape.shape))
+        for effect in self.effects(shared):
+            if (moved := effect.cause.shifts(self.machine)) is not None:
+                found = found + moved @ effect.values
+        return np.asarray(found)
+
+    def tree_frames(self, shared: NDArray, local: NDArray) -> TreeFrames:
+        """Return the frames of all nodes (B, N) in the frame of the measurement."""
+        own = self.conditions.series
+        base = self.known.base_R[own], self.known.base_t[own]
+        return self.tree.frames(self.conditions.readings, self.twists(shared, local), base)
+
+    def _own_twists(self) -> list[tuple[slice, NDArray]]:
+        """Return the twists (B or 1, N, 6, P) per unknown of base and joint zeros."""
+        found: list[tuple[slice, NDArray]] = []
+        if self.known.is_base_free:
+            series = np.eye(len(self.known.base_t))[self.conditions.series]
+            moved = np.einsum("bs,ij->bisj", series, np.diag(FREE_TWIST)).reshape(len(series), TWIST, -1)
+            found.append((self.layout["base"], self.machine.at_node(0, moved)))
+        if len(own := self.free_offsets):
+            sigma = self.known.offsets[own]
+            found.append((self.layout["offset"], np.moveaxis(self.tree.axis_twists[own] * sigma[:, None, None], 0, -1)[None]))
+        return found
+
+    @property
+    def _reading_twists(self) -> Array:
+        """Twists (H, N, 6) per local unknown."""
+        own = self.noisy
+        return np.asarray(self.tree.axis_twists[own] * self.known.reading_sigma[own, None, None])
+
+    def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
+        """Return the channels (B, K, 3), m and rad, and derivatives at shared (G,) and local (B, H) unknowns."""
+        values, by_twist, by_place = self._measured(shared, local)
+        by_local = self._by_local(by_twist)
+        slopes = self._by_shared(by_twist, by_place) if by_shared else None
+        return self._prediction(shared, values, slopes, by_local)
+
+    def points(self, shared: NDArray, local: NDArray) -> Array:
+        """Return the channels (B, K, 3), m and rad, at shared (G,) and local (B, H) unknowns."""
+        frames, places = self.tree_frames(shared, local), self.places(shared)
+        return self._values(frames, places)
+
+    def _values(self, frames: TreeFrames, places: NDArray) -> Array:
+        own = self.channels.node
+        found = frames.t[:, own] + np.einsum("bkij,bkj->bki", frames.R[:, own], places)
+        if (turned := self.channels.is_rotation).any():
+            seen = frames.R[:, own[turned]] @ self.known.tool[turned] @ exp_so3(places[:, turned])
+            found[:, turned] = log_so3(seen @ np.swapaxes(self.conditions.reference[:, turned], -1, -2))
+        return np.asarray(found)
+
+    def _measured(self, shared: NDArray, local: NDArray) -> tuple[Array, Array, Array]:
+        """Return the channels (B, K, 3), and their derivatives by all twists (B, K, 3, N, 6) and by the places of the
+        channels in their links (B, K, 3, 3)."""
+        frames, places = self.tree_frames(shared, local), self.places(shared)
+        values, own = self._values(frames, places), self.channels.node
+        by_twist, by_place = self.tree.point_slopes(frames, own, values), frames.R[:, own].copy()
+        if (turned := self.channels.is_rotation).any():
+            unrolled = inverse_left_jacobian_so3(values[:, turned])
+            slopes = self.tree.rotation_slopes(frames, own[turned])
+            by_twist[:, turned] = np.einsum("bkij,bkjnc->bkinc", unrolled, slopes)
+            tools = frames.R[:, own[turned]] @ self.known.tool[turned] @ left_jacobian_so3(places[:, turned])
+            by_place[:, turned] = unrolled @ tools
+        return values, by_twist, by_place
+
+    def _by_local(self, by_twist: NDArray) -> Array:
+        return np.einsum("bkinc,hnc->bkih", by_twist, self._reading_twists)
+
+    def _by_shared(self, by_twist: NDArray, by_place: NDArray) -> Array:
+        """Return the derivatives (B, K, 3, G) by the shared unknowns."""
+        count, channels = by_twist.shape[:2]
+        slopes = np.zeros((count, channels, 3, self.shared_size))
+        flat = by_twist.reshape(count, channels * 3, -1)
+        slopes[..., self.layout["geometry"]] = (flat @ self.known.modes.reshape(flat.shape[-1], -1)).reshape(
+            count, channels, 3, -1
+        )
+        moved = [*self._own_twists(), *((self.layout[e.cause.key], m) for e, m in self._effect_twists())]
+        for part, own in moved:
+            slopes[..., part] += (flat @ own.reshape(len(own), flat.shape[-1], -1)).reshape(count, channels, 3, -1)
+        slopes[..., self.layout["shape"]] = by_place @ self.known.shape_modes
+        for cause in self.causes:
+            if (shift := cause.shifts(self.machine)) is not None:
+                slopes[..., self.layout[cause.key]] += by_place @ shift * self.effect_sigma(cause)
+        return slopes
+
+    def _effect_twists(self) -> list[tuple[Effect[ChainCause], NDArray]]:
+        """Return the causes in force with their twists per prior sigma."""
+        found = []
+        for cause in self.causes:
+            if (own := cause.twists(self.machine)) is not None:
+                found.append((Effect(cause, np.zeros(0)), own * self.effect_sigma(cause)))
+        return found
+
+    def rotations(self, shared: NDArray, local: NDArray) -> Array:
+        """Return the derivatives (B, K, 3, 3) of the channels by their places in their links."""
+        return self._measured(shared, local)[2]
+
+    def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
+        """Return the derivatives (B, K, 3, C) of the channels by the twists of all nodes."""
+        by_twist = self._measured(shared, local)[1]
+        return {TWISTS: by_twist.reshape(*by_twist.shape[:3], -1)}
+
+    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[ChainCause], dict[str, NDArray]]:
+        """Return the function from a cause to its twists (B, C, P) per plausible scale."""
+        machine, rotations = self.machine, self.rotations(shared, local)
+
+        def found(cause: ChainCause) -> dict[str, NDArray]:
+            scale, own = self.effect_scale(cause), cause.twists(machine)
+            if own is not None:
+                return {TWISTS: own.reshape(len(own), -1, own.shape[-1]) * scale}
+            shifts = cause.shifts(machine)
+            if shifts is None:
+                return {}
+            moved = rotations @ shifts * scale
+            return {OBSERVED: moved.reshape(len(moved), -1, moved.shape[-1])}
+
+        return found

@@ -1,0 +1,128 @@
+"""Nonparametric effects on a chain: a joint's motion, or the place of the base, depends smoothly on inputs.
+
+A dependence of exactly the form of a catalogued cause is no candidate, because data could not distinguish the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Parameter, Step
+from truing.simulation.inputs import ORDER, TEMPERATURE, TIME, middle_and_half, varying
+from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
+from truing.simulation.mechanisms.chains.conditions import ChainInputs
+from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, dependence
+
+BASE = "base"
+_MM = 1e-3
+_PLAUSIBLE_RAD, _PLAUSIBLE_M = 3e-4, 2e-4
+_SMOOTH, _WAVES_OF_TIME, _WAVES_OF_TRAVEL = (1, 2, 3), (2, 4, 8), (4, 8)
+_OF_BASE = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
+
+
+@dataclass(frozen=True)
+class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
+    """The motion of one joint, or the place of the base, depends on columns of the configurations, or on a product of
+    two."""
+
+    joint: str = ""
+    is_angle: bool = True
+
+    reach = 30.0
+
+    @property
+    def step(self) -> Step:  # type: ignore[override]
+        """A joint's deviation belongs to the drive, that of the base to the instrument."""
+        return Step.DRIVE if self.joint else Step.INSTRUMENT
+
+    @property
+    def subject(self) -> str:
+        """The joint; empty for the base."""
+        return f"joint {self.joint}" if self.joint else ""
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return the columns, except times, that a prediction needs."""
+        return tuple(column for column in self.columns if column not in (TIME, ORDER))
+
+    def candidates(self, scene: ChainScene) -> Sequence[NonparametricChainEffect]:
+        """Return all dependences of all joints that moved, and of the base, for which there are enough poses."""
+        machine = scene.inputs_of_machine
+        columns = varying(scene.covariates)
+        found: list[NonparametricChainEffect] = []
+        for k, name in enumerate(machine.tree.readings):
+            if np.ptp(machine.readings[:, k]) > 0.0:
+                own = machine.conditions.columns[k]
+                bare = replace(self, joint=name, is_angle=bool(machine.tree.is_revolute[k]))
+                found += self._of(bare, _of_joint(columns, own), columns, len(machine.readings))
+        return found + self._of(replace(self, joint=""), _of_base(columns), columns, len(machine.readings))
+
+    def _of(
+        self, bare: NonparametricChainEffect, forms: Iterator[tuple[tuple[str, ...], str, int]], columns: dict[str, NDArray], poses: int
+    ) -> list[NonparametricChainEffect]:
+        def range_of(column: str) -> tuple[float, float]:
+            centre, half = middle_and_half(columns[column])
+            return centre, half or 1.0
+
+        return [
+            replace(bare, **dependence(inputs, range_of, form, degree))
+            for inputs, form, degree in forms
+            if poses >= PER_FUNCTION * degree
+        ]
+
+    def twists(self, machine: ChainInputs) -> NDArray:
+        """Return the functions' values as deviations of the joint, or as motions of the base."""
+        values = self.basis(partial(_values_of, machine))
+        if self.joint:
+            return machine.on_axis(machine.tree.readings.index(self.joint), values)
+        count = values.shape[-1]
+        moved = np.einsum("bm,ij->bijm", values, np.eye(6)).reshape(len(values), 6, 6 * count)
+        return machine.at_node(0, moved)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return one amplitude per function, for the base one of each of six motions."""
+        own = super().parameters(legs)
+        if self.joint:
+            return own
+        return tuple(
+            replace(p, unit="rad", scale=_PLAUSIBLE_RAD, si=1.0) if p.name.startswith("turn") else p for p in own
+        )
+
+    @property
+    def _in_key(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        return (self.joint or BASE,), ()
+
+    @property
+    def _amplitude(self) -> tuple[str, float, float]:
+        return ("rad", 1.0, _PLAUSIBLE_RAD) if self.joint and self.is_angle else ("mm", _MM, _PLAUSIBLE_M)
+
+    def _owners(self, legs: int) -> Sequence[str]:
+        return ("",) if self.joint else [f"{name}_" for name in _OF_BASE]
+
+
+def _of_joint(columns: dict[str, NDArray], own: str) -> Iterator[tuple[tuple[str, ...], str, int]]:
+    """Yield inputs, form and degree of all dependences of a joint's motion; ``own`` is the column of its reading."""
+    for column in columns:
+        # In proportion to its own reading is a gain.
+        yield from (((column,), POLYNOMIAL, degree) for degree in _SMOOTH if column != own or degree > 1)
+        if column not in (own, TIME, ORDER):
+            yield (column, own), POLYNOMIAL, 1
+    for column, counts in ((TIME, _WAVES_OF_TIME), (ORDER, _WAVES_OF_TIME), (own, _WAVES_OF_TRAVEL)):
+        yield from (((column,), WAVES, count) for count in counts if column in columns)
+
+
+def _of_base(columns: dict[str, NDArray]) -> Iterator[tuple[tuple[str, ...], str, int]]:
+    """Yield inputs, form and degree of all dependences of the base's place."""
+    for column in (TIME, ORDER, TEMPERATURE):
+        if column in columns:
+            # In proportion to time is a drift.
+            yield from (((column,), POLYNOMIAL, degree) for degree in _SMOOTH if column == TEMPERATURE or degree > 1)
+            yield from (((column,), WAVES, count) for count in _WAVES_OF_TIME if column != TEMPERATURE)
+
+
+def _values_of(machine: ChainInputs, column: str) -> NDArray:
+    return np.asarray(machine.conditions.covariates[column], float)

@@ -1,0 +1,283 @@
+"""Class `Tree`: joints and links of an open mechanism; kinematics with exact derivatives, and the load by gravity.
+
+Every node is a joint with the link that it moves. A deviation of the machine is a twist (v, w) of a node: a shift v (m)
+and a rotation vector w (rad) along the axes of the joint's frame, before the joint turns or slides. Any error of a link
+or of a joint is a twist of this kind, so all derivatives follow from one matrix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.arrays import Array, Index, Mask
+from truing.estimation.rotation import exp_so3, left_jacobian_so3, skew
+
+TWIST = 6
+STANDARD_GRAVITY = 9.80665  # m/s2
+
+
+class JointKind(StrEnum):
+    """Motion of a joint."""
+
+    FIXED = "fixed"
+    REVOLUTE = "revolute"
+    PRISMATIC = "prismatic"
+
+
+@dataclass(frozen=True)
+class Node:
+    """A joint and the link that it moves, at a transform R (3, 3), t (3,) m from its parent's link.
+
+    ``axis`` is a unit vector in the joint's frame; the joint moves by ``factor`` times its reading plus ``shift`` (rad
+    or m). ``reading`` names the joint whose reading it follows; empty for a fixed joint. ``mass`` (kg) and ``com`` (3,)
+    m are those of the link, in its frame.
+    """
+
+    joint: str
+    link: str
+    parent: int
+    R: NDArray
+    t: NDArray
+    kind: JointKind = JointKind.FIXED
+    axis: NDArray = None  # type: ignore[assignment]
+    reading: str = ""
+    factor: float = 1.0
+    shift: float = 0.0
+    mass: float = 0.0
+    com: NDArray = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "axis", np.array([0.0, 0.0, 1.0]) if self.axis is None else np.asarray(self.axis))
+        object.__setattr__(self, "com", np.zeros(3) if self.com is None else np.asarray(self.com))
+
+
+@dataclass(frozen=True)
+class TreeFrames:
+    """Frames of N nodes at B poses, in the frame of the base's parent, m.
+
+    ``R_before``, ``origin``: the joint's frame, deviations included, before the joint moves; ``R``, ``t``: the link.
+    ``slope`` (B, N, 3, 3) is the rotation per unit of the twist's rotation vector.
+    """
+
+    R_before: NDArray
+    origin: NDArray
+    R: NDArray
+    t: NDArray
+    slope: NDArray
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Nodes, each after its parent; the first is the base. ``readings`` are the joints that are read, in order."""
+
+    nodes: tuple[Node, ...]
+    readings: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if any(node.parent >= k for k, node in enumerate(self.nodes)):
+            raise ValueError("nodes: found a node before its parent, expected parents first")
+
+    @property
+    def size(self) -> int:
+        """Number of nodes N."""
+        return len(self.nodes)
+
+    @cached_property
+    def links(self) -> dict[str, int]:
+        """Number of each link's node, by name."""
+        return {node.link: k for k, node in enumerate(self.nodes)}
+
+    @cached_property
+    def input_of(self) -> Index:
+        """Number (N,) of the reading that moves each node; -1 for a fixed joint."""
+        places = {name: k for k, name in enumerate(self.readings)}
+        return np.array([places.get(node.reading, -1) for node in self.nodes], int)
+
+    @cached_property
+    def is_revolute(self) -> Mask:
+        """Mask (n,) of the readings that are angles."""
+        return np.array([self.nodes[self.node_of(k)].kind is JointKind.REVOLUTE for k in range(len(self.readings))], bool)
+
+    def node_of(self, reading: int) -> int:
+        """Return the node of the joint that is read; others may follow it."""
+        name = self.readings[reading]
+        return next(k for k, node in enumerate(self.nodes) if node.joint == name)
+
+    @cached_property
+    def axis_twists(self) -> Array:
+        """Twist (n, N, 6) of all nodes per unit of each reading: along or about their axes."""
+        found = np.zeros((len(self.readings), self.size, TWIST))
+        for k, node in enumerate(self.nodes):
+            if (own := self.input_of[k]) >= 0:
+                found[own, k] = node.factor * axis_twist(node)
+        return found
+
+    @cached_property
+    def above(self) -> Mask:
+        """Mask (N, N): whether node j carries node k or is it, [k, j]."""
+        found = np.eye(self.size, dtype=bool)
+        for k, node in enumerate(self.nodes):
+            if node.parent >= 0:
+                found[k] |= found[node.parent]
+        return found
+
+    def moving_parent(self, node: int) -> int:
+        """Return the nearest node below that moves; -1 if none does."""
+        k = self.nodes[node].parent
+        while k >= 0 and self.nodes[k].kind is JointKind.FIXED:
+            k = self.nodes[k].parent
+        return k
+
+    def relative(self, below: int, node: int) -> tuple[Array, Array]:
+        """Return R, t of a node's joint frame in the link of a node below; fixed joints lie between."""
+        R, t = self.nodes[node].R, self.nodes[node].t
+        k = self.nodes[node].parent
+        while k != below:
+            R, t = self.nodes[k].R @ R, self.nodes[k].R @ t + self.nodes[k].t
+            k = self.nodes[k].parent
+        return np.asarray(R), np.asarray(t)
+
+    def frames(
+        self, readings: NDArray, twists: NDArray | None = None, base: tuple[NDArray, NDArray] | None = None
+    ) -> TreeFrames:
+        """Return the frames at readings (B, n), rad or m, with twists (B, N, 6) or (1, N, 6).
+
+        ``base``: R (B, 3, 3), t (B, 3) of the base before its twist; the identity if absent.
+        """
+        count = len(readings)
+        twists = np.zeros((1, self.size, TWIST)) if twists is None else twists
+        turned = exp_so3(twists[..., 3:])
+        R0, t0 = (np.eye(3)[None], np.zeros((1, 3))) if base is None else base
+        before, origin = np.empty((count, self.size, 3, 3)), np.empty((count, self.size, 3))
+        R, t = np.empty_like(before), np.empty_like(origin)
+        for k, node in enumerate(self.nodes):
+            below_R, below_t = (R0, t0) if node.parent < 0 else (R[:, node.parent], t[:, node.parent])
+            before[:, k] = below_R @ node.R
+            origin[:, k] = below_t + below_R @ node.t + np.einsum("bij,bj->bi", before[:, k], _row(twists[:, k, :3], count))
+            after = before[:, k] @ turned[:, k]
+            moved = 0.0 if self.input_of[k] < 0 else node.factor * readings[:, self.input_of[k]] + node.shift
+            R[:, k], t[:, k] = after, origin[:, k]
+            if node.kind is JointKind.REVOLUTE:
+                R[:, k] = after @ exp_so3(np.multiply.outer(moved, node.axis))
+            elif node.kind is JointKind.PRISMATIC:
+                t[:, k] = origin[:, k] + np.einsum("bij,bj->bi", after, np.multiply.outer(moved, node.axis))
+        return TreeFrames(before, origin, R, t, before @ left_jacobian_so3(twists[..., 3:]))
+
+    def point_slopes(self, frames: TreeFrames, nodes: Index, points: NDArray) -> NDArray:
+        """Return the derivatives (B, K, 3, N, 6) of points (B, K, 3) on the links of nodes (K,) by all twists."""
+        arms = points[:, :, None] - frames.origin[:, None]  # (B, K, N, 3)
+        found = np.zeros((*points.shape, self.size, TWIST))
+        carried = self.above[nodes]
+        found[..., :3] = np.moveaxis(np.where(carried[..., None, None], frames.R_before[:, None], 0.0), 3, 2)
+        turned = np.cross(np.swapaxes(frames.slope, -1, -2)[:, None], arms[..., None, :])  # (B, K, N, c, 3)
+        found[..., 3:] = np.moveaxis(np.where(carried[..., None, None], turned, 0.0), 4, 2)
+        return found
+
+    def rotation_slopes(self, frames: TreeFrames, nodes: Index) -> NDArray:
+        """Return the rotation vectors (B, K, 3, N, 6) of the links of nodes (K,) per unit of all twists."""
+        found = np.zeros((len(frames.R), len(nodes), 3, self.size, TWIST))
+        carried = self.above[nodes][..., None, None]
+        found[..., 3:] = np.moveaxis(np.where(carried, frames.slope[:, None], 0.0), 3, 2)
+        return found
+
+    def weights(self, payload: dict[int, tuple[NDArray, NDArray]]) -> list[tuple[int, NDArray, NDArray]]:
+        """Return node, mass () or (B,) in kg and centre of mass (3,) in the link's frame, m, of all that has weight."""
+        own = [(k, np.asarray(node.mass), node.com) for k, node in enumerate(self.nodes) if node.mass > 0.0]
+        return own + [(k, *load) for k, load in payload.items()]
+
+    def gravity_load(
+        self, readings: NDArray, gravity: NDArray, payload: dict[int, tuple[NDArray, NDArray]]
+    ) -> tuple[Array, Array]:
+        """Return force (B, N, 3), N, and moment (B, N, 3), N m, of the weight that each node carries.
+
+        They act at the joint's origin, along the axes of the joint's frame. ``gravity`` is the direction of gravity in
+        the base's frame; ``payload`` by node as in `weights`.
+        """
+        frames = self.frames(readings)
+        down = STANDARD_GRAVITY * gravity / np.sqrt(np.sum(gravity**2))
+        force, moment = np.zeros((2, len(readings), self.size, 3))
+        for k, mass, com in self.weights(payload):
+            place = frames.t[:, k] + frames.R[:, k] @ com
+            pull = np.broadcast_to(np.multiply.outer(mass, down), (len(readings), 3))
+            for j in np.flatnonzero(self.above[k]):
+                force[:, j] += pull
+                moment[:, j] += np.cross(place - frames.origin[:, j], pull)
+        turn = np.swapaxes(frames.R_before, -1, -2)
+        return np.einsum("bnij,bnj->bni", turn, force), np.einsum("bnij,bnj->bni", turn, moment)
+
+    def with_twists(self, twists: NDArray) -> Tree:
+        """Return the tree with constant twists (N, 6) taken into its transforms."""
+        turned = exp_so3(twists[:, 3:])
+        return replace(
+            self,
+            nodes=tuple(
+                replace(node, R=node.R @ turned[k], t=node.t + node.R @ twists[k, :3])
+                for k, node in enumerate(self.nodes)
+            ),
+        )
+
+
+def axis_twist(node: Node) -> Array:
+    """Return the twist (6,) of a unit motion of a joint."""
+    first = 0 if node.kind is JointKind.PRISMATIC else 3
+    found = np.zeros(TWIST)
+    found[first : first + 3] = node.axis if node.kind is not JointKind.FIXED else 0.0
+    return found
+
+
+def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool) -> Array:
+    """Return twists (N, 6, Q) per prior sigma of all distinguishable errors of the links' geometry.
+
+    ``sigma`` (6,) is that of the shifts, m, and of the rotations, rad. The parametrisation is complete and continuous,
+    also for parallel axes: of the six numbers of each joint's frame it leaves out those that another number stands for,
+    along whatever direction that is. These are the joint's own zero (its offset), motions that pass along the joint's
+    axis into the next link, and the zero of the joint below. Without ``is_base_free`` the base's place is known.
+    """
+    found = []
+    for j, node in enumerate(tree.nodes):
+        below = tree.moving_parent(j)
+        if node.kind is JointKind.FIXED or node.reading != node.joint or (below < 0 and is_base_free):
+            continue
+        same = [*_passing(node)]
+        if below >= 0:
+            same.append(_seen_from(tree, below, j))
+        wide = sigma > 0.0
+        scaled = np.stack(same)[:, wide] / sigma[wide]
+        rest = _complement(scaled)
+        modes = np.zeros((tree.size, TWIST, rest.shape[1]))
+        modes[j, wide] = sigma[wide, None] * rest
+        found.append(modes)
+    return np.concatenate(found, -1) if found else np.zeros((tree.size, TWIST, 0))
+
+
+def _passing(node: Node) -> Sequence[NDArray]:
+    """Return the twists (6,) that commute with the joint's motion, so that the next link can have them instead."""
+    none = np.zeros(3)
+    if node.kind is JointKind.REVOLUTE:
+        return [np.r_[node.axis, none], np.r_[none, node.axis]]
+    return [*(np.r_[unit, none] for unit in np.eye(3)), np.r_[none, node.axis]]
+
+
+def _seen_from(tree: Tree, below: int, node: int) -> Array:
+    """Return the twist (6,) of a node by a unit motion of the joint below it."""
+    R, t = tree.relative(below, node)
+    motion = axis_twist(tree.nodes[below])
+    shift = motion[:3] + skew(motion[3:]) @ t
+    return np.r_[R.T @ shift, R.T @ motion[3:]]
+
+
+def _complement(rows: NDArray) -> Array:
+    """Return an orthonormal basis (n, m) of what is perpendicular to rows (k, n)."""
+    _, values, vectors = np.linalg.svd(rows)
+    rank = int(np.sum(values > 1e-9 * max(values.max(initial=0.0), 1e-300)))
+    return np.asarray(vectors[rank:].T)
+
+
+def _row(values: NDArray, count: int) -> NDArray:
+    return np.broadcast_to(values, (count, *values.shape[1:]))
