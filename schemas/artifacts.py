@@ -42,9 +42,15 @@ _MEASUREMENT = (
         "configurations",
         "one row per pose: role, time, actuator readings, covariates",
         "pose* role time_s",
-        optional="temperature_c repeat_of event",
+        optional="temperature_c repeat_of event series",
         families="rho",
         covariates=True,
+    ),
+    parquet(
+        "joints",
+        "joints of an open chain with the links that they move, as [mechanism] describes them",
+        "node* joint link below joint_kind x_mm y_mm z_mm rx_rad ry_rad rz_rad axis_x axis_y axis_z follows_joint factor "
+        "zero_si mass_kg com_x_mm com_y_mm com_z_mm lower_si upper_si input",
     ),
     parquet(
         "readings",
@@ -257,6 +263,11 @@ _CALIBRATION = (
         "parameters identified by errors in variables with tolerances as prior, also those of the extended model",
         "model* deformation* leg* parameter* unit nominal identified sigma tolerance pull identifiable status",
         optional="effect_of*",
+    ),
+    parquet(
+        "chain_parameters",
+        "identified numbers of an open chain: zero of each joint, and shift and rotation of its frame in the link below",
+        "joint* parameter* unit identified sigma tolerance pull identifiable",
     ),
     parquet(
         "implicit_calibration",

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, ValidationError, model_validator
 
 from truing.schemas.certificate import Certificate
+from truing.schemas.chain_mechanism import ChainMechanism
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.interferometer import Interferometer
 from truing.schemas.mapping import OF_NAME, OF_TABLE, FileMapping
@@ -43,8 +44,14 @@ def _is_first_format(value: Any) -> Any:
 
 
 # Sections of [mechanism] by tag; no key has such a name. All other types have legs.
-_TYPES = {"legged": LeggedMechanism, "6-upur": SensorMechanism, "one-axis": AxisMechanism, "none": NoMechanism}
-_TAGS = {"6-upur": "6-upur", "axis": "one-axis", "none": "none"}
+_TYPES = {
+    "legged": LeggedMechanism,
+    "6-upur": SensorMechanism,
+    "one-axis": AxisMechanism,
+    "open-chain": ChainMechanism,
+    "none": NoMechanism,
+}
+_TAGS = {"6-upur": "6-upur", "axis": "one-axis", "chain": "open-chain", "none": "none"}
 
 
 def _tag(section: Any) -> str:
@@ -56,6 +63,7 @@ Mechanism = Annotated[
     Annotated[LeggedMechanism, Tag("legged")]
     | Annotated[SensorMechanism, Tag("6-upur")]
     | Annotated[AxisMechanism, Tag("one-axis")]
+    | Annotated[ChainMechanism, Tag("open-chain")]
     | Annotated[NoMechanism, Tag("none")],
     Discriminator(_tag),
 ]
@@ -134,7 +142,9 @@ class Campaign(Section):
 
     @property
     def is_frame_fixed(self) -> bool:
-        """Whether one instrument frame holds for the whole campaign."""
+        """Whether one instrument frame holds for the whole campaign, or on a chain for each series."""
+        if self.mechanism.type == "chain" and self.measurement.frame == "series":
+            return True
         return self.measurement.frame == "campaign"
 
 

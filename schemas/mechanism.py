@@ -1,4 +1,4 @@
-"""[mechanism]: legs with actuators, a force sensor, one axis, or none."""
+"""[mechanism]: legs with actuators, a force sensor, one axis, or none; chains are in `chain_mechanism`."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _THINNEST = 5e-4
 # Entry points of closures in installed packages: `"my-type" = "my_package.legs:MyLeg"`.
 CLOSURES = "truing.closures"
 OF_LEGS = ("6-pus", "ups")
-WITHOUT_LEGS = ("6-upur", "axis", "none")
+WITHOUT_LEGS = ("6-upur", "axis", "chain", "none")
 """Types without legs that have actuators."""
 
 # Settings of stages that read the rows of an axis: columns, noise of the command, noise of the encoders.
@@ -40,6 +40,12 @@ COLUMNS_OF_AXES = tuple(
 )
 NOISE_OF_COMMANDS = ("noise.command_deg", "noise.command_mm")
 NOISE_OF_ENCODERS = tuple(f"noise.{name}_{unit}" for name in ("motor", "load", "measured") for unit in ("deg", "mm"))
+
+# Settings of stages that evaluate points on a chain.
+OF_CHAINS = tuple(
+    f"mechanism.{name}" for name in ("base", "tip", "joints", "gravity", "payload_kg", "payload_com_mm", "tolerance")
+)
+NOISE_OF_JOINTS = ("noise.joint_deg", "noise.joint_mm")
 
 _UNIT = {"rotary": "deg", "linear": "mm"}
 _COUNTS = "_counts"
@@ -114,7 +120,7 @@ class Tolerance(Section):
 class MechanismSection(Section):
     """Base of all types of [mechanism]."""
 
-    type: Name = Field(description="6-pus, ups, 6-upur, axis, none, or a type of an installed package")
+    type: Name = Field(description="6-pus, ups, 6-upur, axis, chain, none, or a type of an installed package")
     reference_temperature_c: Temperature = Field(
         20.0, description="temperature of the survey and of the nominal geometry"
     )

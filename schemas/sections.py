@@ -230,6 +230,8 @@ class Noise(Section):
     motor_mm: OfLength | None = Field(None, description="linear axis: reading of the motor encoder")
     load_mm: OfLength | None = Field(None, description="linear axis: reading of the load encoder")
     measured_mm: OfLength | None = Field(None, description="linear axis: reading of the external instrument")
+    joint_deg: OfReadings = Field(0.0, description="chain: reading of a revolute joint")
+    joint_mm: OfReadings = Field(0.0, description="chain: reading of a prismatic joint")
     load_n: OfLoads = Field(0.0, description="applied force")
     load_nm: OfLoads = Field(0.0, description="applied torque")
 
@@ -252,8 +254,8 @@ class Measurement(Section):
 
     frame: Literal["pose", "series", "campaign"] = Field(
         "pose",
-        description="pose: each pose has its own frame; series: one frame per series, treated like pose (`truing "
-        "check` reports this); campaign: the instrument did not move, and its frame is used as that of "
+        description="pose: each pose has its own frame; series: one frame per series (of a chain: column series of "
+        "configurations; else treated like pose, which `truing check` reports); campaign: the instrument did not move, and its frame is used as that of "
         "`base` if this body is not measured",
     )
     up: Vector | None = Field(

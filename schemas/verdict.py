@@ -126,6 +126,7 @@ class Relation(StrEnum):
     LOADS_READINGS = "loads-readings"
     LOADS_SIGNALS = "loads-signals"
     COMMANDS_ENCODERS = "commands-encoders"
+    JOINTS_LINKS = "joints-links"
     BODIES_SURVEY = "bodies-survey"
     RAYS_POINTS = "rays-points"
 

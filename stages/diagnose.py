@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from truing.schemas.mechanism import COLUMNS_OF_AXES, NOISE_OF_COMMANDS, NOISE_OF_ENCODERS
+from truing.schemas.mechanism import (
+    COLUMNS_OF_AXES,
+    NOISE_OF_COMMANDS,
+    NOISE_OF_ENCODERS,
+    NOISE_OF_JOINTS,
+    OF_CHAINS,
+)
 from truing.stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
@@ -26,10 +32,10 @@ _RULES = ("false_alarm", "seed", "apply", "ignore")
 
 DECLARATION = Stage(
     name="diagnose",
-    reads=(*_POINTS, "start?", *_LOADS, "qa?", *_RAYS),
+    reads=(*_POINTS, "joints?", "measured_poses?", "start?", *_LOADS, "qa?", *_RAYS),
     leaves=(
         *("diagnosis", "adequacy?", "model?", "detectable?", "pulls?", "pull_sums?"),
-        *("prediction?", "reading_errors?", "axis_errors?", "next_poses?", "next_loads?"),
+        *("prediction?", "reading_errors?", "axis_errors?", "chain_parameters?", "next_poses?", "next_loads?"),
         *("changes?", "cause_uncertainty?", "diagnosis_left_out?"),
         *("diagnosis_choices?", "applied_model?"),
     ),
@@ -37,9 +43,10 @@ DECLARATION = Stage(
         *(f"campaign.{key}" for key in ("name", "kind", "drives")),
         *(f"mechanism.{key}" for key in _MECHANISM),
         *(f"noise.{key}" for key in _NOISE),
-        *(*COLUMNS_OF_AXES, *NOISE_OF_COMMANDS, *NOISE_OF_ENCODERS),
+        *(*COLUMNS_OF_AXES, *NOISE_OF_COMMANDS, *NOISE_OF_ENCODERS, *NOISE_OF_JOINTS),
+        *(key for key in OF_CHAINS if key.removeprefix("mechanism.") not in _MECHANISM),
         *(f"diagnosis.{key}" for key in _RULES),
-        *("measurement.up", *_SECTIONS),
+        *("measurement.up", "measurement.frame", *_SECTIONS),
     ),
     summary="what the simulation gets wrong: causes, their sizes, the extended model",
 )

@@ -21,6 +21,7 @@ DECLARATION = Stage(
         *(
             "survey?",
             "configurations?",
+            "joints?",
             "scans?",
             "measured_poses?",
             "observations?",
@@ -47,6 +48,7 @@ DECLARATION = Stage(
         *("interferometer", "signals.sensitivity_mv_per_n", "noise.point_mm", "noise.linear_um"),
         *("noise.angular_arcsec", "noise.displacement_mm", "noise.rotation_rad", "measurement.frame", "poses.euler"),
         *("bodies.reference", "photographs.boards", "renamed", "resurvey", "files"),
+        *(f"mechanism.{key}" for key in ("urdf", "dh", "screws", "home", "base", "tip", "joints")),
     ),
     summary="reads the raw files, converts units and names, and rejects invalid data",
 )
@@ -68,6 +70,10 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     if (own := registered(OF_TYPES, settings)) is not None:
         outcome: Outcome = own.ingest(settings, source, log)
         return outcome
+    if settings.mechanism.type == "chain":
+        from truing.stages.ingestion.chain_campaign import ingest as ingest_chain
+
+        return ingest_chain(tables, settings, source, log, progress)
     if settings.campaign.kind == "interferometer":
         from truing.stages.ingestion.loading_tables import ingest
 

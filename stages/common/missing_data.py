@@ -13,10 +13,19 @@ HELD_OUT = "verification"
 _LEAST_LEGS = 6  # fewer do not constrain the platform
 # Why mechanisms without bodies have neither poses nor deformation, and where their parameters are, by type.
 NO_BODIES = {"axis": "an axis has rows of readings, and no bodies with targets"}
-NO_CALIBRATION = {"axis": "the diagnosis gives factors, lost motion and zeros of an axis"}
+NO_CALIBRATION = {
+    "axis": "the diagnosis gives factors, lost motion and zeros of an axis",
+    "chain": "the diagnosis identifies joint zeros and links of a chain (chain_parameters)",
+}
 # Why such a mechanism has no choice of configurations and no simulated campaigns, by type.
-NO_CHOICE = {"axis": "; an axis has commands, and no poses of legs to choose"}
-NO_DRAWING = {"axis": "; rows of an axis have no points, and are not simulated yet"}
+NO_CHOICE = {
+    "axis": "; an axis has commands, and no poses of legs to choose",
+    "chain": "; configurations of a chain are not chosen yet",
+}
+NO_DRAWING = {
+    "axis": "; rows of an axis have no points, and are not simulated yet",
+    "chain": "; campaigns of a chain are not simulated yet",
+}
 NO_POINTS_TO_DEFORM = "no points: deformation shows in targets, and poses or scans have none"
 NO_POINTS_TO_DIAGNOSE = "no points: causes are told apart by targets, and poses or scans have none"
 NO_BODY_TO_DIAGNOSE = "needs a body with three targets, seen together in three poses"

@@ -33,6 +33,9 @@ _WORDS = {
     "u": "tolerance of the directions of the actuators",
     "l": "tolerance of the lengths of the legs",
     "shape": "survey of the targets",
+    "links": "tolerance of the links",
+    "zeros": "tolerance of the joint zeros",
+    "base": "place of the base, about which nothing is declared",
     "zero": "zeros of the runs, as declared",
     "geometry": "tolerance of the sensor's lengths",
     "stiffness": "tolerance of the sensor's stiffness",
@@ -43,7 +46,7 @@ _WORDS = {
     "common": "lengths of scale bars, as calibrated",
 }
 _READ = {
-    "points": "readings of the actuators",
+    "points": "readings of the actuators or joints",
     "bodies": "positions of bodies declared still",
     "channel": "applied loads",
     "encoder": "position of the axis at its command",

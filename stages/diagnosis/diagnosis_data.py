@@ -111,7 +111,7 @@ class Channels:
     def concerned(self, before: PredictionError, after: PredictionError) -> ReportedRms:
         """Reporting of an effect: over the channels of one unit that it moves; signals if it moves no reading."""
         moved = after.whitened - before.whitened
-        size = np.sqrt(np.sum(np.where(before.seen, moved[..., 0], 0.0) ** 2, 0))
+        size = np.sqrt(np.sum(np.where(before.seen, np.sum(moved**2, -1), 0.0), 0))
         size = np.where(size >= _CONCERNED * size.max(), size, 0.0)
         readings = np.where(self.signal, 0.0, size)
         return self._of(readings if readings.any() else size)

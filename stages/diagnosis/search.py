@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 
 # What assembles the data of a mechanism that is neither of legs nor a sensor on its bench, by its type.
-_OF_TYPES = {"axis": "truing.stages.diagnosis.axis_points"}
+_OF_TYPES = {"axis": "truing.stages.diagnosis.axis_points", "chain": "truing.stages.diagnosis.chain_points"}
 # Number of simulated residual vectors, and of sign-flipped ones, for the null distribution.
 DRAWS = 400
 # Of the probability of any false finding in a campaign, what rays may take of it; the rest is left to points.
@@ -44,7 +44,7 @@ def assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagno
 
 
 def _assembled_data(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[Any]:
-    if "observations" in tables and not tables["observations"].num_rows:
+    if settings.mechanism.type != "chain" and "observations" in tables and not tables["observations"].num_rows:
         raise ValueError(NO_POINTS_TO_DIAGNOSE)
     if (own := registered(_OF_TYPES, settings)) is not None:
         data: DiagnosisData[Any] = own.assemble(tables, settings)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Container, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,7 +17,7 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.point_index import NameNumbers
 from truing.formats.read import read_table
 from truing.formats.row_collection import CollectedRows, collect_rows
-from truing.formats.shapes import CONFIGURATIONS, COORDINATE_SIGMAS, TARGETS, WRENCH, TableShape
+from truing.formats.shapes import CONFIGURATIONS, COORDINATE_SIGMAS, COORDINATES, TARGETS, WRENCH, TableShape
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count
 from truing.schemas.artifacts import ARTIFACTS
@@ -24,7 +25,7 @@ from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant
 from truing.schemas.settings_text import parsed_toml, read_settings_text
-from truing.stages.common.table_arrays import SmallTable, filled, numbers, once
+from truing.stages.common.table_arrays import SmallTable, filled, numbers, once, without
 
 POSES = tuple(TableShape(table, ("pose",), partial=True) for table in ("points", "poses", "scans"))
 """Points, measured poses and scans of which only the pose is looked at."""
@@ -33,6 +34,10 @@ _WRITTEN = "a model.toml that a run has written"
 # What the earlier run wrote of itself; the copy has a provenance of its own.
 _PROVENANCE = re.compile(r"^\[provenance\].*?(?=^\[|\Z)", re.MULTILINE | re.DOTALL)
 _ELASTIC = "six legs with flexure_length_mm, flexure and leg_tube: only the stiffness model takes up a load"
+# On a chain a target without a place is an unknown.
+_TARGETS_OF_CHAINS = replace(
+    TARGETS, required=("body", "target"), optional=(*TARGETS.optional, *COORDINATES), may_be_empty=COORDINATES
+)
 FITTED, REFERENCE = "calibration", "reference"
 
 
@@ -160,9 +165,15 @@ def _check_drives(found: CollectedRows, log: FaultLog, drives: tuple[str, ...]) 
 
 def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTable | None:
     """The reference survey; None where the campaign has none."""
-    found = collect_rows(source, TARGETS, log)
-    if found is None:
+    is_chain = settings.mechanism.type == "chain"
+    found = collect_rows(source, _TARGETS_OF_CHAINS if is_chain else TARGETS, log)
+    if found is None or not set(COORDINATES) <= set(found.table.column_names):
         return None
+    if is_chain:
+        gaps = np.isnan(np.column_stack([numbers(found, name) for name in COORDINATES])).any(1)
+        if gaps.all():
+            return None
+        found = without(found, gaps, "no place is given: it is unknown")
     once(found, log, "body", "target")
     check_legs(found, log, len(legs_of(settings)))
     surveyed = set(found.table.column("body").to_pylist()) if "body" in found.table.column_names else set()
@@ -221,7 +232,7 @@ def as_artifact(name: str, table: pa.Table) -> pa.Table:
 
 def read_start(source: CampaignFiles, settings: Any, log: FaultLog) -> str | None:
     """The earlier model as text; None where the campaign starts from none, or from what is at fault."""
-    if settings.mechanism.type == "none" or settings.mechanism.model is None or source.prior_model is None:
+    if getattr(settings.mechanism, "model", None) is None or source.prior_model is None:
         return None
     try:
         text = read_settings_text(source.prior_model.path)

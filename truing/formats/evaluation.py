@@ -330,7 +330,7 @@ class _Work:
         else:
             values, blank, broken = self._parsed(name, raw)
         values = self._without_missing(values)
-        if name in COORDINATES:
+        if name in COORDINATES and not column.nullable:
             blank &= "" not in self.notation.missing
             self.missing.append(np.asarray(values.is_null()))
             self.broken.append(blank | broken)

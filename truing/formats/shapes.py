@@ -152,7 +152,11 @@ POSES = TableShape(
 SCANS = TableShape("scans", ("pose", "body", *_POINT))
 SURFACES = TableShape("surfaces", ("body", *_POINT))
 CONFIGURATIONS = TableShape(
-    "configurations", ("pose",), ("role", "time_s", "temperature_c", "repeat_of"), family="rho", covariates=True
+    "configurations",
+    ("pose",),
+    ("role", "time_s", "temperature_c", "repeat_of", "series"),
+    family="rho",
+    covariates=True,
 )
 _LOADED = (*_WRENCH, "load_axis", "load", "role", TRANSIT)
 DISPLACEMENT = TableShape(

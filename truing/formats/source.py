@@ -37,7 +37,7 @@ _OF_SENSORS = (
     *("3fr", "fff", "mrw", "dcr", "kdc", "rwl", "raw"),
 )
 _OTHER_PICTURES = frozenset((*_COMPRESSED, *_OF_PROGRAMS, *_OF_SENSORS))
-_FILES_OF_MECHANISM = ("model", "compliance_file", "deformation_file")
+_FILES_OF_MECHANISM = ("model", "compliance_file", "deformation_file", "urdf")
 _DEEPEST = 3  # images/<pose>/<camera>/<file>
 _READ = ", ".join(f".{ending}" for ending in PICTURES)
 
@@ -65,6 +65,7 @@ class CampaignFiles:
         self._prior_model = getattr(campaign.mechanism, "model", None)
         self._compliance = getattr(campaign.mechanism, "compliance_file", None)
         self._deformation = getattr(campaign.mechanism, "deformation_file", None)
+        self._urdf = getattr(campaign.mechanism, "urdf", None)
 
     def entries(self, table: str) -> tuple[FileMapping, ...]:
         """Return the mappings of a table's raw files: those of [files.<table>], else the contract's file names."""
@@ -139,6 +140,11 @@ class CampaignFiles:
     def deformation(self) -> RawFile | None:
         """Return the file of the simulated deformation; None if campaign.toml names none."""
         return None if self._deformation is None else RawFile(self._deformation, self.folder / self._deformation)
+
+    @property
+    def urdf(self) -> RawFile | None:
+        """Return the robot description; None if campaign.toml names none."""
+        return None if self._urdf is None else RawFile(self._urdf, self.folder / self._urdf)
 
 
 def has_photographs(folder: Path, document: Mapping[str, Any]) -> bool:

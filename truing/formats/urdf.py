@@ -54,6 +54,28 @@ class Urdf:
     joints: dict[str, UrdfJoint]
     links: dict[str, UrdfLink]
 
+    @property
+    def roots(self) -> list[str]:
+        """Links that no joint carries."""
+        carried = {joint.child for joint in self.joints.values()}
+        return [name for name in self.links if name not in carried]
+
+    def carried(self, base: str) -> list[UrdfJoint]:
+        """Return the joints of all links that a base carries, each after the joint below it."""
+        found, waiting = [], [base]
+        while waiting:
+            own = [joint for joint in self.joints.values() if joint.parent == waiting[0]]
+            found += own
+            waiting = [*waiting[1:], *(joint.child for joint in own)]
+            if len(found) > len(self.joints):
+                raise Unusable("joints without a loop", row=own[0].line, value=own[0].name)
+        return found
+
+    def ends(self, base: str) -> list[str]:
+        """Return the links above a base that carry no other."""
+        below = {joint.parent for joint in self.joints.values()}
+        return [joint.child for joint in self.carried(base) if joint.child not in below]
+
     def path(self, base: str, link: str) -> list[UrdfJoint]:
         """Return the joints from a base link to another link, in order; raises Unusable if there is no such way."""
         by_child = {joint.child: joint for joint in self.joints.values()}
@@ -110,7 +132,7 @@ def _joint(element: ElementTree.Element, lines: Lines) -> UrdfJoint:
         factor, shift = _number(mimic, "multiplier", 1.0, lines), _number(mimic, "offset", 0.0, lines)
     limit = element.find("limit")
     limits = None
-    if kind != "continuous" and limit is not None and {"lower", "upper"} <= limit.keys():
+    if kind != "continuous" and limit is not None and {"lower", "upper"} <= set(limit.keys()):
         limits = _number(limit, "lower", 0.0, lines), _number(limit, "upper", 0.0, lines)
     return UrdfJoint(
         name,

@@ -59,6 +59,7 @@ from truing.simulation.mechanisms.chains.causes import (
     JointGain,
     JointHarmonic,
     JointOffset,
+    JointsExchanged,
     LinkBending,
     LinkGrowth,
 )
@@ -134,6 +135,7 @@ OWN_CAUSES_OF_CHAINS: tuple[ChainCause, ...] = (
     BaseDrift(),
     BaseJump(),
     ChainTargetMoved(),
+    JointsExchanged(),
     NonparametricChainEffect(),
 )
 # Causes that act on rays of photographs, and on points that were computed from photographs.

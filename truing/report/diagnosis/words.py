@@ -153,6 +153,7 @@ _RELATED = {
     Relation.READINGS_POSES: "actuator readings and measured poses (through the mechanism)",
     Relation.LOADS_READINGS: "loads and readings (through the simulated compliance)",
     Relation.LOADS_SIGNALS: "loads and signals (through the equations of the sensor)",
+    Relation.JOINTS_LINKS: "joint readings and measured links (through the kinematics)",
     Relation.COMMANDS_ENCODERS: "commands and encoders of the axis",
     Relation.BODIES_SURVEY: "the shapes of bodies as measured in all poses",
     Relation.RAYS_POINTS: "rays of photographs and the points where they meet",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from truing.report.diagnosis.findings import subject_words
 from truing.report.wordings.bench_wordings import BENCH
+from truing.report.wordings.chain_wordings import CHAIN
 from truing.report.wordings.claim import Advice, AdviceKind, Claim, Wording, by, only, with_sizes
 from truing.report.wordings.mechanism_wordings import BODIES, MECHANISM
 from truing.report.wordings.nonparametric_wordings import FOLLOWED, PARTS_OF_AXES
@@ -113,7 +114,7 @@ RAYS = {
     "scale-bar-temperature": Wording("scale bar temperature", _warm_bars, _calibrate_bars),
 }
 
-WORDINGS: dict[str, Wording] = {**MECHANISM, **BODIES, **BENCH, **_AXIS, **RAYS, **FOLLOWED}
+WORDINGS: dict[str, Wording] = {**MECHANISM, **BODIES, **BENCH, **_AXIS, **CHAIN, **RAYS, **FOLLOWED}
 
 
 def cause_words(cause: str) -> str:

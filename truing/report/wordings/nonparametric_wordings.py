@@ -145,6 +145,8 @@ def _whose(claim: Claim) -> str:
     """Return the dependent quantity: of legs, targets of a body, a channel, a camera, a part of an axis."""
     if claim.fact("element"):
         return PARTS_OF_AXES.get(claim.subject, claim.subject)
+    if (joint := claim.fact("joint")) is not None:
+        return f"the motion of joint {joint}" if joint else "the place of the base"
     quantity, targets = claim.fact("quantity"), list(claim.fact("targets") or ())
     if quantity == "scale":
         return "the scale of the measurement"

@@ -133,7 +133,9 @@ def test_a_reading_moves_its_joint_and_those_that_follow_it() -> None:
     frames, points = positions(tree, q, none, nodes, places)
     slopes = np.einsum("bkinc,jnc->bkij", tree.point_slopes(frames, nodes, points), tree.axis_twists)
     for j, step in enumerate(1e-6 * np.eye(3)):
-        moved = (positions(tree, q + step, none, nodes, places)[1] - positions(tree, q - step, none, nodes, places)[1]) / 2e-6
+        moved = (
+            positions(tree, q + step, none, nodes, places)[1] - positions(tree, q - step, none, nodes, places)[1]
+        ) / 2e-6
         assert_close(slopes[..., j], moved, atol=1e-8)
 
 
@@ -147,7 +149,9 @@ def test_torque_of_weight_is_the_slope_of_potential_energy() -> None:
         return -sum(m * ((frames.t[:, k] + frames.R[:, k] @ com) @ g) for k, m, com in tree.weights(load))
 
     force, moment = tree.gravity_load(q, down, load)
-    work = np.einsum("bni,jni->bj", force, tree.axis_twists[..., :3]) + np.einsum("bni,jni->bj", moment, tree.axis_twists[..., 3:])
+    work = np.einsum("bni,jni->bj", force, tree.axis_twists[..., :3]) + np.einsum(
+        "bni,jni->bj", moment, tree.axis_twists[..., 3:]
+    )
     for j, step in enumerate(1e-5 * np.eye(3)):
         assert_close(work[:, j], -(energy(q + step) - energy(q - step)) / 2e-5, atol=1e-7)
 

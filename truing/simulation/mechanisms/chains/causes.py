@@ -349,7 +349,9 @@ class LinkBending(LinkCause):
             if not length > 0.0:
                 continue
             unit = along / length
-            force, moment = (load[:, k] - np.multiply.outer(load[:, k] @ unit, unit) for load in (machine.force, machine.moment))
+            force, moment = (
+                load[:, k] - np.multiply.outer(load[:, k] @ unit, unit) for load in (machine.force, machine.moment)
+            )
             of_force = np.cross(unit, force)  # moment per unit of distance from the end
             found[:, k, 3:, 0] = moment * length + of_force * length**2 / 2.0
             bent = np.cross(moment * length**2 / 2.0 + of_force * length**3 / 3.0, unit)
@@ -357,7 +359,10 @@ class LinkBending(LinkCause):
         return found
 
 
-_MOTION = (*(Parameter(f"d{axis}", "mm", 1e-4, _MM) for axis in "xyz"), *(Parameter(f"turn_{axis}", "rad", 1e-4) for axis in "xyz"))
+_MOTION = (
+    *(Parameter(f"d{axis}", "mm", 1e-4, _MM) for axis in "xyz"),
+    *(Parameter(f"turn_{axis}", "rad", 1e-4) for axis in "xyz"),
+)
 
 
 @dataclass(frozen=True)
@@ -418,7 +423,10 @@ class BaseJump(ChainCause):
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the motion, and the first pose after it."""
-        return (*super().reported(values, covariance, legs), ReportedParameter("from_pose", str(self.from_pose), None, ""))
+        return (
+            *super().reported(values, covariance, legs),
+            ReportedParameter("from_pose", str(self.from_pose), None, ""),
+        )
 
 
 @dataclass(frozen=True)
@@ -451,7 +459,11 @@ class ChainTargetMoved(ChainCause):
         if not onsets or not len(targets):
             return ()
         late = np.stack([machine.order >= order for _, order in onsets])
-        seen = np.ones((len(machine.order), len(targets)), int) if scene.seen is None else scene.seen[:, targets].astype(int)
+        seen = (
+            np.ones((len(machine.order), len(targets)), int)
+            if scene.seen is None
+            else scene.seen[:, targets].astype(int)
+        )
         after = late.astype(int) @ seen
         usable = (after >= _FEWEST) & (seen.sum(0) - after >= _FEWEST)
 
@@ -476,7 +488,41 @@ class ChainTargetMoved(ChainCause):
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the shift, and the first displaced pose."""
-        return (*super().reported(values, covariance, legs), ReportedParameter("from_pose", str(self.from_pose), None, ""))
+        return (
+            *super().reported(values, covariance, legs),
+            ReportedParameter("from_pose", str(self.from_pose), None, ""),
+        )
+
+
+@dataclass(frozen=True)
+class JointsExchanged(ChainCause):
+    """The readings of two joints stand in each other's column, in the whole campaign."""
+
+    joints: tuple[str, ...] = ()
+
+    id = "joints-exchanged"
+    step = Step.DRIVE
+    is_persistent = False
+
+    @property
+    def subject(self) -> str:
+        """The two joints."""
+        return " ".join(f"joint {name}" for name in self.joints)
+
+    def candidates(self, scene: ChainScene) -> Sequence[JointsExchanged]:
+        """Return none: the exchange is evident before any search."""
+        return ()
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return none."""
+        return ()
+
+    def sorted(self, readings: NDArray, names: Sequence[str]) -> NDArray:
+        """Return readings (B, n) in the right columns."""
+        found = readings.copy()
+        a, b = (names.index(name) for name in self.joints)
+        found[:, [a, b]] = readings[:, [b, a]]
+        return found
 
 
 def _onsets(machine: ChainInputs) -> list[tuple[int | str, float]]:
@@ -485,5 +531,3 @@ def _onsets(machine: ChainInputs) -> list[tuple[int | str, float]]:
     step = 1 + len(in_time) // _MOST_ONSETS
     chosen = in_time[_FEWEST : len(in_time) - _FEWEST + 1 : step]
     return [(machine.conditions.poses[b], float(machine.order[b])) for b in chosen]
-
-

@@ -15,7 +15,7 @@ from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, left_
 from truing.simulation.cause import OBSERVED, Effect
 from truing.simulation.effects_model import EffectsModel, Prediction
 from truing.simulation.inputs import ORDER, ranks
-from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
+from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene, JointsExchanged
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, ChainInputs, MeasuredChannels
 from truing.simulation.mechanisms.chains.tree import TWIST, Tree, TreeFrames
 
@@ -102,8 +102,8 @@ class ChainModel(EffectsModel[ChainCause]):
     def _sizes(self) -> dict[str, int]:
         return {
             "base": TWIST * len(self.known.base_t) if self.known.is_base_free else 0,
-            "geometry": self.known.modes.shape[-1],
-            "offset": len(self.free_offsets),
+            "links": self.known.modes.shape[-1],
+            "zeros": len(self.free_offsets),
             "shape": self.known.shape_modes.shape[-1],
         }
 
@@ -125,8 +125,8 @@ class ChainModel(EffectsModel[ChainCause]):
     @property
     def _shared_known(self) -> NDArray:
         known = np.zeros(self.shared_size, bool)
-        known[self.layout["geometry"]] = self.known.modes_known
-        known[self.layout["offset"]] = True
+        known[self.layout["links"]] = self.known.modes_known
+        known[self.layout["zeros"]] = True
         known[self.layout["shape"]] = self.known.shape_known
         return known
 
@@ -136,13 +136,22 @@ class ChainModel(EffectsModel[ChainCause]):
         return ranks(self.conditions.covariates[ORDER])
 
     @cached_property
+    def own_conditions(self) -> ChainConditions:
+        """Conditions with exchanged readings in their right columns."""
+        found = self.conditions
+        for cause in self.causes:
+            if isinstance(cause, JointsExchanged):
+                found = replace(found, readings=cause.sorted(found.readings, self.tree.readings))
+        return found
+
+    @cached_property
     def machine(self) -> ChainInputs:
         """What effects may depend on."""
         known = self.known
         return ChainInputs.of(
             self.tree,
             self.channels,
-            self.conditions,
+            self.own_conditions,
             known.gravity,
             known.payload,
             known.reference_temperature_c,
@@ -167,7 +176,7 @@ class ChainModel(EffectsModel[ChainCause]):
     def twists(self, shared: NDArray, local: NDArray) -> Array:
         """Return the twists (B, N, 6) of all nodes at shared (G,) and local (B, H) unknowns."""
         found = np.zeros((len(self.conditions.readings), self.tree.size, TWIST))
-        found += self.known.modes @ shared[self.layout["geometry"]]
+        found += self.known.modes @ shared[self.layout["links"]]
         for part, slopes in self._own_twists():
             found += slopes @ shared[part]
         if self.local_size:
@@ -190,7 +199,7 @@ class ChainModel(EffectsModel[ChainCause]):
         """Return the frames of all nodes (B, N) in the frame of the measurement."""
         own = self.conditions.series
         base = self.known.base_R[own], self.known.base_t[own]
-        return self.tree.frames(self.conditions.readings, self.twists(shared, local), base)
+        return self.tree.frames(self.own_conditions.readings, self.twists(shared, local), base)
 
     def _own_twists(self) -> list[tuple[slice, NDArray]]:
         """Return the twists (B or 1, N, 6, P) per unknown of base and joint zeros."""
@@ -201,7 +210,9 @@ class ChainModel(EffectsModel[ChainCause]):
             found.append((self.layout["base"], self.machine.at_node(0, moved)))
         if len(own := self.free_offsets):
             sigma = self.known.offsets[own]
-            found.append((self.layout["offset"], np.moveaxis(self.tree.axis_twists[own] * sigma[:, None, None], 0, -1)[None]))
+            found.append(
+                (self.layout["zeros"], np.moveaxis(self.tree.axis_twists[own] * sigma[:, None, None], 0, -1)[None])
+            )
         return found
 
     @property
@@ -252,7 +263,7 @@ class ChainModel(EffectsModel[ChainCause]):
         count, channels = by_twist.shape[:2]
         slopes = np.zeros((count, channels, 3, self.shared_size))
         flat = by_twist.reshape(count, channels * 3, -1)
-        slopes[..., self.layout["geometry"]] = (flat @ self.known.modes.reshape(flat.shape[-1], -1)).reshape(
+        slopes[..., self.layout["links"]] = (flat @ self.known.modes.reshape(flat.shape[-1], -1)).reshape(
             count, channels, 3, -1
         )
         moved = [*self._own_twists(), *((self.layout[e.cause.key], m) for e, m in self._effect_twists())]

@@ -62,7 +62,11 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         return found + self._of(replace(self, joint=""), _of_base(columns), columns, len(machine.readings))
 
     def _of(
-        self, bare: NonparametricChainEffect, forms: Iterator[tuple[tuple[str, ...], str, int]], columns: dict[str, NDArray], poses: int
+        self,
+        bare: NonparametricChainEffect,
+        forms: Iterator[tuple[tuple[str, ...], str, int]],
+        columns: dict[str, NDArray],
+        poses: int,
     ) -> list[NonparametricChainEffect]:
         def range_of(column: str) -> tuple[float, float]:
             centre, half = middle_and_half(columns[column])

@@ -39,14 +39,14 @@ class Screw:
 def tree_of_rows(
     rows: Sequence[DenavitHartenberg], joints: Sequence[str], base: str = "base", tip: str = "tip"
 ) -> Tree:
-    """Return the chain of some rows; its links are ``base``, ``link 1`` .., ``tip``."""
+    """Return the chain of some rows; its links are ``base``, ``link1`` .., ``tip``."""
     nodes = [Node("", base, -1, np.eye(3), np.zeros(3))]
     R, t = np.eye(3), np.zeros(3)
     for number, (row, joint) in enumerate(zip(rows, joints, strict=True), 1):
         ahead, behind = _parts(row)
         R, t = R @ ahead[0], R @ ahead[1] + t
         shift = row.theta if row.kind is JointKind.REVOLUTE else row.d
-        nodes.append(Node(joint, f"link {number}", number - 1, R, t, row.kind, _Z, joint, 1.0, shift))
+        nodes.append(Node(joint, f"link{number}", number - 1, R, t, row.kind, _Z, joint, 1.0, shift))
         R, t = behind
     nodes.append(Node("", tip, len(rows), R, t))
     return Tree(tuple(nodes), tuple(joints))
@@ -83,7 +83,7 @@ def tree_of_screws(
     nodes, below = [Node("", base, -1, np.eye(3), np.zeros(3))], np.zeros(3)
     for number, (screw, joint) in enumerate(zip(screws, joints, strict=True), 1):
         place = screw.point - below
-        nodes.append(Node(joint, f"link {number}", number - 1, np.eye(3), place, screw.kind, screw.axis, joint))
+        nodes.append(Node(joint, f"link{number}", number - 1, np.eye(3), place, screw.kind, screw.axis, joint))
         below = screw.point
     nodes.append(Node("", tip, len(screws), home[0], home[1] - below))
     return Tree(tuple(nodes), tuple(joints))

@@ -102,7 +102,9 @@ class Tree:
     @cached_property
     def is_revolute(self) -> Mask:
         """Mask (n,) of the readings that are angles."""
-        return np.array([self.nodes[self.node_of(k)].kind is JointKind.REVOLUTE for k in range(len(self.readings))], bool)
+        return np.array(
+            [self.nodes[self.node_of(k)].kind is JointKind.REVOLUTE for k in range(len(self.readings))], bool
+        )
 
     def node_of(self, reading: int) -> int:
         """Return the node of the joint that is read; others may follow it."""
@@ -159,7 +161,9 @@ class Tree:
         for k, node in enumerate(self.nodes):
             below_R, below_t = (R0, t0) if node.parent < 0 else (R[:, node.parent], t[:, node.parent])
             before[:, k] = below_R @ node.R
-            origin[:, k] = below_t + below_R @ node.t + np.einsum("bij,bj->bi", before[:, k], _row(twists[:, k, :3], count))
+            origin[:, k] = (
+                below_t + below_R @ node.t + np.einsum("bij,bj->bi", before[:, k], _row(twists[:, k, :3], count))
+            )
             after = before[:, k] @ turned[:, k]
             moved = 0.0 if self.input_of[k] < 0 else node.factor * readings[:, self.input_of[k]] + node.shift
             R[:, k], t[:, k] = after, origin[:, k]

@@ -1,0 +1,426 @@
+"""Data of the diagnosis of an open chain: targets or poses of its links, and the readings of its joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from truing.arrays import Array, Index, Mask
+from truing.estimation.rigid_poses.umeyama import umeyama
+from truing.estimation.rotation import exp_so3, skew
+from truing.inference.observations import Epochs, Frames, Observations
+from truing.report.numbers import count as counted
+from truing.schemas.covariates import column_alias
+from truing.schemas.verdict import Relation
+from truing.simulation.inputs import ORDER, approach, between_neighbours, order_in_time
+from truing.simulation.mechanisms.chains.causes import JointsExchanged
+from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, SlipKind, does_not_belong, likely_slip
+from truing.simulation.mechanisms.chains.conditions import APPROACH, ChainConditions, MeasuredChannels
+from truing.simulation.mechanisms.chains.model import FREE_PLACE, ChainModel, KnownChain
+from truing.simulation.mechanisms.chains.start_values import StartValues, start_values
+from truing.simulation.mechanisms.chains.tree import Tree, geometry_modes
+from truing.simulation.targets import FREE_ANGLE_RAD, FREE_LENGTH_M
+from truing.stages.common.blocks import chosen, groupings_of, labels_of
+from truing.stages.common.chain_tables import joint_columns, joint_readings, payload_of, tree_of
+from truing.stages.common.missing_data import HELD_OUT, LEAST_TARGETS
+from truing.stages.common.point_arrays import (
+    number_column,
+    pose_covariances,
+    pose_ids,
+    pose_points,
+    pose_vectors,
+    positions,
+    roles_of,
+    survey_points,
+)
+from truing.stages.diagnosis.diagnosis_data import Channels, DiagnosisData, ReportedRms
+from truing.stages.diagnosis.chain_results import results, text_of_model
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+
+_DEG, _MM = np.pi / 180.0, 1e-3
+_ARCSEC = _DEG / 3600.0
+# Smallest movement of a joint that counts as one, as a share of its range.
+_MOVED = 1e-4
+# Poses that a search uses at most, evenly over the campaign, so that memory and time stay bounded.
+_MOST_POSES = 3000
+_FEWEST = 8
+_DRIVE = "the joint readings"
+_SLIPS = {
+    SlipKind.REVERSED: "the sign of joint {} reversed",
+    SlipKind.DEGREES: "the readings of joint {} taken as degrees",
+    SlipKind.RADIANS: "the readings of joint {} taken as radians",
+}
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """Channels of some poses: values (B, K, 3), covariances (B, K, 3, 3), and which were seen; m and rad.
+
+    ``surveyed`` (K, 3) and ``survey_cov`` (K, 3, 3) are NaN where a place is unknown; ``reference`` (B, K, 3, 3) are the
+    measured orientations.
+    """
+
+    channels: MeasuredChannels
+    values: Array
+    cov: Array
+    seen: Mask
+    surveyed: Array
+    survey_cov: Array
+    reference: Array
+
+
+def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[ChainModel]:
+    """Data of the diagnosis; raises ValueError with the reason if the campaign lacks them."""
+    tree, table = tree_of(tables["joints"]), tables["configurations"]
+    poses = pose_ids(table)
+    measured = _measured(tables, tree, poses)
+    readings = joint_readings(tree, table)
+    out = _excluded(settings, poses)
+    usable = np.isfinite(readings).all(1) & measured.seen.any(1) & ~out
+    if usable.sum() < _FEWEST:
+        raise ValueError(f"needs at least {_FEWEST} poses with readings of all joints and measured links")
+    conditions = _conditions(tree, table, settings, measured, np.nan_to_num(readings), usable)
+    role = roles_of(table, poses)
+    fitted, held = usable & (role != HELD_OUT), usable & (role == HELD_OUT)
+    if fitted.sum() < _FEWEST:
+        raise ValueError(f"needs at least {_FEWEST} poses that may be fitted, found {int(fitted.sum())}")
+    fitted, thinned = _thinned(fitted)
+    frames, model, certain = _model(tree, settings, measured, conditions, fitted)
+
+    def epochs(own: Mask) -> Epochs[ChainConditions]:
+        observed = Observations(measured.values[own], measured.cov[own], measured.seen[own])
+        return Epochs(observed, conditions.chosen(own), Frames(frames.R[own], frames.t[own], frames.free))
+
+    own = conditions.chosen(fitted)
+    time = own.covariates.get("time_s")
+    labels = chosen(labels_of(table, poses), fitted)
+    groupings = groupings_of(own.readings, time, None, labels)
+    unread = int((~np.isfinite(readings).all(1)).sum())
+    words = [
+        f"{counted(int(out.sum()), 'pose')} excluded by a person" if out.any() else "",
+        f"{counted(unread, 'pose')} without a reading of every joint" if unread else "",
+        thinned,
+    ]
+    return DiagnosisData(
+        model.at(own),
+        replace(epochs(fitted), groupings=groupings),
+        epochs(held) if held.any() else None,
+        "; ".join(filter(None, words)),
+        results,
+        certain,
+        model_text=text_of_model,
+        shown=_shown(measured.channels),
+        relation=Relation.JOINTS_LINKS,
+    )
+
+
+def _shown(channels: MeasuredChannels) -> ReportedRms | Channels:
+    if not channels.is_rotation.any():
+        return ReportedRms(drive=_DRIVE)
+    turned = channels.is_rotation
+    return Channels(
+        tuple("arcsec" if own else "um" for own in turned),
+        np.where(turned, _ARCSEC, 1e-6),
+        np.zeros(len(turned), bool),
+        epoch="pose",
+        fitted="the calibration poses",
+        held_out="held-out poses",
+        drive=_DRIVE,
+        scatter="Measure one pose ten times over without moving anything: the scatter is the true noise.",
+        what="pose component",
+    )
+
+
+def _excluded(settings: Campaign, poses: tuple[int | str, ...]) -> Mask:
+    """Mask (B,) of the poses that a person excluded as a whole."""
+    named = {str(rule.pose) for rule in settings.exclude if rule.pose is not None and not (rule.body or rule.target)}
+    return np.array([str(pose) in named for pose in poses], bool)
+
+
+def _thinned(rows: Mask) -> tuple[Mask, str]:
+    """Poses that are searched, and the omission in words."""
+    count = int(rows.sum())
+    if count <= _MOST_POSES:
+        return rows, ""
+    kept = np.zeros_like(rows)
+    kept[np.flatnonzero(rows)[np.linspace(0, count - 1, _MOST_POSES).round().astype(int)]] = True
+    return kept, f"{count - _MOST_POSES} of {counted(count, 'pose')}, evenly over the campaign"
+
+
+def _measured(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> _Measured:
+    """Every target of a link and every measured pose as channels; raises ValueError without any."""
+    parts = [*_targets(tables, tree, poses), *_poses(tables, tree, poses)]
+    if not parts:
+        raise ValueError("needs points or poses of links of the chain")
+    names, links, turned, values, cov, seen, surveyed, survey_cov, reference = zip(*parts, strict=True)
+    channels = MeasuredChannels(
+        tuple(names), tuple(links), np.array([tree.links[link] for link in links]), np.array(turned, bool)
+    )
+    return _Measured(
+        channels,
+        np.stack(values, 1),
+        np.stack(cov, 1),
+        np.stack(seen, 1),
+        np.stack(surveyed),
+        np.stack(survey_cov),
+        np.stack(reference, 1),
+    )
+
+
+_Part = tuple[str, str, bool, Array, Array, Mask, Array, Array, Array]
+
+
+def _targets(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> list[_Part]:
+    observations, survey = tables.get("observations"), tables.get("survey")
+    found: list[_Part] = []
+    if observations is None or not observations.num_rows:
+        return found
+    identity = np.tile(np.eye(3), (len(poses), 1, 1))
+    for body in dict.fromkeys(observations.column("body").to_pylist()):
+        if body not in tree.links:
+            raise ValueError(f"body {body} is no link of the chain; there are {', '.join(tree.links)}")
+        points = pose_points(observations, body, poses)
+        known = {} if survey is None else _survey_of(survey, body)
+        for k, name in enumerate(points.targets):
+            place, cov = known.get(name, (np.full(3, np.nan), np.full((3, 3), np.nan)))
+            seen = points.seen[:, k] & np.isfinite(points.points[:, k]).all(1)
+            found.append(
+                (
+                    name,
+                    body,
+                    False,
+                    np.where(seen[:, None], points.points[:, k], 0.0),
+                    points.cov[:, k],
+                    seen,
+                    place,
+                    cov,
+                    identity,
+                )
+            )
+    return found
+
+
+def _survey_of(survey: pa.Table, body: str) -> dict[str, tuple[Array, Array]]:
+    own = survey_points(survey, body)
+    return {name: (own.points[k], own.cov[k]) for k, name in enumerate(own.targets)}
+
+
+def _poses(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> list[_Part]:
+    """Position and orientation of each measured link; the correlation between the two is not used."""
+    table = tables.get("measured_poses")
+    found: list[_Part] = []
+    if table is None or not table.num_rows:
+        return found
+    bodies = np.array(table.column("body").to_pylist(), object)
+    for body in dict.fromkeys(bodies):
+        if body not in tree.links:
+            raise ValueError(f"body {body} is no link of the chain; there are {', '.join(tree.links)}")
+        rows = table.filter(pa.array(bodies == body))
+        at = positions(rows.column("pose"), poses)
+        vectors, covs = pose_vectors(rows)[at >= 0], pose_covariances(rows)[at >= 0]
+        at = at[at >= 0]
+        values, cov = np.zeros((2, len(poses), 3)), np.tile(np.eye(3), (2, len(poses), 1, 1))
+        reference, seen = np.tile(np.eye(3), (len(poses), 1, 1)), np.zeros(len(poses), bool)
+        good = np.isfinite(vectors).all(1)
+        at, vectors, covs = at[good], vectors[good], covs[good]
+        values[0, at], cov[0, at], cov[1, at] = vectors[:, :3], covs[:, :3, :3], covs[:, 3:, 3:]
+        reference[at], seen[at] = exp_so3(vectors[:, 3:]), True
+        nowhere = np.full(3, np.nan), np.full((3, 3), np.nan)
+        identity = np.tile(np.eye(3), (len(poses), 1, 1))
+        found.append(("position", body, False, values[0], cov[0], seen, *nowhere, identity))
+        found.append(("orientation", body, True, values[1], cov[1], seen, *nowhere, reference))
+    return found
+
+
+def _conditions(
+    tree: Tree, table: pa.Table, settings: Campaign, measured: _Measured, readings: Array, usable: Mask
+) -> ChainConditions:
+    poses, columns = pose_ids(table), joint_columns(tree, table.schema.names)
+    covariates: dict[str, Array] = {
+        column_alias(field.name): number_column(table, field.name)
+        for field in table.schema
+        if field.name not in ("pose", "role") and str(field.type) in ("double", "int64")
+    }
+    time = covariates.get("time_s")
+    covariates[ORDER] = order_in_time(time, len(poses))
+    if time is not None and np.array_equal(np.diff(np.sort(time)), np.ones(len(time) - 1)):
+        del covariates["time_s"]  # numbers of rows, and no seconds
+        time = None
+    if time is not None:
+        covariates |= {name: between_neighbours(own, time) for name, own in covariates.items() if name != ORDER}
+    steps = [
+        approach(readings[:, k : k + 1], covariates[ORDER], _MOVED * np.ptp(readings[usable, k]))
+        for k in range(readings.shape[1])
+    ]
+    covariates[APPROACH] = np.concatenate(steps, 1)
+    return ChainConditions(
+        readings,
+        covariates,
+        poses,
+        _series(settings, table),
+        measured.reference,
+        payload_of(settings, table),
+        tuple(column_alias(column.name) for column in columns),
+    )
+
+
+def _series(settings: Campaign, table: pa.Table) -> Index:
+    """Number (B,) of the frame in which each pose was measured; 0 for all, unless each series has its own."""
+    if settings.measurement.frame != "series" or "series" not in table.schema.names:
+        return np.zeros(len(table), np.int64)
+    labels = [str(value or "") for value in table.column("series").to_pylist()]
+    return np.unique(labels, return_inverse=True)[1].astype(np.int64)
+
+
+def _model(
+    tree: Tree, settings: Campaign, measured: _Measured, conditions: ChainConditions, fitted: Mask
+) -> tuple[Frames, ChainModel, tuple[JointsExchanged, ...]]:
+    """Frames of all poses, the model, and what is certain before any search; in frames of single poses a measured link is the reference."""
+    count, channels = len(measured.values), measured.channels
+    values, surveyed = measured.values, measured.surveyed
+    frames = Frames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), free=False)
+    base = None
+    reference = _reference(settings, measured)
+    if reference is not None:
+        frames, shape = _pose_frames(measured, reference, fitted)
+        values = np.einsum("bji,bkj->bki", frames.R, values - frames.t[:, None])
+        if channels.node[reference[0]] == 0 and np.isfinite(surveyed[reference]).all():
+            base = np.eye(3)[None], np.zeros((1, 3))
+
+    def start_of(chosen: Mask, given: ChainConditions) -> StartValues:
+        own = fitted & chosen
+        return start_values(tree, channels, given.chosen(own), values[own], measured.seen[own], surveyed, base)
+
+    every = np.ones(count, bool)
+    start, certain = start_of(every, conditions), None
+    if does_not_belong(start):
+        certain = _exchange(tree, likely_slip(conditions, tree.is_revolute, start_of), start)
+        right = certain.sorted(conditions.readings, tree.readings)
+        start = start_of(every, replace(conditions, readings=right))
+    if reference is not None and base is None:
+        # The measured shape of the reference link, in the base's frame, is the frame of the model.
+        R, t = start.base_R[0], start.base_t[0]
+        frames = Frames(frames.R @ R, frames.t + frames.R @ t, free=True)
+        start = replace(start, base_R=np.eye(3)[None], base_t=np.zeros((1, 3)))
+    known = _known(tree, settings, measured, start, reference is None)
+    return frames, ChainModel(tree, channels, known, conditions), () if certain is None else (certain,)
+
+
+def _exchange(tree: Tree, slip: ColumnSlip | None, start: StartValues) -> JointsExchanged:
+    """The exchange of two columns; raises ValueError, with the likely slip, where readings and links do not belong."""
+    missed = (
+        f"the nominal chain misses the measured places by {start.rms / _MM:.3g} mm rms of {start.spread / _MM:.3g} mm"
+    )
+    if slip is None:
+        raise ValueError(
+            f"joint readings and measured links do not belong together: {missed}. Check the columns of the joints, "
+            "their units and signs, the robot description, and the names of the poses"
+        )
+    names = [tree.readings[k] for k in slip.readings]
+    if slip.kind is SlipKind.EXCHANGED:
+        return JointsExchanged(tuple(names))
+    raise ValueError(
+        f"{missed}, and {slip.after / _MM:.3g} mm with {_SLIPS[slip.kind].format(names[0])}. Correct the column, "
+        "or the robot description"
+    )
+
+
+def _reference(settings: Campaign, measured: _Measured) -> Index | None:
+    """Channels of the link that defines the frame of each pose; None if the measurement's frame stands still.
+
+    A single measured link cannot define a frame and be seen in it: the frame then stands still.
+    """
+    channels = measured.channels
+    nodes = np.unique(channels.node)
+    if settings.is_frame_fixed or len(nodes) < 2:
+        return None
+    own = np.flatnonzero((channels.node == nodes[0]) & ~channels.is_rotation)
+    if len(own) < LEAST_TARGETS:
+        raise ValueError(
+            f"link {channels.links[own[0]]} shows fewer than {LEAST_TARGETS} targets, so that no frame joins the poses; "
+            'if the instrument stood still: [measurement] frame = "campaign"'
+        )
+    return own
+
+
+def _pose_frames(measured: _Measured, own: Index, fitted: Mask) -> tuple[Frames, Array]:
+    """Frames (B) of the poses, from that of the reference link's targets, and the shape (k, 3) of these."""
+    points, seen = measured.values[:, own], measured.seen[:, own]
+    shape = measured.surveyed[own]
+    if not np.isfinite(shape).all():
+        whole = np.flatnonzero(seen.all(1) & fitted)
+        if not len(whole):
+            raise ValueError("needs one pose that shows all targets of the reference link")
+        fit = umeyama(points[whole], points[whole[0]][None])
+        shape = np.median(np.einsum("bij,bkj->bki", fit.R, points[whole]) + fit.t[:, None], axis=0)
+    fit = umeyama(np.broadcast_to(shape, points.shape), points, seen.astype(float))
+    ok = np.isfinite(fit.t).all(1)
+    return Frames(np.where(ok[:, None, None], fit.R, np.eye(3)), np.where(ok[:, None], fit.t, 0.0), free=True), shape
+
+
+def _known(tree: Tree, settings: Campaign, measured: _Measured, start: StartValues, is_base_free: bool) -> KnownChain:
+    """Prior knowledge of the chain, by the tolerances and noise of campaign.toml."""
+    section, channels = settings.mechanism, measured.channels
+    assert section.type == "chain"
+    tolerance = section.tolerance
+    lengths = FREE_LENGTH_M if tolerance.length_mm is None else tolerance.length_mm * _MM
+    angles = FREE_ANGLE_RAD if tolerance.angle_deg is None else tolerance.angle_deg * _DEG
+    sigma = np.array([lengths] * 3 + [angles] * 3)
+    offsets = np.where(tree.is_revolute, (tolerance.offset_deg or 0.0) * _DEG, (tolerance.offset_mm or 0.0) * _MM)
+    noise = np.where(tree.is_revolute, settings.noise.joint_deg * _DEG, settings.noise.joint_mm * _MM)
+    is_base_seen = bool((channels.node == 0).any())
+    is_surveyed = np.isfinite(measured.surveyed).all(1)
+    base_known = is_base_seen and bool(is_surveyed[channels.node == 0].all())
+    is_known = tolerance.length_mm is not None or tolerance.angle_deg is not None
+    modes, known = _shape_modes(measured, sigma if is_known else None)
+    tip = tree.links.get(section.tip or "", tree.size - 1)
+    return KnownChain(
+        start.base_R,
+        start.base_t,
+        is_base_free,
+        geometry_modes(tree, sigma, not base_known),
+        is_known,
+        offsets.astype(float),
+        start.shape,
+        modes,
+        known,
+        start.tool,
+        noise.astype(float),
+        None if section.gravity is None else np.array(section.gravity, float),
+        (tip, np.array(section.payload_com_mm, float) * _MM),
+        section.reference_temperature_c,
+    )
+
+
+def _shape_modes(measured: _Measured, tolerance: NDArray | None) -> tuple[Array, Mask]:
+    """Errors of the channels' places per prior sigma (K, 3, W), and which priors are knowledge (W,).
+
+    A surveyed target is known to its survey's noise, and its link's end to the tolerance of the geometry; the place of
+    any other target or tool is free.
+    """
+    count = len(measured.values[0])
+    surveyed = np.isfinite(measured.surveyed).all(1)
+    columns: list[Array] = []
+    known: list[bool] = []
+    for k in range(count):
+        own = np.zeros((count, 3, 3))
+        free = FREE_PLACE * np.eye(3)
+        own[k] = np.linalg.cholesky(measured.survey_cov[k] + 1e-18 * np.eye(3)) if surveyed[k] else free
+        columns.append(own)
+        known += [bool(surveyed[k])] * 3
+    for node in np.unique(measured.channels.node[surveyed]) if tolerance is not None else ():
+        if node == 0:
+            continue
+        moved = np.zeros((count, 3, 6))
+        for k in np.flatnonzero(surveyed & (measured.channels.node == node)):
+            moved[k] = np.concatenate([np.eye(3), -skew(measured.surveyed[k])], 1) * tolerance
+        columns.append(moved)
+        known += [True] * 6
+    return np.concatenate(columns, -1), np.array(known, bool)

@@ -1,0 +1,104 @@
+"""Artifacts of the diagnosis of a chain: errors of each pose and series, identified numbers, and model.toml."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from truing.schemas.artifacts import ARTIFACTS
+from truing.simulation.mechanisms.chains.extended_model import extended_chain, write_chain
+from truing.simulation.mechanisms.chains.model import ChainModel
+from truing.simulation.mechanisms.chains.tree import TWIST
+from truing.stages.diagnosis.diagnosis_data import DiagnosisData, InstrumentResults
+from truing.stages.diagnosis.residual_tables import prediction_table
+
+if TYPE_CHECKING:
+    from truing.inference.fitted_model import FittedModel
+    from truing.inference.selection import CauseDiagnosis
+    from truing.schemas.campaign import Campaign
+
+_MM = 1e-3
+_SHIFTS, _TURNS = ("dx", "dy", "dz"), ("turn_x", "turn_y", "turn_z")
+# The data determine a number if they reduce its prior standard deviation to less than this share.
+_DETERMINED = 0.7
+# A component of a link's error that the parametrisation holds at zero, relative to the others.
+_HELD = 1e-6
+
+
+def results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+    """Errors of each pose, identified numbers of the chain, and the extended model."""
+    final = diagnosis.final
+    return InstrumentResults(
+        {
+            "prediction": prediction_table(diagnosis, data),
+            "chain_parameters": parameters_table(final),
+            "model": text_of_model(final, settings),
+        }
+    )
+
+
+def text_of_model(fitted: FittedModel[Any], settings: Campaign) -> str:
+    """The extended model of a fit, as model.toml has it."""
+    model = fitted.model
+    assert isinstance(model, ChainModel)
+    context = {"campaign": settings.campaign.name}
+    tip = model.known.payload[0]
+    return write_chain(extended_chain(model, fitted.fit.shared, fitted.covariance(), tip, context))
+
+
+def parameters_table(fitted: FittedModel[Any]) -> pa.Table:
+    """Rows of chain_parameters.parquet: zeros of the joints and errors of the links, with tolerance and sigma."""
+    model = fitted.model
+    assert isinstance(model, ChainModel)
+    covariance, shared = fitted.covariance(), fitted.fit.shared
+    rows = list(_zeros(model, shared, covariance))
+    geometry = np.zeros((model.tree.size, TWIST, model.shared_size))
+    geometry[..., model.layout["links"]] = model.known.modes
+    shift = geometry @ shared
+    for k, node in enumerate(model.tree.nodes):
+        prior = np.sqrt(np.sum(geometry[k] ** 2, -1))
+        for c, name in enumerate((*_SHIFTS, *_TURNS)):
+            if (
+                prior[c] <= _HELD * prior[slice(0, 3) if c < TWIST // 2 else slice(3, 6)].max(initial=0.0)
+                or not prior[c]
+            ):
+                continue
+            spread = float(np.sqrt(max(geometry[k, c] @ covariance @ geometry[k, c], 0.0)))
+            unit, si = ("mm", _MM) if c < TWIST // 2 else ("rad", 1.0)
+            rows.append(
+                _row(
+                    node.joint, name, unit, si, float(shift[k, c]), spread, float(prior[c]), not model.known.modes_known
+                )
+            )
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS["chain_parameters"].arrow_schema())
+
+
+def _zeros(model: ChainModel, shared: NDArray, covariance: NDArray) -> Iterator[dict[str, Any]]:
+    """Yield the zeros of the joints that have a tolerance."""
+    for place, reading in enumerate(model.free_offsets):
+        unknown, sigma = model.layout["zeros"].start + place, float(model.known.offsets[reading])
+        unit, si = ("rad", 1.0) if model.tree.is_revolute[reading] else ("mm", _MM)
+        spread = float(np.sqrt(covariance[unknown, unknown])) * sigma
+        name = model.tree.readings[reading]
+        yield _row(name, "offset", unit, si, float(shared[unknown]) * sigma, spread, sigma, is_free=False)
+
+
+def _row(
+    joint: str, name: str, unit: str, si: float, value: float, spread: float, prior: float, is_free: bool
+) -> dict[str, Any]:
+    """One number; its pull compares the shift with what tolerance and data leave uncertain."""
+    expected = np.sqrt(max(prior**2 - spread**2, 0.0))
+    return {
+        "joint": joint,
+        "parameter": name,
+        "unit": unit,
+        "identified": value / si,
+        "sigma": spread / si,
+        "tolerance": None if is_free else prior / si,
+        "pull": None if is_free or not expected > 0.0 else value / expected,
+        "identifiable": spread < _DETERMINED * prior,
+    }

@@ -1,0 +1,178 @@
+"""Input of a campaign of an open chain: the description of its joints, their columns, and points or poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from truing.estimation.rotation import exp_so3
+from truing.formats.faultlog import FaultLog
+from truing.formats.raw import Unusable
+from truing.formats.source import CampaignFiles
+from truing.formats.urdf import Urdf, UrdfJoint, read_urdf
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.near_names import meant
+from truing.simulation.mechanisms.chains.notations import (
+    DenavitHartenberg,
+    Screw,
+    tree_of_rows,
+    tree_of_screws,
+)
+from truing.simulation.mechanisms.chains.tree import JointKind, Node, Tree
+from truing.stages.common.chain_tables import ANGLES, LENGTHS, joint_column, tree_table
+from truing.stages.declaration import Outcome, Progress
+from truing.stages.ingestion.point_campaign import ingest_points
+
+_MM, _DEG = 1e-3, np.pi / 180.0
+Limits = dict[str, tuple[float, float]]
+
+
+def ingest(
+    tables: Mapping[str, pa.Table], settings: Any, source: CampaignFiles, log: FaultLog, progress: Progress
+) -> Outcome:
+    """The tables of the campaign, and `joints`; raises CampaignFaults with all faults together."""
+    tree, limits = read_chain(settings, source)
+    outcome = ingest_points(tables, settings, source, log, progress)
+    table = outcome.artifacts["configurations"]
+    assert isinstance(table, pa.Table)
+    _check_columns(tree, table, log)
+    _check_series(settings, table, log)
+    log.throw()
+    return replace(outcome, artifacts={**outcome.artifacts, "joints": tree_table(tree, limits)})
+
+
+def read_chain(settings: Any, source: CampaignFiles) -> tuple[Tree, Limits]:
+    """The chain that [mechanism] describes, and the limits of its joints; raises CampaignFaults if it is unusable."""
+    section = settings.mechanism
+    if section.dh:
+        return _of_rows(section), {}
+    if section.screws:
+        return _of_screws(section), {}
+    file = source.urdf
+    assert file is not None
+    try:
+        if not file.path.is_file():
+            raise Unusable("an existing URDF file")
+        return _of_urdf(section, read_urdf(file.path))
+    except Unusable as error:
+        raise CampaignFaults([Fault(file.name, error.expected, row=error.row, value=error.value)]) from None
+
+
+def _of_rows(section: Any) -> Tree:
+    rows = [
+        DenavitHartenberg(
+            row.a_mm * _MM,
+            row.alpha_deg * _DEG,
+            row.d_mm * _MM,
+            row.theta_deg * _DEG,
+            JointKind(row.kind),
+            row.convention,
+        )
+        for row in section.dh
+    ]
+    tree = tree_of_rows(rows, section.joint_names, section.base or "base", section.tip or "tip")
+    return _with_masses(tree, section.dh)
+
+
+def _of_screws(section: Any) -> Tree:
+    screws = [
+        Screw(np.array(row.axis) / np.linalg.norm(row.axis), np.array(row.point_mm) * _MM, JointKind(row.kind))
+        for row in section.screws
+    ]
+    home = exp_so3(np.array(section.home.rotation_rad, float)), np.array(section.home.position_mm) * _MM
+    tree = tree_of_screws(screws, home, section.joint_names, section.base or "base", section.tip or "tip")
+    return _with_masses(tree, section.screws)
+
+
+def _with_masses(tree: Tree, rows: Any) -> Tree:
+    moved = [
+        replace(node, mass=row.mass_kg, com=np.array(row.com_mm) * _MM)
+        for node, row in zip(tree.nodes[1:-1], rows, strict=True)
+    ]
+    return replace(tree, nodes=(tree.nodes[0], *moved, tree.nodes[-1]))
+
+
+def _of_urdf(section: Any, robot: Urdf) -> tuple[Tree, Limits]:
+    """The links that the base carries, with every joint between them; a joint that is not read stands at zero."""
+    base = _link(section.base, robot, "base") if section.base else _only(robot.roots, "base")
+    carried = robot.carried(base)
+    tip = _link(section.tip, robot, "tip") if section.tip else _only(robot.ends(base), "tip")
+    on_path = [joint for joint in robot.path(base, tip) if joint.kind != "fixed" and not joint.mimics]
+    names = section.joints or tuple(joint.name for joint in on_path)
+    for name in names:
+        if name not in robot.joints or robot.joints[name].kind == "fixed" or robot.joints[name].mimics:
+            movable = [j.name for j in robot.joints.values() if j.kind != "fixed" and not j.mimics]
+            hint = meant(name, movable) or f"; there are {', '.join(movable)}"
+            raise Unusable(f"a joint that moves and mimics no other, as [mechanism] joints names it{hint}", value=name)
+    if unread := [joint.name for joint in on_path if joint.name not in names]:
+        raise Unusable(f"every joint between {base} and {tip} in [mechanism] joints", value=unread[0])
+    places = {base: 0}
+    mass = robot.links[base]
+    nodes = [Node("", base, -1, np.eye(3), np.zeros(3), mass=mass.mass, com=np.array(mass.com))]
+    for joint in carried:
+        places[joint.child] = len(nodes)
+        nodes.append(_node(joint, places[joint.parent], robot, names))
+    limits = {joint.name: joint.limits for joint in carried if joint.limits is not None}
+    return Tree(tuple(nodes), tuple(names)), limits
+
+
+def _node(joint: UrdfJoint, below: int, robot: Urdf, names: tuple[str, ...]) -> Node:
+    roll, pitch, yaw = joint.rpy
+    turn = exp_so3(np.array([0, 0, yaw])) @ exp_so3(np.array([0, pitch, 0])) @ exp_so3(np.array([roll, 0, 0]))
+    link, reading = robot.links[joint.child], joint.mimics or joint.name
+    is_read = joint.kind != "fixed" and reading in names
+    return Node(
+        joint.name,
+        joint.child,
+        below,
+        turn,
+        np.array(joint.xyz),
+        JointKind(joint.kind) if is_read else JointKind.FIXED,
+        np.array(joint.axis),
+        reading if is_read else "",
+        joint.factor,
+        joint.shift,
+        link.mass,
+        np.array(link.com),
+    )
+
+
+def _link(name: str, robot: Urdf, key: str) -> str:
+    if name in robot.links:
+        return name
+    hint = meant(name, list(robot.links)) or f"; there are {', '.join(robot.links)}"
+    raise Unusable(f"a link of this file as [mechanism] {key}{hint}", value=name)
+
+
+def _only(names: list[str], key: str) -> str:
+    if len(names) == 1:
+        return names[0]
+    raise Unusable(f"[mechanism] {key} to name one of {', '.join(names)}")
+
+
+def _check_columns(tree: Tree, table: pa.Table, log: FaultLog) -> None:
+    """Note every joint without readings, or with readings of a unit that does not fit it."""
+    names = table.schema.names
+    for joint in tree.readings:
+        column = joint_column(tree, joint, names)
+        if column is not None:
+            values = table.column(column.name).to_numpy()
+            if not np.isfinite(values.astype(float)).any():
+                log.add(Fault("configurations.csv", "a number in some rows: the column is empty", column=column.name))
+            continue
+        is_angle = tree.is_revolute[tree.readings.index(joint)]
+        endings, others = (ANGLES, LENGTHS) if is_angle else (LENGTHS, ANGLES)
+        wrong = next((joint + end for end in others if joint + end in names), None)
+        wanted = " or ".join(joint + end for end in endings)
+        hint = f"; joint {joint} {'turns' if is_angle else 'slides'}" if wrong else meant(joint, names)
+        log.add(Fault("configurations.csv", f"a column {wanted}{hint}", column=wrong or joint))
+
+
+def _check_series(settings: Any, table: pa.Table, log: FaultLog) -> None:
+    if settings.measurement.frame == "series" and "series" not in table.schema.names:
+        text = 'a column series, because [measurement] frame = "series"'
+        log.add(Fault("configurations.csv", text, column="series"))

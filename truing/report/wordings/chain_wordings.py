@@ -1,0 +1,93 @@
+"""Wordings of causes that act on an open chain: joints, links and base."""
+
+from __future__ import annotations
+
+from truing.report.diagnosis.findings import subject_words
+from truing.report.wordings.claim import Claim, Wording, by, only, with_sizes
+
+
+def _whose(claim: Claim) -> str:
+    return subject_words(claim.subject) or "the chain"
+
+
+def _offset(claim: Claim) -> str:
+    size, _ = only(claim, "offset")
+    return f"the zero of {_whose(claim)} is off, beyond its tolerance{by(size)}"
+
+
+def _gain(claim: Claim) -> str:
+    size, large = only(claim, "gain")
+    return f"{_whose(claim)} moves {'farther' if large else 'less far'} than it reads{by(size)}"
+
+
+def _backlash(claim: Claim) -> str:
+    size, _ = only(claim, "backlash")
+    return f"{_whose(claim)} has backlash{by(size)}{' to either side' if size else ''}"
+
+
+def _compliance(claim: Claim) -> str:
+    return with_sizes(f"{_whose(claim)} gives way under the weight that it carries", claim)
+
+
+def _bending(claim: Claim) -> str:
+    return with_sizes(f"{_whose(claim)} bends under the weight that it carries", claim)
+
+
+def _growth(claim: Claim) -> str:
+    who = f"{_whose(claim)} grows" if claim.subject else "all links grow"
+    return with_sizes(f"{who} with temperature", claim)
+
+
+def _eccentric(claim: Claim) -> str:
+    return with_sizes(f"the reading of {_whose(claim)} has an error once per turn", claim)
+
+
+def _harmonic(claim: Claim) -> str:
+    order = claim.fact("order")
+    times = f"{float(order):.0f} times" if order is not None else "several times"
+    return with_sizes(f"the motion of {_whose(claim)} has an error {times} per turn", claim)
+
+
+def _drift(claim: Claim) -> str:
+    return with_sizes("the base moves steadily against the instrument, from the first to the last pose", claim)
+
+
+def _jump(claim: Claim) -> str:
+    return with_sizes(f"the base sits elsewhere from pose {claim.fact('from_pose')} on", claim)
+
+
+def _exchanged(claim: Claim) -> str:
+    names = [part for part in claim.subject.split() if part != "joint"]
+    return f"the readings of joints {' and '.join(names)} stand in each other's column"
+
+
+_LOADED = "Repeat the same poses with another known payload. The deflection changes in proportion to the load."
+_TURNING = (
+    "Move this joint alone through its range in steps of 10 degrees, and measure a target far from its axis. "
+    "The error repeats with every turn."
+)
+CHAIN = {
+    "joint-offset": Wording(
+        "joint offset", _offset, "Move this joint to its zero mark, and compare its reading with a level or a pin."
+    ),
+    "joint-gain": Wording(
+        "joint gain", _gain, "Turn this joint alone by a known angle, and compare the angle with its reading."
+    ),
+    "joint-backlash": Wording(
+        "joint backlash", _backlash, "Send this joint to the same readings from both sides, ten times each."
+    ),
+    "joint-eccentricity": Wording("eccentricity of a joint", _eccentric, _TURNING),
+    "joint-harmonic": Wording("harmonic error of a joint", _harmonic, _TURNING),
+    "joint-compliance": Wording("compliance of a joint", _compliance, _LOADED),
+    "link-bending": Wording("bending of a link", _bending, _LOADED),
+    "link-growth": Wording("growth of links", _growth, "Repeat the same poses at two temperatures at least 5 K apart."),
+    "base-drift": Wording(
+        "drift of the base", _drift, "Measure three targets on the base at the start, in the middle and at the end."
+    ),
+    "base-jump": Wording(
+        "jump of the base", _jump, "Measure three targets on the base at every tenth pose, and check its bolts."
+    ),
+    "joints-exchanged": Wording(
+        "exchanged joints", _exchanged, "Compare the columns with the robot's own display, in one pose."
+    ),
+}

@@ -1,0 +1,220 @@
+"""Class `ExtendedChain`: an identified chain with its effects; its model.toml, and prediction of the tip's pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.arrays import Array, Index
+from truing.estimation.rotation import exp_so3, log_so3
+from truing.simulation.catalogue import catalogue_of_chains
+from truing.simulation.mechanisms.chains.causes import ChainCause
+from truing.simulation.mechanisms.chains.conditions import ChainConditions, ChainInputs, MeasuredChannels
+from truing.simulation.mechanisms.chains.model import ChainModel
+from truing.simulation.mechanisms.chains.tree import TWIST, JointKind, Node, Tree
+from truing.simulation.model_text import (
+    IdentifiedInSI,
+    context_of,
+    covariance_from,
+    describes,
+    effects_of,
+    exact,
+    model_text,
+    read_document,
+    toml_value,
+)
+
+MECHANISM = "chain"
+_COMPONENTS = ("dx", "dy", "dz", "turn_x", "turn_y", "turn_z")
+_OWN = ("mechanism", "tip", "readings", "gravity", "payload_com", "reference_temperature_c")
+
+
+@dataclass(frozen=True)
+class ExtendedChain(IdentifiedInSI[ChainCause]):
+    """An identified chain: its tree holds the nominal transforms and ``twists`` (N, 6) what was identified, m and rad.
+
+    The covariance is that of the twists of the nodes ``moved`` (M,), then of the effects. ``tip`` is the node whose pose
+    is predicted; the payload sits at ``payload_com`` (3,) m in its link.
+    """
+
+    tree: Tree
+    twists: NDArray
+    moved: Index
+    tip: int
+    gravity: NDArray | None
+    payload_com: NDArray
+    reference_temperature_c: float
+
+    @property
+    def identified(self) -> Tree:
+        """The tree with what was identified in its transforms."""
+        return self.tree.with_twists(self.twists)
+
+
+def extended_chain(
+    model: ChainModel, shared: NDArray, covariance: NDArray, tip: int, context: dict[str, str]
+) -> ExtendedChain:
+    """Convert a fit, unknowns (G,) with covariance (G, G) in prior sigmas, to the extended model in SI."""
+    own, by_own = identified_twists(model, shared)
+    moved = np.flatnonzero(by_own.any((1, 2)))
+    scales = [by_own[moved].reshape(TWIST * len(moved), -1)]
+    for cause in model.causes:
+        part = np.zeros((len(model.effect_sigma(cause)), model.shared_size))
+        part[:, model.layout[cause.key]] = np.diag(model.effect_sigma(cause))
+        scales.append(part)
+    linear = np.concatenate(scales)
+    known = model.known
+    return ExtendedChain(
+        model.tree,
+        own,
+        moved,
+        tip,
+        known.gravity,
+        known.payload[1],
+        known.reference_temperature_c,
+        effects=model.effects(shared),
+        covariance=linear @ covariance @ linear.T,
+        context=context,
+    )
+
+
+def identified_twists(model: ChainModel, shared: NDArray) -> tuple[Array, Array]:
+    """Return the constant twists (N, 6) of links and joint zeros, and their derivatives (N, 6, G) by the unknowns."""
+    slopes = np.zeros((model.tree.size, TWIST, model.shared_size))
+    slopes[..., model.layout["links"]] = model.known.modes
+    zeros = model.tree.axis_twists[model.free_offsets] * model.known.offsets[model.free_offsets][:, None, None]
+    slopes[..., model.layout["zeros"]] += np.moveaxis(zeros, 0, -1)
+    return np.asarray(slopes @ shared), slopes
+
+
+@dataclass(frozen=True)
+class PredictedTip:
+    """Poses R (B, 3, 3), p (B, 3) m of the tip in the base, with the covariance (B, 6, 6) of (p, theta), SI."""
+
+    R: Array
+    p: Array
+    covariance: Array
+
+
+def predict_tip(extended: ExtendedChain, conditions: ChainConditions) -> PredictedTip:
+    """Return the predicted poses of the tip relative to the base; effects that end with the campaign are omitted."""
+    tree, count = extended.tree, len(conditions.readings)
+    channels = MeasuredChannels(("tip",), (tree.nodes[extended.tip].link,), np.array([extended.tip]), np.zeros(1, bool))
+    machine = ChainInputs.of(
+        tree,
+        channels,
+        conditions,
+        extended.gravity,
+        (extended.tip, extended.payload_com),
+        extended.reference_temperature_c,
+        np.zeros((1, 3)),
+    )
+    twists = np.tile(extended.twists, (count, 1, 1))
+    slopes = [_own_slopes(extended, count)]
+    for effect in extended.effects:
+        own = effect.cause.twists(machine)
+        if own is None or not effect.cause.is_persistent:
+            own = np.zeros((count, tree.size, TWIST, len(effect.values)))
+        twists = twists + own @ effect.values
+        slopes.append(own)
+    frames = tree.frames(conditions.readings, twists)
+    tip = np.array([extended.tip])
+    by_twist = np.concatenate(
+        [tree.point_slopes(frames, tip, frames.t[:, tip]), tree.rotation_slopes(frames, tip)], 2
+    ).reshape(count, TWIST, -1)
+    design = by_twist @ np.concatenate(slopes, -1).reshape(count, tree.size * TWIST, -1)
+    covariance = design @ extended.covariance @ np.swapaxes(design, -1, -2)
+    return PredictedTip(frames.R[:, extended.tip], frames.t[:, extended.tip], np.asarray(covariance))
+
+
+def _own_slopes(extended: ExtendedChain, count: int) -> Array:
+    found = np.zeros((extended.tree.size, TWIST, TWIST * len(extended.moved)))
+    for place, node in enumerate(extended.moved):
+        found[node, :, TWIST * place : TWIST * (place + 1)] = np.eye(TWIST)
+    return np.broadcast_to(found, (count, *found.shape))
+
+
+def write_chain(extended: ExtendedChain) -> str:
+    """Return the model as TOML text."""
+    tree = extended.tree
+    numbers: dict[str, Any] = {"mechanism": MECHANISM, "tip": tree.nodes[extended.tip].link, "readings": tree.readings}
+    if extended.gravity is not None:
+        numbers["gravity"] = exact(extended.gravity)
+    numbers |= {
+        "payload_com": exact(extended.payload_com),
+        "reference_temperature_c": extended.reference_temperature_c,
+    }
+    tables: list[str] = []
+    for k, node in enumerate(tree.nodes):
+        entries = {
+            "joint": node.joint,
+            "link": node.link,
+            "below": node.parent,
+            "kind": str(node.kind),
+            "place": exact(node.t),
+            "rotation": exact(log_so3(node.R)),
+            "axis": exact(node.axis),
+            "follows": node.reading,
+            "factor": node.factor,
+            "zero": node.shift,
+            "mass": node.mass,
+            "centre": exact(node.com),
+            "identified": exact(extended.twists[k]),
+        }
+        tables += ["", "[[joints]]  # nominal, m and rad; identified: shift and rotation of the joint's frame"]
+        tables += [f"{name} = {toml_value(value)}" for name, value in entries.items()]
+    names = [f"{tree.nodes[k].joint or tree.nodes[k].link} {c}" for k in extended.moved for c in _COMPONENTS]
+    return model_text(extended, numbers, tables, (), names=names, units="SI", legs=len(tree.readings))
+
+
+def is_chain(document: dict[str, Any]) -> bool:
+    """Whether a parsed model.toml is that of a chain."""
+    return describes(document, MECHANISM)
+
+
+def read_chain(text: str) -> ExtendedChain:
+    """Read the model from a text of `write_chain`; raises ValueError if the text is no such model."""
+    return read_document(text, _from_document)
+
+
+def _from_document(document: dict[str, Any]) -> ExtendedChain:
+    about, effects = document["model"], effects_of(document, catalogue_of_chains())
+    nodes = tuple(
+        Node(
+            row["joint"],
+            row["link"],
+            int(row["below"]),
+            exp_so3(np.array(row["rotation"], float)),
+            np.array(row["place"], float),
+            JointKind(row["kind"]),
+            np.array(row["axis"], float),
+            row["follows"],
+            float(row["factor"]),
+            float(row["zero"]),
+            float(row["mass"]),
+            np.array(row["centre"], float),
+        )
+        for row in document["joints"]
+    )
+    tree = Tree(nodes, tuple(about["readings"]))
+    twists = np.array([row["identified"] for row in document["joints"]], float)
+    sized = sum(len(effect.values) for effect in effects)
+    named = document["covariance"]["names"]
+    owners = [name.rsplit(" ", 1)[0] for name in named[: len(named) - sized : TWIST]]
+    places = {node.joint or node.link: k for k, node in enumerate(nodes)}
+    gravity = about.get("gravity")
+    return ExtendedChain(
+        tree,
+        twists,
+        np.array([places[name] for name in owners], int),
+        tree.links[about["tip"]],
+        None if gravity is None else np.array(gravity, float),
+        np.array(about["payload_com"], float),
+        float(about["reference_temperature_c"]),
+        effects=effects,
+        covariance=covariance_from(document, len(named)),
+        context=context_of(document, _OWN),
+    )
