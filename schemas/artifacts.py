@@ -49,8 +49,8 @@ _MEASUREMENT = (
     parquet(
         "joints",
         "joints of an open chain with the links that they move, as [mechanism] describes them",
-        "node* joint link below joint_kind x_mm y_mm z_mm rx_rad ry_rad rz_rad axis_x axis_y axis_z follows_joint factor "
-        "zero_si mass_kg com_x_mm com_y_mm com_z_mm lower_si upper_si input",
+        "node* joint link below joint_kind x_mm y_mm z_mm rx_rad ry_rad rz_rad axis_x axis_y axis_z follows_joint "
+        "factor zero_si mass_kg com_x_mm com_y_mm com_z_mm lower_si upper_si input",
     ),
     parquet(
         "readings",
@@ -266,7 +266,7 @@ _CALIBRATION = (
     ),
     parquet(
         "chain_parameters",
-        "identified numbers of an open chain: zero of each joint, and shift and rotation of its frame in the link below",
+        "identified numbers of a chain: zero of each joint, and shift and rotation of its frame in the link below",
         "joint* parameter* unit identified sigma tolerance pull identifiable",
     ),
     parquet(

@@ -255,8 +255,8 @@ class Measurement(Section):
     frame: Literal["pose", "series", "campaign"] = Field(
         "pose",
         description="pose: each pose has its own frame; series: one frame per series (of a chain: column series of "
-        "configurations; else treated like pose, which `truing check` reports); campaign: the instrument did not move, and its frame is used as that of "
-        "`base` if this body is not measured",
+        "configurations; else treated like pose, which `truing check` reports); campaign: the instrument did not move, "
+        "and its frame is used as that of `base` if this body is not measured",
     )
     up: Vector | None = Field(
         None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
@@ -38,11 +38,12 @@ from truing.stages.common.point_arrays import (
     roles_of,
     survey_points,
 )
-from truing.stages.diagnosis.diagnosis_data import Channels, DiagnosisData, ReportedRms
 from truing.stages.diagnosis.chain_results import results, text_of_model
+from truing.stages.diagnosis.diagnosis_data import Channels, DiagnosisData, ReportedRms
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+    from truing.schemas.chain_mechanism import ChainMechanism
 
 _DEG, _MM = np.pi / 180.0, 1e-3
 _ARCSEC = _DEG / 3600.0
@@ -63,8 +64,8 @@ _SLIPS = {
 class _Measured:
     """Channels of some poses: values (B, K, 3), covariances (B, K, 3, 3), and which were seen; m and rad.
 
-    ``surveyed`` (K, 3) and ``survey_cov`` (K, 3, 3) are NaN where a place is unknown; ``reference`` (B, K, 3, 3) are the
-    measured orientations.
+    ``surveyed`` (K, 3) and ``survey_cov`` (K, 3, 3) are NaN where a place is unknown; ``reference`` (B, K, 3, 3) are
+    the measured orientations.
     """
 
     channels: MeasuredChannels
@@ -282,14 +283,17 @@ def _series(settings: Campaign, table: pa.Table) -> Index:
 def _model(
     tree: Tree, settings: Campaign, measured: _Measured, conditions: ChainConditions, fitted: Mask
 ) -> tuple[Frames, ChainModel, tuple[JointsExchanged, ...]]:
-    """Frames of all poses, the model, and what is certain before any search; in frames of single poses a measured link is the reference."""
+    """Frames of all poses, the model, and causes that are certain before any search.
+
+    In frames of single poses a measured link is the reference.
+    """
     count, channels = len(measured.values), measured.channels
     values, surveyed = measured.values, measured.surveyed
     frames = Frames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), free=False)
     base = None
     reference = _reference(settings, measured)
     if reference is not None:
-        frames, shape = _pose_frames(measured, reference, fitted)
+        frames = _pose_frames(measured, reference, fitted)
         values = np.einsum("bji,bkj->bki", frames.R, values - frames.t[:, None])
         if channels.node[reference[0]] == 0 and np.isfinite(surveyed[reference]).all():
             base = np.eye(3)[None], np.zeros((1, 3))
@@ -344,14 +348,14 @@ def _reference(settings: Campaign, measured: _Measured) -> Index | None:
     own = np.flatnonzero((channels.node == nodes[0]) & ~channels.is_rotation)
     if len(own) < LEAST_TARGETS:
         raise ValueError(
-            f"link {channels.links[own[0]]} shows fewer than {LEAST_TARGETS} targets, so that no frame joins the poses; "
+            f"link {channels.links[own[0]]} shows fewer than {LEAST_TARGETS} targets, so no frame joins the poses; "
             'if the instrument stood still: [measurement] frame = "campaign"'
         )
     return own
 
 
-def _pose_frames(measured: _Measured, own: Index, fitted: Mask) -> tuple[Frames, Array]:
-    """Frames (B) of the poses, from that of the reference link's targets, and the shape (k, 3) of these."""
+def _pose_frames(measured: _Measured, own: Index, fitted: Mask) -> Frames:
+    """Frames (B) of the poses, from that of the reference link's targets."""
     points, seen = measured.values[:, own], measured.seen[:, own]
     shape = measured.surveyed[own]
     if not np.isfinite(shape).all():
@@ -362,13 +366,12 @@ def _pose_frames(measured: _Measured, own: Index, fitted: Mask) -> tuple[Frames,
         shape = np.median(np.einsum("bij,bkj->bki", fit.R, points[whole]) + fit.t[:, None], axis=0)
     fit = umeyama(np.broadcast_to(shape, points.shape), points, seen.astype(float))
     ok = np.isfinite(fit.t).all(1)
-    return Frames(np.where(ok[:, None, None], fit.R, np.eye(3)), np.where(ok[:, None], fit.t, 0.0), free=True), shape
+    return Frames(np.where(ok[:, None, None], fit.R, np.eye(3)), np.where(ok[:, None], fit.t, 0.0), free=True)
 
 
 def _known(tree: Tree, settings: Campaign, measured: _Measured, start: StartValues, is_base_free: bool) -> KnownChain:
     """Prior knowledge of the chain, by the tolerances and noise of campaign.toml."""
-    section, channels = settings.mechanism, measured.channels
-    assert section.type == "chain"
+    section, channels = cast("ChainMechanism", settings.mechanism), measured.channels
     tolerance = section.tolerance
     lengths = FREE_LENGTH_M if tolerance.length_mm is None else tolerance.length_mm * _MM
     angles = FREE_ANGLE_RAD if tolerance.angle_deg is None else tolerance.angle_deg * _DEG
@@ -376,7 +379,7 @@ def _known(tree: Tree, settings: Campaign, measured: _Measured, start: StartValu
     offsets = np.where(tree.is_revolute, (tolerance.offset_deg or 0.0) * _DEG, (tolerance.offset_mm or 0.0) * _MM)
     noise = np.where(tree.is_revolute, settings.noise.joint_deg * _DEG, settings.noise.joint_mm * _MM)
     is_base_seen = bool((channels.node == 0).any())
-    is_surveyed = np.isfinite(measured.surveyed).all(1)
+    is_surveyed = np.asarray(np.isfinite(measured.surveyed).all(1))
     base_known = is_base_seen and bool(is_surveyed[channels.node == 0].all())
     is_known = tolerance.length_mm is not None or tolerance.angle_deg is not None
     modes, known = _shape_modes(measured, sigma if is_known else None)
@@ -406,7 +409,7 @@ def _shape_modes(measured: _Measured, tolerance: NDArray | None) -> tuple[Array,
     any other target or tool is free.
     """
     count = len(measured.values[0])
-    surveyed = np.isfinite(measured.surveyed).all(1)
+    surveyed = np.asarray(np.isfinite(measured.surveyed).all(1))
     columns: list[Array] = []
     known: list[bool] = []
     for k in range(count):
@@ -415,12 +418,12 @@ def _shape_modes(measured: _Measured, tolerance: NDArray | None) -> tuple[Array,
         own[k] = np.linalg.cholesky(measured.survey_cov[k] + 1e-18 * np.eye(3)) if surveyed[k] else free
         columns.append(own)
         known += [bool(surveyed[k])] * 3
-    for node in np.unique(measured.channels.node[surveyed]) if tolerance is not None else ():
+    for node in map(int, np.unique(measured.channels.node[surveyed])) if tolerance is not None else ():
         if node == 0:
             continue
         moved = np.zeros((count, 3, 6))
-        for k in np.flatnonzero(surveyed & (measured.channels.node == node)):
-            moved[k] = np.concatenate([np.eye(3), -skew(measured.surveyed[k])], 1) * tolerance
+        for own_k in np.flatnonzero(surveyed & (measured.channels.node == node)):
+            moved[own_k] = np.concatenate([np.eye(3), -skew(measured.surveyed[own_k])], 1) * tolerance
         columns.append(moved)
         known += [True] * 6
     return np.concatenate(columns, -1), np.array(known, bool)

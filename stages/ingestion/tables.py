@@ -170,7 +170,7 @@ def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTab
     if found is None or not set(COORDINATES) <= set(found.table.column_names):
         return None
     if is_chain:
-        gaps = np.isnan(np.column_stack([numbers(found, name) for name in COORDINATES])).any(1)
+        gaps = np.asarray(np.isnan(np.column_stack([numbers(found, name) for name in COORDINATES])).any(1))
         if gaps.all():
             return None
         found = without(found, gaps, "no place is given: it is unknown")

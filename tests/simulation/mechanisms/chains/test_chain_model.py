@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
@@ -32,7 +32,7 @@ from truing.simulation.mechanisms.chains.causes import (
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels
 from truing.simulation.mechanisms.chains.model import ChainModel, KnownChain
 from truing.simulation.mechanisms.chains.notations import DenavitHartenberg, tree_of_rows
-from truing.simulation.mechanisms.chains.tree import Node, Tree, geometry_modes
+from truing.simulation.mechanisms.chains.tree import Tree, geometry_modes
 
 ROWS = [
     DenavitHartenberg(0.05, np.pi / 2, 0.35, 0.0),
@@ -46,8 +46,9 @@ NOISE_M, NOISE_RAD = 2e-5, 5e-5
 
 def arm() -> Tree:
     tree = tree_of_rows(ROWS, ("j1", "j2", "j3", "j4", "j5"))
-    mass = [0.0, 8.0, 6.0, 4.0, 2.0, 1.0, 0.0]
-    nodes = [Node(**{**vars(node), "mass": m, "com": np.array([0.0, 0.05, 0.1])}) for node, m in zip(tree.nodes, mass)]
+    mass = (0.0, 8.0, 6.0, 4.0, 2.0, 1.0, 0.0)
+    centre = np.array([0.0, 0.05, 0.1])
+    nodes = [replace(node, mass=m, com=centre) for node, m in zip(tree.nodes, mass, strict=True)]
     return Tree(tuple(nodes), tree.readings)
 
 
@@ -116,10 +117,10 @@ def test_derivatives_are_those_of_the_channels(orientation: bool) -> None:
     rng = np.random.default_rng(1)
     model = campaign(rng, 10, 2, orientation).with_causes(EVERY)
     own = model.known
-    noisy = KnownChain(**{**vars(own), "reading_sigma": np.full(5, 1e-4)})
-    model = ChainModel(model.tree, model.channels, noisy, model.conditions, causes=model.causes)
+    noisy = replace(own, reading_sigma=np.full(5, 1e-4))
+    model = replace(model, known=noisy)
     reference = model.tree_frames(np.zeros(model.shared_size), np.zeros((10, 5))).R[:, model.channels.node]
-    conditions = ChainConditions(**{**vars(model.conditions), "reference": reference})
+    conditions = replace(model.conditions, reference=reference)
     model = model.at(conditions)
     shared, local = 0.01 * rng.normal(size=model.shared_size), rng.normal(size=(10, 5))
     found = model.predict(shared, local)
@@ -149,7 +150,7 @@ def diagnosed(effects: Sequence[Effect[ChainCause]], seed: int, orientation: boo
         seen = exp_so3(sigma * rng.normal(size=values.shape))[:, turned] @ exp_so3(values[:, turned])
         reference = model.conditions.reference.copy()
         reference[:, turned] = seen
-        model = model.at(ChainConditions(**{**vars(model.conditions), "reference": reference}))
+        model = model.at(replace(model.conditions, reference=reference))
         values[:, turned] = 0.0
     values[:, ~turned] += (sigma * rng.normal(size=values.shape))[:, ~turned]
     covariance = np.broadcast_to((sigma**2)[..., None] * np.eye(3), (*values.shape, 3))

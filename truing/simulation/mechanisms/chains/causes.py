@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +58,8 @@ class ChainCause(Cause[ChainScene]):
         return None
 
     def shifts(self, machine: ChainInputs) -> NDArray | None:
-        """Return the shifts (B, K, 3, P) of targets in their links per unit of the parameters, m; None if none moves."""
+        """Return the shifts (B, K, 3, P) of targets in their links per unit of the parameters, m; None if none
+        moves."""
         return None
 
 
@@ -75,7 +77,7 @@ class JointCause(ChainCause):
         """The joint."""
         return f"joint {self.joint}"
 
-    def candidates(self, scene: ChainScene) -> Sequence[JointCause]:
+    def candidates(self, scene: ChainScene) -> Sequence[Self]:
         """Return every joint that moved and to which the cause applies."""
         machine = scene.inputs_of_machine
         found = [
@@ -189,13 +191,13 @@ class JointHarmonic(JointCause):
 
     id = "joint-harmonic"
 
-    def candidates(self, scene: ChainScene) -> Sequence[JointCause]:
+    def candidates(self, scene: ChainScene) -> Sequence[Self]:
         """Return every revolute joint with every order of which it covers half a period at least."""
         machine = scene.inputs_of_machine
-        found: list[JointCause] = []
+        found: list[Self] = []
         for cause in super().candidates(scene):
             travel = np.ptp(machine.readings[:, machine.tree.readings.index(cause.joint)])
-            found += [replace(cause, order=k) for k in HARMONICS if travel * k >= np.pi]  # type: ignore[call-arg]
+            found += [replace(cause, order=k) for k in HARMONICS if travel * k >= np.pi]
         return found
 
     def applies(self, machine: ChainInputs) -> bool:
@@ -229,14 +231,14 @@ class JointCompliance(JointCause):
     id = "joint-compliance"
     lacking = Missing.PAYLOAD
 
-    def candidates(self, scene: ChainScene) -> Sequence[JointCause]:
+    def candidates(self, scene: ChainScene) -> Sequence[Self]:
         """Return every joint whose load by weight varies."""
         machine = scene.inputs_of_machine
-        found: list[JointCause] = []
+        found: list[Self] = []
         for cause in super().candidates(scene):
             torque = machine.torque(machine.tree.readings.index(cause.joint))
             if np.ptp(torque) > 0.0:
-                found.append(replace(cause, load=float(np.abs(torque).max())))  # type: ignore[call-arg]
+                found.append(replace(cause, load=float(np.abs(torque).max())))
         return found
 
     def one_sided(self, legs: int) -> tuple[int, ...]:

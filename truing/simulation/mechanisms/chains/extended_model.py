@@ -36,8 +36,8 @@ _OWN = ("mechanism", "tip", "readings", "gravity", "payload_com", "reference_tem
 class ExtendedChain(IdentifiedInSI[ChainCause]):
     """An identified chain: its tree holds the nominal transforms and ``twists`` (N, 6) what was identified, m and rad.
 
-    The covariance is that of the twists of the nodes ``moved`` (M,), then of the effects. ``tip`` is the node whose pose
-    is predicted; the payload sits at ``payload_com`` (3,) m in its link.
+    The covariance is that of the twists of the nodes ``moved`` (M,), then of the effects. ``tip`` is the node whose
+    pose is predicted; the payload sits at ``payload_com`` (3,) m in its link.
     """
 
     tree: Tree

@@ -29,11 +29,12 @@ FREE_PLACE = 0.05
 class KnownChain:
     """Prior knowledge of a chain; m and rad.
 
-    ``base_R`` (S, 3, 3), ``base_t`` (S, 3): start values of the base's place in each frame of the measurement. ``modes``
-    (N, 6, Q): errors of the links per prior sigma; ``offsets`` (n,): prior sigma of each joint's zero, 0 if exact.
-    ``shape`` (K, 3): start values of the channels' places in their links, ``shape_modes`` (K, 3, W) their errors per
-    prior sigma. ``tool`` (K, 3, 3): start values of the orientations. ``is_known``: whether the priors of base, modes
-    and shape are knowledge, else wide defaults. ``reading_sigma`` (n,): noise of the readings.
+    ``base_R`` (S, 3, 3), ``base_t`` (S, 3): start values of the base's place in each frame of the measurement.
+    ``modes`` (N, 6, Q): errors of the links per prior sigma, ``modes_known`` if that is a tolerance. ``offsets`` (n,):
+    prior sigma of each joint's zero, 0 if exact. ``shape`` (K, 3): start values of the channels' places in their
+    links; ``shape_modes`` (K, 3, W) their errors per prior sigma, ``shape_known`` (W,) if surveyed. ``tool`` (K, 3, 3):
+    start values of the orientations. ``reading_sigma`` (n,): noise of the readings. ``gravity`` (3,): its direction
+    in the base's frame; ``payload``: the node that carries it, and its centre of mass, m.
     """
 
     base_R: NDArray
