@@ -1,4 +1,4 @@
-"""A serial arm, which has no legs, enters with a model, a scene and causes of its own: docs/own-mechanism.md."""
+"""A serial arm, which has no legs, enters with a model, a scene and causes of its own: truing/inference."""
 
 from __future__ import annotations
 
