@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from truing.simulation.mechanisms.recording import Conditions
 
 # What predicts by the model of a mechanism that is neither of legs nor a sensor on its bench, by its name there.
-_OF_MECHANISMS = {"axis": "truing.stages.axis.prediction"}
+_OF_MECHANISMS = {"axis": "truing.stages.axis.prediction", "chain": "truing.stages.chain.prediction"}
 
 
 def predict(model: str, inputs: pa.Table, file: str = "configurations") -> pa.Table:

@@ -29,7 +29,7 @@ from truing.simulation.model_text import (
 
 MECHANISM = "chain"
 _COMPONENTS = ("dx", "dy", "dz", "turn_x", "turn_y", "turn_z")
-_OWN = ("mechanism", "tip", "readings", "gravity", "payload_com", "reference_temperature_c")
+_OWN = ("mechanism", "tip", "readings", "gravity", "payload_com", "payload_kg", "reference_temperature_c")
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,8 @@ class ExtendedChain(IdentifiedInSI[ChainCause]):
     """An identified chain: its tree holds the nominal transforms and ``twists`` (N, 6) what was identified, m and rad.
 
     The covariance is that of the twists of the nodes ``moved`` (M,), then of the effects. ``tip`` is the node whose
-    pose is predicted; the payload sits at ``payload_com`` (3,) m in its link.
+    pose is predicted; the payload of ``payload_kg`` sits at ``payload_com`` (3,) m in its
+    link.
     """
 
     tree: Tree
@@ -46,6 +47,7 @@ class ExtendedChain(IdentifiedInSI[ChainCause]):
     tip: int
     gravity: NDArray | None
     payload_com: NDArray
+    payload_kg: float
     reference_temperature_c: float
 
     @property
@@ -74,6 +76,7 @@ def extended_chain(
         tip,
         known.gravity,
         known.payload[1],
+        float(np.median(model.conditions.payload_kg)),
         known.reference_temperature_c,
         effects=model.effects(shared),
         covariance=linear @ covariance @ linear.T,
@@ -145,6 +148,7 @@ def write_chain(extended: ExtendedChain) -> str:
         numbers["gravity"] = exact(extended.gravity)
     numbers |= {
         "payload_com": exact(extended.payload_com),
+        "payload_kg": extended.payload_kg,
         "reference_temperature_c": extended.reference_temperature_c,
     }
     tables: list[str] = []
@@ -213,6 +217,7 @@ def _from_document(document: dict[str, Any]) -> ExtendedChain:
         tree.links[about["tip"]],
         None if gravity is None else np.array(gravity, float),
         np.array(about["payload_com"], float),
+        float(about["payload_kg"]),
         float(about["reference_temperature_c"]),
         effects=effects,
         covariance=covariance_from(document, len(named)),

@@ -1,0 +1,1 @@
+"""Predictions by the extended model of an open chain."""
