@@ -156,6 +156,11 @@ class LeggedMechanism(MechanismSection):
     legs: tuple[Leg, ...] = Field(description="one entry per leg, in leg order")
     flexure: Rod | None = Field(None, description="stiffness model: the flexures")
     leg_tube: Rod | None = Field(None, description="stiffness model: the legs")
+    stiffness_along_motion: bool = Field(
+        False,
+        description="one more model, stiffness-along: the stiffness of each leg has its mean direction between the "
+        "reference and the pose, instead of that at the reference",
+    )
     tolerance: Tolerance = Field(Tolerance(), description="prior uncertainty of the geometry")
     actuator_pitch_mm: Positive | None = Field(None, description="lead of the actuators' leadscrews")
     actuator_accuracy_mm: OneOrSeveral | None = Field(

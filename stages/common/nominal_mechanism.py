@@ -65,6 +65,7 @@ def nominal_machine(mechanism: LeggedMechanism) -> Machine:
         _section(mechanism.flexure),
         _section(mechanism.leg_tube),
         beta=np.array([leg.flexure_beta for leg in mechanism.legs]),
+        follows_motion=mechanism.stiffness_along_motion,
     )
 
 

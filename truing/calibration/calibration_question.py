@@ -26,7 +26,7 @@ from truing.simulation.mechanisms.structures.structure import Machine, Structure
 from truing.simulation.targets import FREE_ANGLE_RAD, FREE_DIRECTION, FREE_LENGTH_M
 
 DEFORMATIONS = ("none", "linear", "matrix")
-OF_FLEXURES = ("beam", "stiffness")  # models of bending flexures; beta belongs to the first
+OF_FLEXURES = ("beam", "stiffness", "stiffness-along")  # models of bending flexures; beta belongs to the first
 IN_PLANE = "in-plane"  # matrix, with the attachments' shifts along x and y
 # Prior sigma of a deformation coefficient without any knowledge.
 _FREE_DEFORMATION = 0.1

@@ -27,7 +27,8 @@ from truing.simulation.mechanisms.structures.stiffness_model import StiffnessMod
 from truing.simulation.mechanisms.structures.structure import NO_CHANGE, Machine, Structure, poses_at, readings_at
 
 BEAM, ARC, STIFFNESS = BeamModel(), BeamModel("beam, exact arc", arc_distance), StiffnessModel()
-MODELS = [BEAM, STIFFNESS]
+ALONG, AT_POSE = StiffnessModel("along", 0.5), StiffnessModel("at the pose", 1.0)
+MODELS = [BEAM, STIFFNESS, ALONG]
 KINDS = ["6-pus", "ups"]
 
 
@@ -43,7 +44,7 @@ def _poses(machine: Machine, rng: np.random.Generator, count: int = 3) -> tuple[
     ("model", "field"),
     [
         *((model, field) for model in (BEAM, ARC) for field in SHAPES),
-        *((STIFFNESS, field) for field in (*SHAPES, *SECTIONS)),
+        *((model, field) for model in (STIFFNESS, ALONG, AT_POSE) for field in (*SHAPES, *SECTIONS)),
     ],
     ids=lambda part: getattr(part, "name", part),
 )

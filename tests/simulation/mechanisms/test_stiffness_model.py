@@ -26,7 +26,7 @@ from truing.estimation.rotation import log_so3
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.legs.kinematics import forward, reference_pose
 from truing.simulation.mechanisms.structures.beams import assembled, condensed
-from truing.simulation.mechanisms.structures.catalogue import departure
+from truing.simulation.mechanisms.structures.catalogue import departure, structures
 from truing.simulation.mechanisms.structures.kinematic_model import JacobianModel
 from truing.simulation.mechanisms.structures.stiffness_model import (
     StiffnessModel,
@@ -48,6 +48,22 @@ def _error_um(machine: Machine, moved: NDArray = TABLE_3) -> NDArray:
     rho = machine.legs.rho0 + moved
     reached = forward(machine.legs, rho)
     return (readings_at(MODEL, machine, reached.p, reached.R).rho - rho) * 1e6
+
+
+def test_along_the_motion_the_error_of_linearity_is_gone_and_at_the_pose_it_changes_its_sign() -> None:
+    machine = flexure_telescope()
+    rho = machine.legs.rho0 + TABLE_3
+    at_reference, along, at_pose = (departure(StiffnessModel("", share), machine, rho) for share in (0.0, 0.5, 1.0))
+    rms = [float(np.sqrt(np.mean(part**2))) * 1e6 for part in (at_reference, along, at_pose)]
+    assert_between(rms[0], 25.0, 35.0, what="at the reference, um")
+    assert_between(rms[1], 0.1, 0.6, what="along the motion, um")  # what flexures really cost, as in the beam model
+    assert_close(at_pose + at_reference, np.zeros_like(at_pose), atol=0.06 * np.abs(at_reference).max())
+
+
+def test_the_model_along_the_motion_is_offered_on_request_alone() -> None:
+    names = [model.name for model in structures(replace(flexure_telescope(), follows_motion=True))]
+    assert names == ["6-pus", "jacobian", "beam", "stiffness", "stiffness-along"]
+    assert "stiffness-along" not in {model.name for model in structures(flexure_telescope())}
 
 
 def test_readings_and_loads_are_those_of_the_reference() -> None:

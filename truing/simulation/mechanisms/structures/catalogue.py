@@ -11,11 +11,15 @@ from truing.simulation.mechanisms.structures.kinematic_model import JacobianMode
 from truing.simulation.mechanisms.structures.stiffness_model import StiffnessModel
 from truing.simulation.mechanisms.structures.structure import Machine, Structure, readings_at
 
+ALONG = 0.5  # of a leg's turn: its mean direction during a motion from the reference
+
 
 def structures(machine: Machine) -> tuple[Structure, ...]:
     """Return the models whose numbers the machine has; the model of rigid legs comes first."""
     rigid = KinematicModel(machine.legs.closure.name)
     others: tuple[Structure, ...] = (JacobianModel(), BeamModel(), StiffnessModel())
+    if machine.follows_motion:
+        others = (*others, StiffnessModel("stiffness-along", ALONG))
     return (rigid, *(model for model in others if model.fits(machine)))
 
 

@@ -12,7 +12,7 @@ derivatives are those of the equilibrium at the readings that satisfy it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,8 +26,10 @@ from truing.simulation.mechanisms.legs.kinematics import (
     ReferencePose,
     attachment_change,
     attachments,
+    leg_vectors,
     reference_change,
     reference_pose,
+    unit,
 )
 from truing.simulation.mechanisms.structures.beams import (
     Chain,
@@ -50,13 +52,16 @@ class ReferenceLegs:
     """The legs at the reference, unstrained, in the base frame; batches of machines lead, at least one axis.
 
     half: half a flexure along its leg (..., L, 3), m; drive: motion of a leg's root per reading (..., L, 3); stiffness:
-    K22 (..., L, 6, 6) of the legs at b', with fixed root.
+    K22 (..., L, 6, 6) of the legs at b', with fixed root; axis: direction (..., L, 3) of this stiffness, that of the
+    leg at the reference unless the model follows the motion, and size (..., L): length of the mixture that gives it.
     """
 
     reference: ReferencePose
     half: NDArray
     drive: NDArray
     stiffness: NDArray
+    axis: NDArray
+    size: NDArray
 
 
 @dataclass(frozen=True)
@@ -95,7 +100,25 @@ def at_rest(machine: Machine) -> ReferenceLegs:
     reference = reference_pose(legs)
     local = condensed(assembled(chain))[..., PLATFORM_END, PLATFORM_END]
     half = 0.5 * chain.flexure_length[..., None] * reference.z
-    return ReferenceLegs(reference, half, drive(legs, reference.z), in_frame(local, beam_axes(reference.z)))
+    stiffness = in_frame(local, beam_axes(reference.z))
+    size = np.ones(reference.z.shape[:-1])
+    return ReferenceLegs(reference, half, drive(legs, reference.z), stiffness, reference.z, size)
+
+
+def followed(
+    machine: Machine, rest: ReferenceLegs, p: NDArray, R: NDArray, rho: NDArray, share: float
+) -> ReferenceLegs:
+    """Return the legs with the stiffness along z0 + share (z - z0), z0 and z their directions at the reference and at
+    poses p (B, 3), R (B, 3, 3) with readings rho (B, L).
+
+    One half is the mean direction of the motion: load = K displacement then integrates K along it to second order.
+    """
+    z = unit(leg_vectors(machine.legs, p, R, rho, machine.delta_bz(rho)))
+    mixed = rest.reference.z + share * (z - rest.reference.z)
+    size = np.sqrt(np.sum(mixed * mixed, -1))
+    axis = mixed / size[..., None]
+    local = condensed(assembled(chain_of(machine)))[..., PLATFORM_END, PLATFORM_END]
+    return replace(rest, stiffness=in_frame(local, beam_axes(axis)), axis=axis, size=size)
 
 
 def drive(legs: Legs, z: NDArray) -> NDArray:
@@ -162,14 +185,17 @@ def _carried(arm: NDArray, load: NDArray) -> NDArray:
     return np.concatenate([force, moment + np.cross(arm, force)], -1)
 
 
+@dataclass(frozen=True)
 class StiffnessModel:
     """Closure residuals: readings minus those of equilibrium at the pose, deformed as at the readings.
 
     Only for six legs, where six equations determine six readings. With fewer legs, some loads have no equilibrium; with
-    more, legs can strain each other, so that the readings do not follow from the pose.
+    more, legs can strain each other, so that the readings do not follow from the pose. ``follows``: share of a leg's
+    turn by which its stiffness turns with it, 0 for the stiffness of the reference.
     """
 
-    name = "stiffness"
+    name: str = "stiffness"
+    follows: float = 0.0
 
     def fits(self, machine: Machine) -> bool:
         """Whether there are six legs with known flexures and tubes."""
@@ -182,14 +208,24 @@ class StiffnessModel:
         Raises ValueError if flexures or tubes are unknown.
         """
         rest = at_rest(machine)
+        if self.follows:
+            rest = followed(machine, rest, p, R, rho, self.follows)
         found = balance(machine, rest, p, R, rho)
         response = _response(rest, found)
         by_shift = np.einsum("...lmi,...i->...ml", response.node, R[..., :, 2])
         by_parameter = by_shift @ shifting(machine, rho, change).fields["delta_bz"]
         if change.size:
-            by_parameter = by_parameter + _by_parameter(machine, rest, found, response, R, change)
-        by_rho = np.eye(6) + by_shift @ machine.deformation
-        return Closing(found.excess, _by_twist(found, response), by_rho, by_parameter)
+            by_parameter = by_parameter + _by_parameter(machine, rest, found, response, R, change, self.follows)
+        closing = Closing(
+            found.excess, _by_twist(found, response), np.eye(6) + by_shift @ machine.deformation, by_parameter
+        )
+        if not self.follows:
+            return closing
+        turned = _direction_changes(machine, p, R, rho, change)
+        by_turn = _by_axis(found, response, rest) @ _turns(machine, rest, p, R, rho, self.follows)
+        slopes = (np.sum(by_turn @ part, -3) for part in turned)
+        parts = (closing.by_twist, closing.by_rho, closing.by_parameter)
+        return Closing(found.excess, *(part + slope for part, slope in zip(parts, slopes, strict=True)))
 
 
 def compliance(machine: Machine, p: NDArray, R: NDArray, rho: NDArray) -> NDArray:
@@ -200,6 +236,29 @@ def compliance(machine: Machine, p: NDArray, R: NDArray, rho: NDArray) -> NDArra
     rest = at_rest(machine)
     found = balance(machine, rest, p, R, rho)
     return np.linalg.solve(_by_twist(found, _response(rest, found)), found.inverse)
+
+
+def _direction_changes(
+    machine: Machine, p: NDArray, R: NDArray, rho: NDArray, change: Change
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Return the derivatives (B, L, 3, n) of the vectors from lower to upper joints by twist, readings, parameters."""
+    legs, shift = machine.legs, machine.delta_bz(rho)
+    arms = attachments(legs, shift) @ np.swapaxes(R, -1, -2)
+    driven = Change({"rho": np.eye(legs.count), "delta_bz": machine.deformation}, legs.count)
+    by_twist = np.concatenate([np.broadcast_to(np.eye(3), (*arms.shape, 3)), -skew(arms)], -1)
+    bent = shifting(machine, rho, change)
+    by_rho, by_parameter = (
+        attachment_change(legs, R, part) - legs.closure.lower_change(legs, rho, part) for part in (driven, bent)
+    )
+    return by_twist, by_rho, by_parameter
+
+
+def _turns(machine: Machine, rest: ReferenceLegs, p: NDArray, R: NDArray, rho: NDArray, share: float) -> NDArray:
+    """Return the rotation (B, L, 3, 3) of a leg's stiffness per change of the vector between its joints."""
+    g = leg_vectors(machine.legs, p, R, rho, machine.delta_bz(rho))
+    z, distance = unit(g), np.sqrt(np.sum(g * g, -1))
+    across = np.eye(3) - z[..., :, None] * z[..., None, :]
+    return skew(rest.axis) @ across * (share / distance / rest.size)[..., None, None]
 
 
 @dataclass(frozen=True)
@@ -232,7 +291,13 @@ def _by_twist(found: Balance, response: _Response) -> NDArray:
 
 
 def _by_parameter(
-    machine: Machine, rest: ReferenceLegs, found: Balance, response: _Response, R: NDArray, change: Change
+    machine: Machine,
+    rest: ReferenceLegs,
+    found: Balance,
+    response: _Response,
+    R: NDArray,
+    change: Change,
+    share: float = 0.0,
 ) -> NDArray:
     """Return the derivative (B, 6, P) by the machine at the reference: pose, nodes, drives and stiffness."""
     moved = reference_change(machine.legs, rest.reference, change)
@@ -247,11 +312,17 @@ def _by_parameter(
     changes = (
         *_node_changes(machine, rest, moved, change),
         _drive_change(machine, moved, change),
-        np.cross(rest.reference.z[..., None], moved.z, axis=-2),
+        _turn_by_reference(rest, moved.z, share),
         _chain_change(machine, change),
     )
     legwise = _summed(np.concatenate(answers, -1), _stacked(changes))
     return legwise + reference_turn - change.get("rho0", (machine.legs.count,))
+
+
+def _turn_by_reference(rest: ReferenceLegs, moved: NDArray, share: float) -> NDArray:
+    """Return the rotation (..., L, 3, P) of the stiffness by changes (..., L, 3, P) of the directions at the
+    reference."""
+    return (1.0 - share) * np.cross(rest.axis[..., None], moved, axis=-2) / rest.size[..., None, None]
 
 
 def _summed(answers: NDArray, changes: NDArray) -> NDArray:
@@ -296,7 +367,7 @@ def _by_stiffness(machine: Machine, found: Balance, response: _Response, rest: R
     """Return the derivative (B, L, 6, 8) by the inputs of a chain's stiffness, in the order of `assembled_change`."""
     chain = chain_of(machine)
     local = condensed_change(assembled(chain), assembled_change(chain))[..., PLATFORM_END, PLATFORM_END]
-    slope = in_frame(local, beam_axes(rest.reference.z)[..., None, :, :])
+    slope = in_frame(local, beam_axes(rest.axis)[..., None, :, :])
     load = np.einsum("...lqij,...lj->...liq", slope, found.strain)
     return response.wrench @ load
 

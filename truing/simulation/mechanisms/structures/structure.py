@@ -48,7 +48,7 @@ class Machine:
     the joints are flexures; beta: (..., L), the flexures' design parameter (eq. 15), None for 1/4; flexure, tube: their
     sections, if known; load: wrench (..., 6) on the platform at its origin, base axes, N and N m; in_plane: shift of
     attachment i along x and y of the platform per displacement of actuator j, (L, 2, L), which only the kinematic model
-    uses; None for none.
+    uses; None for none; follows_motion: whether a stiffness model along the motion is wanted.
     """
 
     legs: Legs
@@ -59,6 +59,7 @@ class Machine:
     load: NDArray = field(default_factory=lambda: np.zeros(6))
     in_plane: NDArray | None = None
     beta: NDArray | None = None
+    follows_motion: bool = False
 
     def delta_bz(self, rho: NDArray) -> NDArray:
         """Return the attachments' shift (..., L), m, along z of the platform at readings rho (..., L), m."""
