@@ -15,7 +15,7 @@ from pathlib import Path
 from docs.experiments import telescope_report_statements as statements
 from docs.experiments import telescope_report_tables as machine
 from docs.experiments.marked_tables import renew
-from docs.experiments.telescope_report_figures import draw_absorption, draw_geometry, draw_remainder
+from docs.experiments.telescope_report_figures import draw_absorption, draw_flexure, draw_geometry, draw_remainder
 
 DOCS = Path(__file__).resolve().parents[1]
 PAGE = DOCS / "telescope-report.md"
@@ -51,6 +51,7 @@ def main() -> None:
     figures = DOCS / "figures"
     draw_absorption(figures / "telescope-report-absorption.svg")
     draw_geometry(figures / "telescope-report-geometry.svg")
+    draw_flexure(figures / "telescope-report-flexure.svg")
     draw_remainder(figures / "telescope-report-remainder.svg", machine.BY)
     renew(PAGE, TABLES)
 

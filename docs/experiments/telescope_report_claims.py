@@ -11,16 +11,19 @@ from numpy.typing import NDArray
 
 from docs.experiments.telescope_report_data import published
 from docs.experiments.telescope_report_geometry import best_shape
-from docs.experiments.telescope_report_machine import MODEL, stand, with_deformation
+from docs.experiments.telescope_report_machine import MODEL, flexible, stand, with_deformation
+from truing.calibration.needed_configurations import NeededConfigurations, needed_configurations
 from truing.estimation.design.observability import indices, observe
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.mechanisms.actuator_errors import QUANTITIES, actuator_errors
-from truing.simulation.mechanisms.legs.kinematics import inverse, leg_vectors, reference_pose, unit
+from truing.simulation.mechanisms.legs.kinematics import forward, inverse, leg_vectors, reference_pose, unit
 from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet
 from truing.simulation.mechanisms.pose_regressors import Placed
-from truing.simulation.mechanisms.structures.beam_model import circle_distance
+from truing.simulation.mechanisms.structures.beam_model import BETA, circle_distance
+from truing.simulation.mechanisms.structures.catalogue import structures
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine
+from truing.simulation.mechanisms.uniqueness import Flexures, PoseBox, UniquenessProof, prove_uniqueness
 
 AXES = ("x", "y", "z", "theta_x", "theta_y")
 # What Figure 13 maximises the determinant of: section 6.3.1.
@@ -159,6 +162,31 @@ def sensitivity() -> Sensitivity:
     found = actuator_errors(KinematicModel("6-pus"), rigid(), placed, accuracy).worst.max(0)
     worst = dict(zip(QUANTITIES, found.tolist(), strict=True))
     return Sensitivity(worst["position"], max(worst["rx"], worst["ry"]), worst["rz"])
+
+
+def uniqueness() -> tuple[UniquenessProof, UniquenessProof]:
+    """Return what intervals prove over the workspace, rigid legs and flexures, with the reach of the actuators about
+    z."""
+    machine = flexible(rigid())
+    home = reference_pose(machine.legs)
+    half = np.append(published().workspace, reach_of_axis(5))
+    readings = np.full(6, 1e-3 * published().stated["actuator_half_range"])
+    box = PoseBox(home.p[0], home.R[0], half[:3], half[3:], readings)
+    assert machine.flexure_length is not None
+    flexures = Flexures(machine.flexure_length, np.full(6, BETA))
+    return prove_uniqueness(machine.legs, box), prove_uniqueness(machine.legs, box, flexures)
+
+
+def configurations_needed() -> list[NeededConfigurations]:
+    """Return how many configurations each model needs for what the ends of the actuators separate."""
+    machine = flexible(rigid())
+    legs, half = machine.legs, 1e-3 * published().stated["actuator_half_range"]
+    inside = np.random.default_rng(0).uniform(-1.0, 1.0, (60, 6))
+    rho = legs.rho0 + half * np.concatenate([_corners(6), inside])
+    reached = forward(legs, rho)
+    placed = Placed(reached.p, reached.R, rho)
+    found = [needed_configurations(structure, machine, placed) for structure in structures(machine)]
+    return [one for one in found if one is not None]
 
 
 @cache

@@ -14,6 +14,7 @@ from docs.experiments.telescope_report_absorption import by_row, leg_fits, simul
 from docs.experiments.telescope_report_data import published
 from docs.experiments.telescope_report_geometry import best_shape
 from docs.experiments.telescope_report_remainder import ROWS, TOGETHER, Ignorance, explain, remainder
+from truing.simulation.mechanisms.structures.beam_model import flexure_path
 
 # Colours told apart by colour-blind readers; marks told apart in print.
 BLUE, ORANGE, GREY = "#0072b2", "#d55e00", "#999999"
@@ -192,3 +193,41 @@ def draw_remainder(path: Path, by: Ignorance) -> None:
     for x, (colour, note) in zip((40, 150, 490), notes, strict=True):
         parts += [_dot(x, foot, colour, 4), _text(x + 10, foot + 4, note, "start")]
     path.write_text(_svg(width, foot + 24, parts), encoding="utf-8")
+
+
+FLEXURE_MM, BENT_DEG = 10.0, 1.0
+PATHS = {
+    "ideal pivot in the middle": (GREY, "6 4", 1.5),
+    "beam theory (eq. 12)": (BLUE, "", 4.0),
+    "circle (eq. 13)": (ORANGE, "2 4", 2.5),
+}
+
+
+def draw_flexure(path: Path) -> None:
+    """Draw figure 9 of the report: the end of a flexure of 10 mm, bent by up to one degree."""
+    found = flexure_path(1e-3 * FLEXURE_MM, np.radians(np.linspace(0.0, BENT_DEG, 61)))
+    width, height, left, top = 420, 300, 60, 30
+    x_end, y_end = 1.02e6 * found.beam[1].max(), 1.05e6 * found.pivot[0].max()
+
+    def at(x: float, y: float) -> tuple[float, float]:
+        return left + x / x_end * (width - left - 20), top + y / y_end * (height - top - 80)
+
+    title = f"End of a flexure of {FLEXURE_MM:g} mm, bent by 0 to {BENT_DEG:g}°"
+    parts = [_text(width / 2, 18, title, more='font-weight="bold"')]
+    for x in _ticks(0.0, x_end):
+        parts += [_line(*at(x, 0.0), *at(x, y_end), "#ddd"), _text(at(x, 0.0)[0], at(x, y_end)[1] + 16, f"{x:g}")]
+    for y in _ticks(0.0, y_end):
+        parts += [_line(*at(0.0, y), *at(x_end, y), "#ddd"), _text(left - 5, at(0.0, y)[1] + 4, f"{y:.1f}", "end")]
+    for k, ((name, (colour, dash, wide)), (along, across)) in enumerate(
+        zip(PATHS.items(), (found.pivot, found.beam, found.circle), strict=True)
+    ):
+        points = " ".join("{:.1f},{:.1f}".format(*at(1e6 * x, 1e6 * y)) for x, y in zip(across, along, strict=True))
+        look = f'stroke-width="{wide:g}" stroke-dasharray="{dash}"'
+        parts.append(f'<polyline points="{points}" stroke="{colour}" {look} fill="none"/>')
+        x = 20 + (0, 180, 300)[k]
+        parts.append(_line(x, height - 12, x + 22, height - 12, colour, look))
+        parts.append(_text(x + 26, height - 8, name.partition(" (")[0], "start"))
+    parts.append(_text(width / 2, height - 30, "across, µm"))
+    upright = f'transform="rotate(-90 14 {height / 2 - 20:g})"'
+    parts.append(_text(14, height / 2 - 20, "towards the root, µm", more=upright))
+    path.write_text(_svg(width, height, parts), encoding="utf-8")

@@ -91,7 +91,7 @@ def accuracy_head(campaign: str, frames: Mapping[str, pd.DataFrame]) -> PageHead
     worst = frames["worst"].set_index("quantity")
     fails = bool((worst["worst"] > worst["requirement"]).any())
     words = accuracy_words(frames)
-    marks = ["fail" if fails else "pass" if worst["requirement"].notna().any() else "none", *[""] * (len(words) - 1)]
+    marks = ["fail" if fails else "pass" if worst["requirement"].notna().any() else "", *[""] * (len(words) - 1)]
     tiles = tuple(
         (f"largest error of the {name}", _value(worst.loc[name], "worst")) for name in ("position", "orientation")
     )

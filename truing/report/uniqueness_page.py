@@ -69,8 +69,8 @@ def uniqueness_head(campaign: str, frames: Mapping[str, pd.DataFrame]) -> PageHe
     """Return the head of the page with the main results."""
     words, statements = uniqueness_words(frames), frames["statements"]
     states = [_state(own) for _, own in statements.groupby(["statement", "model"], sort=False)]
-    marks = ["none", *(_MARKS[state] for state in states)]
-    marks += ["none"] * (len(words) - len(marks))
+    marks = ["", *(_MARKS[state] for state in states)]
+    marks += [""] * (len(words) - len(marks))
     tiles = tuple((name, str(states.count(name))) for name in _ORDER if name in states)
     return PageHead(f"{campaign}: one pose for its readings", tuple(zip(marks, words, strict=True)), tiles)
 

@@ -115,7 +115,7 @@ def _shares(errors: pd.DataFrame) -> go.Figure:
         name, shares = _NAMES[str(source)], 100.0 * own["variance_share"]
         bar = {"orientation": "h", "marker": {"color": colour}}
         figure.add_trace(go.Bar(y=own["pose_part"], x=shares, name=name, **bar))
-    style(figure, "Share of each tolerance in the variance of the error", "per cent", 230)
+    style(figure, "Share of each tolerance in the variance of the error", "per cent", 280)
     figure.update_layout(barmode="stack", legend={"traceorder": "normal"})
     return figure
 
@@ -145,7 +145,7 @@ def tolerance_head(campaign: str, errors: pd.DataFrame) -> PageHead:
         (f"rms {row.pose_part} error", f"{plain(float(row.first_order))} {sign(str(row.unit))}")
         for row in whole.itertuples()
     )
-    return PageHead(f"{campaign}: errors by tolerances", tuple(("none", text) for text in words), tiles)
+    return PageHead(f"{campaign}: errors by tolerances", tuple(("", text) for text in words), tiles)
 
 
 @common_look()
