@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
 from docs.experiments.marked_tables import renew, table
 from truing.schemas.quality_check import CheckLimits, Checks, QualityCheck
@@ -33,21 +34,22 @@ def overview(checks: Checks) -> str:
     return table(["check", "what it asks", "warns", "fails", "settable limit on", "withholds"], rows)
 
 
-def entries(checks: Checks) -> str:
-    """Return an entry of every check, under a heading of its name."""
-    return "\n\n".join(_entry(name, check) for name, check in checks.items())
+def entries(checks: Checks, above: Checks = MappingProxyType({})) -> str:
+    """Return an entry of every check, under a heading of its name; ``above`` are checks with entries on the page."""
+    return "\n\n".join(_entry(name, check, above.get(name)) for name, check in checks.items())
 
 
-def _entry(name: str, check: QualityCheck) -> str:
-    """Return why a check is made and what to do; its question and limits are in the overview."""
-    return f"### `{name}`\n\n{check.why} *Remedy*: {check.to_do}"
+def _entry(name: str, check: QualityCheck, above: QualityCheck | None) -> str:
+    """Return why a check is made and what to do, or a link to an equal entry; its question and limits are above."""
+    equal = above is not None and (check.why, check.to_do) == (above.why, above.to_do)
+    return f"### `{name}`\n\n" + (f"[As above](#{name})." if equal else f"{check.why} *Remedy*: {check.to_do}")
 
 
 TABLES: Mapping[str, Callable[[], str]] = {
     "points": lambda: overview(CHECKS["photogrammetry"]),
     "loads": lambda: overview(CHECKS["interferometer"]),
     "every-check-of-points": lambda: entries(CHECKS["photogrammetry"]),
-    "every-check-of-loads": lambda: entries(CHECKS["interferometer"]),
+    "every-check-of-loads": lambda: entries(CHECKS["interferometer"], CHECKS["photogrammetry"]),
 }
 
 if __name__ == "__main__":
