@@ -45,7 +45,7 @@ DECLARATION = Stage(
 )
 
 # What checks the data of a mechanism that is neither of legs nor a sensor on its bench, by its type.
-_OF_TYPES = {"axis": "truing.stages.quality.axis_checks"}
+_OF_TYPES = {"axis": "truing.stages.quality.axis_checks", "chain": "truing.stages.quality.chain_checks"}
 
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:

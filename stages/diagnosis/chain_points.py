@@ -52,6 +52,8 @@ _MOVED = 1e-4
 # Poses that a search uses at most, evenly over the campaign, so that memory and time stay bounded.
 _MOST_POSES = 3000
 _FEWEST = 8
+# Up to so many poses, exact readings have a noise of this share of the points' noise: joints may scatter.
+_FEW_POSES, _HARDLY = 400, 0.2
 _DRIVE = "the joint readings"
 _SLIPS = {
     SlipKind.REVERSED: "the sign of joint {} reversed",
@@ -378,6 +380,7 @@ def _known(tree: Tree, settings: Campaign, measured: _Measured, start: StartValu
     sigma = np.array([lengths] * 3 + [angles] * 3)
     offsets = np.where(tree.is_revolute, (tolerance.offset_deg or 0.0) * _DEG, (tolerance.offset_mm or 0.0) * _MM)
     noise = np.where(tree.is_revolute, settings.noise.joint_deg * _DEG, settings.noise.joint_mm * _MM)
+    noise = np.maximum(noise, _least_noise(tree, measured, start)) if len(measured.values) <= _FEW_POSES else noise
     is_base_seen = bool((channels.node == 0).any())
     is_surveyed = np.asarray(np.isfinite(measured.surveyed).all(1))
     base_known = is_base_seen and bool(is_surveyed[channels.node == 0].all())
@@ -400,6 +403,17 @@ def _known(tree: Tree, settings: Campaign, measured: _Measured, start: StartValu
         (tip, np.array(section.payload_com_mm, float) * _MM),
         section.reference_temperature_c,
     )
+
+
+def _least_noise(tree: Tree, measured: _Measured, start: StartValues) -> Array:
+    """Noise (n,) of the readings, rad or m, that hardly shows in the measured places: scatter of joints is tested on it."""
+    own = ~measured.channels.is_rotation
+    seen = measured.seen[:, own]
+    if not seen.any():
+        return np.zeros(len(tree.readings))
+    variance = np.trace(measured.cov[:, own][seen], axis1=-2, axis2=-1) / 3.0
+    size = _HARDLY * float(np.sqrt(np.median(variance)))
+    return np.where(tree.is_revolute, size / max(start.spread, size), size)
 
 
 def _shape_modes(measured: _Measured, tolerance: NDArray | None) -> tuple[Array, Mask]:

@@ -59,6 +59,7 @@ from truing.simulation.mechanisms.chains.causes import (
     JointGain,
     JointHarmonic,
     JointOffset,
+    JointScatter,
     JointsExchanged,
     LinkBending,
     LinkGrowth,
@@ -135,6 +136,7 @@ OWN_CAUSES_OF_CHAINS: tuple[ChainCause, ...] = (
     BaseDrift(),
     BaseJump(),
     ChainTargetMoved(),
+    JointScatter(),
     JointsExchanged(),
     NonparametricChainEffect(),
 )

@@ -162,6 +162,8 @@ def _heat(claim: Claim) -> str:
 def _lands(claim: Claim) -> str:
     """Return the clause on actuators whose position scatters at each approach: which, when, and by how much."""
     who = f"body {claim.fact('body')}" if claim.fact("body") else _actuators(claim)
+    if claim.fact("joint") is not None:
+        who = claim.subject or "all joints"
     way = {1: " when approached from below", -1: " when approached from above"}.get(claim.fact("direction") or 0, "")
     poses = [claim.fact(name) for name in ("from_pose", "to_pose")]
     when = "" if poses[0] in (None, "") else f" from pose {poses[0]} to pose {poses[1]}"

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.model import ChannelCandidates
+from truing.inference.model import ChannelCandidates, ScatterCandidate
 from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.inputs import ORDER, TIME, Missing
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
@@ -21,6 +21,7 @@ _GROWTH = 1e-5
 _MM = 1e-3
 # Least number of poses before an onset, and from it; in a long campaign not every pose is tried as an onset.
 _FEWEST, _MOST_ONSETS = 4, 60
+_FEWEST_POSES = 12  # of a group that may scatter
 HARMONICS = (2, 3, 4, 5, 6, 7, 8)
 
 
@@ -494,6 +495,57 @@ class ChainTargetMoved(ChainCause):
             *super().reported(values, covariance, legs),
             ReportedParameter("from_pose", str(self.from_pose), None, ""),
         )
+
+
+@dataclass(frozen=True)
+class JointScatter(ChainCause):
+    """Joints stop at random positions about their readings: one joint or all, from one side, or in one series."""
+
+    joint: str = ""
+    direction: int = 0
+    series: int = -1
+
+    id = "approach-scatter"
+    step = Step.DRIVE
+    is_persistent = False
+    lacking = Missing.POSES
+
+    @property
+    def subject(self) -> str:
+        """The joint; empty for all."""
+        return f"joint {self.joint}" if self.joint else ""
+
+    def candidates(self, scene: ChainScene) -> Sequence[JointScatter]:
+        """Return none: scatter has no mean effect."""
+        return ()
+
+    def scatters(self, scene: ChainScene) -> Sequence[ScatterCandidate[JointScatter]]:
+        """Return single joints and all of them, in all poses, from each side, and in each series."""
+        machine, found = scene.inputs_of_machine, []
+        poses, joints = machine.readings.shape
+        noisy = machine.noisy
+        if not len(noisy) or poses < _FEWEST_POSES:
+            return ()
+        groups = [(-1, np.ones(poses, bool))]
+        numbers = np.unique(machine.conditions.series)
+        groups += [(int(s), machine.conditions.series == s) for s in numbers] if len(numbers) > 1 else []
+        for joint in (-1, *range(joints)):
+            own = np.array([joint in (-1, k) for k in noisy], bool)
+            cause = replace(self, joint=machine.tree.readings[joint] if joint >= 0 else "")
+            if not own.any():
+                continue
+            for series, within in groups:
+                if joint >= 0 or series >= 0:
+                    found.append(ScatterCandidate(replace(cause, series=series), within[:, None] & own, True))
+            for side in (1, -1) if joint >= 0 and machine.approach is not None else ():
+                came = machine.approach[:, joint] == side
+                if 0 < came.sum() < poses:
+                    found.append(ScatterCandidate(replace(cause, direction=side), came[:, None] & own, True))
+        return found
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the scatter, one sigma of a revolute joint's motion."""
+        return (Parameter("scatter", "rad", 1e-5),)
 
 
 @dataclass(frozen=True)

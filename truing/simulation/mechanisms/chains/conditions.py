@@ -34,7 +34,7 @@ class ChainConditions:
 
     ``series`` (B,) numbers the frames of the measurement. ``reference`` (B, K, 3, 3) are the measured orientations,
     from which those channels count. ``payload_kg`` (B,) is the mass at the tip. ``columns`` (n,) names the covariates
-    with the readings, in the units of the table.
+    with the readings, in the units of the table. ``input_factor`` (B, H): factor of the readings' prior sigmas; None: 1.
     """
 
     readings: NDArray
@@ -44,6 +44,7 @@ class ChainConditions:
     reference: NDArray
     payload_kg: NDArray
     columns: tuple[str, ...] = ()
+    input_factor: NDArray | None = None
 
     def chosen(self, own: Mask) -> ChainConditions:
         """Return the conditions of some poses."""
@@ -55,6 +56,7 @@ class ChainConditions:
             series=self.series[own],
             reference=self.reference[own],
             payload_kg=self.payload_kg[own],
+            input_factor=None if self.input_factor is None else self.input_factor[own],
         )
 
 
@@ -63,7 +65,7 @@ class ChainInputs:
     """What an effect on a chain may depend on: the tree, readings, covariates, and the load that each node carries.
 
     ``force``, ``moment`` (B, N, 3) are those of weight at each joint's origin, along the axes of its frame, N and N m;
-    zero where no mass is known. ``shape`` (K, 3) are the targets in their links, m.
+    zero where no mass is known. ``shape`` (K, 3) are the targets in their links, m; ``noisy`` the readings with noise.
     """
 
     tree: Tree
@@ -73,6 +75,7 @@ class ChainInputs:
     moment: NDArray
     reference_temperature_c: float
     shape: NDArray = field(default_factory=lambda: np.zeros((0, 3)))
+    noisy: Index = field(default_factory=lambda: np.zeros(0, int))
 
     @classmethod
     def of(
@@ -84,6 +87,7 @@ class ChainInputs:
         payload: tuple[int, NDArray],
         reference_temperature_c: float,
         shape: NDArray,
+        noisy: Index,
     ) -> ChainInputs:
         """Return the inputs with the load by gravity (direction in the base's frame; None: unknown).
 
@@ -94,7 +98,7 @@ class ChainInputs:
         else:
             carried = {payload[0]: (conditions.payload_kg, payload[1])} if conditions.payload_kg.any() else {}
             force, moment = tree.gravity_load(conditions.readings, gravity, carried)
-        return cls(tree, channels, conditions, force, moment, reference_temperature_c, shape)
+        return cls(tree, channels, conditions, force, moment, reference_temperature_c, shape, noisy)
 
     @property
     def readings(self) -> NDArray:

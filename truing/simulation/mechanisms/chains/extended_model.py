@@ -114,6 +114,7 @@ def predict_tip(extended: ExtendedChain, conditions: ChainConditions) -> Predict
         (extended.tip, extended.payload_com),
         extended.reference_temperature_c,
         np.zeros((1, 3)),
+        np.zeros(0, int),
     )
     twists = np.tile(extended.twists, (count, 1, 1))
     slopes = [_own_slopes(extended, count)]

@@ -123,6 +123,16 @@ class ChainModel(EffectsModel[ChainCause]):
         """Prior sigma (H,) of each reading, rad or m."""
         return np.asarray(self.known.reading_sigma[self.noisy])
 
+    def with_input_factor(self, factor: NDArray) -> Self:
+        """Return the model with the prior sigmas of the readings multiplied by factors (B, H)."""
+        return replace(self, conditions=replace(self.conditions, input_factor=factor))
+
+    @property
+    def _input_factor(self) -> NDArray:
+        """Factors (B, H) or (1, 1) of the readings' prior sigmas."""
+        factor = self.conditions.input_factor
+        return np.ones((1, 1)) if factor is None else factor
+
     @property
     def _shared_known(self) -> NDArray:
         known = np.zeros(self.shared_size, bool)
@@ -157,6 +167,7 @@ class ChainModel(EffectsModel[ChainCause]):
             known.payload,
             known.reference_temperature_c,
             known.shape,
+            self.noisy,
         )
 
     @property
@@ -181,7 +192,7 @@ class ChainModel(EffectsModel[ChainCause]):
         for part, slopes in self._own_twists():
             found += slopes @ shared[part]
         if self.local_size:
-            found += np.einsum("bh,hni->bni", local, self._reading_twists)
+            found += np.einsum("bh,hni->bni", local * self._input_factor, self._reading_twists)
         for effect in self.effects(shared):
             if (moved := effect.cause.twists(self.machine)) is not None:
                 found += moved @ effect.values
@@ -257,7 +268,8 @@ class ChainModel(EffectsModel[ChainCause]):
         return values, by_twist, by_place
 
     def _by_local(self, by_twist: NDArray) -> Array:
-        return np.einsum("bkinc,hnc->bkih", by_twist, self._reading_twists)
+        slopes = np.einsum("bkinc,hnc->bkih", by_twist, self._reading_twists)
+        return np.asarray(slopes * self._input_factor[:, None, None])
 
     def _by_shared(self, by_twist: NDArray, by_place: NDArray) -> Array:
         """Return the derivatives (B, K, 3, G) by the shared unknowns."""
