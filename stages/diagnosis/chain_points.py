@@ -406,7 +406,7 @@ def _known(tree: Tree, settings: Campaign, measured: _Measured, start: StartValu
 
 
 def _least_noise(tree: Tree, measured: _Measured, start: StartValues) -> Array:
-    """Noise (n,) of the readings, rad or m, that hardly shows in the measured places: scatter of joints is tested on it."""
+    """Noise (n,) of the readings, rad or m, that hardly shows in the measured places: the scale of joint scatter."""
     own = ~measured.channels.is_rotation
     seen = measured.seen[:, own]
     if not seen.any():

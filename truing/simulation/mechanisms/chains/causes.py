@@ -537,8 +537,9 @@ class JointScatter(ChainCause):
             for series, within in groups:
                 if joint >= 0 or series >= 0:
                     found.append(ScatterCandidate(replace(cause, series=series), within[:, None] & own, True))
-            for side in (1, -1) if joint >= 0 and machine.approach is not None else ():
-                came = machine.approach[:, joint] == side
+            sides = machine.approach
+            for side in (1, -1) if joint >= 0 and sides is not None else ():
+                came = np.zeros(poses) if sides is None else sides[:, joint] == side
                 if 0 < came.sum() < poses:
                     found.append(ScatterCandidate(replace(cause, direction=side), came[:, None] & own, True))
         return found

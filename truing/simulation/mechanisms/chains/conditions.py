@@ -34,7 +34,7 @@ class ChainConditions:
 
     ``series`` (B,) numbers the frames of the measurement. ``reference`` (B, K, 3, 3) are the measured orientations,
     from which those channels count. ``payload_kg`` (B,) is the mass at the tip. ``columns`` (n,) names the covariates
-    with the readings, in the units of the table. ``input_factor`` (B, H): factor of the readings' prior sigmas; None: 1.
+    with the readings, in the units of the table. ``input_factor`` (B, H): factor of the prior sigmas of readings.
     """
 
     readings: NDArray
@@ -65,7 +65,8 @@ class ChainInputs:
     """What an effect on a chain may depend on: the tree, readings, covariates, and the load that each node carries.
 
     ``force``, ``moment`` (B, N, 3) are those of weight at each joint's origin, along the axes of its frame, N and N m;
-    zero where no mass is known. ``shape`` (K, 3) are the targets in their links, m; ``noisy`` the readings with noise.
+    zero where no mass is known. ``shape`` (K, 3) are the targets in their links, m; ``noisy`` are the readings with
+    noise.
     """
 
     tree: Tree
