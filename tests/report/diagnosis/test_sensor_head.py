@@ -8,6 +8,15 @@ from tests.report.bench_tables import bench_tables
 from tests.report.diagnosis_tables import row, rows, size
 from tests.sentences import assert_says
 from truing.report.head import build_head
+from truing.report.wordings.bench_wordings import BENCH
+from truing.report.wordings.claim import Claim
+
+
+def test_the_units_of_a_torque_are_exchanged_and_those_of_a_force_driven_one_by_one():
+    """One unit alone applies a force, but no couple."""
+    advice = BENCH["load-imbalance"].advice
+    assert_says(advice(Claim("load-imbalance", "load mx")), "Exchange the two units of mx", "change its sign")
+    assert_says(advice(Claim("load-imbalance", "load fz")), "Drive fz with one unit at a time")
 
 
 def first_line(*several) -> tuple[str, str]:

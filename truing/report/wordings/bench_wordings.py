@@ -131,6 +131,8 @@ def _imbalance(claim: Claim) -> str:
 
 def _one_unit(claim: Claim) -> str:
     axis = _axis(claim)
+    if axis.startswith("m"):  # one unit alone gives no couple
+        return f"Exchange the two units of {axis} and repeat the run: the parasitic force should change its sign."
     return f"Drive {axis} with one unit at a time, pushing and pulling, and compare rotations and displacements."
 
 
