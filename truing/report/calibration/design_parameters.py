@@ -1,15 +1,43 @@
-"""Listing of the design parameters of flexures and legs: effect of a tolerance, and whether the data determine them."""
+"""Design parameters of flexures and legs: effect of a tolerance next to the noise, identifiable or not."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import pandas as pd
+import plotly.graph_objects as go
 
+from truing.report.figure_style import BLUE, GREY, style
 from truing.report.numbers import count, plain, quantity, sign
-from truing.report.page import Listing
-from truing.report.parameter_names import name_of
+from truing.report.page import Drawn, Listing
 from truing.report.tables import Tables, filled
+
+_OF_LEGS = {"beta": "β", "flexure_length": "l_b"}
+_BODIES = {"flexure": "flexures", "tube": "legs"}
+_ROW, _AROUND = 18, 190
+
+
+def sensitivities(tables: Tables) -> Drawn:
+    """Return the figure of the effect of each tolerance, next to the noise of the closure."""
+    table = filled(tables, "flexure_parameters")
+    if table is None:
+        return []
+    names = [f"{r.model}: {_named(r.parameter, r.leg)}" for r in table.itertuples()]
+    figure = go.Figure()
+    for column, words, colour, symbol in (
+        ("sensitivity_um", "effect of one tolerance", BLUE, "circle"),
+        ("closure_noise_um", "noise of the closure", GREY, "line-ns-open"),
+    ):
+        marker = {"color": colour, "size": 9, "symbol": symbol}
+        figure.add_trace(go.Scatter(x=table[column], y=names, mode="markers", name=words, marker=marker))
+    title, subtitle = "Effect of the design parameters of flexures", "Rms change of the closure by one tolerance"
+    style(figure, title, subtitle, _AROUND + _ROW * len(table))
+    figure.update_xaxes(type="log", title_text="µm")
+    figure.update_yaxes(autorange="reversed", automargin=True, type="category")
+    words = (
+        "A pose adds little where the effect is far below the noise, or where other parameters have the same effect."
+    )
+    return [(figure, f"{_words(table)}. {words}")]
 
 
 def design_parameters(tables: Tables) -> tuple[Listing, ...]:
@@ -19,15 +47,21 @@ def design_parameters(tables: Tables) -> tuple[Listing, ...]:
         return ()
     rows = tuple(_row(r) for r in table.itertuples())
     marks = tuple("pass" if known else "none" for known in table["identifiable"])
-    heads = ("model", "parameter", "nominal", "tolerance", "effect of it", "noise", "sigma / tolerance", "identifiable")
-    return (Listing(heads, rows, marks, _caption(table), True, "flexure_parameters.parquet"),)
+    heads = ("model", "parameter", "nominal", "tolerance", "effect", "noise", "sigma / tolerance", "identifiable")
+    caption = f"{_words(table)}. Tolerance: as declared, else 100 % of the nominal value"
+    return (Listing(heads, rows, marks, caption, True, "flexure_parameters.parquet"),)
+
+
+def _words(table: pd.DataFrame) -> str:
+    known = int(table["identifiable"].sum())
+    return f"{known or 'None'} of {count(len(table), 'design parameter')} of flexures and legs can be identified"
 
 
 def _row(r: Any) -> tuple[str, ...]:
     unit = sign(r.unit) if r.unit != "1" else ""
     return (
         r.model,
-        name_of(r.parameter, r.leg),
+        _named(r.parameter, r.leg),
         f"{plain(r.nominal)} {unit}".strip(),
         f"{plain(r.tolerance)} {unit}".strip(),
         quantity(r.sensitivity_um, "um"),
@@ -37,10 +71,9 @@ def _row(r: Any) -> tuple[str, ...]:
     )
 
 
-def _caption(table: pd.DataFrame) -> str:
-    known = int(table["identifiable"].sum())
-    words = f"{known or 'None'} of {count(len(table), 'design parameter')} of flexures and legs can be identified"
-    return (
-        f"{words}. Effect: rms change of the closure by one tolerance; without a declared tolerance, by 100 % of the "
-        "nominal value"
-    )
+def _named(parameter: str, leg: float) -> str:
+    """Return ``β of leg 1``, or ``bending stiffness of the flexures`` where legs share the parameter."""
+    if leg == leg:
+        return f"{_OF_LEGS.get(parameter, parameter)} of leg {int(leg)}"
+    body, _, kind = parameter.partition("_")
+    return f"{kind} stiffness of the {_BODIES.get(body, body)}"

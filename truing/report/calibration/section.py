@@ -23,7 +23,7 @@ from truing.report.calibration.calibrations import (
     rows_of,
     shown_calibration,
 )
-from truing.report.calibration.design_parameters import design_parameters
+from truing.report.calibration.design_parameters import design_parameters, sensitivities
 from truing.report.calibration.figures import geometry_picture, has_geometry
 from truing.report.calibration.listings import GOOD, all_calibrations, all_deviations, deviations, strong_correlations
 from truing.report.calibration.with_findings import compared_calibrations, data_words
@@ -52,7 +52,7 @@ def calibration(tables: Tables) -> ReportSection | None:
     fitted = filled(tables, "calibration")
     if fitted is None:
         return ReportSection("calibration", "Calibration", why_no_calibration(tables))
-    shown = [*_errors(tables), *_geometry(tables, fitted), *_correlations(tables, fitted)]
+    shown = [*_errors(tables), *_geometry(tables, fitted), *sensitivities(tables), *_correlations(tables, fitted)]
     tests = _tests_of_chosen(tables)
     listings = [listing_of(tests, "Tests of the chosen calibration"), *_listings(tables, fitted)]
     return ReportSection("calibration", "Calibration", lead(tables, fitted), tuple(shown), tuple(listings))
