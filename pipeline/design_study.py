@@ -69,8 +69,9 @@ def study_campaign(place: Path, studies: Sequence[str], options: DesignOptions, 
         raise CampaignFaults([Fault(f"--{others[0]}", f"one study at a time, not with --{name}")])
     campaign, console, study = open_campaign(place), RunConsole(quiet=False), STUDIES[name]
     check_file(files.out, reads=(files.avoid,), campaign=campaign)
-    given = {"--extend": files.extend, "--avoid": None if name == "accuracy" else files.avoid}
-    if unused := [Fault(key, f"no such table with --{name}", value=str(file)) for key, file in given.items() if file]:
+    given: dict[str, object] = {"--extend": files.extend, "--avoid": None if name == "accuracy" else files.avoid}
+    given |= {"--parameters": ",".join(options.parameters), "--causes": ",".join(options.causes)}
+    if unused := [Fault(key, f"no such option with --{name}", value=str(one)) for key, one in given.items() if one]:
         raise CampaignFaults(unused)
     settings, folder = campaign.validated(), folder_next_to_run(campaign)
     tables = DesignTables() if name == "tolerances" else design_tables(campaign, files)

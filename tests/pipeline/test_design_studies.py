@@ -74,12 +74,18 @@ REFUSED: list[tuple[dict[str, Any], list[object], str]] = [
     ({"mechanism": mechanism(actuator_accuracy_mm=-1.0)}, ["--accuracy"], "one number above 0, or a list of such"),
     ({"workspace": None}, ["--accuracy"], "column workspace: expected limits of pose and readings"),
     ({"mechanism": None}, ["--accuracy"], "column mechanism.type: found 'none'; expected a mechanism"),
-    ({}, ["--accuracy", "--extend", "kept.csv"], "--extend: found 'kept.csv'; expected no such table"),
+    ({}, ["--accuracy", "--extend", "kept.csv"], "--extend: found 'kept.csv'; expected no such option"),
+    ({}, ["--uniqueness", "--avoid", "some.csv"], "--avoid: found 'some.csv'; expected no such option with --uniq"),
+    ({}, ["--uniqueness", "--parameters", "a_x,l"], "--parameters: found 'a_x,l'; expected no such option with"),
+    ({"workspace": {"x_mm": 1.0}}, ["--uniqueness"], "column workspace: expected limits of pose and readings"),
+    ({"mechanism": {"type": "ups", "legs": hexapod(4)}}, ["--uniqueness"], "column mechanism.legs: found '4'"),
     ({}, ["--accuracy", "--out", "found.xls"], "--out: found 'found.xls'; expected a file that ends in .csv"),
 ]
 
 
-@pytest.mark.parametrize(("sections", "options", "words"), REFUSED, ids=[words[:40] for *_, words in REFUSED])
+@pytest.mark.parametrize(
+    ("sections", "options", "words"), REFUSED, ids=[f"{k} {words[:40]}" for k, (*_, words) in enumerate(REFUSED)]
+)
 def test_machines_that_cannot_be_studied_are_a_fault(
     sections: dict[str, Any], options: list[object], words: str, tmp_path: Path
 ) -> None:

@@ -159,3 +159,13 @@ def test_a_range_in_which_legs_have_no_length_is_not_decided_and_raises_nothing(
     found = prove_uniqueness(telescope(), box_of(telescope(), [900.0] * 3, [60.0] * 3, 1e3), FLEXURES, most=200)
     assert not found.unique
     assert not found.inverse_unique.any()
+
+
+def test_a_singular_pose_that_no_reading_of_the_range_reaches_does_not_count() -> None:
+    """Both sides of the base are regular; between them the legs would be shorter than they can be."""
+    legs = hexapod()
+    both = box_of(legs, [1.0, 1.0, 2.001e3 * reference_pose(legs).p[0, 2]], [1.0, 1.0, 1.0], 20.0)
+    found = prove_uniqueness(legs, both, most=4000)
+    assert not found.unique
+    assert found.regular
+    assert found.singular is None

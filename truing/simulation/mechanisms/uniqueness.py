@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,17 +94,38 @@ class UniquenessProof:
 
 @dataclass(frozen=True)
 class _Rows:
-    """Rows of the difference of two closures, over boxes of midpoints; extra (L, 6): part of the flexures."""
+    """Rows of the difference of two closures, over boxes of midpoints; extra (L, 6): part of the flexures.
+
+    length (L,): of the legs over all readings; kappa: largest difference of K from the identity.
+    """
 
     legs: Legs
     box: PoseBox
     b: IntervalArray
     c: IntervalArray
+    length: IntervalArray
     kappa: float
     extra: IntervalArray
 
+    def decide(self, low: NDArray, high: NDArray, *, one_pose: bool = False) -> NDArray:
+        """Return whether boxes low, high (N, 6) hold no midpoint of two poses with equal readings of the range.
+
+        The vector g of a leg at the midpoint is the mean of those at the two poses, so it is no longer than they are.
+        one_pose: whether they hold no singular pose, where g is as long as the leg.
+        """
+        g, moment = self._parts(low, high, one_pose)
+        found = is_regular(concatenate([g, moment]) - self.extra)
+        distance = _length(g)
+        out = distance.low > self.length.high
+        if one_pose:
+            out = out | (distance.high < self.length.low)
+        return np.asarray(found | out.any(-1))
+
     def at(self, low: NDArray, high: NDArray, *, one_pose: bool = False) -> IntervalArray:
         """Return rows (N, L, 6) over boxes low, high (N, 6); one_pose: of the Jacobian, where both poses are equal."""
+        return concatenate(list(self._parts(low, high, one_pose))) - self.extra
+
+    def _parts(self, low: NDArray, high: NDArray, one_pose: bool) -> tuple[IntervalArray, IntervalArray]:
         x = hull(low, high)
         arm = _turned(x[:, None, 3:], self.b)
         towards = intervals(self.box.p) + x[:, None, :3] - self.c
@@ -111,9 +133,8 @@ class _Rows:
         if not one_pose:
             near = 0.5 * self.kappa
             total = arm.magnitude.sum(-1, keepdims=True) * (1.0 + _ROUNDING)
-            own = arm * hull(-self.kappa, 0.0)
-            g = g + own + hull(-near * total, near * total)
-        return concatenate([g, cross(arm, towards)]) - self.extra
+            g = g + arm * hull(-self.kappa, 0.0) + hull(-near * total, near * total)
+        return g, cross(arm, towards)
 
 
 def prove_uniqueness(
@@ -133,12 +154,11 @@ def _proof(legs: Legs, box: PoseBox, flexures: Flexures | None, most: int) -> Un
     half = box.half
     rows, slope = _prepared(legs, box, hull(-half, half), flexures)
     lever = np.repeat([1.0, 2.0 * np.abs(legs.b).max()], 3)  # m per m, and per Cayley's parameter
-    decided, boxes, undecided = _halved(lambda low, high: is_regular(rows.at(low, high)), half, lever, most)
+    decided, boxes, undecided = _halved(rows.decide, half, lever, most)
     regular, singular = True, None
     if not decided:
-        low, high = undecided[:, 0], undecided[:, 1]
-        rest = ~is_regular(rows.at(low, high, one_pose=True))
-        regular, singular = not rest.any(), _singular(legs, box, low[rest], high[rest])
+        regular, _, parts = _halved(partial(rows.decide, one_pose=True), half, lever, most)
+        singular = _singular(legs, box, parts[:, 0], parts[:, 1])
     return UniquenessProof(decided, regular, boxes, undecided, slope, singular)
 
 
@@ -158,10 +178,13 @@ def _prepared(legs: Legs, box: PoseBox, whole: IntervalArray, flexures: Flexures
     z = g / length[:, None]
     along = dot(z, intervals(legs.u)) if driven else intervals(np.ones(legs.count))
     extra = intervals(np.zeros((legs.count, 6)))
+    reach = intervals(legs.l) if driven else intervals(legs.l) + rho
+    if flexures is not None:  # 0 to 3/2 l_b at each end, less l_b
+        reach = reach + intervals(flexures.length) * hull(-1.0, 2.0)
     if flexures is not None:
         extra, change = _bending(legs, box, whole, (arm, length, z), flexures)
         along = along + change if driven else along
-    return _Rows(legs, box, b, c, kappa, extra), np.stack([along.low, along.high], -1)
+    return _Rows(legs, box, b, c, reach, kappa, extra), np.stack([along.low, along.high], -1)
 
 
 def _length(vectors: IntervalArray) -> IntervalArray:
@@ -246,13 +269,16 @@ def _halved(
 
 
 def _singular(legs: Legs, box: PoseBox, low: NDArray, high: NDArray) -> NDArray | None:
-    """Return the middle (6,) of a part where the Jacobian's determinant has the other sign than at the reference."""
+    """Return the middle (6,) of a part whose readings are within the range, and where the Jacobian's determinant has
+    the other sign than at the reference; None without one."""
     if legs.count != 6 or not len(low):
         return None
     middles = np.concatenate([np.zeros((1, 6)), 0.5 * (low + high)])
     p, R = box.p + middles[:, :3], _turned(intervals(middles[:, None, 3:]), intervals(np.eye(3))).mid
     R = np.swapaxes(R, -1, -2) @ box.R
     with np.errstate(invalid="ignore"):
-        sign = np.sign(np.linalg.det(closure_rows(legs, R, unit(leg_vectors(legs, p, R, inverse(legs, p, R))))))
-    other = np.flatnonzero(sign == -sign[0])
+        rho = inverse(legs, p, R)
+        sign = np.sign(np.linalg.det(closure_rows(legs, R, unit(leg_vectors(legs, p, R, rho)))))
+        within = (np.abs(rho - legs.rho0) <= box.readings).all(-1)
+    other = np.flatnonzero(within & (sign == -sign[0]))
     return middles[other[0]] if len(other) else None
