@@ -15,8 +15,10 @@ from truing.report.wordings.claim import Claim
 def test_the_units_of_a_torque_are_exchanged_and_those_of_a_force_driven_one_by_one():
     """One unit alone applies a force, but no couple."""
     advice = BENCH["load-imbalance"].advice
-    assert_says(advice(Claim("load-imbalance", "load mx")), "Exchange the two units of mx", "change its sign")
-    assert_says(advice(Claim("load-imbalance", "load fz")), "Drive fz with one unit at a time")
+    assert_says(
+        advice(Claim(cause="load-imbalance", subject="load mx")), "Exchange the two units of mx", "change its sign"
+    )
+    assert_says(advice(Claim(cause="load-imbalance", subject="load fz")), "Drive fz with one unit at a time")
 
 
 def first_line(*several) -> tuple[str, str]:
