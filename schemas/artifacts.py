@@ -402,7 +402,13 @@ _DIAGNOSIS = (
         "heldout_rms_after noise_floor unit explanation next_measurement",
         optional="signal_to_noise share_explained share_predicted log_evidence scale_holds reason_code rival settings "
         "clause largest_motion advice_kind next_in_short next_purpose relation left_out_by left_out_blocks "
-        "left_out_gain",
+        "left_out_gain in_model",
+    ),
+    parquet(
+        "determined_combinations",
+        "combinations of the parameters that the data determine, the best determined first, for each accepted cause of "
+        "which no single parameter differs significantly from zero",
+        "cause* subject* determined* coefficients combined_value combined_sigma unit",
     ),
     parquet(
         "adequacy",

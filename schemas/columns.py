@@ -488,6 +488,11 @@ _CONCLUDED = (
     text("next_in_short", "next_measurement without settings that a table holds; else empty", nullable=True),
     text("next_purpose", "purpose of its rows in next_poses or next_loads; empty if it has none", nullable=True),
     text("next_measurement", "measurement that confirms it, or separates it from its rivals", nullable=True),
+    flag("in_model", "whether the extended model holds the effect; empty in rows on noise or residuals", nullable=True),
+    text("determined", "linear combination of the parameters of a cause, with its largest coefficients"),
+    text("coefficients", "JSON: coefficient of each parameter in a combination; their squares sum to 1"),
+    real("combined_value", "unit", "value of the combination, in the unit of the parameters"),
+    size("combined_sigma", "unit", "standard uncertainty of the combination, in the unit of the parameters"),
     share(
         "share_explained",
         "share of a named cause in what it and unnamed effects explain together, in squares; empty without a "
@@ -510,7 +515,7 @@ _CONCLUDED = (
     ),
     share(
         "share_predicted",
-        "for unexplained, if no model of causes holds: share of the plain simulation's misfit that the columns "
+        "for unexplained effects outside the extended model: share of the plain simulation's misfit that the columns "
         "predict, in squares, minus the share expected by chance",
         nullable=True,
     ),

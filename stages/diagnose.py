@@ -36,7 +36,7 @@ DECLARATION = Stage(
     leaves=(
         *("diagnosis", "adequacy?", "model?", "detectable?", "pulls?", "pull_sums?"),
         *("prediction?", "reading_errors?", "axis_errors?", "chain_parameters?", "next_poses?", "next_loads?"),
-        *("changes?", "cause_uncertainty?", "diagnosis_left_out?"),
+        *("changes?", "cause_uncertainty?", "determined_combinations?", "diagnosis_left_out?"),
         *("diagnosis_choices?", "applied_model?"),
     ),
     settings=(

@@ -13,7 +13,13 @@ from truing.report.numbers import gross_errors, sign, two_decimals
 from truing.schemas.artifacts import ARTIFACTS
 from truing.stages.declaration import Outcome
 from truing.stages.diagnosis.applied import applied_model, choices_table
-from truing.stages.diagnosis.cause_tables import adequacy_table, detectable_table, detectable_words, uncertainty_table
+from truing.stages.diagnosis.cause_tables import (
+    adequacy_table,
+    combinations_table,
+    detectable_table,
+    detectable_words,
+    uncertainty_table,
+)
 from truing.stages.diagnosis.ray_findings import with_rays
 from truing.stages.diagnosis.residual_tables import left_out_table
 from truing.stages.diagnosis.rows import DetectionAdvice, diagnosis_table
@@ -86,6 +92,7 @@ def artifacts_of(
         "adequacy": adequacy_table(diagnosis, rule, data.shown.what),
         "detectable": detectable_table(last, rule.level, legs),
         "cause_uncertainty": uncertainty_table(diagnosis, legs),
+        "determined_combinations": combinations_table(diagnosis, legs),
         "diagnosis_left_out": left_out_table(diagnosis, data) if diagnosis.screened else None,
         **own.artifacts,
     }

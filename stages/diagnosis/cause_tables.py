@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, cast
 
@@ -9,7 +10,9 @@ import numpy as np
 import pyarrow as pa
 
 from truing.inference.detectable import POWER, EffectSensitivity, effect_sensitivities, sensitivity_to
+from truing.inference.determined import determined_combinations
 from truing.inference.linear_problem import INPUTS, OBSERVATIONS, PLAUSIBLE, PRIOR_CAMPAIGN, WIDE
+from truing.report.diagnosis.findings import combination_words
 from truing.report.diagnosis.findings import detectable_words as in_words
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.detection_trials import reported_size
@@ -153,6 +156,27 @@ def uncertainty_table(diagnosis: CauseDiagnosis, legs: int) -> pa.Table:
         if verdict.verdict == "found" and verdict.cause.key in final.model.layout:
             for given in final.contributions(verdict.cause):
                 _add(rows, final, verdict.cause, given, legs)
+    return rows.table()
+
+
+def combinations_table(diagnosis: CauseDiagnosis, legs: int) -> pa.Table:
+    """Rows of the determined combinations of every accepted cause whose parameters share a unit."""
+    rows = Rows("determined_combinations")
+    for verdict in diagnosis.verdicts:
+        parameters = verdict.cause.parameters(legs)
+        if verdict.verdict in ("found", "suspected") and len({(p.unit, p.si) for p in parameters}) == 1:
+            si = parameters[0].si
+            for own in determined_combinations(verdict.values / si, verdict.covariance / si**2):
+                named = {p.name: round(float(c), 6) for p, c in zip(parameters, own.coefficients, strict=True)}
+                rows.add(
+                    cause=verdict.cause.id,
+                    subject=verdict.cause.subject,
+                    determined=combination_words(named),
+                    coefficients=json.dumps(named),
+                    combined_value=own.value,
+                    combined_sigma=own.sigma,
+                    unit=parameters[0].unit,
+                )
     return rows.table()
 
 

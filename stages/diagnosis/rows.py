@@ -114,6 +114,7 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
         "signal_to_noise": verdict.signal_to_noise,
         "share_explained": verdict.share_explained,
         **_left_out(verdict, diagnosis),
+        "in_model": cause.key in diagnosis.final.model.layout,
         "log_evidence": verdict.log_odds,
         "scale_holds": None if verdict.scale_holds is None else "holds" if verdict.scale_holds else "changes",
     }

@@ -82,6 +82,13 @@ def test_rivals_of_a_cause_explain_as_much_next_to_the_other_real_cause(both: Ro
     assert all(abs(lead) < np.log(20.0) for _, lead in choice.rivals)
 
 
+def test_the_probability_of_one_of_two_holds_next_to_the_other(both: Round) -> None:
+    choice = choose(both, set(), LEVEL)
+    assert choice is not None
+    assert both.probabilities[choice.candidate.kind] < 0.05  # alone, the stronger one leaves it nothing
+    assert 0.05 < choice.probability < 0.95  # its twin has the rest
+
+
 def test_where_one_effect_is_there_the_rivals_are_those_that_explain_it_alone() -> None:
     designs = {"own": _design(COURSES[0], 0), "twin": _design(COURSES[0] + 0.02 * COURSES[2], 0)}
     designs["other"] = _design(COURSES[1], 1)
@@ -122,6 +129,25 @@ def test_a_small_effect_on_the_poses_of_a_larger_form_is_its_remainder(held: flo
     stand.causes, stand.design_matrix = (_cause("form", False),), lambda cause: form
     stand.values = lambda cause: (np.array([held]), np.eye(1))
     assert current.is_remainder(current.candidates[0]) is expected
+
+
+@pytest.mark.parametrize(("left", "is_left"), [(8.0, True), (0.0, False)])
+def test_a_rival_without_a_name_that_still_explains_something_speaks_against_a_name(left: float, is_left: bool) -> None:
+    name, form = _design(COURSES[0], 0), _design(COURSES[0] + 0.8 * COURSES[1], 0)
+    before = _round({"name": name, "form": form}, {"name": 15.0, "form": left}, ("form",))
+    after = _round({"form": form}, {"form": left}, ("form",))
+    own = next(candidate for candidate in before.candidates if candidate.key == "name")
+    assert (after.p_value_of_rivals(own, before) < 0.005) is is_left
+
+
+def test_an_effect_that_was_no_rival_of_a_name_does_not_speak_against_it() -> None:
+    """It acts on other poses, so that the name takes nothing from it."""
+    first = np.arange(toy.POSES) < toy.POSES // 2
+    name, other = (_design(np.where(own, COURSES[0], 0.0), 0) for own in (first, ~first))
+    before = _round({"name": name, "other": other}, {"name": 15.0, "other": 5.0}, ("other",))
+    after = _round({"other": other}, {"other": 5.0}, ("other",))
+    own = next(candidate for candidate in before.candidates if candidate.key == "name")
+    assert after.p_value_of_rivals(own, before) == 1.0
 
 
 @dataclass(frozen=True)
@@ -171,6 +197,17 @@ def _accepted(told: _Told) -> str | None:
     return None if choice is None else choice.candidate.key
 
 
+@pytest.mark.parametrize(("lead", "expected"), [(2.9, "few"), (3.0, "many")])
+def test_the_kind_with_the_fewest_parameters_is_accepted_from_a_probability_of_5_percent_on(
+    lead: float, expected: str
+) -> None:
+    """At a lead of 2.94 the simpler one has exactly 5 %; up to 3.0 it counts as a rival."""
+    told = _Told({"few": 10.0, "many": 10.0 + lead - 0.005})
+    for candidate in told.candidates:
+        candidate.signature = SimpleNamespace(parameters=1 if candidate.key == "few" else 6)
+    assert _accepted(told) == expected
+
+
 @pytest.mark.parametrize(("lead", "expected"), [(0.5, "name"), (2.0, "form"), (9.0, "form")])
 def test_a_name_is_given_unless_a_form_without_one_is_three_times_as_probable(lead: float, expected: str) -> None:
     assert _accepted(_Told({"name": 10.0, "form": 10.0 + lead}, ("form",))) == expected
@@ -205,14 +242,14 @@ def test_two_names_are_taken_for_one_form_only_where_they_are_more_probable_once
 ) -> None:
     """As an estimate before the fit said; one of 50 stands against 27 and what is found beside that."""
     current, following = _Told({"stronger": 27.0, "one": 50.0}, ("one",)), _Told({"weaker": beside})
-    choice = CandidateChoice(current.candidates[0], (), of_two=True)
+    choice = CandidateChoice(current.candidates[0], (), 1.0, of_two=True)
     assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL, set()) is expected
 
 
 def test_a_name_that_leaves_nothing_real_needs_no_other_however_probable_one_form_seemed_before_the_fit() -> None:
     """A large effect leaves what is not linear in it to forms with more parameters, until the name is fitted."""
     current, following = _Told({"name": 27.0, "one": 900.0}, ("one",)), _Told({"rest": 5.0}, p=0.4)
-    choice = CandidateChoice(current.candidates[0], (), of_two=True)
+    choice = CandidateChoice(current.candidates[0], (), 1.0, of_two=True)
     assert confirmed(cast("Round", current), choice, cast("Round", following), LEVEL, set())
 
 

@@ -21,7 +21,7 @@ PARTS = {
     "adequacy": adequacy,
     "evidence": lambda tables: evidence(assessed_causes(tables)),
     "gain": lambda tables: gained(assessed_causes(tables), tables),
-    "sizes": lambda tables: sizes(accepted_of(assessed_causes(tables))),
+    "sizes": lambda tables: sizes(accepted_of(assessed_causes(tables)), tables),
     "pulls": pulls,
     "hidden": lambda tables: hidden(assessed_causes(tables), tables),
     "next": lambda tables: requested_measurements(assessed_causes(tables), tables),

@@ -1,46 +1,41 @@
 """Inputs that predict the residuals of a machine which no model of causes explains as a whole.
 
-Residuals are regressed on smooth functions of each input, on its history and on pairs of inputs, block by block. A
-block counts if it is significant after correction for all blocks and residuals tried, and after removal of the
-correlation in time: a column that drifts along with the residuals is no evidence of dependence.
+The residuals are modelled as noise plus a smooth random function of some inputs, a Gaussian process. All sets of one
+and two inputs are compared by marginal likelihood, and sets of three that contain a probable pair. An input is named
+if it belongs to the right set with high probability. A set of several inputs may therefore be named in part.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
 
 from truing.inference.arrays import Array, Integers, Mask
+from truing.inference.evidence import log_evidence
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import CauseT
 from truing.inference.search import LEAST_P
 
 _ORDER = "order"
-# Most functions of one input, of one input held fixed while an interaction is tested, of time, and of a pair; and the
-# fewest epochs per function. Length scales are in standard deviations of the inputs.
-_OF_ONE, _BESIDE, _OF_TIME, _OF_TWO = 8, 10, 16, 24
-_EPOCHS_PER_FUNCTION, _EPOCHS_PER_FUNCTION_BESIDE, _EPOCHS_PER_FUNCTION_OF_TWO = 4, 5, 3
-_SCALE, _FINE_SCALE, _SCALE_OF_TWO, _SCALE_OF_FIELDS = 0.8, 0.5, 0.9, 1.0
+# Length scales of the functions, in standard deviations of the inputs; time has finer ones, for drifts and walks.
+_SCALES, _SCALES_OF_TIME, _SCALE_OF_FIELDS = (0.5, 0.9, 1.6), (0.1, 0.25, 0.5, 0.9, 1.6), 1.0
+_MOST_FUNCTIONS = 60  # of one set of inputs
+_LARGEST_EFFECT = 10.0  # largest plausible effect, in units of the noise
 _FIELDS = 8  # smooth patterns over the places of a group, in addition to its common shift
 _THRESHOLDS = 0.08, 0.2, 0.4  # widths of play operators, relative to the range of an input
-# Functions below this share of the strongest are dropped, and blocks with less new variance than this share.
-_DISTINCT, _SAME, _NEW = 1e-2, 1e-3, 1e-3
-_MOST_BLOCKS = 5
-_DRIFT = 0.9  # a column drifts if functions of time explain this share of its variance
-_MOST_HELD = 0.6  # largest number of functions held fixed, as a share of the epochs
+_LOOK_BACK = 0.5  # plausible effect of an input's history, relative to that of the input
+_DISTINCT = 1e-2  # functions below this share of the strongest are dropped
+_LEAST_VARIANCE = 1e-6  # the same for variances along eigenvectors
+_PROBABLE_PAIRS = 6  # pairs to which third inputs are added
+_INCLUDED = 0.9  # probability from which on an input is named
+_MOST_SETS = 3  # sets of inputs that are named in turn
+_MOST_HELD = 0.5  # largest number of functions held fixed, as a share of the epochs
 _FEWEST_EPOCHS = 20
-_LAGS = 2  # order of the autoregression in time
-_MANY = 7  # fewest columns for the test of the largest root
-_TRACY_WIDOM = 46.446, 0.186054, 9.84801  # as a gamma distribution: its shape, scale and offset
-# Random orders of epochs are drawn where white noise is ruled out at this p-value. With more than _RESOLVED draws as
-# large, their share is the p-value.
-_ORDERS, _RULED_OUT, _RESOLVED, _LEAST_SKEWNESS = 150, 1e-3, 5, 0.3
-# Half the level goes to single inputs, a quarter each to their histories and to pairs.
-_WEIGHTS = {"input": 2.0, "history": 4.0, "pair": 4.0}
+_CLIPPED = 4.0  # residuals beyond so many robust standard deviations are clipped
 
 
 @dataclass(frozen=True)
@@ -67,30 +62,20 @@ class _Residuals:
     rows: Array
 
 
-@dataclass(frozen=True)
-class _FunctionBlock:
-    """Functions (n, m) of some inputs, and the functions (n, k) held fixed while they are tested."""
-
-    inputs: tuple[str, ...]
-    kind: str
-    functions: Array
-    beside: Array
-    taken: Array  # (n, l) functions removed from the residuals once the block counts
-    is_time: bool = False
-
-
 def attributed(fitted: FittedModel[CauseT], level: float) -> tuple[Attributed, ...]:
     """Return the inputs that predict the residuals of a model, at a familywise p-value of ``level``."""
     order = fitted.scene.covariates.get(_ORDER)
     groups = fitted.model.error_groups
     columns = _columns(fitted, groups)
     tried = [one for one in _residuals(fitted) if one.epochs.sum() >= _FEWEST_EPOCHS]
+    known: dict[bytes, _Spectra] = {}  # most residuals are known at the same epochs
     found: list[Attributed] = []
     for one in tried:
         at = one.epochs
-        own = {name: values[at] for name, values in columns.items() if np.ptp(values[at]) > 0.0}
-        in_time = _InTime(_own(order, at), _own(groups, at))
-        for inputs, share, p_value in _dependences(one.rows, own, in_time, level / len(tried)):
+        if (key := at.tobytes()) not in known:
+            own = {name: values[at] for name, values in columns.items() if np.ptp(values[at]) > 0.0}
+            known[key] = _Spectra(own, _InTime(_own(order, at), _own(groups, at)))
+        for inputs, share, p_value in _sets_of_inputs(one.rows, known[key], level / len(tried)):
             found.append(Attributed(one.channels, inputs, share, min(1.0, max(p_value * len(tried), LEAST_P))))
     return tuple(_merged(found))
 
@@ -197,82 +182,158 @@ class _InTime:
             found[now] = [*(ahead / reach), x[last]]
         return found
 
-    def whitener(self, rows: Array) -> _Filter:
-        """Return the filter that removes the serial correlation of rows (n, q), an autoregression of order 2."""
-        if self.order is None:
-            return _Filter(None, np.zeros(0, int), np.zeros(0))
-        in_time, groups = self._sorted
-        places = np.flatnonzero(groups[_LAGS:] == groups[:-_LAGS]) + _LAGS
-        before = np.stack([rows[in_time[places - lag]].ravel() for lag in range(1, _LAGS + 1)], -1)
-        gram = before.T @ before + 1e-9 * np.eye(_LAGS)
-        return _Filter(in_time, places, np.linalg.solve(gram, before.T @ rows[in_time[places]].ravel()))
+
+@dataclass(frozen=True)
+class _Spectrum:
+    """Eigenvectors (n, r) of the covariance of a random function at the epochs, and the roots (r,) of its eigenvalues.
+
+    The function has unit variance on average.
+    """
+
+    vectors: Array
+    strengths: Array
 
 
 @dataclass(frozen=True)
-class _Filter:
-    """Epochs in time (n,), the indices of those that have predecessors, and the autoregression coefficients."""
+class _Spectra:
+    """Spectra of functions of sets of inputs; ``held`` (n, h) are orthonormal functions from which they are free."""
 
-    in_time: Integers | None
-    places: Integers
-    kept: Array
+    columns: Mapping[str, Array]
+    in_time: _InTime
+    held: Array | None = None
 
-    def __call__(self, rows: Array) -> Array:
-        """Return the innovations of rows (n, q); the rows themselves where the order is unknown."""
-        if self.in_time is None:
-            return rows
-        past = (share * rows[self.in_time[self.places - lag]] for lag, share in enumerate(self.kept, 1))
-        return _centred(rows[self.in_time[self.places]] - np.sum(list(past), axis=0))
+    def of(self, inputs: tuple[str, ...]) -> list[_Spectrum]:
+        """Return the spectra of a set of inputs, one for each length scale, and for the history of a single input."""
+        if inputs not in self._known:
+            found = (self._spectrum(functions) for functions in self._functions(inputs))
+            self._known[inputs] = [own for own in found if own is not None]
+        return self._known[inputs]
+
+    def beyond(self, functions: Array) -> _Spectra:
+        """Return the spectra free of further functions (n, m)."""
+        held = functions if self.held is None else np.column_stack([self.held, functions])
+        return _Spectra(self.columns, self.in_time, _orthonormal(held))
+
+    def free(self, rows: Array) -> Array:
+        """Return rows (n, m), centred, without the functions that are held fixed."""
+        own = _centred(rows)
+        return own if self.held is None else _centred(own - self.held @ (self.held.T @ own))
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of residuals."""
+        return len(next(iter(self.columns.values()))) - 1 - (0 if self.held is None else self.held.shape[1])
+
+    def _functions(self, inputs: tuple[str, ...]) -> Iterator[Array]:
+        own = np.column_stack([self.columns[name] for name in inputs])
+        is_time = len(inputs) == 1 and inputs[0] in self._timed
+        for scale in _SCALES_OF_TIME if is_time else _SCALES:
+            yield _smooth(own, _MOST_FUNCTIONS, scale)
+        if len(inputs) == 1 and not is_time and (history := self.in_time.history(own[:, 0])) is not None:
+            past = _LOOK_BACK * _standard(history)
+            yield past
+            yield np.column_stack([_smooth(own, _MOST_FUNCTIONS, _SCALES[1]), past])
+
+    def _spectrum(self, functions: Array) -> _Spectrum | None:
+        free = self.free(functions)
+        values, vectors = np.linalg.eigh(free.T @ free)
+        # What the held functions explain is no new function.
+        kept = values > _LEAST_VARIANCE * max(values[-1], float(np.sum(_centred(functions) ** 2)))
+        if not kept.any():
+            return None
+        unit = values[kept] / values[kept].sum() * len(free)
+        return _Spectrum(free @ (vectors[:, kept] / np.sqrt(values[kept])), np.sqrt(unit))
+
+    @cached_property
+    def _timed(self) -> frozenset[str]:
+        return _timed(self.columns, self.in_time)
+
+    @cached_property
+    def _known(self) -> dict[tuple[str, ...], list[_Spectrum]]:
+        return {}
 
 
 def _dependences(
     rows: Array, columns: Mapping[str, Array], in_time: _InTime, level: float
 ) -> Iterator[tuple[tuple[str, ...], float, float]]:
-    """Yield names, share and p-value of the inputs on which residuals (n, q) depend, block by block."""
-    whole = _condensed(_centred(rows))
-    total, rest = float(np.sum(whole**2)), whole
-    held: Array = np.zeros((len(rows), 0))
-    blocks = list(_blocks(columns, in_time))
-    for _ in range(_MOST_BLOCKS):
-        whitener = in_time.whitener(rest)
-        tested = [(block, *found) for block in blocks if (found := _tested(block, rest, held, whitener)) is not None]
-        sorts = [block.kind for block, *_ in tested]
-        corrected = [(p * _WEIGHTS[b.kind] * sorts.count(b.kind), share, b) for b, p, share in tested]
-        real = [one for one in corrected if one[0] <= level and one[1] > 0.0]
-        if not real:
+    """Yield names, share and p-value of the inputs on which residuals (n, q) depend, set by set."""
+    yield from _sets_of_inputs(rows, _Spectra(columns, in_time), level)
+
+
+def _sets_of_inputs(rows: Array, spectra: _Spectra, level: float) -> Iterator[tuple[tuple[str, ...], float, float]]:
+    whole = _clipped(_condensed(_centred(rows)))
+    total = float(np.sum(whole**2))
+    for _ in range(_MOST_SETS):
+        rest = spectra.free(whole)
+        odds = _odds_of_sets(rest, spectra)
+        # The mean of likelihood ratios exceeds 1 / p by chance with a probability of at most p (Markov's inequality).
+        p_value = float(np.exp(-np.logaddexp.reduce(list(odds.values())))) if odds else 1.0
+        if p_value > level:
             return
-        p_value, squares, block = max(real, key=lambda one: one[1])
-        yield block.inputs, min(1.0, squares / total), p_value
-        blocks = [other for other in blocks if other is not block]
-        held = _orthonormal(np.column_stack([held, _beyond(block.taken, held)]))
-        rest = whole - held @ (held.T @ whole)
+        inputs = tuple(name for name in spectra.columns if _probability(name, odds) >= _INCLUDED)
+        best = max((own for own in odds if set(inputs) <= set(own)), key=lambda own: odds[own])
+        functions, squares = _explained(rest, spectra, best)
+        if inputs:
+            yield inputs, max(0.0, min(1.0, squares / total)), p_value
+        spectra = spectra.beyond(functions)
+        if spectra.held is None or spectra.held.shape[1] > _MOST_HELD * len(rest):
+            return
 
 
-def _blocks(columns: Mapping[str, Array], in_time: _InTime) -> Iterator[_FunctionBlock]:
-    """Yield all blocks of functions: of each input, of its history, of every pair."""
-    epochs = len(next(iter(columns.values()), np.zeros(0)))
-    none, timed = np.zeros((epochs, 0)), _timed(columns, in_time)
-    most = _most(_OF_ONE, epochs, _EPOCHS_PER_FUNCTION)
-    mains = {name: _smooth(own[:, None], most, _SCALE) for name, own in columns.items()}
-    fine = {}
-    for name, own in columns.items():
-        most = _most(_OF_TIME if name in timed else _BESIDE, epochs, _EPOCHS_PER_FUNCTION_BESIDE)
-        fine[name] = _orthonormal(_centred(_smooth(own[:, None], most, _FINE_SCALE)))
-        yield _FunctionBlock((name,), "input", mains[name], none, fine[name], name in timed)
-    for name, own in columns.items():
-        if name not in timed and (history := in_time.history(own)) is not None:
-            yield _FunctionBlock((name,), "history", history, fine[name], np.column_stack([history, mains[name]]))
-    drifts = {name for name, own in columns.items() if any(_drifts(own, fine[time]) for time in timed)}
-    for pair in combinations(columns, 2):
-        if drifts >= set(pair):  # two that drift are functions of time together
-            continue
-        both = np.column_stack([columns[name] for name in pair])
-        own = _smooth(both, _most(_OF_TWO, epochs, _EPOCHS_PER_FUNCTION_OF_TWO), _SCALE_OF_TWO)
-        beside = np.column_stack([fine[name] for name in pair])
-        yield _FunctionBlock(pair, "pair", own, beside, np.column_stack([own, *(mains[name] for name in pair)]))
+def _odds_of_sets(rest: Array, spectra: _Spectra) -> dict[tuple[str, ...], float]:
+    """Return the log odds of every set of inputs over noise alone, from residuals (n, q); all sizes of sets have equal
+    prior probability, and all sets of a size."""
+    names = list(spectra.columns)
+    found: dict[tuple[str, ...], float] = {}
+    for size in (1, 2, 3):
+        possible = list(combinations(names, size))
+        if size > len(names) or not possible:
+            break
+        prior = -np.log(3.0 * len(possible))
+        if size == 3:
+            pairs = sorted((own for own in found if len(own) == 2), key=lambda own: -found[own])[:_PROBABLE_PAIRS]
+            possible = [own for own in possible if any(set(pair) <= set(own) for pair in pairs)]
+        for own in possible:
+            found[own] = float(np.sum(_log_evidence(rest, spectra, own))) + prior
+    return found
 
 
-def _most(count: int, epochs: int, each: int) -> int:
-    return min(count, max(epochs // each, 3))
+def _log_evidence(rest: Array, spectra: _Spectra, inputs: tuple[str, ...]) -> Array:
+    """Return the log evidence (q,) of a dependence on a set of inputs, column by column of residuals (n, q)."""
+    # Few columns depend on anything: about the root of their number.
+    responds = 1.0 / (1.0 + np.sqrt(rest.shape[1]))
+    own = [_of_spectrum(rest, spectrum, spectra.freedom) for spectrum in spectra.of(inputs)]
+    if not own:
+        return np.zeros(rest.shape[1])
+    mean = np.logaddexp.reduce(own, axis=0) - np.log(len(own))
+    return np.asarray(np.logaddexp(np.log1p(-responds), np.log(responds) + mean))
+
+
+def _of_spectrum(rest: Array, spectrum: _Spectrum, freedom: int) -> Array:
+    along = (spectrum.vectors.T @ rest).T
+    return log_evidence(along, spectrum.strengths, np.sum(rest**2, 0), freedom, _LARGEST_EFFECT / 3.0)
+
+
+def _probability(name: str, odds: Mapping[tuple[str, ...], float]) -> float:
+    """Return the probability that an input belongs to the set on which the residuals depend."""
+    every = np.logaddexp.reduce(list(odds.values()))
+    with_it = [own for inputs, own in odds.items() if name in inputs]
+    return float(np.exp(np.logaddexp.reduce(with_it) - every))
+
+
+def _explained(rest: Array, spectra: _Spectra, inputs: tuple[str, ...]) -> tuple[Array, float]:
+    """Return the functions (n, m) of a set of inputs that residuals (n, q) need, and the squares that they predict
+    beyond chance."""
+    evidence = [_of_spectrum(rest, own, spectra.freedom) for own in spectra.of(inputs)]
+    best = spectra.of(inputs)[int(np.argmax(np.sum(np.maximum(evidence, 0.0), 1)))]
+    along = best.vectors.T @ rest
+    strongest = np.argsort(-best.strengths)
+    # A direction counts if noise of one unit leaves the effect visible there.
+    count = int(np.clip(np.sum(best.strengths > 1.0), 1, max(spectra.freedom // 3, 1)))
+    basis = best.vectors[:, strongest[:count]]
+    squares = float(np.sum(along[strongest[:count]] ** 2))
+    left = float(np.sum(rest**2)) - squares
+    return basis, squares - count * left / max(spectra.freedom - count, 1)
 
 
 def _timed(columns: Mapping[str, Array], in_time: _InTime) -> frozenset[str]:
@@ -283,85 +344,11 @@ def _timed(columns: Mapping[str, Array], in_time: _InTime) -> frozenset[str]:
     return frozenset(name for name, values in columns.items() if np.all(np.diff(values[order]) >= 0.0))
 
 
-def _drifts(values: Array, of_time: Array) -> bool:
-    """Return True if functions of time (n, m) explain nearly all of a column (n,)."""
-    own = values - values.mean()
-    return bool(np.sum((of_time.T @ own) ** 2) > _DRIFT * np.sum(own**2))
-
-
-def _tested(block: _FunctionBlock, rest: Array, held: Array, whitener: _Filter) -> tuple[float, float] | None:
-    """Return the p-value of a block on residuals (n, q) and the squares it predicts beyond chance. ``held`` (n, h) are
-    functions held fixed. None where the block adds no new function, or too few epochs are left."""
-    beside = _orthonormal(np.column_stack([held, block.beside]), _SAME) if block.beside.shape[1] else held
-    functions = _beyond(block.functions, beside)
-    if beside.shape[1] > _MOST_HELD * len(rest) or np.sum(functions**2) < _NEW * len(rest):
-        return None
-    own, free = rest - beside @ (beside.T @ rest), len(rest) - 1 - beside.shape[1]
-    found = _chance(functions, own, free)
-    if found is None or (block.is_time and not held.shape[1]):  # what other functions leave is correlated in time
-        return found
-    in_time = _chance(whitener(functions), whitener(own), free - _LAGS)
-    return max(found[0], 1.0 if in_time is None else in_time[0]), found[1]
-
-
-def _chance(functions: Array, rows: Array, free: int) -> tuple[float, float] | None:
-    """Return the p-value of functions (n, m) as predictors of rows (n, q), and the squares they predict beyond chance.
-
-    ``free``: degrees of freedom of the rows. None where the functions are too many. An F test of all columns, with an
-    effective number of independent columns (Box, Ann. Math. Stat. 25 (1954) 290); for many columns also the largest
-    root, which responds to one pattern common to all of them.
-    """
-    from scipy.special import fdtrc
-
-    basis = _orthonormal(functions)
-    count, columns = basis.shape[1], rows.shape[1]
-    if not 0 < count <= free - 4:
-        return None
-    along = basis.T @ rows
-    left = rows.T @ rows - along.T @ along
-    squares, rest = float(np.sum(along**2)), float(np.trace(left))
-    independent = rest**2 / max(float(np.sum(left**2)), 1e-300)
-    ratio = squares / count / max(rest / (free - count), 1e-300)
-    p_value = float(fdtrc(count * independent, (free - count) * independent, ratio))
-    if columns >= _MANY:
-        p_value = min(1.0, 2.0 * min(p_value, _of_largest_root(basis, rows, along, left, free - count)))
-    return p_value, squares - count * rest / (free - count)
-
-
-def _of_largest_root(basis: Array, rows: Array, along: Array, left: Array, free: int) -> float:
-    """Return the p-value of the largest root of the products of rows (n, q) with a basis (n, m).
-
-    ``left`` (q, q) are the residual products, with ``free`` degrees of freedom. First against white noise: Johnstone,
-    Ann. Stat. 29 (2001) 295, by Chiani's gamma distribution, J. Multivariate Anal. 129 (2014) 69. If this rules out
-    white noise, against permuted epochs too, because a few outliers would also raise the root.
-    """
-    from scipy.special import gammaincc
-
-    (count, columns), level = along.shape, float(np.trace(left)) / (free * along.shape[1])
-    first, second = math.sqrt(count - 0.5), math.sqrt(columns - 0.5)
-    middle, spread = (first + second) ** 2, (first + second) * (1.0 / first + 1.0 / second) ** (1.0 / 3.0)
-    root, (shape, scale, offset) = float(np.linalg.norm(along, 2)) ** 2, _TRACY_WIDOM
-    white = float(gammaincc(shape, max((root / level - middle) / spread + offset, 0.0) / scale))
-    if white > _RULED_OUT:
-        return white
-    rng = np.random.default_rng(len(rows))
-    orders = (rng.permutation(len(rows)) for _ in range(_ORDERS))
-    drawn = np.array([np.linalg.norm(basis.T @ rows[order], 2) ** 2 for order in orders])
-    return max(white, _tail(drawn, root))
-
-
-def _tail(drawn: Array, found: float) -> float:
-    """Return the share of draws (D,) at least as large as the value found; far out, by a gamma distribution. The gamma
-    distribution has the draws' mean, variance and skewness."""
-    from scipy.special import gammaincc
-
-    if (larger := int(np.sum(drawn >= found))) > _RESOLVED:
-        return (larger + 1) / (len(drawn) + 1)
-    spread = float(drawn.std())
-    skewness = max(float(np.mean((drawn - drawn.mean()) ** 3)) / max(spread**3, 1e-300), _LEAST_SKEWNESS)
-    shape = 4.0 / skewness**2
-    scale = max(spread / math.sqrt(shape), 1e-300)
-    return float(gammaincc(shape, max((found - drawn.mean()) / scale + shape, 0.0)))
+def _clipped(rows: Array) -> Array:
+    """Return centred rows (n, q) with outliers clipped: one of them would pass for a narrow peak of a function."""
+    robust = 1.4826 * np.median(np.abs(rows - np.median(rows, 0)), 0)
+    limit = _CLIPPED * np.maximum(robust, 0.5 * rows.std(0))
+    return _centred(np.clip(rows, -limit, limit))
 
 
 def _smooth(columns: Array, most: int, scale: float) -> Array:
@@ -411,12 +398,6 @@ def _condensed(rows: Array) -> Array:
     left, size, _ = np.linalg.svd(rows, full_matrices=False)
     kept = size > 1e-6 * size.max(initial=0.0)
     return np.asarray(left[:, kept] * size[kept])
-
-
-def _beyond(functions: Array, held: Array) -> Array:
-    """Return functions (n, m), centred, without their projection on orthonormal functions held (n, h)."""
-    own = _centred(functions)
-    return np.asarray(own - held @ (held.T @ own))
 
 
 def _orthonormal(functions: Array, least: float = _DISTINCT) -> Array:

@@ -7,23 +7,28 @@ from typing import Generic
 
 import numpy as np
 
+from truing.inference.evidence import probabilities
 from truing.inference.model import CauseT
 from truing.inference.rounds import NAMED, RIVAL_FACTOR, Round, is_nonparametric_of_subject
 from truing.inference.search import CauseCandidate
 
 _MOST_SUBJECTS = 3  # other subjects that are listed for a cause
+# Probability, among all kinds and none, below which a kind is not accepted while another one explains the data too.
+_LEAST_PROBABILITY = 0.05
 
 
 @dataclass(frozen=True)
 class CandidateChoice(Generic[CauseT]):
     """The candidate to accept, and indistinguishable rivals with their log odds over it.
 
-    ``of_two``: it is accepted as one of two that together explain what a single one would absorb; ``subjects``: its
-    other possible subjects, with the odds against each.
+    ``probability``: of its kind, among all kinds and none. ``of_two``: it is accepted as one of two that together
+    explain what a single one would absorb; its probability holds next to the other one. ``subjects``: its other
+    possible subjects, with the odds against each.
     """
 
     candidate: CauseCandidate[CauseT]
     rivals: tuple[tuple[CauseCandidate[CauseT], float], ...]
+    probability: float
     of_two: bool = False
     subjects: tuple[tuple[str, float], ...] = ()
 
@@ -38,10 +43,10 @@ def choose(
 ) -> CandidateChoice[CauseT] | None:
     """Return the candidate to accept, at the p-value ``level``; None where no candidate is real.
 
-    Of the kinds that explain the data equally well, this is the one with the fewest parameters. A catalogued cause is
-    preferred to a nonparametric effect unless the effect is clearly more probable. Where a pair explains what a single
-    candidate would absorb, it is the first of the pair. Its rivals are then those that do as well in its place. Kinds
-    in ``refused`` are ignored, also as a standard for the others.
+    Of the kinds that explain the data equally well, and have a probability of at least 5 %, this is the one with the
+    fewest parameters. A catalogued cause is preferred to a nonparametric effect unless the effect is clearly more
+    probable. Where a pair explains what a single candidate would absorb, it is the first of the pair. Its rivals are
+    then those that do as well in its place. Kinds in ``refused`` are ignored, also as a standard for the others.
     """
     rivals = _equals(current, level, refused)
     if not rivals:
@@ -49,15 +54,16 @@ def choose(
     pair = current.best_pair if pairs else None
     if pair is not None and pair.first.kind not in refused and _leads(current, pair.first, level):
         also = tuple(own for own in pair.rivals if is_real(current, own[0], level))
-        return CandidateChoice(pair.first, also, True, _other_subjects(current, pair.first))
+        return CandidateChoice(pair.first, also, pair.probability, True, _other_subjects(current, pair.first))
     unnamed = [c for c in rivals if not c.cause.catalogued]
     least = max((current.posterior(c) for c in unnamed), default=-np.inf) - NAMED
     named = [c for c in rivals if c.cause.catalogued and current.posterior(c) >= least]
-    chosen = min(named or unnamed, key=lambda c: (c.signature.parameters, -current.posterior(c)), default=None)
-    if chosen is None:
-        return None
+    left = probabilities({kind: current.posterior(c) for kind, c in current.best.items() if kind not in refused})
+    equal = named or unnamed
+    probable = [c for c in equal if left[c.kind] >= _LEAST_PROBABILITY] or [max(equal, key=current.posterior)]
+    chosen = min(probable, key=lambda c: (c.signature.parameters, -current.posterior(c)))
     also = tuple((c, current.posterior(c) - current.posterior(chosen)) for c in rivals)
-    return CandidateChoice(chosen, also, False, _other_subjects(current, chosen))
+    return CandidateChoice(chosen, also, left[chosen.kind], False, _other_subjects(current, chosen))
 
 
 def confirmed(

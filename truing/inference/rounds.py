@@ -16,6 +16,7 @@ from truing.inference.fitted_model import FittedModel
 from truing.inference.model import CauseLike, CauseT
 from truing.inference.search import (
     HIGHER_ORDER_SHARE,
+    CandidateGroup,
     CauseCandidate,
     NullDistribution,
     Search,
@@ -74,12 +75,14 @@ def _acting(fitted: FittedModel[CauseT], pathways: Pathways, cause: CauseT) -> t
 class CandidatePair(Generic[CauseT]):
     """Two candidates that together explain more than any single one; ``first`` is accepted first.
 
-    ``rivals`` could replace the first, together with the second, with their log odds over it.
+    ``rivals`` could replace the first, together with the second, with their log odds over it. ``probability``: of the
+    kind of the first next to the second, among all kinds and none.
     """
 
     first: CauseCandidate[CauseT]
     second: CauseCandidate[CauseT]
     rivals: tuple[tuple[CauseCandidate[CauseT], float], ...]
+    probability: float
 
 
 @dataclass(frozen=True)
@@ -155,7 +158,11 @@ class Round(Generic[CauseT]):
         first, second = sorted(best, key=lambda i: (_unnamed([tried[i]]), -self.posterior(tried[i])))
         behind = {sum(pair) - second: own - odds[best] for pair, own in odds.items() if second in pair}
         rivals = [(tried[i], lead) for i, lead in behind.items() if i != first and lead >= -np.log(RIVAL_FACTOR)]
-        return CandidatePair(tried[first], tried[second], tuple(rivals))
+        alone = self.posterior(tried[second]) - odds[best]
+        by_kind: dict[str, float] = {}
+        for i, lead in behind.items():
+            by_kind[tried[i].kind] = max(lead - alone, by_kind.get(tried[i].kind, -np.inf))
+        return CandidatePair(tried[first], tried[second], tuple(rivals), probabilities(by_kind)[tried[first].kind])
 
     def _least_of_pair(self, pair: Sequence[CauseCandidate[CauseT]]) -> float:
         """Return the least log odds of a pair of a catalogued cause and a nonparametric effect. A nonparametric effect
@@ -176,6 +183,27 @@ class Round(Generic[CauseT]):
             beside = [self._pair_evidence(pathways, form, c) for c in (*self._higher_order_candidates(form), *others)]
             self._rests[form.key] = max([self.posterior(form), *beside])
         return self._rests[form.key]
+
+    def p_value_of_rivals(self, name: CauseCandidate[CauseT], before: Round[CauseT]) -> float:
+        """Return the p-value of what nonparametric rivals of an accepted cause still explain next to it.
+
+        Rivals were probable themselves in the round ``before`` its acceptance, and explained at least a quarter of its
+        squares that they do not explain any more. A name of the right form leaves them nothing but chance.
+        """
+        least = _OF_ITS_SIZE * before.scores[name.key].squares
+        p_values = [
+            candidate.chosen_from * self._raw_p_value(candidate)
+            for candidate in self.candidates
+            if not candidate.cause.catalogued and candidate.signature.rank and candidate.key in before.scores
+            if (score := before.scores[candidate.key]).log_evidence > np.log(RIVAL_FACTOR)
+            and score.squares - self.scores[candidate.key].squares >= least
+        ]
+        return min(1.0, len(p_values) * min(p_values)) if p_values else 1.0
+
+    def _raw_p_value(self, candidate: CauseCandidate[CauseT]) -> float:
+        squares, own = self.scores[candidate.key].squares, candidate.signature
+        noise = self.fitted.noise.without(squares, own.rank, own.input_share)
+        return float(self.null.raw(squares, CandidateGroup(candidate.kind, own.rank, own.input_share), noise))
 
     def is_remainder(self, candidate: CauseCandidate[CauseT]) -> bool:
         """Return True if a candidate is small compared with a nonparametric effect of the model that acts

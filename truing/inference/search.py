@@ -48,12 +48,16 @@ HIGHER_ORDER_SHARE = 0.5
 
 @dataclass(frozen=True)
 class CauseCandidate(Generic[CauseT]):
-    """One candidate: its cause, kind, signature, and prior probability within its kind."""
+    """One candidate: its cause, kind, signature, and prior probability within its kind.
+
+    ``chosen_from``: number of candidates of single channels of which it is one with the most evidence; 1 for others.
+    """
 
     cause: CauseT
     kind: str
     signature: Signature
     prior: float
+    chosen_from: int = 1
 
     @cached_property
     def key(self) -> str:
@@ -394,7 +398,8 @@ def _best_members(
         shape = int(np.argmax(odds[:, channel]))
         cause = own.cause.member(int(channel), shape) if np.isfinite(odds[shape, channel]) else None
         if cause is not None and cause.key not in fitted.model.layout:
-            found.append(candidate_of(fitted, pathways, cause, own.kind, own.prior))
+            best = candidate_of(fitted, pathways, cause, own.kind, own.prior)
+            found.append(replace(best, chosen_from=int(signatures.seen.sum())))
     return found
 
 

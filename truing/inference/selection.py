@@ -108,11 +108,12 @@ class CauseDiagnosis(Generic[CauseT]):
 
 @dataclass(frozen=True)
 class _Accepted(Generic[CauseT]):
-    """An accepted cause: the choice, its round, and the model with it."""
+    """An accepted cause: the choice, its round, and the models without it and with it."""
 
     chosen: CandidateChoice[CauseT]
     round: Round[CauseT]
     cause: CauseT  # in the form that was fitted
+    before: FittedModel[CauseT]  # the model without it
     after: FittedModel[CauseT]
     is_outdone: bool  # a nonparametric effect was more probable, but was refused
 
@@ -180,10 +181,10 @@ class CauseSelection(Generic[CauseT]):
             self._fitter.narrow()  # noisier observations explain the apparent scatter of inputs
             first = self._round(self._fitter.prepared(self._given), kinds, 0)
             searched, scatters = self._searched_with_scatter(kinds, first)
+        searched, verdicts = self._paying(searched)
         fitter, final = self._fitter, searched.final
         noise = noise_level(final.fit.whitened, final.measured, fitter.declared)
         adequacy = adequacy_of(final, noise, np.random.default_rng([self._settings.seed, MOST_CAUSES]), fitter.repeats)
-        verdicts = self._verdicts(searched)
         noisy = tuple(self._noise.noisy_channels(final))
         is_noisier = bool(noisy) or noise.p_value <= self._settings.noise_level
         is_noisier |= any(own.driver.cause is None for own in noise_dependences)
@@ -193,11 +194,12 @@ class CauseSelection(Generic[CauseT]):
         periods = sum(own.driver.cause is not None for own in noise_dependences)
         fewest = 1 if scatters else _SEVERAL_PERIODS
         is_named = all(own.catalogued for own in final.causes) and periods < fewest
+        outdone = {step.cause.key for step in searched.kept if step.is_outdone or self._is_incomplete(step, searched)}
+        is_clear = holds and is_named and not outdone and all(verdict.verdict != SUSPECTED for verdict in verdicts)
+        attributions = () if is_clear and searched.kept else self._attributed(searched, holds=holds)
         # What inputs predict is no scatter, though it may pass for one.
-        attributions = () if holds and searched.kept else self._attributed(searched.plain)
         is_named &= bool(searched.kept) or not attributions
         doubt = Reason.INADEQUATE if not holds else None if is_named else Reason.UNNAMED
-        outdone = {step.cause.key for step in searched.kept if step.is_outdone}
         verdicts = [self._doubted(verdict, final, doubt, outdone) for verdict in verdicts]
         is_sure = doubt is None and all(verdict.verdict != SUSPECTED for verdict in verdicts)
         left = "" if is_sure else doubt or Reason.UNNAMED  # residuals of a doubtful model hold more than noise
@@ -226,33 +228,56 @@ class CauseSelection(Generic[CauseT]):
         scene = searched.plain.scene
         return tuple(kind for kind in kinds if kind.id not in known and not scene.scatters(kind))
 
-    def _attributed(self, plain: FittedModel[CauseT]) -> tuple[Attributed, ...]:
+    def _attributed(self, searched: _Searched[CauseT], *, holds: bool) -> tuple[Attributed, ...]:
         """Return the inputs that predict residuals of the plain model; a model with wrong causes may have absorbed
-        them."""
+        them. Where the campaign is known to hold an effect, no false alarm can follow."""
         self._progress("what the misfit follows")
-        return attributed(plain, self._settings.dependence_level)
+        is_quiet = holds and not searched.kept
+        level = self._settings.dependence_level if is_quiet else self._settings.doubted_level
+        return attributed(searched.plain, level)
+
+    def _is_incomplete(self, step: _Accepted[CauseT], searched: _Searched[CauseT]) -> bool:
+        """Return True if nonparametric rivals of an accepted cause still explain something next to it."""
+        last = searched.rounds[-1]
+        return last.p_value_of_rivals(step.candidate, step.round) <= self._settings.dependence_level
+
+    def _paying(self, searched: _Searched[CauseT]) -> tuple[_Searched[CauseT], list[Verdict[CauseT]]]:
+        """Return the search without the accepted causes that predictions contradict, and all verdicts. Those causes are
+        suspected, and the final model does not hold them."""
+        refuted: list[Verdict[CauseT]] = []
+        while True:
+            verdicts = self._verdicts(searched, refuted)
+            own = {step.cause.key for step in searched.kept}
+            unpaid = [verdict for verdict in verdicts if verdict.cause.key in own and _contradiction(verdict)]
+            if not unpaid:
+                return searched, verdicts
+            refuted += [replace(verdict, verdict=SUSPECTED, reason=_contradiction(verdict)) for verdict in unpaid]
+            searched = self._without(searched, {verdict.cause.key for verdict in unpaid})
+
+    def _without(self, searched: _Searched[CauseT], keys: set[str]) -> _Searched[CauseT]:
+        """Return a search without some of its accepted causes; the others are fitted again in turn."""
+        kept: list[_Accepted[CauseT]] = []
+        final = searched.plain
+        for step in searched.kept:
+            if step.cause.key not in keys:
+                causes = (*self._given, *(other.cause for other in kept), step.cause)
+                before, final = final, self._fitter.prepared(causes, final)
+                kept.append(replace(step, before=before, after=final))
+        return replace(searched, kept=kept, final=final)
 
     def _doubted(
         self, verdict: Verdict[CauseT], final: FittedModel[CauseT], doubt: Reason | None, outdone: set[str]
     ) -> Verdict[CauseT]:
         """Return a verdict after checks on the final model: a found cause that fails one is only suspected.
 
-        The checks, in order: predictions do not improve (``UNPAID``); held-out epochs are predicted worse
-        (``HELD_OUT``); blocks left out are less probable with the cause (``ELSEWHERE``); and for catalogued causes, the
-        final model is inadequate, holds a nonparametric effect of which the cause may be a part, or a refused
-        nonparametric effect was more probable.
+        Predictions may contradict it. A catalogued cause is also doubted if the final model is inadequate or holds a
+        nonparametric effect of which the cause may be a part. So it is if a nonparametric effect was more probable but
+        refused, or still explains something next to the cause.
         """
         if verdict.verdict != FOUND:
             return verdict
-        before, after = verdict.held_out
-        held_out = 1.0 if before is None or after is None else after.growth_over(before)
-        pays = verdict.signal_to_noise > 0.0 and verdict.after.growth_over(verdict.before) <= _NO_MORE
-        if not pays and held_out > 1.0 / _NO_WORSE:  # an effect in held-out epochs alone lowers only their errors
-            return replace(verdict, verdict=SUSPECTED, reason=Reason.UNPAID)
-        if held_out > _NO_WORSE:
-            return replace(verdict, verdict=SUSPECTED, reason=Reason.HELD_OUT)
-        if verdict.block_gain is not None and verdict.block_gain.log_gain < -np.log(RIVAL_FACTOR):
-            return replace(verdict, verdict=SUSPECTED, reason=Reason.ELSEWHERE)
+        if reason := _contradiction(verdict):
+            return replace(verdict, verdict=SUSPECTED, reason=reason)
         if not verdict.cause.catalogued or verdict.cause in self._given:
             return verdict
         verdict = replace(verdict, share_explained=share_explained(final, verdict.cause))
@@ -299,19 +324,22 @@ class CauseSelection(Generic[CauseT]):
         kept, dropped, final = self._dropped(found, plain)
         return _Searched(plain, kept, [*worse, *dropped], rounds, final, end)
 
-    def _verdicts(self, searched: _Searched[CauseT]) -> list[Verdict[CauseT]]:
-        """Return one verdict per kind of cause, and one per further subject that was found."""
+    def _verdicts(self, searched: _Searched[CauseT], refuted: Sequence[Verdict[CauseT]] = ()) -> list[Verdict[CauseT]]:
+        """Return one verdict per kind of cause, and one per further subject that was found. ``refuted``: verdicts on
+        accepted causes that the final model no longer holds."""
         final, held_out = searched.final, self._fitter.held_out
         verdicts = [certain(cause, searched.plain, held_out) for cause in self._given]
         for step in searched.kept:
             plain = first_order(step.round, step.candidate, FOUND, held_out)
-            reported = fitted(plain, step.cause, step.round.fitted, step.after, final)
+            reported = fitted(plain, step.cause, step.before, step.after, final)
             size = step.candidate.signature.parameters
             spread = shape_covariance_factors(self._fitter, final, step.cause, size)
             blocks = self._fitter.blocks
             gain = gain_in_blocks(final, step.cause, size, blocks or ())
-            reported = replace(reported, covariance=reported.covariance * spread, subjects=step.chosen.subjects)
+            chosen = {"probability": step.chosen.probability, "subjects": step.chosen.subjects}
+            reported = replace(reported, covariance=reported.covariance * spread, **chosen)
             verdicts.append(replace(reported, blocks_asked=blocks is not None, block_gain=gain))
+        verdicts += refuted
         others = [*self._rivals(searched.kept), *searched.refused, *self._rejected(searched.rounds, searched.end)]
         for verdict in others:  # one row per kind of cause: its first verdict
             if verdict.cause.id not in {reported.cause.id for reported in verdicts}:
@@ -347,7 +375,7 @@ class CauseSelection(Generic[CauseT]):
                 continue
             rounds[-1] = current.closed()
             outdone = is_outdone(current, chosen.candidate, refused)
-            found.append(_Accepted(chosen.light(), rounds[-1], cause, after, outdone))
+            found.append(_Accepted(chosen.light(), rounds[-1], cause, current.fitted, after, outdone))
             rounds.append(next_round)
 
     def _fitted(
@@ -432,3 +460,20 @@ class CauseSelection(Generic[CauseT]):
                 verdict = first_order(first, before, REJECTED, self._fitter.held_out, Reason.CONTAINED)
             found.append(verdict if before is None else replace(verdict, log_odds=first.posterior(before)))
         return found
+
+
+def _contradiction(verdict: Verdict[CauseT]) -> Reason | None:
+    """Return the reason why predictions contradict a found cause, None where they do not.
+
+    They do not improve (``UNPAID``), held-out epochs are predicted worse (``HELD_OUT``), or blocks left out are less
+    probable with the cause (``ELSEWHERE``).
+    """
+    before, after = verdict.held_out
+    held_out = 1.0 if before is None or after is None else after.growth_over(before)
+    pays = verdict.signal_to_noise > 0.0 and verdict.after.growth_over(verdict.before) <= _NO_MORE
+    if not pays and held_out > 1.0 / _NO_WORSE:  # an effect in held-out epochs alone lowers only their errors
+        return Reason.UNPAID
+    if held_out > _NO_WORSE:
+        return Reason.HELD_OUT
+    is_elsewhere_worse = verdict.block_gain is not None and verdict.block_gain.log_gain < -np.log(RIVAL_FACTOR)
+    return Reason.ELSEWHERE if is_elsewhere_worse else None

@@ -129,6 +129,7 @@ def fitted(
     return replace(
         verdict,
         cause=cause,
+        before=before.error,
         after=after.error,
         held_out=(before.held_out, after.held_out),
         floor=after.floor,

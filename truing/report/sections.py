@@ -75,7 +75,7 @@ calibration implicit_calibration correlations accuracy model_choice observabilit
 absorption requirements sensor_matrix
 sensor_merit sensor_choice error_classes calibrations_compared diagnosis diagnosis_choices adequacy detectable pulls
 pull_sums prediction reading_errors axis_errors next_poses next_loads changes uncertainty uncertainty_budget
-object_points cameras camera_correlations
+object_points cameras camera_correlations determined_combinations
 image_orientations image_residuals scale_bar_lengths bundle_statistics
 """
 

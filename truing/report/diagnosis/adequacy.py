@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from truing.belonging.relation import RelationState
-from truing.report.diagnosis.assessed_causes import accepted_of, assessed_causes
+from truing.report.diagnosis.assessed_causes import accepted_of, assessed_causes, modelled_of
 from truing.report.diagnosis.findings import subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, missed_by
 from truing.report.numbers import count, p_value, rough, sign
@@ -69,7 +69,7 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     if not rows:
         return None
     found = [row for row in accepted_of(rows) if not row.is_noise]
-    missed = [one for one in missed_by(rows, found, tables) if one.floor]
+    missed = [one for one in missed_by(rows, modelled_of(rows), tables) if one.floor]
     beyond, below = [one for one in missed if _is_beyond(one)], [one for one in missed if one.is_below_noise]
     none = "" if found else f"none of {count(len(rows), 'candidate')} was found, but "
     if beyond:

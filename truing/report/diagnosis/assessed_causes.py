@@ -50,6 +50,7 @@ class AssessedCause(Claim):
     left_out_blocks: int = 0
     left_out_gain: float | None = None
     share_predicted: float | None = None
+    in_model: bool = True  # whether the extended model holds it
 
     @property
     def is_noise(self) -> bool:
@@ -82,8 +83,13 @@ def assessed_causes(tables: Tables) -> list[AssessedCause]:
 
 
 def accepted_of(rows: list[AssessedCause]) -> list[AssessedCause]:
-    """Return the causes of the extended model, found or suspected, in the order of acceptance."""
+    """Return the causes that were found or are suspected, in the order of acceptance."""
     return [row for row in rows if row.verdict in (FOUND, SUSPECTED)]
+
+
+def modelled_of(rows: list[AssessedCause]) -> list[AssessedCause]:
+    """Return the causes with a mean effect that the extended model holds, in the order of acceptance."""
+    return [row for row in accepted_of(rows) if row.in_model and not row.is_noise]
 
 
 def _assessed_cause(row: Mapping[Any, Any]) -> AssessedCause:
@@ -117,6 +123,7 @@ def _assessed_cause(row: Mapping[Any, Any]) -> AssessedCause:
         left_out_blocks=int(_number(row.get("left_out_blocks")) or 0),
         left_out_gain=_number(row.get("left_out_gain")),
         share_predicted=_number(row.get("share_predicted")),
+        in_model=cell(row.get("in_model")) != "False",
     )
 
 
@@ -136,7 +143,7 @@ def _number(value: Any) -> float | None:
 
 def total_gain(found: list[AssessedCause], held_out: bool) -> tuple[float, float] | None:
     """Return the rms before and after all accepted causes; None where it was not evaluated, or in mixed units."""
-    effects = [row for row in found if not row.is_noise]
+    effects = modelled_of(found)
     if not effects or len({row.unit for row in effects}) > 1:
         return None
     pairs = [row.held_out if held_out else row.rms for row in effects]

@@ -38,6 +38,8 @@ _ALL = {"leg": "all legs", "load": "all loads", "channel": "all linear channels"
 _ALL_OF_IT = 0.995
 # Number of parameters that a sentence names before it counts the others.
 _NAMED = 6
+# Standard deviations below which none of many parameters counts as determined.
+_DETERMINED = 2.0
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,14 @@ def explanation(facts: Facts) -> str:
 def detectable_words(parameter: str, size: float | None, unit: str) -> str:
     """Return a detectable size in words: ``gain_3 of 0.021 %``; empty where there is none."""
     return "" if size is None or size != size else f"{few(parameter)} of {plain_size(parameter, size, unit)}"
+
+
+def combination_words(coefficients: Mapping[str, float]) -> str:
+    """Return a combination with its largest coefficients: ``0.71 K12 - 0.52 K15 and 34 smaller``."""
+    ordered = sorted(coefficients.items(), key=lambda item: -abs(item[1]))
+    text = " ".join(f"{'-' if c < 0 else '+'} {abs(c):.2f} {name}" for name, c in ordered[:_NAMED]).removeprefix("+ ")
+    more = len(ordered) - _NAMED
+    return f"{text} and {more} smaller" if more > 0 else text
 
 
 def few(parameters: str) -> str:
@@ -209,6 +219,9 @@ def _improvement(facts: Facts) -> str:
 def _sizes(facts: Facts) -> str:
     """Return the parameters after a colon, the most significant first where there are many."""
     ordered = list(facts.parameters.items())
+    if len(ordered) > _NAMED and max(_significance(value) for _, value in ordered) < _DETERMINED:
+        largest = max(ordered, key=lambda item: _significance(item[1]))
+        return f": none of its {len(ordered)} parameters is determined alone, only combinations are ({_size(*largest)})"
     if len(ordered) > _NAMED:
         ordered.sort(key=lambda item: -_significance(item[1]))
     named = [_size(name, value) for name, value in ordered[:_NAMED]]

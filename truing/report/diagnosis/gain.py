@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 
 from truing.report.calibration.calibrations import DEFORMATIONS, EXTENDED, chosen_calibration, deformation_words
 from truing.report.diagnosis.adequacy import shortcoming
-from truing.report.diagnosis.assessed_causes import AssessedCause, accepted_of, share_removed
+from truing.report.diagnosis.assessed_causes import AssessedCause, modelled_of, share_removed
 from truing.report.diagnosis.prediction_errors import (
     AT_THE_FLOOR,
     POINTS,
@@ -72,7 +72,7 @@ def gained(rows: list[AssessedCause], tables: Tables) -> ReportSection:
 
     ``rows``: all candidates; where none was found, the errors of the plain simulation.
     """
-    found = [row for row in accepted_of(rows) if not row.is_noise]
+    found = modelled_of(rows)
     of = compared(tables)
     missed = [_Missed(_words_of(one, of), one, bool(found)) for one in missed_by(rows, found, tables)]
     reported = [*_cause_by_cause(found, of), *_parts(missed, tables), *_plain(tables)]

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from truing.report.diagnosis.assessed_causes import AssessedCause, total_gain
+from truing.report.diagnosis.assessed_causes import AssessedCause, modelled_of, total_gain
 from truing.report.numbers import plain
 from truing.report.tables import STEP, Tables, filled, in_channel_order, is_bench, load_steps
 
@@ -190,7 +190,7 @@ def overall(found: list[AssessedCause], tables: Tables, *, held_out: bool) -> Ov
     One finding on a bench is assessed over the channels that it moves. Several are assessed over all channels of the
     unit in which they gain most, with the noise floor of these.
     """
-    effects = [row for row in found if not row.is_noise]
+    effects = modelled_of(found)
     if compared(tables) is READINGS and len(effects) > 1:
         units = dict.fromkeys(row.unit for row in effects)
         reported = [one for unit in units if (one := _of_readings(unit, tables, held_out)) is not None]

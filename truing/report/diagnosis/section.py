@@ -26,10 +26,10 @@ from truing.report.diagnosis.next_measurements import requested_measurements
 from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.diagnosis.words import certainty, counted, lower
 from truing.report.figure_style import BAR, BLUE, GREY, label, style
-from truing.report.numbers import count, printed, sign, with_uncertainty
+from truing.report.numbers import count, printed, rough, sign, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_diagnosis
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables, cell, filled
 from truing.report.wordings.claim import ParameterSize
 
 _TITLE = "Diagnosis"
@@ -62,7 +62,7 @@ def _parts(rows: list[AssessedCause], found: list[AssessedCause], tables: Tables
     return [
         evidence(rows),
         gained(rows, tables),
-        sizes(found) if found else None,
+        sizes(found, tables) if found else None,
         pulls(tables),
         _swallowed(tables) if any(row.cause.startswith("platform-deformation") for row in found) else None,
         unwritten_loads(rows, tables),
@@ -102,13 +102,44 @@ def _swallowed(tables: Tables) -> ReportSection | None:
     return ReportSection("swallowed", "Bias of the parameters if the deformation is ignored", text, see=see)
 
 
-def sizes(found: list[AssessedCause]) -> ReportSection:
-    """Return the parameters of all findings."""
+def sizes(found: list[AssessedCause], tables: Tables) -> ReportSection:
+    """Return the parameters of all findings, and the combinations that are determined where no single one is."""
     drawn = [picture for row in found for picture in _pictures(row)]
     listings = tuple(_parameters(row) for row in found if row.sizes)
     numbers = sum(size.number is not None for row in found for size in row.sizes)
-    lead = f"{count(numbers, 'parameter')} of the extended model, each with one standard deviation."
-    return ReportSection("sizes", "How large", lead, tuple(drawn), listings)
+    lead = f"{count(numbers, 'parameter')} of the accepted causes, each with one standard deviation."
+    combined = [(row, own) for row in found if len(own := _combinations(row, tables))]
+    text = " ".join([lead, *(_combined_words(row, own) for row, own in combined)])
+    tables_of_combinations = tuple(_combined(row, own) for row, own in combined)
+    return ReportSection("sizes", "How large", text, tuple(drawn), (*tables_of_combinations, *listings))
+
+
+def _combinations(row: AssessedCause, tables: Tables) -> pd.DataFrame:
+    """Return the determined combinations of a cause's parameters, none where single parameters are determined."""
+    table = filled(tables, "determined_combinations")
+    if table is None:
+        return pd.DataFrame()
+    return table[(table["cause"] == row.cause) & (table["subject"].fillna("") == row.subject)]
+
+
+def _combined_words(row: AssessedCause, own: pd.DataFrame) -> str:
+    determined = count(len(own), "combination")
+    return (
+        f"{row.name[:1].upper()}{row.name[1:]}: the data determine {determined} of the {len(row.sizes)} parameters; no "
+        "single parameter differs significantly from zero."
+    )
+
+
+def _combined(row: AssessedCause, own: pd.DataFrame) -> Listing:
+    reported = own[["determined", "combined_value", "combined_sigma", "unit"]].itertuples(index=False)
+    cells = []
+    for text, value, sigma, unit in reported:
+        factor, handy = handy_unit(stem(row.sizes[0].name), cell(unit), abs(value))
+        size = with_uncertainty(factor * value, factor * sigma, sign(handy))
+        cells.append((text, printed(size), rough(abs(value) / sigma)))
+    heads = ("combination, best determined first", "value", "in standard deviations")
+    caption = f"Determined combinations of {row.name}"
+    return Listing(heads, tuple(cells), caption=caption, held_by="determined_combinations.parquet")
 
 
 def _pictures(row: AssessedCause) -> Drawn:

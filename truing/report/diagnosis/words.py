@@ -262,10 +262,11 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
     rivals, out = (sum(row.verdict == verdict for row in rows) for verdict in (RIVAL, REJECTED))
     idle, of = sum(row.verdict == NOT_TESTABLE for row in rows), tested_words(rows) or "what was measured"
     accepted = [row for row in accepted_of(rows) if not row.is_noise]
-    found, suspected = len(accepted), sum(row.verdict == SUSPECTED for row in accepted)
+    refuted = sum(not row.in_model for row in accepted)
+    found, suspected = len(accepted) - refuted, sum(row.verdict == SUSPECTED and row.in_model for row in accepted)
     causes = [row for row in rows if not row.is_noise]
     assessed = f"{count(len(causes), 'candidate cause')} assessed"
-    if not found:
+    if not accepted:
         if short := shortcoming(tables):
             return f"{assessed}, none found, but the model does not fit as a whole: {short}."
         noisy = any(row.is_noise and not row.is_remainder for row in rows)
@@ -276,8 +277,10 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
     into = "included in the results below"
     if is_bench(tables) or any(name in tables for name in ("pulls", "axis_errors")):
         into = "added to the extended model (model.toml)"
+    worse = f", {refuted} suspected but not {into} because predictions contradict it" if refuted else ""
+    kept = f"{_accepted_words(found - suspected, suspected)} and {into}" if found else "none found"
     return (
-        f"{assessed}: {_accepted_words(found - suspected, suspected)} and {into}{other}, {out} rejected{unseen}. "
+        f"{assessed}: {kept}{worse}{other}, {out} rejected{unseen}. "
         f"All causes were compared on the same data, re-estimating every other parameter."
     )
 

@@ -81,7 +81,7 @@ def remainder_explanation(columns: tuple[str, ...], subject: str, share: float, 
     return (
         f"{remainder_clause(columns, subject, share)}{where}, by smooth functions of this input or its history. "
         f"Probability by chance: at most {p_value:.2g}, corrected for all inputs. "
-        "No model of causes fits as a whole, so this effect is not named."
+        "The extended model does not hold this dependence, and no cause is named for it."
     )
 
 

@@ -1,0 +1,100 @@
+"""Accepted causes that predictions contradict: they are suspected, and the final model does not hold them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from truing.inference.selection import CauseSelection, _contradiction
+from truing.inference.verdicts import FOUND, SUSPECTED, Reason
+
+
+@dataclass(frozen=True)
+class _Error:
+    """An error of predictions of which only the size is known."""
+
+    size: float
+
+    def growth_over(self, other: _Error) -> float:
+        return self.size / other.size
+
+
+@dataclass(frozen=True)
+class _Verdict:
+    """What the checks of predictions read of a verdict."""
+
+    cause: Any
+    after: _Error
+    held_out: tuple[_Error | None, _Error | None] = (None, None)
+    verdict: str = FOUND
+    reason: Reason | None = None
+    before: _Error = _Error(2.0)
+    signal_to_noise: float = 9.0
+    block_gain: Any = None
+
+
+def _verdict(name: str, after: float = 1.0, held: float | None = None, gain: float | None = None) -> _Verdict:
+    held_out = (None, None) if held is None else (_Error(2.0), _Error(held))
+    block_gain = None if gain is None else SimpleNamespace(log_gain=gain)
+    return _Verdict(SimpleNamespace(key=name), _Error(after), held_out, block_gain=block_gain)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "reason"),
+    [
+        (_verdict("lower errors"), None),
+        (_verdict("higher errors", after=2.1), Reason.UNPAID),
+        (_verdict("in held-out epochs alone", after=2.1, held=1.5), None),
+        (_verdict("held out alike", held=2.03), None),
+        (_verdict("held out worse", held=2.05), Reason.HELD_OUT),
+        (_verdict("less probable elsewhere", gain=-3.1), Reason.ELSEWHERE),
+        (_verdict("undecided elsewhere", gain=-2.9), None),
+    ],
+)
+def test_predictions_contradict_a_cause_with_a_reason(verdict: Any, reason: Reason | None) -> None:
+    assert _contradiction(verdict) is reason
+
+
+class _Selection(CauseSelection[Any]):
+    """A selection whose verdicts are given, and whose fits are the names of their causes."""
+
+    def __init__(self, verdicts: dict[str, _Verdict]) -> None:
+        self.of, self._given = verdicts, ()
+        self._fitter: Any = SimpleNamespace(prepared=lambda causes, start: [cause.key for cause in causes])
+
+    def _verdicts(self, searched: Any, refuted: Any = ()) -> Any:
+        return [*(self.of[step.cause.key] for step in searched.kept), *refuted]
+
+
+@dataclass(frozen=True)
+class _Step:
+    cause: Any
+    before: Any = None
+    after: Any = None
+
+
+@dataclass(frozen=True)
+class _Search:
+    kept: list[_Step]
+    plain: Any
+    final: Any
+
+
+def test_the_final_model_holds_the_causes_that_pay_fitted_anew_without_the_others() -> None:
+    own = {name: _verdict(name, held=held) for name, held in (("first", 1.0), ("worse", 2.2), ("last", 1.5))}
+    steps = [_Step(verdict.cause) for verdict in own.values()]
+    searched, verdicts = _Selection(own)._paying(_Search(steps, [], ["first", "worse", "last"]))  # type: ignore[arg-type]
+    assert [step.cause.key for step in searched.kept] == ["first", "last"]
+    assert searched.final == ["first", "last"]  # type: ignore[comparison-overlap]
+    assert searched.kept[1].before == ["first"]  # type: ignore[comparison-overlap]
+    told = {verdict.cause.key: (verdict.verdict, verdict.reason) for verdict in verdicts}
+    assert told == {"first": (FOUND, None), "last": (FOUND, None), "worse": (SUSPECTED, Reason.HELD_OUT)}
+
+
+def test_a_search_whose_causes_all_pay_stays_as_it_is() -> None:
+    searched = _Search([_Step(SimpleNamespace(key="one"))], [], ["one"])
+    kept, _ = _Selection({"one": replace(_verdict("one"))})._paying(searched)  # type: ignore[arg-type]
+    assert kept is searched
