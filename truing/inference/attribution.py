@@ -148,7 +148,9 @@ def _fields(places: Array) -> Array:
     ones = np.ones((len(places), 1))
     if not places.shape[1] or len(places) < 2:
         return _orthonormal(ones)
-    return _orthonormal(np.column_stack([ones, _smooth(places[:, :2], _FIELDS, _SCALE_OF_FIELDS)]))
+    return _orthonormal(
+        np.column_stack([ones, _smooth(places[:, :2], _landmarks(_standard(places[:, :2]), _FIELDS), _SCALE_OF_FIELDS)])
+    )
 
 
 @dataclass(frozen=True)
@@ -227,12 +229,13 @@ class _Spectra:
     def _functions(self, inputs: tuple[str, ...]) -> Iterator[Array]:
         own = np.column_stack([self.columns[name] for name in inputs])
         is_time = len(inputs) == 1 and inputs[0] in self._timed
+        marks = _landmarks(_standard(own), _MOST_FUNCTIONS)
         for scale in _SCALES_OF_TIME if is_time else _SCALES:
-            yield _smooth(own, _MOST_FUNCTIONS, scale)
+            yield _smooth(own, marks, scale)
         if len(inputs) == 1 and not is_time and (history := self.in_time.history(own[:, 0])) is not None:
             past = _LOOK_BACK * _standard(history)
             yield past
-            yield np.column_stack([_smooth(own, _MOST_FUNCTIONS, _SCALES[1]), past])
+            yield np.column_stack([_smooth(own, marks, _SCALES[1]), past])
 
     def _spectrum(self, functions: Array) -> _Spectrum | None:
         free = self.free(functions)
@@ -351,12 +354,11 @@ def _clipped(rows: Array) -> Array:
     return _centred(np.clip(rows, -limit, limit))
 
 
-def _smooth(columns: Array, most: int, scale: float) -> Array:
-    """Return at most ``most`` functions (n, m) of inputs (n, D) that approximate a Gaussian process. The products of
-    the functions are the covariance of the process, exact at its landmarks. ``scale`` is the length scale in standard
-    deviations of the inputs."""
+def _smooth(columns: Array, marks: Array, scale: float) -> Array:
+    """Return functions (n, m) of inputs (n, D) that approximate a Gaussian process. The products of the functions are
+    the covariance of the process, exact at its landmarks (M, D). ``scale`` is the length scale in standard deviations
+    of the inputs."""
     x = _standard(columns)
-    marks = _landmarks(x, most)
     values, vectors = np.linalg.eigh(_gaussian_kernel(marks, marks, scale))
     kept = values > 1e-4 * values[-1]
     return np.asarray(_gaussian_kernel(x, marks, scale) @ (vectors[:, kept] / np.sqrt(values[kept])))

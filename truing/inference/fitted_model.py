@@ -202,7 +202,10 @@ class Fitter(Generic[CauseT]):
         self, causes: tuple[CauseT, ...] = (), start: FittedModel[CauseT] | None = None
     ) -> FittedModel[CauseT]:
         """Return the converged fit with some causes, with its prediction error on epochs that were left out."""
-        fitted = self.converged(causes, start)
+        return self.predicted(self.converged(causes, start))
+
+    def predicted(self, fitted: FittedModel[CauseT]) -> FittedModel[CauseT]:
+        """Return a fit with its prediction error on epochs that were left out, held out or in turn."""
         return fitted if fitted.held_out is not None else replace(fitted, held_out=self._left_out_in_turn(fitted))
 
     def converged(

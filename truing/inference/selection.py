@@ -243,23 +243,40 @@ class CauseSelection(Generic[CauseT]):
 
     def _paying(self, searched: _Searched[CauseT]) -> tuple[_Searched[CauseT], list[Verdict[CauseT]]]:
         """Return the search without the accepted causes that predictions contradict, and all verdicts. Those causes are
-        suspected, and the final model does not hold them."""
+        suspected, and the final model does not hold them.
+
+        At its acceptance a cause is compared without those that were accepted later. A cause that fails there is
+        compared again, next to all others.
+        """
         refuted: list[Verdict[CauseT]] = []
         while True:
-            verdicts = self._verdicts(searched, refuted)
             own = {step.cause.key for step in searched.kept}
+            verdicts = [
+                self._next_to_others(verdict, searched)
+                if verdict.cause.key in own and _contradiction(verdict)
+                else verdict
+                for verdict in self._verdicts(searched, refuted)
+            ]
             unpaid = [verdict for verdict in verdicts if verdict.cause.key in own and _contradiction(verdict)]
             if not unpaid:
                 return searched, verdicts
-            refuted += [replace(verdict, verdict=SUSPECTED, reason=_contradiction(verdict)) for verdict in unpaid]
-            searched = self._without(searched, {verdict.cause.key for verdict in unpaid})
+            refuted.append(replace(unpaid[-1], verdict=SUSPECTED, reason=_contradiction(unpaid[-1])))
+            searched = self._without(searched, unpaid[-1].cause.key)
 
-    def _without(self, searched: _Searched[CauseT], keys: set[str]) -> _Searched[CauseT]:
-        """Return a search without some of its accepted causes; the others are fitted again in turn."""
+    def _next_to_others(self, verdict: Verdict[CauseT], searched: _Searched[CauseT]) -> Verdict[CauseT]:
+        """Return a verdict with the errors of the final model, and of the final model without the cause."""
+        final = searched.final
+        others = (step.cause for step in searched.kept if step.cause.key != verdict.cause.key)
+        without = self._fitter.predicted(self._fitter.fitted((*self._given, *others), final))
+        held_out = (without.held_out, final.held_out)
+        return replace(verdict, before=without.error, after=final.error, floor=final.floor, held_out=held_out)
+
+    def _without(self, searched: _Searched[CauseT], key: str) -> _Searched[CauseT]:
+        """Return a search without one of its accepted causes; the others are fitted again in turn."""
         kept: list[_Accepted[CauseT]] = []
         final = searched.plain
         for step in searched.kept:
-            if step.cause.key not in keys:
+            if step.cause.key != key:
                 causes = (*self._given, *(other.cause for other in kept), step.cause)
                 before, final = final, self._fitter.prepared(causes, final)
                 kept.append(replace(step, before=before, after=final))
