@@ -242,8 +242,8 @@ class CauseSelection(Generic[CauseT]):
         return last.p_value_of_rivals(step.candidate, step.round) <= self._settings.dependence_level
 
     def _paying(self, searched: _Searched[CauseT]) -> tuple[_Searched[CauseT], list[Verdict[CauseT]]]:
-        """Return the search without the accepted causes that predictions contradict, and all verdicts. Those causes are
-        suspected, and the final model does not hold them.
+        """Return the search without the accepted causes that do not pay, and all verdicts. Those causes are suspected,
+        and the final model does not hold them.
 
         At its acceptance a cause is compared without those that were accepted later. A cause that fails there is
         compared again, next to all others.
@@ -257,10 +257,10 @@ class CauseSelection(Generic[CauseT]):
                 else verdict
                 for verdict in self._verdicts(searched, refuted)
             ]
-            unpaid = [verdict for verdict in verdicts if verdict.cause.key in own and _contradiction(verdict)]
+            unpaid = [verdict for verdict in verdicts if verdict.cause.key in own and _unpaid(verdict)]
             if not unpaid:
                 return searched, verdicts
-            refuted.append(replace(unpaid[-1], verdict=SUSPECTED, reason=_contradiction(unpaid[-1])))
+            refuted.append(replace(unpaid[-1], verdict=SUSPECTED, reason=_unpaid(unpaid[-1])))
             searched = self._without(searched, unpaid[-1].cause.key)
 
     def _next_to_others(self, verdict: Verdict[CauseT], searched: _Searched[CauseT]) -> Verdict[CauseT]:
@@ -480,17 +480,18 @@ class CauseSelection(Generic[CauseT]):
 
 
 def _contradiction(verdict: Verdict[CauseT]) -> Reason | None:
-    """Return the reason why predictions contradict a found cause, None where they do not.
+    """Return the reason why predictions contradict a found cause, None where they do not: it does not pay, or blocks
+    left out are less probable with the cause (``ELSEWHERE``)."""
+    is_elsewhere_worse = verdict.block_gain is not None and verdict.block_gain.log_gain < -np.log(RIVAL_FACTOR)
+    return _unpaid(verdict) or (Reason.ELSEWHERE if is_elsewhere_worse else None)
 
-    They do not improve (``UNPAID``), held-out epochs are predicted worse (``HELD_OUT``), or blocks left out are less
-    probable with the cause (``ELSEWHERE``).
-    """
+
+def _unpaid(verdict: Verdict[CauseT]) -> Reason | None:
+    """Return the reason why a found cause does not pay, None where it does: predictions do not improve (``UNPAID``), or
+    held-out epochs are predicted worse (``HELD_OUT``)."""
     before, after = verdict.held_out
     held_out = 1.0 if before is None or after is None else after.growth_over(before)
     pays = verdict.signal_to_noise > 0.0 and verdict.after.growth_over(verdict.before) <= _NO_MORE
     if not pays and held_out > 1.0 / _NO_WORSE:  # an effect in held-out epochs alone lowers only their errors
         return Reason.UNPAID
-    if held_out > _NO_WORSE:
-        return Reason.HELD_OUT
-    is_elsewhere_worse = verdict.block_gain is not None and verdict.block_gain.log_gain < -np.log(RIVAL_FACTOR)
-    return Reason.ELSEWHERE if is_elsewhere_worse else None
+    return Reason.HELD_OUT if held_out > _NO_WORSE else None

@@ -277,7 +277,7 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
     into = "included in the results below"
     if is_bench(tables) or any(name in tables for name in ("pulls", "axis_errors")):
         into = "added to the extended model (model.toml)"
-    worse = f", {refuted} suspected but not {into} because predictions contradict it" if refuted else ""
+    worse = f", {refuted} suspected but not {into} because predictions are not better with it" if refuted else ""
     kept = f"{_accepted_words(found - suspected, suspected)} and {into}" if found else "none found"
     return (
         f"{assessed}: {kept}{worse}{other}, {out} rejected{unseen}. "
