@@ -353,8 +353,8 @@ class CauseSelection(Generic[CauseT]):
             spread = shape_covariance_factors(self._fitter, final, step.cause, size)
             blocks = self._fitter.blocks
             gain = gain_in_blocks(final, step.cause, size, blocks or ())
-            chosen = {"probability": step.chosen.probability, "subjects": step.chosen.subjects}
-            reported = replace(reported, covariance=reported.covariance * spread, **chosen)
+            covariance, probability = reported.covariance * spread, step.chosen.probability
+            reported = replace(reported, covariance=covariance, probability=probability, subjects=step.chosen.subjects)
             verdicts.append(replace(reported, blocks_asked=blocks is not None, block_gain=gain))
         verdicts += refuted
         others = [*self._rivals(searched.kept), *searched.refused, *self._rejected(searched.rounds, searched.end)]
