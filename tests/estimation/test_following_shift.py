@@ -47,6 +47,14 @@ def test_the_detectable_size_is_found_with_the_stated_power() -> None:
     assert np.mean([_drawn(rng, 0.5 * size)[2] < 0.01 for _ in range(_DRAWS)]) < 0.6
 
 
+def test_directions_that_are_known_far_better_than_others_leave_a_size() -> None:
+    rng = np.random.default_rng(5)
+    u = 1.3e-3 * rng.normal(size=(40, 6)) * [1e4, 1.0, 1.0, 1.0, 1.0, 1.0]  # one drive moves much farther
+    cov = np.broadcast_to(_SIGMA**2 * np.diag([1e-8, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1e-8]), (40, 8, 8))
+    found = following_shift(fit_response(u, rng.normal(size=(40, 8)) * np.sqrt(np.diag(cov[0])), cov), u)
+    assert np.isfinite([found.rms, found.upper, found.detectable]).all()
+
+
 def test_sizes_scale_with_the_unit_of_the_response() -> None:
     rng = np.random.default_rng(4)
     y = _U @ rng.normal(0.0, 1e-2, (_DRIVES, _RESPONSES)) + _SIGMA * rng.normal(size=(_ROWS, _RESPONSES))

@@ -62,6 +62,7 @@ def _detectable(fit: ResponseFit, covariance: Array, A: Array) -> float:
     unit = 1.0 / float(np.sqrt(strength.mean()))
 
     def missed(size: float) -> float:
-        return float(np.mean(ncfdtr(count, fit.dof, (size * unit) ** 2 * strength, critical))) - (1.0 - POWER)
+        chance = ncfdtr(count, fit.dof, (size * unit) ** 2 * strength, critical)
+        return float(np.mean(np.nan_to_num(chance, nan=0.0))) - (1.0 - POWER)  # NaN far above the critical value
 
     return unit * float(brentq(missed, 1e-6, 2.0 * np.sqrt(count * max(critical, 1.0)) + 10.0, xtol=1e-4))
