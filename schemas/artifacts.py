@@ -47,6 +47,11 @@ _MEASUREMENT = (
         covariates=True,
     ),
     parquet(
+        "distances",
+        "measured distances between targets of links, or from a target to a station",
+        "pose* from_link from_end* to_link to_end* reading_mm sigma_mm",
+    ),
+    parquet(
         "joints",
         "joints of an open chain with the links that they move, as [mechanism] describes them",
         "node* joint link below joint_kind x_mm y_mm z_mm rx_rad ry_rad rz_rad axis_x axis_y axis_z follows_joint "

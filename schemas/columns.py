@@ -40,6 +40,11 @@ _MEASURED = (
     text("axis", "axis of the body frame", choices=("x", "y", "z"), nullable=True),
     text("drive", "column on which the response depends", nullable=True),
     # Open chains.
+    text("from_link", "link of the first end; empty for a station", nullable=True),
+    text("from_end", "first end of the distance: a target, or station:NAME"),
+    text("to_link", "link of the second end; empty for a station", nullable=True),
+    text("to_end", "second end of the distance: a target, or station:NAME"),
+    size("reading_mm", "mm", "distance that was read"),
     integer("node", "number of the joint and its link in the chain; 0 is the base", minimum=0),
     text("joint", "joint; empty for the base, a fixed end, or a row that concerns no joint", nullable=True),
     text("link", "link that the joint moves, or the link concerned", nullable=True),

@@ -32,7 +32,7 @@ _RULES = ("false_alarm", "seed", "apply", "ignore")
 
 DECLARATION = Stage(
     name="diagnose",
-    reads=(*_POINTS, "joints?", "measured_poses?", "start?", *_LOADS, "qa?", *_RAYS),
+    reads=(*_POINTS, "joints?", "distances?", "measured_poses?", "start?", *_LOADS, "qa?", *_RAYS),
     leaves=(
         *("diagnosis", "adequacy?", "model?", "detectable?", "pulls?", "pull_sums?"),
         *("prediction?", "reading_errors?", "axis_errors?", "chain_parameters?", "next_poses?", "next_loads?"),

@@ -22,6 +22,7 @@ DECLARATION = Stage(
             "survey?",
             "configurations?",
             "joints?",
+            "distances?",
             "scans?",
             "measured_poses?",
             "observations?",

@@ -53,9 +53,11 @@ _READ = {
     "bodies": "positions of bodies declared still",
     "channel": "applied loads",
     "encoder": "position of the axis at its command",
+    "distance": "readings of the joints",
 }
 # Measured quantity, by a model's name for one channel.
 _MEASURED = {
+    "distance": "distances",
     "target": "measured points",
     "channel": "readings and signals",
     "encoder": "readings of the encoders",

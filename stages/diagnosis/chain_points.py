@@ -21,6 +21,7 @@ from truing.simulation.inputs import ORDER, approach, between_neighbours, order_
 from truing.simulation.mechanisms.chains.causes import JointsExchanged
 from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, SlipKind, does_not_belong, likely_slip
 from truing.simulation.mechanisms.chains.conditions import APPROACH, ChainConditions, MeasuredChannels
+from truing.simulation.mechanisms.chains.distances import DistanceModel, distance_start
 from truing.simulation.mechanisms.chains.model import FREE_PLACE, ChainModel, KnownChain
 from truing.simulation.mechanisms.chains.start_values import StartValues, start_values
 from truing.simulation.mechanisms.chains.tree import Tree, geometry_modes
@@ -55,6 +56,7 @@ _FEWEST = 8
 # Up to so many poses, exact readings have a noise of this share of the points' noise: joints may scatter.
 _FEW_POSES, _HARDLY = 400, 0.2
 _DRIVE = "the joint readings"
+_STATION = "station:"
 _SLIPS = {
     SlipKind.REVERSED: "the sign of joint {} reversed",
     SlipKind.DEGREES: "the readings of joint {} taken as degrees",
@@ -77,13 +79,17 @@ class _Measured:
     surveyed: Array
     survey_cov: Array
     reference: Array
+    ends: Index | None = None
 
 
 def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[ChainModel]:
     """Data of the diagnosis; raises ValueError with the reason if the campaign lacks them."""
     tree, table = tree_of(tables["joints"]), tables["configurations"]
     poses = pose_ids(table)
-    measured = _measured(tables, tree, poses)
+    of_distances = "distances" in tables and tables["distances"].num_rows > 0
+    if of_distances and any(name in tables and tables[name].num_rows for name in ("observations", "measured_poses")):
+        raise ValueError("distances together with points or poses are not evaluated yet: use a campaign for each")
+    measured = _distances(tables, tree, poses) if of_distances else _measured(tables, tree, poses)
     readings = joint_readings(tree, table)
     out = _excluded(settings, poses)
     usable = np.isfinite(readings).all(1) & measured.seen.any(1) & ~out
@@ -95,7 +101,8 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     if fitted.sum() < _FEWEST:
         raise ValueError(f"needs at least {_FEWEST} poses that may be fitted, found {int(fitted.sum())}")
     fitted, thinned = _thinned(fitted)
-    frames, model, certain = _model(tree, settings, measured, conditions, fitted)
+    build = _distance_model if of_distances else _model
+    frames, model, certain = build(tree, settings, measured, conditions, fitted)
 
     def epochs(own: Mask) -> Epochs[ChainConditions]:
         observed = Observations(measured.values[own], measured.cov[own], measured.seen[own])
@@ -119,12 +126,15 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         results,
         certain,
         model_text=text_of_model,
-        shown=_shown(measured.channels),
+        shown=_shown(model),
         relation=Relation.JOINTS_LINKS,
     )
 
 
-def _shown(channels: MeasuredChannels) -> ReportedRms | Channels:
+def _shown(model: ChainModel) -> ReportedRms | Channels:
+    channels = model.channels
+    if isinstance(model, DistanceModel):
+        return ReportedRms(drive=_DRIVE, what="distance")
     if not channels.is_rotation.any():
         return ReportedRms(drive=_DRIVE)
     turned = channels.is_rotation
@@ -229,7 +239,7 @@ def _poses(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, .
         at = positions(rows.column("pose"), poses)
         vectors, covs = pose_vectors(rows)[at >= 0], pose_covariances(rows)[at >= 0]
         at = at[at >= 0]
-        values, cov = np.zeros((2, len(poses), 3)), np.tile(np.eye(3), (2, len(poses), 1, 1))
+        values, cov = np.zeros((2, len(poses), 3)), np.zeros((2, len(poses), 3, 3))
         reference, seen = np.tile(np.eye(3), (len(poses), 1, 1)), np.zeros(len(poses), bool)
         good = np.isfinite(vectors).all(1)
         at, vectors, covs = at[good], vectors[good], covs[good]
@@ -240,6 +250,71 @@ def _poses(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, .
         found.append(("position", body, False, values[0], cov[0], seen, *nowhere, identity))
         found.append(("orientation", body, True, values[1], cov[1], seen, *nowhere, reference))
     return found
+
+
+def _distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> _Measured:
+    """Every end of a distance as a channel, a station on the base; values (B, D, 1) are the distances."""
+    table, survey = tables["distances"], tables.get("survey")
+    links, names = ([table.column(f"{end}_{what}").to_pylist() for end in ("from", "to")] for what in ("link", "end"))
+    base = tree.nodes[0].link
+    pairs = [[(link or base, name) for link, name in zip(*own, strict=True)] for own in zip(links, names, strict=True)]
+    ends = list(dict.fromkeys([*pairs[0], *pairs[1]]))
+    if strange := [link for link, _ in ends if link not in tree.links]:
+        raise ValueError(f"link {strange[0]} is no link of the chain; there are {', '.join(tree.links)}")
+    both = np.array([[ends.index(a), ends.index(b)] for a, b in zip(*pairs, strict=True)])
+    lines, number = np.unique(both, axis=0, return_inverse=True)
+    at = positions(table.column("pose"), poses)
+    known = at >= 0
+    values, cov = np.zeros((len(poses), len(lines), 1)), np.zeros((len(poses), len(lines), 1, 1))
+    seen = np.zeros((len(poses), len(lines)), bool)
+    place = at[known], number.ravel()[known]
+    values[place] = number_column(table, "reading_mm")[known, None] * _MM
+    cov[place] = (number_column(table, "sigma_mm")[known, None, None] * _MM) ** 2
+    seen[place] = True
+    own = {link: {} if survey is None else _survey_of(survey, link) for link, _ in ends}
+    nowhere = np.full(3, np.nan), np.full((3, 3), np.nan)
+    surveyed = [own[link].get(name, nowhere) for link, name in ends]
+    channels = MeasuredChannels(
+        tuple(name for _, name in ends),
+        tuple(link for link, _ in ends),
+        np.array([tree.links[link] for link, _ in ends]),
+        np.zeros(len(ends), bool),
+    )
+    reference = np.tile(np.eye(3), (len(poses), len(ends), 1, 1))
+    places, covs = (np.stack(part) for part in zip(*surveyed, strict=True))
+    return _Measured(channels, values, cov, seen, places, covs, reference, lines)
+
+
+def _distance_model(
+    tree: Tree, settings: Campaign, measured: _Measured, conditions: ChainConditions, fitted: Mask
+) -> tuple[Frames, ChainModel, tuple[JointsExchanged, ...]]:
+    """Frames without unknowns, and the model: the base is the frame, in which stations have unknown places."""
+    count, ends = len(measured.values), measured.ends
+    assert ends is not None
+    reach = float(np.sqrt(np.mean(tree.frames(conditions.readings[fitted]).t[:, -1] ** 2)))
+    origin = StartValues(
+        np.eye(3)[None],
+        np.zeros((1, 3)),
+        np.where(np.isfinite(measured.surveyed), measured.surveyed, 0.0),
+        np.tile(np.eye(3), (len(measured.channels.names), 1, 1)),
+        0.0,
+        reach,
+    )
+    conditions = replace(conditions, series=np.zeros(count, np.int64))
+    known = _known(tree, settings, measured, origin, False)
+    free = DistanceModel(tree, measured.channels, known, conditions, ends=ends)
+    stations = np.array([name.startswith(_STATION) for name in measured.channels.names], bool)
+    bare = replace(free.known, modes=free.known.modes[..., :0], offsets=0.0 * free.known.offsets)
+    plain = replace(free.at(conditions.chosen(fitted)), known=replace(bare, reading_sigma=0.0 * bare.reading_sigma))
+    start = distance_start(plain, measured.values[fitted], measured.seen[fitted], stations)
+    if does_not_belong(start):
+        raise ValueError(
+            f"joint readings and distances do not belong together: the nominal chain misses them by "
+            f"{start.rms / _MM:.3g} mm rms, of a spread of {start.spread / _MM:.3g} mm. Check the columns of the joints, "
+            "their units and signs, and the names of the targets"
+        )
+    model = replace(free, known=replace(free.known, shape=start.shape))
+    return Frames.of_numbers(count), model, ()
 
 
 def _conditions(
@@ -407,11 +482,11 @@ def _known(tree: Tree, settings: Campaign, measured: _Measured, start: StartValu
 
 def _least_noise(tree: Tree, measured: _Measured, start: StartValues) -> Array:
     """Noise (n,) of the readings, rad or m, that hardly shows in the measured places: the scale of joint scatter."""
-    own = ~measured.channels.is_rotation
+    own = np.ones(measured.values.shape[1], bool) if measured.ends is not None else ~measured.channels.is_rotation
     seen = measured.seen[:, own]
     if not seen.any():
         return np.zeros(len(tree.readings))
-    variance = np.trace(measured.cov[:, own][seen], axis1=-2, axis2=-1) / 3.0
+    variance = np.trace(measured.cov[:, own][seen], axis1=-2, axis2=-1) / measured.values.shape[-1]
     size = _HARDLY * float(np.sqrt(np.median(variance)))
     return np.where(tree.is_revolute, size / max(start.spread, size), size)
 
@@ -422,7 +497,7 @@ def _shape_modes(measured: _Measured, tolerance: NDArray | None) -> tuple[Array,
     A surveyed target is known to its survey's noise, and its link's end to the tolerance of the geometry; the place of
     any other target or tool is free.
     """
-    count = len(measured.values[0])
+    count = len(measured.channels.names)
     surveyed = np.asarray(np.isfinite(measured.surveyed).all(1))
     columns: list[Array] = []
     known: list[bool] = []

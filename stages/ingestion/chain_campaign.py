@@ -14,6 +14,7 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.raw import Unusable
 from truing.formats.source import CampaignFiles
 from truing.formats.urdf import Urdf, UrdfJoint, read_urdf
+from truing.report.numbers import count
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import meant
 from truing.simulation.mechanisms.chains.notations import (
@@ -25,6 +26,7 @@ from truing.simulation.mechanisms.chains.notations import (
 from truing.simulation.mechanisms.chains.tree import JointKind, Node, Tree
 from truing.stages.common.chain_tables import ANGLES, LENGTHS, joint_column, tree_table
 from truing.stages.declaration import Outcome, Progress
+from truing.stages.ingestion.distance_table import read_distances
 from truing.stages.ingestion.point_campaign import ingest_points
 
 _MM, _DEG = 1e-3, np.pi / 180.0
@@ -41,8 +43,14 @@ def ingest(
     assert isinstance(table, pa.Table)
     _check_columns(tree, table, log)
     _check_series(settings, table, log)
+    artifacts = {**outcome.artifacts, "joints": tree_table(tree, limits)}
+    if source.entries("distances"):
+        tip = settings.mechanism.tip or tree.nodes[-1].link
+        artifacts["distances"] = read_distances(source, settings, table.column("pose"), tip, log)
+        read = f"{count(artifacts['distances'].num_rows, 'distance')} from distances.csv"
+        outcome = replace(outcome, read=read if not outcome.read else f"{outcome.read}; {read}")
     log.throw()
-    return replace(outcome, artifacts={**outcome.artifacts, "joints": tree_table(tree, limits)})
+    return replace(outcome, artifacts=artifacts)
 
 
 def read_chain(settings: Any, source: CampaignFiles) -> tuple[Tree, Limits]:

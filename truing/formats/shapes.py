@@ -23,6 +23,8 @@ _CIRCLE = ("semi_major_px", "semi_minor_px", "axis_angle_rad", "contrast")
 _SHIFTS = ("m03", "m13", "m23")
 # Columns of a raw table alone; the unit of a load or reading depends on its axis or channel.
 _RAW: tuple[Column, ...] = (
+    Column("from", "text", "one end of a distance: a target, or station:NAME"),
+    Column("to", "text", "other end of a distance: a target, or station:NAME"),
     Column("survey", "text", "which of the later surveys a target was seen in"),
     Column("load_axis", "text", "the axis that is loaded", choices=("fx", "fy", "fz", "mx", "my", "mz")),
     Column("load", "real", "load along that axis, N or N m", nullable=True),
@@ -149,6 +151,7 @@ POSES = TableShape(
     ("pose", "body"),
     (*_POINT, *_QUATERNION, *_VECTOR, *_EULER, *_MATRIX, *_POSE_SIGMAS, *_POSE_COVARIANCE),
 )
+DISTANCES = TableShape("distances", ("pose", "from", "to", "distance_mm"), ("sigma_mm",), may_be_empty=("sigma_mm",))
 SCANS = TableShape("scans", ("pose", "body", *_POINT))
 SURFACES = TableShape("surfaces", ("body", *_POINT))
 CONFIGURATIONS = TableShape(

@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 OF_IMAGES = ("images", "image_points", "image_targets", "scale_bars", "known_points", "cameras")
 OTHERS = (
-    *("points", "poses", "targets", "resurveys", "configurations", "scans", "surfaces"),
+    *("points", "poses", "targets", "resurveys", "configurations", "scans", "surfaces", "distances"),
     *("displacement", "interferometer", "signals", "quadrature", "positioning", "published"),
 )
 TABLES = (*OTHERS, *OF_IMAGES)
 _RAYS = ("images", "image_points")  # either of these defines a campaign of photographs
-_OF_POINTS = ("points", "poses", "scans")
+_OF_POINTS = ("points", "poses", "scans", "distances")
 PICTURES = ("jpg", "jpeg", "png", "tif", "tiff")
 _BY_CHANNEL = "interferometer"  # table whose rows may be side by side, one column per channel
 # Formats of pictures that are not read: they need the decoder of each maker, or have lossy compression that no longer

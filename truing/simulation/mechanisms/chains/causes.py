@@ -27,9 +27,13 @@ HARMONICS = (2, 3, 4, 5, 6, 7, 8)
 
 @dataclass(frozen=True)
 class ChainScene(Scene["ChainCause"]):
-    """Scene of causes that act on a chain: its joints, links, inputs and targets."""
+    """Scene of causes that act on a chain: its joints, links, inputs and targets.
+
+    ``places`` (K, 0): instead of the targets' places, of observations that have none.
+    """
 
     inputs_of_machine: ChainInputs
+    places: NDArray | None = None
 
     @property
     def covariates(self) -> Mapping[str, NDArray]:
@@ -44,8 +48,8 @@ class ChainScene(Scene["ChainCause"]):
 
     @property
     def shape(self) -> NDArray:
-        """Positions (K, 3) of the targets in their links, m."""
-        return self.inputs_of_machine.shape
+        """Positions (K, 3) of the targets in their links, m; (K, 0) for other observations."""
+        return self.inputs_of_machine.shape if self.places is None else self.places
 
 
 @dataclass(frozen=True)
@@ -459,7 +463,7 @@ class ChainTargetMoved(ChainCause):
         """Return every target displaced from each possible pose on, if it is seen often enough before and after."""
         machine = scene.inputs_of_machine
         targets, onsets = np.flatnonzero(~machine.channels.is_rotation), _onsets(machine)
-        if not onsets or not len(targets):
+        if not onsets or not len(targets) or scene.places is not None:
             return ()
         late = np.stack([machine.order >= order for _, order in onsets])
         seen = (

@@ -112,21 +112,7 @@ def _refined(model: ChainModel, values: NDArray, seen: Mask) -> StartValues:
     """Return the places after damped Gauss-Newton steps over all of them."""
     turned, known = model.channels.is_rotation, model.known
     weight = seen[..., None] * np.where(turned, _LEVER_M, 1.0)[:, None]
-    shared, local = np.zeros(model.shared_size), np.zeros((len(values), 0))
-    damping, best = 1e-6, _misfit(model, shared, values, weight)
-    for _ in range(_ROUNDS if model.shared_size else 0):
-        found = model.predict(shared, local)
-        rows = (found.by_shared * weight[..., None]).reshape(-1, model.shared_size)
-        gap = ((values - found.values) * weight).ravel()
-        normal = rows.T @ rows + _WEAK**2 * np.eye(model.shared_size)
-        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), rows.T @ gap)
-        now = _misfit(model, shared + step, values, weight)
-        if now > best:
-            damping *= 10.0
-        else:
-            shared, best, damping = shared + step, now, max(damping / 10.0, 1e-12)
-        if np.abs(step).max() < _SETTLED or damping > 1e6:
-            break
+    shared, local = settled(model, values, weight), np.zeros((len(values), 0))
     places = known.shape + known.shape_modes @ shared[model.layout["shape"]]
     tool = known.tool @ np.where(turned[:, None, None], exp_so3(places), np.eye(3))
     R, t = known.base_R, known.base_t
@@ -142,6 +128,26 @@ def _refined(model: ChainModel, values: NDArray, seen: Mask) -> StartValues:
     )
 
 
+def settled(model: ChainModel, values: NDArray, weight: NDArray) -> Array:
+    """Return the shared unknowns (G,) of the least-squares fit to values (B, K, d) of given weight, by damped steps."""
+    shared, local = np.zeros(model.shared_size), np.zeros((len(values), model.local_size))
+    damping, best = 1e-6, _misfit(model, shared, values, weight)
+    for _ in range(_ROUNDS if model.shared_size else 0):
+        found = model.predict(shared, local)
+        rows = (found.by_shared * weight[..., None]).reshape(-1, model.shared_size)
+        gap = ((values - found.values) * weight).ravel()
+        normal = rows.T @ rows + _WEAK**2 * np.eye(model.shared_size)
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), rows.T @ gap)
+        now = _misfit(model, shared + step, values, weight)
+        if now > best:
+            damping *= 10.0
+        else:
+            shared, best, damping = shared + step, now, max(damping / 10.0, 1e-12)
+        if np.abs(step).max() < _SETTLED or damping > 1e6:
+            break
+    return shared
+
+
 def _spread(values: NDArray, seen: Mask) -> float:
     """Return the root mean square of positions (B, K, 3) about the mean of each channel."""
     count = np.maximum(seen.sum(0), 1)[:, None]
@@ -150,4 +156,4 @@ def _spread(values: NDArray, seen: Mask) -> float:
 
 
 def _misfit(model: ChainModel, shared: NDArray, values: NDArray, weight: NDArray) -> float:
-    return float(np.sum(((values - model.points(shared, np.zeros((len(values), 0)))) * weight) ** 2))
+    return float(np.sum(((values - model.points(shared, np.zeros((len(values), model.local_size)))) * weight) ** 2))

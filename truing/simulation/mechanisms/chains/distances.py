@@ -1,0 +1,129 @@
+"""Distances between targets of a chain, or from a target to a station: ball bars, wires, ranging instruments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.arrays import Array, Index, Mask
+from truing.simulation.cause import OBSERVED
+from truing.simulation.effects_model import Prediction
+from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
+from truing.simulation.mechanisms.chains.model import TWISTS, ChainModel
+from truing.simulation.mechanisms.chains.start_values import StartValues, settled
+
+
+@dataclass(frozen=True)
+class DistanceModel(ChainModel):
+    """A chain of which D distances are measured, each between two of the channels, ``ends`` (D, 2).
+
+    A station is a channel on the base with an unknown place.
+    """
+
+    ends: Index
+
+    channel_word = "distance"
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        """Names (D,) of the distances by their ends."""
+        names = self.channels.names
+        return tuple(f"{names[a]} to {names[b]}" for a, b in self.ends)
+
+    @property
+    def channel_kinds(self) -> tuple[str, ...]:
+        """Sort of each channel (D,)."""
+        return ("distance",) * len(self.ends)
+
+    @property
+    def channel_groups(self) -> NDArray:
+        """Noise group (D,): one for all."""
+        return np.zeros(len(self.ends), int)
+
+    @property
+    def scene(self) -> ChainScene:
+        """Scene from which causes propose candidates; single targets cannot be shifted in it."""
+        return replace(super().scene, places=np.zeros((len(self.ends), 0)))
+
+    def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
+        """Return the distances (B, D, 1), m, and derivatives at shared (G,) and local (B, H) unknowns."""
+        found = super().predict(shared, local, by_shared)
+        unit, length = self._directions(found.values)
+        return replace(
+            found,
+            values=length[..., None],
+            by_shared=self._along(unit, found.by_shared),
+            by_local=self._along(unit, found.by_local),
+        )
+
+    def points(self, shared: NDArray, local: NDArray) -> Array:
+        """Return the distances (B, D, 1), m, at shared (G,) and local (B, H) unknowns."""
+        return np.asarray(self._directions(super().points(shared, local))[1][..., None])
+
+    def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
+        """Return the derivatives (B, D, 1, C) of the distances by the twists of all nodes."""
+        unit, _ = self._directions(super().points(shared, local))
+        return {TWISTS: self._along(unit, super().pathways(shared, local)[TWISTS])}
+
+    def rotations(self, shared: NDArray, local: NDArray) -> Array:
+        """Return ones (B, D, 1, 1): a distance has no direction."""
+        return np.ones((len(local), len(self.ends), 1, 1))
+
+    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[ChainCause], dict[str, NDArray]]:
+        """Return the function from a cause to its twists (B, C, P), or change of the distances, per plausible scale."""
+        machine, turned = self.machine, super().rotations(shared, local)
+        unit, _ = self._directions(super().points(shared, local))
+
+        def found(cause: ChainCause) -> dict[str, NDArray]:
+            scale, own = self.effect_scale(cause), cause.twists(machine)
+            if own is not None:
+                return {TWISTS: own.reshape(len(own), -1, own.shape[-1]) * scale}
+            shifts = cause.shifts(machine)
+            return {} if shifts is None else {OBSERVED: self._along(unit, turned @ shifts * scale)[:, :, 0]}
+
+        return found
+
+    def _directions(self, points: NDArray) -> tuple[Array, Array]:
+        """Return unit vectors (B, D, 3) from the second to the first end, and distances (B, D)."""
+        apart = points[:, self.ends[:, 0]] - points[:, self.ends[:, 1]]
+        length = np.sqrt(np.sum(apart**2, -1))
+        return apart / length[..., None], length
+
+    def _along(self, unit: NDArray, slopes: NDArray) -> Array:
+        """Return the derivatives (B, D, 1, P) of the distances from those of the points (B, K, 3, P)."""
+        apart = slopes[:, self.ends[:, 0]] - slopes[:, self.ends[:, 1]]
+        return np.asarray(np.einsum("bdi,bdip->bdp", unit, apart)[:, :, None])
+
+
+def distance_start(model: DistanceModel, values: NDArray, seen: Mask, stations: Mask) -> StartValues:
+    """Return the best places of stations, a mask (K,) of the channels, and targets for distances (B, D, 1)."""
+    known = model.known
+    shape = known.shape.copy()
+    nominal = ChainModel.points(model, np.zeros(model.shared_size), np.zeros((len(values), model.local_size)))
+    for k in np.flatnonzero(stations):
+        shape[k] = _station(model, values[..., 0], seen, int(k), nominal)
+    started = replace(model, known=replace(known, shape=shape))
+    weight = seen[..., None].astype(float)
+    shared = settled(started, values, weight)
+    places = shape + known.shape_modes @ shared[model.layout["shape"]]
+    left = (values - started.points(shared, np.zeros((len(values), model.local_size)))) * weight
+    count = max(int(seen.sum()), 1)
+    mean = np.sum(values * weight, 0) / np.maximum(weight.sum(0), 1.0)
+    spread = float(np.sqrt(np.sum(((values - mean) * weight) ** 2) / count))
+    return StartValues(known.base_R, known.base_t, places, known.tool, float(np.sqrt(np.sum(left**2) / count)), spread)
+
+
+def _station(model: DistanceModel, lengths: NDArray, seen: Mask, k: int, nominal: NDArray) -> Array:
+    """Return the place (3,) of a station by the squares of its distances to nominal places, which are linear in it."""
+    rows, squares = [], []
+    for d, (a, b) in enumerate(model.ends):
+        if k in (a, b):
+            own = seen[:, d]
+            points = nominal[own, b if a == k else a]
+            rows.append(np.concatenate([-2.0 * points, np.ones((len(points), 1))], 1))
+            squares.append(lengths[own, d] ** 2 - np.sum(points**2, -1))
+    found = np.linalg.lstsq(np.concatenate(rows), np.concatenate(squares), rcond=1e-9)[0]
+    return np.asarray(found[:3])
