@@ -59,7 +59,9 @@ class ChainTolerance(Section):
     """
 
     offset_deg: NotNegative | None = Field(None, description="zero of a revolute joint; absent: exact")
-    offset_mm: NotNegative | None = Field(None, description="zero of a prismatic joint; absent: exact")
+    offset_mm: NotNegative | None = Field(
+        None, description="zero of a prismatic joint; absent: as length_mm, else exact"
+    )
     length_mm: NotNegative | None = Field(None, description="each shift of a joint's frame in its link; absent: free")
     angle_deg: NotNegative | None = Field(None, description="each rotation of a joint's frame; absent: free")
 

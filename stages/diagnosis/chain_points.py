@@ -23,6 +23,7 @@ from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, SlipKin
 from truing.simulation.mechanisms.chains.conditions import APPROACH, ChainConditions, MeasuredChannels
 from truing.simulation.mechanisms.chains.distances import DistanceModel, distance_start
 from truing.simulation.mechanisms.chains.model import FREE_PLACE, ChainModel, KnownChain
+from truing.simulation.mechanisms.chains.offsets import offsets_beyond_tolerance
 from truing.simulation.mechanisms.chains.start_values import StartValues, start_values
 from truing.simulation.mechanisms.chains.tree import Tree, geometry_modes
 from truing.simulation.targets import FREE_ANGLE_RAD, FREE_LENGTH_M
@@ -109,6 +110,11 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         return Epochs(observed, conditions.chosen(own), Frames(frames.R[own], frames.t[own], frames.free))
 
     own = conditions.chosen(fitted)
+    searched = epochs(fitted)
+    certain = (
+        *certain,
+        *offsets_beyond_tolerance(model.at(own).with_causes(certain), searched.measured, searched.frames),
+    )
     time = own.covariates.get("time_s")
     labels = chosen(labels_of(table, poses), fitted)
     groupings = groupings_of(own.readings, time, None, labels)
@@ -120,7 +126,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     ]
     return DiagnosisData(
         model.at(own),
-        replace(epochs(fitted), groupings=groupings),
+        replace(searched, groupings=groupings),
         epochs(held) if held.any() else None,
         "; ".join(filter(None, words)),
         results,
@@ -310,8 +316,8 @@ def _distance_model(
     if does_not_belong(start):
         raise ValueError(
             f"joint readings and distances do not belong together: the nominal chain misses them by "
-            f"{start.rms / _MM:.3g} mm rms, of a spread of {start.spread / _MM:.3g} mm. Check the columns of the joints, "
-            "their units and signs, and the names of the targets"
+            f"{start.rms / _MM:.3g} mm rms, of a spread of {start.spread / _MM:.3g} mm. Check the columns of the "
+            "joints, their units and signs, and the names of the targets"
         )
     model = replace(free, known=replace(free.known, shape=start.shape))
     return Frames.of_numbers(count), model, ()
@@ -453,7 +459,11 @@ def _known(tree: Tree, settings: Campaign, measured: _Measured, start: StartValu
     lengths = FREE_LENGTH_M if tolerance.length_mm is None else tolerance.length_mm * _MM
     angles = FREE_ANGLE_RAD if tolerance.angle_deg is None else tolerance.angle_deg * _DEG
     sigma = np.array([lengths] * 3 + [angles] * 3)
-    offsets = np.where(tree.is_revolute, (tolerance.offset_deg or 0.0) * _DEG, (tolerance.offset_mm or 0.0) * _MM)
+    offsets = np.where(
+        tree.is_revolute,
+        (tolerance.offset_deg or 0.0) * _DEG,
+        (tolerance.length_mm or 0.0 if tolerance.offset_mm is None else tolerance.offset_mm) * _MM,
+    )
     noise = np.where(tree.is_revolute, settings.noise.joint_deg * _DEG, settings.noise.joint_mm * _MM)
     noise = np.maximum(noise, _least_noise(tree, measured, start)) if len(measured.values) <= _FEW_POSES else noise
     is_base_seen = bool((channels.node == 0).any())
