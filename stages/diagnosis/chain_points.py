@@ -18,7 +18,7 @@ from truing.report.numbers import count as counted
 from truing.schemas.covariates import column_alias
 from truing.schemas.verdict import Relation
 from truing.simulation.inputs import ORDER, approach, between_neighbours, order_in_time
-from truing.simulation.mechanisms.chains.causes import JointsExchanged
+from truing.simulation.mechanisms.chains.causes import ChainCause, JointsExchanged
 from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, SlipKind, does_not_belong, likely_slip
 from truing.simulation.mechanisms.chains.conditions import APPROACH, ChainConditions, MeasuredChannels
 from truing.simulation.mechanisms.chains.distances import DistanceModel, distance_start
@@ -111,10 +111,9 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
 
     own = conditions.chosen(fitted)
     searched = epochs(fitted)
-    certain = (
-        *certain,
-        *offsets_beyond_tolerance(model.at(own).with_causes(certain), searched.measured, searched.frames),
-    )
+    right = model.at(own).with_causes(certain)
+    evident: tuple[ChainCause, ...] = certain
+    evident += offsets_beyond_tolerance(right, searched.measured, searched.frames)
     time = own.covariates.get("time_s")
     labels = chosen(labels_of(table, poses), fitted)
     groupings = groupings_of(own.readings, time, None, labels)
@@ -130,7 +129,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         epochs(held) if held.any() else None,
         "; ".join(filter(None, words)),
         results,
-        certain,
+        evident,
         model_text=text_of_model,
         shown=_shown(model),
         relation=Relation.JOINTS_LINKS,

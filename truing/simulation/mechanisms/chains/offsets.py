@@ -52,4 +52,4 @@ def _pulls(model: ChainModel, fit: Fit) -> tuple[Array, Mask]:
     own = np.r_[model.layout["zeros"]]
     sigma = np.sqrt(np.diag(np.linalg.inv(fit.whitened.normal_matrix)))[own]
     misfit = max(np.sqrt(np.sum(fit.whitened.rest**2) / max(fit.whitened.freedom, 1.0)), 1.0)
-    return fit.shared[own], np.asarray(sigma * misfit < _FINE)
+    return np.asarray(fit.shared[own], float), np.asarray(sigma * misfit < _FINE)
