@@ -58,6 +58,8 @@ def _detectable(fit: ResponseFit, covariance: Array, A: Array) -> float:
     K = np.random.default_rng(0).standard_normal((_PATTERNS, count))
     information = np.linalg.pinv(covariance, hermitian=True)
     strength = np.einsum("pi,ij,pj->p", K, information, K) / np.einsum("pi,ij,pj->p", K, A, K)
+    if not (np.isfinite(strength).all() and strength.min() > 0.0):
+        return float("nan")
     critical = float(fdtri(count, fit.dof, 1.0 - TESTED_AT))
     unit = 1.0 / float(np.sqrt(strength.mean()))
 
@@ -65,4 +67,7 @@ def _detectable(fit: ResponseFit, covariance: Array, A: Array) -> float:
         chance = ncfdtr(count, fit.dof, (size * unit) ** 2 * strength, critical)
         return float(np.mean(np.nan_to_num(chance, nan=0.0))) - (1.0 - POWER)  # NaN far above the critical value
 
-    return unit * float(brentq(missed, 1e-6, 2.0 * np.sqrt(count * max(critical, 1.0)) + 10.0, xtol=1e-4))
+    high = 2.0 * np.sqrt(count * max(critical, 1.0)) + 10.0
+    while missed(high) > 0.0:  # patterns along the worst known directions need more
+        high *= 2.0
+    return unit * float(brentq(missed, 1e-6, high, xtol=1e-4))
