@@ -240,7 +240,7 @@ def _attributed_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels) -
     for own in diagnosis.attributed:
         names = [f"{final.model.channel_word} {_name(final, channel)}" for channel in own.channels]
         follows = tuple(dict.fromkeys(column for name in own.inputs for column in _dependence_column(name)))
-        reported = [set(cause.inputs(legs)) for cause in unnamed if cause.subject in ("", *names)]
+        reported = [set(cause.inputs(legs)) for cause in unnamed if not names or cause.subject in ("", *names)]
         if any(set(follows) <= columns for columns in reported):
             continue
         where = shown.only(own.channels[0]) if own.channels else shown.overall(final.error)
