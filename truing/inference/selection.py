@@ -230,10 +230,10 @@ class CauseSelection(Generic[CauseT]):
 
     def _attributed(self, searched: _Searched[CauseT], *, holds: bool) -> tuple[Attributed, ...]:
         """Return the inputs that predict residuals of the plain model; a model with wrong causes may have absorbed
-        them. Where the campaign is known to hold an effect, no false alarm can follow."""
+        them. If the final model does not hold, the campaign is known to hold something else, and a larger level
+        suffices."""
         self._progress("what the misfit follows")
-        is_quiet = holds and not searched.kept
-        level = self._settings.dependence_level if is_quiet else self._settings.doubted_level
+        level = self._settings.dependence_level if holds else self._settings.doubted_level
         return attributed(searched.plain, level)
 
     def _is_incomplete(self, step: _Accepted[CauseT], searched: _Searched[CauseT]) -> bool:
