@@ -21,7 +21,7 @@ from truing.simulation.inputs import ORDER, approach, between_neighbours, order_
 from truing.simulation.mechanisms.chains.causes import ChainCause, JointsExchanged
 from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, SlipKind, does_not_belong, likely_slip
 from truing.simulation.mechanisms.chains.conditions import APPROACH, ChainConditions, MeasuredChannels
-from truing.simulation.mechanisms.chains.distances import DistanceModel, distance_start
+from truing.simulation.mechanisms.chains.distances import GROUND, DistanceModel, distance_start, with_ground
 from truing.simulation.mechanisms.chains.model import FREE_PLACE, ChainModel, KnownChain
 from truing.simulation.mechanisms.chains.offsets import offsets_beyond_tolerance
 from truing.simulation.mechanisms.chains.start_values import StartValues, start_values
@@ -88,6 +88,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     tree, table = tree_of(tables["joints"]), tables["configurations"]
     poses = pose_ids(table)
     of_distances = "distances" in tables and tables["distances"].num_rows > 0
+    tree = with_ground(tree) if of_distances else tree
     if of_distances and any(name in tables and tables[name].num_rows for name in ("observations", "measured_poses")):
         raise ValueError("distances together with points or poses are not evaluated yet: use a campaign for each")
     measured = _distances(tables, tree, poses) if of_distances else _measured(tables, tree, poses)
@@ -258,11 +259,12 @@ def _poses(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, .
 
 
 def _distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> _Measured:
-    """Every end of a distance as a channel, a station on the base; values (B, D, 1) are the distances."""
+    """Every end of a distance as a channel, a station on the ground; values (B, D, 1) are the distances."""
     table, survey = tables["distances"], tables.get("survey")
     links, names = ([table.column(f"{end}_{what}").to_pylist() for end in ("from", "to")] for what in ("link", "end"))
-    base = tree.nodes[0].link
-    pairs = [[(link or base, name) for link, name in zip(*own, strict=True)] for own in zip(links, names, strict=True)]
+    pairs = [
+        [(link or GROUND, name) for link, name in zip(*own, strict=True)] for own in zip(links, names, strict=True)
+    ]
     ends = list(dict.fromkeys([*pairs[0], *pairs[1]]))
     if strange := [link for link, _ in ends if link not in tree.links]:
         raise ValueError(f"link {strange[0]} is no link of the chain; there are {', '.join(tree.links)}")
@@ -293,10 +295,10 @@ def _distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | st
 def _distance_model(
     tree: Tree, settings: Campaign, measured: _Measured, conditions: ChainConditions, fitted: Mask
 ) -> tuple[Frames, ChainModel, tuple[JointsExchanged, ...]]:
-    """Frames without unknowns, and the model: the base is the frame, in which stations have unknown places."""
+    """Frames without unknowns, and the model: the ground is the frame, in which stations have unknown places."""
     count, ends = len(measured.values), measured.ends
     assert ends is not None
-    reach = float(np.sqrt(np.mean(tree.frames(conditions.readings[fitted]).t[:, -1] ** 2)))
+    reach = float(np.sqrt(np.mean(tree.frames(conditions.readings[fitted]).t ** 2)))
     origin = StartValues(
         np.eye(3)[None],
         np.zeros((1, 3)),
@@ -470,7 +472,8 @@ def _known(tree: Tree, settings: Campaign, measured: _Measured, start: StartValu
     base_known = is_base_seen and bool(is_surveyed[channels.node == 0].all())
     is_known = tolerance.length_mm is not None or tolerance.angle_deg is not None
     modes, known = _shape_modes(measured, sigma if is_known else None)
-    tip = tree.links.get(section.tip or "", tree.size - 1)
+    last = max(k for k, node in enumerate(tree.nodes) if node.parent >= 0)
+    tip = tree.links.get(section.tip or "", last)
     return KnownChain(
         start.base_R,
         start.base_t,

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from tests.simulation.bench.sensor_benches import bench
+from tests.simulation.mechanisms.chains.made_arms import campaign
 from tests.simulation.test_catalogue import LegsTooLong, sample_scene
 from truing.report.wordings.catalogue import WORDINGS, cause_words, clause, confirming
 from truing.simulation import catalogue as causes
@@ -20,6 +22,7 @@ from truing.simulation.bodies.causes.deformation import BodyDeformation
 from truing.simulation.bodies.causes.drift import BodyDrift
 from truing.simulation.cause import Cause
 from truing.simulation.mechanisms.causes.targets import TargetMoved, TargetsSwapped
+from truing.simulation.mechanisms.chains.causes import ChainCause, ChainTargetMoved, JointScatter, JointsExchanged
 from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.photographs.causes.camera_instability import CameraInstability
 from truing.simulation.photographs.causes.nonparametric import NonparametricRayEffect
@@ -33,14 +36,23 @@ OWN = (
     *causes.OWN_CAUSES_OF_RAYS,
     *causes.OWN_CAUSES_OF_PHOTOGRAPHED_POINTS,
     *causes.OWN_CAUSES_OF_AXES,
+    *causes.OWN_CAUSES_OF_CHAINS,
 )
-SCENES = ((PointCause, sample_scene()), (ReadingCause, bench().model().scene))
+SCENES = (
+    (PointCause, sample_scene()),
+    (ReadingCause, bench().model().scene),
+    (ChainCause, campaign(np.random.default_rng(1), 20).scene),
+)
 FORMS = ("jump", "drift", "settles", "temperature", "scatter")
 DRIFTS = ({}, {"tau": 60.0}, {"waves": 3}, {"late": True, "start": 60.0}, {"from_pose": 12, "from_order": 11.0})
 ROWS = ((2, 12), (2, 17))
 
 
 MADE = (
+    ChainTargetMoved("tip", "P1", 5, 5.0),
+    JointsExchanged(("j2", "j3")),
+    JointScatter("j2", 1),
+    JointScatter(),
     TargetMoved("platform", "P07", 12, 11.0),
     TargetsSwapped("platform", ("P04", "P07"), (3, 4)),
     FringeSlip("dz", 4, 7),

@@ -440,7 +440,7 @@ class BaseJump(ChainCause):
 class ChainTargetMoved(ChainCause):
     """One target sits elsewhere on its link from some pose on."""
 
-    link: str = ""
+    body: str = ""
     target: str = ""
     from_pose: int | str = ""
     from_order: float = -np.inf
@@ -476,7 +476,7 @@ class ChainTargetMoved(ChainCause):
 
         def member(target: int, onset: int) -> ChainTargetMoved:
             k = int(targets[target])
-            names = {"link": machine.channels.links[k], "target": machine.channels.names[k]}
+            names = {"body": machine.channels.links[k], "target": machine.channels.names[k]}
             return replace(self, **names, from_pose=onsets[onset][0], from_order=onsets[onset][1])  # type: ignore[arg-type]
 
         return [ChannelCandidates(late[..., None].astype(float), targets, usable, 1e-4, member)]
@@ -489,7 +489,7 @@ class ChainTargetMoved(ChainCause):
         """Return the shift of the target, from the pose on; zero if it was not measured."""
         found = np.zeros((len(machine.readings), len(machine.channels.names), 3, 3))
         for k, name in enumerate(zip(machine.channels.links, machine.channels.names, strict=True)):
-            if name == (self.link, self.target) and not machine.channels.is_rotation[k]:
+            if name == (self.body, self.target) and not machine.channels.is_rotation[k]:
                 found[machine.order >= self.from_order, k] = np.eye(3)
         return found
 

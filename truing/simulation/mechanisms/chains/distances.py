@@ -14,13 +14,22 @@ from truing.simulation.effects_model import Prediction
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
 from truing.simulation.mechanisms.chains.model import TWISTS, ChainModel
 from truing.simulation.mechanisms.chains.start_values import StartValues, settled
+from truing.simulation.mechanisms.chains.tree import Node, Tree
+
+# Link of the stations, which does not move with the base.
+GROUND = "ground of the stations"
+
+
+def with_ground(tree: Tree) -> Tree:
+    """Return the tree with one more link, beside the base, for the stations."""
+    return replace(tree, nodes=(*tree.nodes, Node("", GROUND, -1, np.eye(3), np.zeros(3))))
 
 
 @dataclass(frozen=True)
 class DistanceModel(ChainModel):
     """A chain of which D distances are measured, each between two of the channels, ``ends`` (D, 2).
 
-    A station is a channel on the base with an unknown place.
+    A station is a channel on the ground with an unknown place.
     """
 
     ends: Index

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -69,9 +69,10 @@ def extended_chain(
         scales.append(part)
     linear = np.concatenate(scales)
     known = model.known
+    chain = model.tree.nodes if model.tree.nodes[-1].parent >= 0 else model.tree.nodes[:-1]  # without the stations
     return ExtendedChain(
-        model.tree,
-        own,
+        replace(model.tree, nodes=chain),
+        own[: len(chain)],
         moved,
         tip,
         known.gravity,

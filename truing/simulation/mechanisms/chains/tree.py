@@ -241,16 +241,19 @@ def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool) -> Array:
     ``sigma`` (6,) is that of the shifts, m, and of the rotations, rad. The parametrisation is complete and continuous,
     also for parallel axes: of the six numbers of each joint's frame it leaves out those that another number stands for,
     along whatever direction that is. These are the joint's own zero (its offset), motions that pass along the joint's
-    axis into the next link, and the zero of the joint below. Without ``is_base_free`` the base's place is known.
+    axis into the next link, and the zero of the joint below. Where a link carries several joints, the first one leaves
+    out that zero; the others may be turned against it. Without ``is_base_free`` the base's place is known.
     """
-    found = []
+    found: list[Array] = []
+    carried: set[int] = set()
     for j, node in enumerate(tree.nodes):
         below = tree.moving_parent(j)
         if node.kind is JointKind.FIXED or node.reading != node.joint or (below < 0 and is_base_free):
             continue
         same = [*_passing(node)]
-        if below >= 0:
+        if below >= 0 and below not in carried:
             same.append(_seen_from(tree, below, j))
+            carried.add(below)
         wide = sigma > 0.0
         scaled = np.stack(same)[:, wide] / sigma[wide]
         rest = _complement(scaled)
