@@ -120,7 +120,7 @@ def _deformation(settings: Campaign, found: CampaignContents) -> str:
         return NO_POINTS_TO_DEFORM
     if settings.mechanism.is_legged:
         return why_no_deformation_of_legs(found.tables)
-    return why_no_deformation_of_targets(settings.campaign.drives, found.tables)
+    return why_no_deformation_of_targets(settings.campaign.drives, found.tables, settings.mechanism.type)
 
 
 def _diagnosis(settings: Campaign, found: CampaignContents) -> str:

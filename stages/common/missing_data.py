@@ -26,6 +26,7 @@ NO_DRAWING = {
     "axis": "; rows of an axis have no points, and are not simulated yet",
     "chain": "; campaigns of a chain are not simulated yet",
 }
+NO_DRIVES = {"chain": "no drives named in [campaign]; the diagnosis tests how joints and links of a chain give way"}
 NO_POINTS_TO_DEFORM = "no points: deformation shows in targets, and poses or scans have none"
 NO_POINTS_TO_DIAGNOSE = "no points: causes are told apart by targets, and poses or scans have none"
 NO_BODY_TO_DIAGNOSE = "needs a body with three targets, seen together in three poses"
@@ -41,9 +42,11 @@ def why_no_deformation_of_legs(tables: Mapping[str, pa.Table]) -> str:
     return ""
 
 
-def why_no_deformation_of_targets(drives: Sequence[str], tables: Mapping[str, pa.Table]) -> str:
-    """Reason why dependence of targets on a drive cannot be observed; else empty."""
-    return "" if drives and "configurations" in tables else "no mechanism, and no drives named in [campaign]"
+def why_no_deformation_of_targets(drives: Sequence[str], tables: Mapping[str, pa.Table], mechanism: str) -> str:
+    """Reason why dependence of targets on a drive cannot be observed; else empty. ``mechanism``: its type."""
+    if drives and "configurations" in tables:
+        return ""
+    return NO_DRIVES.get(mechanism, "no mechanism, and no drives named in [campaign]")
 
 
 def why_no_deformation_of_loads(readings: pa.Table | None) -> str:

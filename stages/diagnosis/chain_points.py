@@ -91,7 +91,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     tree = with_ground(tree) if of_distances else tree
     if of_distances and any(name in tables and tables[name].num_rows for name in ("observations", "measured_poses")):
         raise ValueError("distances together with points or poses are not evaluated yet: use a campaign for each")
-    measured = _distances(tables, tree, poses) if of_distances else _measured(tables, tree, poses)
+    measured = _filled(_distances(tables, tree, poses) if of_distances else _measured(tables, tree, poses))
     readings = joint_readings(tree, table)
     out = _excluded(settings, poses)
     usable = np.isfinite(readings).all(1) & measured.seen.any(1) & ~out
@@ -135,6 +135,15 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         shown=_shown(model),
         relation=Relation.JOINTS_LINKS,
     )
+
+
+def _filled(measured: _Measured) -> _Measured:
+    """The channels, whose unseen observations have the mean covariance of their channel: it must not be singular."""
+    cov = measured.cov.copy()
+    for k, seen in enumerate(measured.seen.T):
+        if seen.any():
+            cov[~seen, k] = cov[seen, k].mean(0)
+    return replace(measured, cov=cov)
 
 
 def _shown(model: ChainModel) -> ReportedRms | Channels:

@@ -155,7 +155,7 @@ def shifts_within_bodies(tables: Mapping[str, pa.Table], settings: Campaign, why
     elif mechanism.is_legged:
         pointless = no_points and "observations" in tables and "configurations" in tables
         why = NO_POINTS_TO_DEFORM if pointless else why_no_deformation_of_legs(tables)
-    elif not (why := why_no_deformation_of_targets(drives, tables)) and no_points:
+    elif not (why := why_no_deformation_of_targets(drives, tables, mechanism.type)) and no_points:
         why = "no targets, whose movement within their body could be seen"
     if why:
         return Outcome.not_evaluated({name: ARTIFACTS[name].empty() for name in LEAVES}, why)

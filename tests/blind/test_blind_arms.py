@@ -1,0 +1,84 @@
+"""Effects are hidden in arms that were never seen before: they must be named with their joint or link, nothing else.
+
+The generator shares no code with what has to find them. ``TRUING_BLIND_SEED`` draws other campaigns.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from tests.blind.generator.arms import draw, write
+from tests.blind.judging import fewest_of
+from truing.pipeline.command_line import app
+
+pytestmark = pytest.mark.slow
+
+SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
+STRENGTH = 15.0
+CAUSES = (
+    "joint-gain",
+    "joint-backlash",
+    "joint-eccentricity",
+    "joint-compliance",
+    "link-bending",
+    "link-growth",
+    "base-jump",
+    "target-moved",
+    "joints-exchanged",
+)
+CLEAN = 6
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Causes with subjects that were hidden, found as names, and offered as indistinguishable from these."""
+
+    hidden: frozenset[tuple[str, str]]
+    found: frozenset[tuple[str, str]]
+    rivals: frozenset[tuple[str, str]]
+    unexplained: int
+
+
+def judged(folder: Path, seed: int, causes: tuple[str, ...]) -> Judged:
+    campaign = draw(seed, causes=causes, strength=STRENGTH, instrument="points-campaign")
+    write(campaign, folder / "arm")
+    words = ["run", str(folder / "arm"), "--out", str(folder / "run"), "--only", "diagnose", "--quiet"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    rows = pq.read_table(folder / "run" / "diagnosis.parquet").to_pylist()
+
+    def of(verdict: str) -> frozenset[tuple[str, str]]:
+        own = [row for row in rows if row["verdict"] == verdict and row["cause"] != "unexplained"]
+        return frozenset((row["cause"], row["subject"]) for row in own)
+
+    hidden = frozenset((effect.cause, effect.subject) for effect in campaign.effects)
+    left = sum(row["verdict"] == "found" and row["cause"] == "unexplained" for row in rows)
+    return Judged(hidden, of("found"), of("indistinguishable"), left)
+
+
+@pytest.fixture(scope="module")
+def hidden(tmp_path_factory: pytest.TempPathFactory) -> list[Judged]:
+    return [
+        judged(tmp_path_factory.mktemp("arm"), 1000 * SEED + number, (cause,)) for number, cause in enumerate(CAUSES)
+    ]
+
+
+def test_a_clear_effect_is_named_with_its_joint_or_link(hidden: list[Judged]) -> None:
+    right = sum(one.hidden <= one.found | (one.rivals if one.found else frozenset()) for one in hidden)
+    assert right >= fewest_of(len(hidden), 0.95)
+
+
+def test_no_other_name_is_found_beside_it(hidden: list[Judged]) -> None:
+    alone = sum(one.found <= one.hidden or bool(one.hidden & one.rivals) for one in hidden)
+    assert alone >= fewest_of(len(hidden), 0.95)
+
+
+def test_nothing_is_found_where_nothing_is_hidden(tmp_path_factory: pytest.TempPathFactory) -> None:
+    clean = [judged(tmp_path_factory.mktemp("arm"), 1000 * SEED + 500 + number, ()) for number in range(CLEAN)]
+    assert sum(not one.found and not one.unexplained for one in clean) >= fewest_of(CLEAN, 0.95)
