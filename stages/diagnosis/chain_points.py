@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
@@ -320,17 +320,21 @@ def _distance_model(
     known = _known(tree, settings, measured, origin, False)
     free = DistanceModel(tree, measured.channels, known, conditions, ends=ends)
     stations = np.array([name.startswith(_STATION) for name in measured.channels.names], bool)
-    bare = replace(free.known, modes=free.known.modes[..., :0], offsets=0.0 * free.known.offsets)
-    plain = replace(free.at(conditions.chosen(fitted)), known=replace(bare, reading_sigma=0.0 * bare.reading_sigma))
-    start = distance_start(plain, measured.values[fitted], measured.seen[fitted], stations)
-    if does_not_belong(start):
-        raise ValueError(
-            f"joint readings and distances do not belong together: the nominal chain misses them by "
-            f"{start.rms / _MM:.3g} mm rms, of a spread of {start.spread / _MM:.3g} mm. Check the columns of the "
-            "joints, their units and signs, and the names of the targets"
-        )
+    bare = replace(
+        free.known,
+        modes=free.known.modes[..., :0],
+        offsets=0.0 * free.known.offsets,
+        reading_sigma=0.0 * free.known.reading_sigma,
+    )
+
+    def start_of(chosen: Mask, given: ChainConditions) -> StartValues:
+        own = fitted & chosen
+        plain = replace(free.at(given.chosen(own)), known=bare)
+        return distance_start(plain, measured.values[own], measured.seen[own], stations)
+
+    start, certain = _started(tree, conditions, start_of)
     model = replace(free, known=replace(free.known, shape=start.shape))
-    return Frames.of_numbers(count), model, ()
+    return Frames.of_numbers(count), model, certain
 
 
 def _conditions(
@@ -395,19 +399,30 @@ def _model(
         own = fitted & chosen
         return start_values(tree, channels, given.chosen(own), values[own], measured.seen[own], surveyed, base)
 
-    every = np.ones(count, bool)
-    start, certain = start_of(every, conditions), None
-    if does_not_belong(start):
-        certain = _exchange(tree, likely_slip(conditions, tree.is_revolute, start_of), start)
-        right = certain.sorted(conditions.readings, tree.readings)
-        start = start_of(every, replace(conditions, readings=right))
+    start, certain = _started(tree, conditions, start_of)
     if reference is not None and base is None:
         # The measured shape of the reference link, in the base's frame, is the frame of the model.
         R, t = start.base_R[0], start.base_t[0]
         frames = Frames(frames.R @ R, frames.t + frames.R @ t, free=True)
         start = replace(start, base_R=np.eye(3)[None], base_t=np.zeros((1, 3)))
     known = _known(tree, settings, measured, start, reference is None)
-    return frames, ChainModel(tree, channels, known, conditions), () if certain is None else (certain,)
+    return frames, ChainModel(tree, channels, known, conditions), certain
+
+
+def _started(
+    tree: Tree, conditions: ChainConditions, start_of: Callable[[Mask, ChainConditions], StartValues]
+) -> tuple[StartValues, tuple[JointsExchanged, ...]]:
+    """Start values, and the exchange of two columns where only that joins readings and measurement.
+
+    Raises ValueError, with the likely slip, where nothing does.
+    """
+    every = np.ones(len(conditions.readings), bool)
+    start = start_of(every, conditions)
+    if not does_not_belong(start):
+        return start, ()
+    certain = _exchange(tree, likely_slip(conditions, tree.is_revolute, start_of), start)
+    right = certain.sorted(conditions.readings, tree.readings)
+    return start_of(every, replace(conditions, readings=right)), (certain,)
 
 
 def _exchange(tree: Tree, slip: ColumnSlip | None, start: StartValues) -> JointsExchanged:
