@@ -454,7 +454,7 @@ def export(
         typer.Option(
             "--to",
             metavar="FORMS",
-            help="csv, xlsx, json, controller (default: these four) or dcc, separated by commas.",
+            help="csv, xlsx, json, controller (default: these four), urdf or dcc, separated by commas.",
         ),
     ] = "",
     out: Annotated[
@@ -467,7 +467,8 @@ def export(
     """Write the results of a run in other file formats.
 
     csv: every table. xlsx: every table as a sheet of one workbook. json: a summary for a database. controller: the
-    parameters of the extended model with their sigmas, as TOML and as a plain table. dcc: a digital calibration
+    parameters of the extended model with their sigmas, as TOML and as a plain table. urdf: the identified robot, and
+    corrections of its joints; open chains alone. dcc: a digital calibration
     certificate of the results that qualify, with the entries of [certificate] in campaign.toml.
 
     Example: truing export runs/telescope --to xlsx,controller

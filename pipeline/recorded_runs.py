@@ -24,6 +24,7 @@ from truing.report.verdict import gates
 from truing.runs.comparison.side_by_side import SideBySide, compared_table, kind_of, mechanism_of, side_by_side
 from truing.runs.exports.certificate import certificate, doubts, failed_checks, qualified, temperature
 from truing.runs.exports.controller import controller
+from truing.runs.exports.robot_description import urdf
 from truing.runs.exports.summary import summary
 from truing.runs.exports.tables import text_tables, workbook
 from truing.runs.recorded_run import Run, load
@@ -36,6 +37,7 @@ _AGAIN = "`truing run` writes it again"
 
 FORMS = ("csv", "xlsx", "json", "controller")
 _CERTIFICATE = "dcc"  # not by default, because it needs more than a run
+_ROBOT = "urdf"  # not by default, because only a chain has one
 _EXPORTS = "exports"
 _FILE = "campaign.toml"
 
@@ -96,7 +98,7 @@ def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign:
     A certificate takes its other entries from the campaign's folder. It is refused if a check failed, or if all of its
     results depend on a model that fails.
     """
-    known = (*FORMS, _CERTIFICATE)
+    known = (*FORMS, _CERTIFICATE, _ROBOT)
     unknown = [form for form in forms if form not in known]
     if unknown:
         raise CampaignFaults(Fault("--to", f"one of {', '.join(known)}", value=form) for form in unknown)
@@ -127,6 +129,7 @@ def _files(form: str, run: Run, campaign: Path | None) -> Iterable[tuple[str, by
         "xlsx": workbook,
         "json": summary,
         "controller": controller,
+        _ROBOT: urdf,
     }
     try:
         yield from makers[form](run)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from truing.report.page import PageHead, ReportSection
     from truing.simulation.axis.extended_model import ExtendedAxis
     from truing.simulation.bench.extended_model import ExtendedSensor
+    from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
     from truing.simulation.mechanisms.extended_model import ExtendedModel
 
 _PROVENANCE = {"units", "stage", "digest", "software_version", "campaign"}
@@ -93,13 +94,14 @@ class Run(Mapping[str, "pd.DataFrame"]):
         return {f"{name}-{k}": figure for name, figures in drawn for k, (figure, _) in enumerate(figures)}
 
     @cached_property
-    def model(self) -> ExtendedModel | ExtendedSensor | ExtendedAxis | None:
-        """Extended model for `predict_poses` or `predict_readings`; None where the run has none."""
+    def model(self) -> ExtendedModel | ExtendedSensor | ExtendedAxis | ExtendedChain | None:
+        """Extended model for `predict_poses`, `predict_readings` or `predict_tip`; None where the run has none."""
         path = self.folder / ARTIFACTS["model"].file
         if not path.is_file():
             return None
         from truing.simulation.axis.extended_model import is_axis, read_axis
         from truing.simulation.bench.extended_model import is_sensor, read_sensor
+        from truing.simulation.mechanisms.chains.extended_model import is_chain, read_chain
         from truing.simulation.mechanisms.extended_model import read_model
 
         text = read_settings_text(path)
@@ -108,6 +110,8 @@ class Run(Mapping[str, "pd.DataFrame"]):
             return None  # the stage was not evaluated, and says so in the file
         if is_axis(document):
             return read_axis(text)
+        if is_chain(document):
+            return read_chain(text)
         return read_sensor(text) if is_sensor(document) else read_model(text)
 
     @cached_property

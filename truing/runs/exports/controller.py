@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _Number = tuple[str, str, float, float | None, str]  # of what, its name, value, sigma, unit
 _UNLIKELY = 0.05  # familywise p-value of the pulls of all parameters
+FAR = 3.0  # pull of a chain's number from which its tolerance does not explain it
 _CAUTIONS = {
     "not-determined": "the measurements do not determine it: it stands near its nominal value, or trades with others",
     "far-from-nominal": "it is farther from nominal than its tolerance explains: it takes up what the model misses",
@@ -32,7 +33,7 @@ _OF_MECHANISM = ("reference_temperature_c", "kind", "loop")
 
 
 def controller(run: Run) -> Iterator[tuple[str, bytes]]:
-    """Yield ``controller.toml`` and ``controller.csv``: legs or compliance, effects, and a sensor's matrix G_B.
+    """Yield ``controller.toml`` and ``controller.csv``: legs, joints or compliance, effects, a sensor's matrix G_B.
 
     A linear calibration also gives ``wrench_matrix.csv`` for a data logger. Without an extended model there are no
     numbers of the machine.
@@ -43,9 +44,10 @@ def controller(run: Run) -> Iterator[tuple[str, bytes]]:
     document = tomllib.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     if "model" not in document:
         return
-    matrix = _matrix(run)
-    yield "controller.toml", "\n".join([*_text(document), *_matrix_text(matrix), *_caution_text(warned), ""]).encode()
-    numbers = [*_leg_numbers(document), *_compliance(document), *_effects(document), *matrix]
+    matrix, joints = _matrix(run), list(_joint_numbers(run))
+    lines = [*_text(document), *_joint_text(joints), *_matrix_text(matrix), *_caution_text(warned), ""]
+    yield "controller.toml", "\n".join(lines).encode()
+    numbers = [*_leg_numbers(document), *joints, *_compliance(document), *_effects(document), *matrix]
     yield "controller.csv", _csv(numbers, warned)
 
 
@@ -65,6 +67,12 @@ def cautions(run: Mapping[str, pd.DataFrame]) -> dict[tuple[str, str], str]:
                 found[of] = "not-determined"
             elif abs(row.pull_after) > limit:
                 found[of] = "far-from-nominal"
+    if "chain_parameters" in run:
+        for row in run["chain_parameters"].itertuples():
+            if not row.identifiable:
+                found[f"joint {row.joint}", row.parameter] = "not-determined"
+            elif abs(row.pull) > FAR:
+                found[f"joint {row.joint}", row.parameter] = "far-from-nominal"
     if "diagnosis" in run:
         rows = run["diagnosis"]
         for row in rows[rows["verdict"] == "suspected"].itertuples():
@@ -135,6 +143,20 @@ def _leg_numbers(document: dict[str, Any]) -> Iterator[_Number]:
             yield name, f"u_{axis}", value, None, "1"
         for length in ("length_mm", "rho0_mm"):
             yield name, length.removesuffix("_mm"), found[length], sigma.get(length), "mm"
+
+
+def _joint_numbers(run: Run) -> Iterator[_Number]:
+    for row in run["chain_parameters"].itertuples() if "chain_parameters" in run else ():
+        yield f"joint {row.joint}", row.parameter, row.identified, row.sigma, row.unit
+
+
+def _joint_text(numbers: list[_Number]) -> Iterator[str]:
+    """Yield a table per joint of a chain: what was identified, as a change of its nominal frame in the link below."""
+    for joint in dict.fromkeys(of for of, *_ in numbers):
+        yield from ("", f"[{json.dumps(joint, ensure_ascii=False)}]  # changes of the nominal frame, along its axes")
+        for of, name, value, sigma, unit in numbers:
+            if of == joint:
+                yield f"{name} = {toml_value({'value': value, 'sigma': sigma, 'unit': unit})}"
 
 
 def _compliance(document: dict[str, Any]) -> Iterator[_Number]:

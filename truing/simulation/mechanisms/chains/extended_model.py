@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from truing.arrays import Array, Index
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.catalogue import catalogue_of_chains
-from truing.simulation.mechanisms.chains.causes import ChainCause
+from truing.simulation.mechanisms.chains.causes import ChainCause, JointOffset
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, ChainInputs, MeasuredChannels
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.tree import TWIST, JointKind, Node, Tree
@@ -52,8 +52,12 @@ class ExtendedChain(IdentifiedInSI[ChainCause]):
 
     @property
     def identified(self) -> Tree:
-        """The tree with what was identified in its transforms."""
-        return self.tree.with_twists(self.twists)
+        """The tree with what was identified in its transforms: links, and joint zeros also beyond their tolerance."""
+        twists = self.twists.copy()
+        for effect in self.effects:
+            if isinstance(effect.cause, JointOffset):
+                twists += self.tree.axis_twists[self.tree.readings.index(effect.cause.joint)] * effect.values[0]
+        return self.tree.with_twists(twists)
 
 
 def extended_chain(

@@ -1,0 +1,222 @@
+"""Export of an identified chain: a URDF with what was identified in its transforms, and corrections of its joints."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation.rotation import exp_so3
+from truing.runs.exports.controller import FAR, cautions
+from truing.runs.recorded_run import Run
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.simulation.mechanisms.chains.causes import (
+    ChainCause,
+    JointCause,
+    JointEccentricity,
+    JointHarmonic,
+    JointOffset,
+)
+from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
+from truing.simulation.mechanisms.chains.tree import JointKind, Node, Tree, axis_twist
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_OFFSET, _WHOLE = "offset", ("model", "")
+_HEAD = ("joint", "correction", "order", "value", "sigma", "unit", "in_urdf", "caution")
+_MM = 1e-3
+
+
+def urdf(run: Run) -> Iterator[tuple[str, bytes]]:
+    """Yield ``robot.urdf`` and ``joint_corrections.csv``; raises CampaignFaults where the run has no chain's model."""
+    model = run.model
+    if not isinstance(model, ExtendedChain):
+        expected = 'the run of an open chain ([mechanism] type = "chain") whose diagnosis gave a model'
+        found = "no model" if model is None else "the model of another machine"
+        raise CampaignFaults([Fault(str(run.folder), expected, value=found)])
+    limits = {row.joint: (row.lower_si, row.upper_si) for row in run["joints"].itertuples()} if "joints" in run else {}
+    warned = cautions(run)
+    yield "robot.urdf", urdf_text(model, limits, _notes(model, run.get("chain_parameters"), warned)).encode()
+    yield "joint_corrections.csv", _corrections(model, warned)
+
+
+def urdf_text(
+    model: ExtendedChain,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+    notes: Mapping[str, Sequence[str]] | None = None,
+) -> str:
+    """Return the identified chain as URDF, m and rad; ``limits`` and ``notes`` (comments) by joint.
+
+    A zero of a joint becomes a change of its origin, so that every joint value is still the reading.
+    """
+    tree, notes = model.identified, notes or {}
+    names = _joint_names(tree)
+    lines = ['<?xml version="1.0" encoding="utf-8"?>']
+    lines += [f"<!-- {_of_comment(note)} -->" for note in notes.get("", ())]
+    lines += [f"<robot name={quoteattr(model.context.get('campaign') or 'robot')}>"]
+    for k, node in enumerate(tree.nodes):
+        lines += _link_lines(node)
+        if node.parent >= 0:
+            lines += [f"  <!-- {_of_comment(note)} -->" for note in notes.get(node.joint, ()) if node.joint]
+            lines += _joint_lines(tree, k, names, (limits or {}).get(node.joint))
+    return "\n".join([*lines, "</robot>", ""])
+
+
+def _joint_names(tree: Tree) -> list[str]:
+    """Return a name for every node's joint; a fixed end without one is named after its link."""
+    taken = {node.joint for node in tree.nodes}
+    found = []
+    for node in tree.nodes:
+        name = node.joint or f"{node.link}_fixed"
+        while not node.joint and name in taken:
+            name += "_"
+        taken.add(name)
+        found.append(name)
+    return found
+
+
+def _link_lines(node: Node) -> list[str]:
+    if not node.mass > 0.0:
+        return [f"  <link name={quoteattr(node.link)}/>"]
+    nothing = " ".join(f'i{pair}="0"' for pair in ("xx", "xy", "xz", "yy", "yz", "zz"))
+    return [
+        f"  <link name={quoteattr(node.link)}>",
+        "    <inertial>",
+        f'      <origin xyz="{_three(node.com)}" rpy="0 0 0"/>',
+        f'      <mass value="{float(node.mass)!r}"/>',
+        f"      <inertia {nothing}/>",
+        "    </inertial>",
+        "  </link>",
+    ]
+
+
+def _joint_lines(tree: Tree, k: int, names: Sequence[str], limit: tuple[float, float] | None) -> list[str]:
+    node = tree.nodes[k]
+    R, t, shift = node.R, node.t, node.shift
+    mimics = node.kind is not JointKind.FIXED and node.reading != node.joint
+    if node.kind is JointKind.REVOLUTE and not mimics:
+        R = R @ exp_so3(shift * node.axis)
+    elif node.kind is JointKind.PRISMATIC and not mimics:
+        t = t + R @ (shift * node.axis)
+    known = limit is not None and all(map(math.isfinite, limit))
+    kind = "continuous" if node.kind is JointKind.REVOLUTE and not known else str(node.kind)
+    lines = [
+        f'  <joint name={quoteattr(names[k])} type="{kind}">',
+        f'    <origin xyz="{_three(t)}" rpy="{_three(_roll_pitch_yaw(R))}"/>',
+        f"    <parent link={quoteattr(tree.nodes[node.parent].link)}/>",
+        f"    <child link={quoteattr(node.link)}/>",
+    ]
+    if node.kind is not JointKind.FIXED:
+        lines.append(f'    <axis xyz="{_three(node.axis)}"/>')
+    if limit is not None and known and node.kind is not JointKind.FIXED:
+        low, high = map(float, limit)
+        lines.append(f'    <limit lower="{low!r}" upper="{high!r}" effort="0" velocity="0"/>')
+    if mimics:
+        factor = f'multiplier="{float(node.factor)!r}" offset="{float(shift)!r}"'
+        lines.append(f"    <mimic joint={quoteattr(node.reading)} {factor}/>")
+    return [*lines, "  </joint>"]
+
+
+def _roll_pitch_yaw(R: NDArray) -> NDArray:
+    """Return the angles (3,) about fixed x, y, z, rad, of a rotation (3, 3), in full precision at any pitch."""
+    pitch, yaw = math.atan2(-R[2, 0], math.hypot(R[0, 0], R[1, 0])), math.atan2(R[1, 0], R[0, 0])
+    rest = (exp_so3(np.array([0.0, 0.0, yaw])) @ exp_so3(np.array([0.0, pitch, 0.0]))).T @ R
+    return np.array([math.atan2(rest[2, 1], rest[1, 1]), pitch, yaw])
+
+
+def _three(values: NDArray) -> str:
+    return " ".join(repr(float(value) + 0.0) for value in values)
+
+
+def _of_comment(words: str) -> str:
+    """Return words as XML allows them in a comment: without two hyphens in sequence."""
+    while "--" in words:
+        words = words.replace("--", "- -")
+    return words.removesuffix("-")
+
+
+def _notes(
+    model: ExtendedChain, parameters: pd.DataFrame | None, warned: Mapping[tuple[str, str], str]
+) -> dict[str, list[str]]:
+    """Return comments by joint, "" for the whole robot: what the data determine, and what the file leaves out."""
+    campaign = model.context.get("campaign", "")
+    notes = {
+        "": [
+            f"Identified by truing in campaign {campaign}. Units: m and rad. Joint values are readings: zeros are in "
+            "the origins.",
+            "Every transform holds only together with all others. A number that is not determined, or is far from "
+            "nominal, is no physical property of the machine.",
+            "Inertia, effort and velocity are unknown here and stand as 0. Joints that the campaign did not read are "
+            "fixed at zero.",
+        ]
+    }
+    if _WHOLE in warned:
+        notes[""].append("The model does not hold as a whole: something acts that none of its numbers describes.")
+    lasting = [cause for cause in model.causes if cause.is_persistent and not isinstance(cause, JointOffset)]
+    if left := [f"{cause.id} {cause.subject}".strip() for cause in lasting]:
+        notes[""].append(f"Found and not in this file, because no origin expresses it: {'; '.join(left)}.")
+    for joint, own in parameters.groupby("joint", sort=False) if parameters is not None else ():
+        far = own["identifiable"] & (own["pull"].abs() > FAR)
+        for words, rows in (
+            ("determined by the data", own[own["identifiable"] & ~far]),
+            (f"determined, but more than {FAR:g} standard deviations from nominal, no physics", own[far]),
+            ("not determined by the data, no physics", own[~own["identifiable"]]),
+        ):
+            if len(rows):
+                notes.setdefault(str(joint), []).append(f"{joint}, {words}: {', '.join(rows['parameter'])}")
+    return notes
+
+
+def _corrections(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> bytes:
+    rows = [*_offsets(model, warned), *_deviations(model, warned)]
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([_HEAD, *rows])
+    return text.getvalue().encode()
+
+
+def _offsets(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Iterator[tuple[Any, ...]]:
+    """Yield the zero of each joint that has one: within its tolerance, and beyond it as a cause of its own."""
+    tree = model.tree
+    for k, joint in enumerate(tree.readings):
+        node, slope = tree.node_of(k), np.zeros(len(model.covariance))
+        axis = axis_twist(tree.nodes[node])
+        value = float(axis @ model.twists[node])
+        place = np.flatnonzero(model.moved == node)
+        if len(place):
+            slope[6 * place[0] : 6 * place[0] + 6] = axis
+        causes = [e for e in model.effects if isinstance(e.cause, JointOffset) and e.cause.joint == joint]
+        for effect in causes:
+            value += float(effect.values[0])
+            slope[model.layout[effect.cause.key]] = 1.0
+        sigma = float(np.sqrt(max(slope @ model.covariance @ slope, 0.0)))
+        if not sigma > 0.0:
+            continue
+        codes = [warned.get((f"joint {joint}", _OFFSET)), *(_caution_of(e.cause, warned) for e in causes)]
+        caution = next(filter(None, codes), "")
+        unit, si = ("rad", 1.0) if tree.is_revolute[k] else ("mm", _MM)
+        yield joint, _OFFSET, "", repr(value / si), repr(sigma / si), unit, "yes", caution
+
+
+def _deviations(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Iterator[tuple[Any, ...]]:
+    """Yield the parameters of every effect on a joint's motion that no origin of a URDF can express."""
+    for effect in model.effects:
+        cause = effect.cause
+        if not isinstance(cause, JointCause) or isinstance(cause, JointOffset):
+            continue
+        order = 1 if isinstance(cause, JointEccentricity) else cause.order if isinstance(cause, JointHarmonic) else ""
+        caution, legs = _caution_of(cause, warned), len(model.tree.readings)
+        spread = np.sqrt(np.diag(model.covariance_of(cause)))
+        for size, value, sigma in zip(cause.parameters(legs), effect.values, spread, strict=True):
+            numbers = repr(float(value) / size.si), repr(float(sigma) / size.si)
+            yield cause.joint, size.name, order, *numbers, size.unit, "no", caution
+
+
+def _caution_of(cause: ChainCause, warned: Mapping[tuple[str, str], str]) -> str:
+    return warned.get((f"{cause.id} {cause.subject}".strip(), ""), "")
