@@ -270,6 +270,11 @@ _CALIBRATION = (
         optional="effect_of*",
     ),
     parquet(
+        "series_errors",
+        "root mean square of measured minus predicted positions of a chain, by series",
+        "series* role* poses rms_before rms_after unit",
+    ),
+    parquet(
         "chain_parameters",
         "identified numbers of a chain: zero of each joint, and shift and rotation of its frame in the link below",
         "joint* parameter* unit identified sigma tolerance pull identifiable",

@@ -59,6 +59,7 @@ _MEASURED = (
     real("lower_si", "", "lower limit of the joint, rad or m; empty if unknown", nullable=True),
     real("upper_si", "", "upper limit of the joint, rad or m; empty if unknown", nullable=True),
     integer("input", "number of the joint among those that are read; -1 for the others", minimum=-1),
+    integer("poses", "number of poses", minimum=1),
     text("series", "part of the campaign, where several were measured; empty: none", nullable=True),
     # Events and decisions of persons.
     text("called", "name of the target in the files"),

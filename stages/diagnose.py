@@ -35,8 +35,9 @@ DECLARATION = Stage(
     reads=(*_POINTS, "joints?", "distances?", "measured_poses?", "start?", *_LOADS, "qa?", *_RAYS),
     leaves=(
         *("diagnosis", "adequacy?", "model?", "detectable?", "pulls?", "pull_sums?"),
-        *("prediction?", "reading_errors?", "axis_errors?", "chain_parameters?", "next_poses?", "next_loads?"),
-        *("changes?", "cause_uncertainty?", "determined_combinations?", "diagnosis_left_out?"),
+        *("prediction?", "reading_errors?", "axis_errors?", "chain_parameters?", "series_errors?"),
+        *("next_poses?", "next_loads?", "changes?", "cause_uncertainty?", "determined_combinations?"),
+        "diagnosis_left_out?",
         *("diagnosis_choices?", "applied_model?"),
     ),
     settings=(

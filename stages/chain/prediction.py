@@ -12,7 +12,8 @@ from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.inputs import ORDER, approach, order_in_time
 from truing.simulation.mechanisms.chains.conditions import APPROACH, ChainConditions
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain, predict_tip, read_chain
-from truing.stages.common.chain_tables import joint_column, joint_columns, joint_readings
+from truing.simulation.mechanisms.chains.joint_table import joint_column, joint_columns
+from truing.stages.common.chain_tables import joint_readings
 from truing.stages.common.point_arrays import number_column, pose_ids
 
 

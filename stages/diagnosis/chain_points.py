@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -22,13 +23,14 @@ from truing.simulation.mechanisms.chains.causes import ChainCause, JointsExchang
 from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, SlipKind, does_not_belong, likely_slip
 from truing.simulation.mechanisms.chains.conditions import APPROACH, ChainConditions, MeasuredChannels
 from truing.simulation.mechanisms.chains.distances import GROUND, DistanceModel, distance_start, with_ground
+from truing.simulation.mechanisms.chains.joint_table import joint_columns
 from truing.simulation.mechanisms.chains.model import FREE_PLACE, ChainModel, KnownChain
 from truing.simulation.mechanisms.chains.offsets import offsets_beyond_tolerance
 from truing.simulation.mechanisms.chains.start_values import StartValues, start_values
 from truing.simulation.mechanisms.chains.tree import Tree, geometry_modes
 from truing.simulation.targets import FREE_ANGLE_RAD, FREE_LENGTH_M
 from truing.stages.common.blocks import chosen, groupings_of, labels_of
-from truing.stages.common.chain_tables import joint_columns, joint_readings, payload_of, tree_of
+from truing.stages.common.chain_tables import joint_readings, payload_of, tree_of
 from truing.stages.common.missing_data import HELD_OUT, LEAST_TARGETS
 from truing.stages.common.point_arrays import (
     number_column,
@@ -129,7 +131,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         replace(searched, groupings=groupings),
         epochs(held) if held.any() else None,
         "; ".join(filter(None, words)),
-        results,
+        partial(results, series=_labels(table)),
         evident,
         model_text=text_of_model,
         shown=_shown(model),
@@ -367,6 +369,14 @@ def _conditions(
         payload_of(settings, table),
         tuple(column_alias(column.name) for column in columns),
     )
+
+
+def _labels(table: pa.Table) -> dict[int | str, str]:
+    """Label of the series of each pose that has one."""
+    if "series" not in table.schema.names:
+        return {}
+    found = zip(table.column("pose").to_pylist(), table.column("series").to_pylist(), strict=True)
+    return {pose: str(label) for pose, label in found if label}
 
 
 def _series(settings: Campaign, table: pa.Table) -> Index:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,15 +14,17 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.chains.extended_model import extended_chain, write_chain
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.tree import TWIST
+from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.diagnosis.diagnosis_data import DiagnosisData, InstrumentResults
-from truing.stages.diagnosis.residual_tables import prediction_table
+from truing.stages.diagnosis.residual_tables import errors_by_role, prediction_table
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
+    from truing.inference.prediction import PredictionError
     from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
 
-_MM = 1e-3
+_MM, _UM = 1e-3, 1e6
 _SHIFTS, _TURNS = ("dx", "dy", "dz"), ("turn_x", "turn_y", "turn_z")
 # The data determine a number if they reduce its prior standard deviation to less than this share.
 _DETERMINED = 0.7
@@ -29,16 +32,55 @@ _DETERMINED = 0.7
 _HELD = 1e-6
 
 
-def results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
-    """Errors of each pose, identified numbers of the chain, and the extended model."""
+def results(
+    diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign, series: Mapping[int | str, str]
+) -> InstrumentResults:
+    """Errors of each pose and series, identified numbers of the chain, and the extended model.
+
+    ``series``: label of the series of each pose that has one.
+    """
     final = diagnosis.final
+    of_series = {"series_errors": series_table(diagnosis, data, series)} if series else {}
     return InstrumentResults(
         {
-            "prediction": prediction_table(diagnosis, data),
+            "prediction": prediction_table(diagnosis, data, positions_alone),
+            **of_series,
             "chain_parameters": parameters_table(final),
             "model": text_of_model(final, settings),
         }
     )
+
+
+def positions_alone(error: PredictionError[Any]) -> PredictionError[Any]:
+    """Error of the measured positions: orientations have another unit."""
+    assert isinstance(error.model, ChainModel)
+    turned = error.model.channels.is_rotation
+    seen = error.measured.seen & ~turned
+    gap = np.where(turned[:, None], 0.0, error.gap)
+    return replace(error, gap=gap, measured=replace(error.measured, seen=seen))
+
+
+def series_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], series: Mapping[int | str, str]) -> pa.Table:
+    """Rows of series_errors.parquet: errors of the positions in each series, fitted and held out."""
+    rows: list[dict[str, Any]] = []
+    for role, before, after in errors_by_role(diagnosis):
+        epochs = data.calibration if role != HELD_OUT else data.held_out
+        assert epochs is not None
+        labels = np.array([series.get(pose, "") for pose in epochs.conditions.poses], object)
+        errors = positions_alone(before), positions_alone(after)
+        for label in sorted(set(labels) - {""}):
+            own = labels == label
+            sizes = [_rms(error, own) for error in errors]
+            if None not in sizes:
+                numbers = dict(zip(("rms_before", "rms_after"), sizes, strict=True))
+                rows.append({"series": label, "role": role, "poses": int(own.sum()), **numbers, "unit": "um"})
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS["series_errors"].arrow_schema())
+
+
+def _rms(error: PredictionError[Any], own: NDArray) -> float | None:
+    """Root mean square per coordinate of some poses (B,), um; None where nothing was seen."""
+    count = error.measured.size * int(error.seen[own].sum())
+    return float(np.sqrt(np.sum(error.gap[own] ** 2) / count)) * _UM if count else None
 
 
 def text_of_model(fitted: FittedModel[Any], settings: Campaign) -> str:

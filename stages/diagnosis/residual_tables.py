@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,12 +43,17 @@ def identified_table(artifact: str, rows: list[dict[str, Any]], key: str, presen
     return pa.Table.from_pylist(rows, schema=ARTIFACTS[artifact].arrow_schema(identifier, present=tuple(present)))
 
 
-def prediction_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Table:
-    """Rows of prediction.parquet: every pose without and with what was found."""
+def prediction_table(
+    diagnosis: CauseDiagnosis,
+    data: DiagnosisData[Any],
+    part: Callable[[PredictionError], PredictionError] = lambda error: error,
+) -> pa.Table:
+    """Rows of prediction.parquet: every pose without and with what was found; ``part``: channels that count."""
     poses = {"calibration": data.calibration.conditions.poses}
     poses |= {} if data.held_out is None else {HELD_OUT: data.held_out.conditions.poses}
     rows: list[dict[str, Any]] = []
-    for role, before, after in errors_by_role(diagnosis):
+    for role, *errors in errors_by_role(diagnosis):
+        before, after = map(part, errors)
         columns = {
             "rms_before": before.rms_by_epoch,
             "rms_after": after.rms_by_epoch,

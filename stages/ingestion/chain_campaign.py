@@ -17,6 +17,7 @@ from truing.formats.urdf import Urdf, UrdfJoint, read_urdf
 from truing.report.numbers import count
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import meant
+from truing.simulation.mechanisms.chains.joint_table import ANGLES, LENGTHS, joint_column
 from truing.simulation.mechanisms.chains.notations import (
     DenavitHartenberg,
     Screw,
@@ -24,7 +25,7 @@ from truing.simulation.mechanisms.chains.notations import (
     tree_of_screws,
 )
 from truing.simulation.mechanisms.chains.tree import JointKind, Node, Tree
-from truing.stages.common.chain_tables import ANGLES, LENGTHS, joint_column, tree_table
+from truing.stages.common.chain_tables import tree_table
 from truing.stages.declaration import Outcome, Progress
 from truing.stages.ingestion.distance_table import read_distances
 from truing.stages.ingestion.point_campaign import ingest_points
