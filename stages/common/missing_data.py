@@ -15,7 +15,7 @@ _LEAST_LEGS = 6  # fewer do not constrain the platform
 NO_BODIES = {"axis": "an axis has rows of readings, and no bodies with targets"}
 NO_CALIBRATION = {
     "axis": "the diagnosis gives factors, lost motion and zeros of an axis",
-    "chain": "the diagnosis identifies joint zeros and links of a chain (chain_parameters)",
+    "chain": "the diagnosis identifies the geometry of a chain (section Chain, chain_parameters)",
 }
 # Why such a mechanism has no choice of configurations and no simulated campaigns, by type.
 NO_CHOICE = {

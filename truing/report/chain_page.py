@@ -14,6 +14,7 @@ from plotly.subplots import make_subplots
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
 from truing.report.numbers import count, listed, plain, rough, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
+from truing.report.scene.view import scene_axes
 from truing.report.tables import XYZ, Tables, filled
 from truing.simulation.mechanisms.chains.joint_table import joint_column, tree_from_rows
 from truing.simulation.mechanisms.chains.tree import JointKind, Tree, TreeFrames
@@ -70,9 +71,9 @@ def _lead(tree: Tree, tip: int, numbers: pd.DataFrame | None) -> str:
     if len(left):
         words.append(f"Not determined: {_named(left)}.")
     if len(far):
-        words.append(f"Farther from nominal than {FAR:g} standard deviations: {_named(far)}.")
+        words.append(f"Farther from nominal than {FAR:g} standard deviations of the tolerance: {_named(far)}.")
     elif known["pull"].notna().any():
-        words.append(f"None is farther from nominal than {FAR:g} standard deviations.")
+        words.append(f"None is farther from nominal than {FAR:g} standard deviations of its tolerance.")
     return " ".join(words)
 
 
@@ -177,16 +178,16 @@ def _arm(tree: Tree, first: pd.DataFrame, tip: int, survey: pd.DataFrame | None)
     """Return the nominal chain at one pose with joint axes, frames of base and tip, and surveyed targets; mm."""
     frames = tree.frames(first.to_numpy(float))
     places, origins = frames.t[0] * _MM, frames.origin[0] * _MM
-    size = 0.12 * max(float(np.ptp(np.concatenate([places, origins]), axis=0).max()), 1.0)
+    shown = np.concatenate([places, origins])
+    size = 0.12 * max(float(np.ptp(shown, axis=0).max()), 1.0)
+    low, high = shown.min(0) - size, shown.max(0) + size
+    middle, half = (low + high) / 2.0, (high - low) / 2.0
+    half = np.maximum(half, 0.4 * half.max())  # a flat view would distort the arm
     parts = [_links(tree, places, origins), *_joints(tree, frames, size), *_triads(tree, frames, tip, size)]
     figure = go.Figure([*parts, *_targets(tree, frames, survey)])
     style(figure, f"The chain at pose {label(first.index[0])}", "Nominal geometry, frame of the base", 620)
     figure.update_layout(
-        scene={
-            "aspectmode": "data",
-            "camera": {"eye": {"x": 1.1, "y": -1.35, "z": 0.7}},
-            **{f"{c}axis": {"title": {"text": f"{c} (mm)"}, "nticks": 6} for c in "xyz"},
-        },
+        scene=scene_axes(middle - half, middle + half),
         legend={"orientation": "h", "y": 1.0, "yanchor": "top", "itemsizing": "constant"},
         margin={"l": 0, "r": 0, "t": 110, "b": 20},
     )

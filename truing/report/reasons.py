@@ -74,6 +74,8 @@ def why_not_known(tables: Tables) -> str:
 
 def why_no_requirement(tables: Tables) -> str:
     """Return the reason why no requirement was assessed."""
+    if filled(tables, "joints") is not None:
+        return "Accuracy of an open chain is not compared with [requirement] yet."
     if filled(tables, "calibration") is None:
         return why_no_calibration(tables)
     if filled(tables, "accuracy") is None:

@@ -29,6 +29,7 @@ class Missing(StrEnum):
     TURNS = "no-turns"
     PAYLOAD = "no-payload"
     TILT = "no-tilt"
+    WEIGHT = "no-weight"
 
 
 GRAVITY_IN = "gravity "  # prefix of a body's name

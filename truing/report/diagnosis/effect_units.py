@@ -28,6 +28,7 @@ _OTHERS = {
     "mm/mm": (1e3, "um/mm"),
     "rad": (180.0 / math.pi, "deg"),
     "m": (1e3, "N·m per kN"),  # a moment that comes with a force
+    "rad/(N m)": (1e6, "urad/(N m)"),
     "1/m": (1e3, "N per kN·m"),  # a force that comes with a torque
 }
 _SPANS = ((5400.0, 1.0 / 3600.0, "h"), (120.0, 1.0 / 60.0, "min"))

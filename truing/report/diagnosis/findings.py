@@ -30,6 +30,7 @@ NEEDS = {
     "few-poses": "12 poses or more, in a known order",
     "no-turns": "loads that are raised and lowered again, step by step",
     "no-payload": "six legs, what they carry (payload_kg), and which way is up ([measurement] up)",
+    "no-weight": "the direction of gravity ([mechanism] gravity), and masses of links or a payload (payload_kg)",
     "no-tilt": "which way is up ([measurement] up), and poses that tilt the platform by 0.1 rad",
 }
 # Meaning of an empty subject next to one of this kind.

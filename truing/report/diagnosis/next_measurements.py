@@ -20,6 +20,7 @@ from truing.schemas.needs import Need
 
 _TITLE = "What to measure next"
 _WITHOUT_MECHANISM = "No configurations were computed: without a mechanism, possible configurations are not known."
+_OF_CHAIN = "No configurations were computed: truing does not choose configurations of a chain yet."
 _TOLD = (
     *("purpose", "need", "pose", "measurements", "duration_s", "expected"),
     *("sigma_now", "sigma_expected", "unit", "odds_expected"),
@@ -65,7 +66,8 @@ def _lead(steps: list[NextStep], tables: Tables) -> str:
     if filled(tables, "next_poses") is not None:
         return f"{text} The tables give readings as the machine takes them.".strip()
     legless = compared(tables) is POINTS and "pulls" not in tables
-    return f"{text} {_WITHOUT_MECHANISM if legless else compared(tables).not_planned}".strip()
+    why = _OF_CHAIN if "joints" in tables else _WITHOUT_MECHANISM
+    return f"{text} {why if legless else compared(tables).not_planned}".strip()
 
 
 def _computed(tables: Tables) -> tuple[Listing, ...]:

@@ -97,7 +97,7 @@ def picture(scene: DrawnScene, title: str, subtitle: str) -> go.Figure:
     figure.update_layout(
         meta={"scene": scene_data(scene)},
         sliders=[_slider(scene)],
-        scene=_axes(low, high),
+        scene=scene_axes(low, high),
         legend={"orientation": "h", "y": 1.0, "yanchor": "top", "itemsizing": "constant"},
         margin={"l": 0, "r": 0, "t": 90, "b": 40},
     )
@@ -218,7 +218,7 @@ def _box(scene: DrawnScene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return np.nanmin(points, axis=0), np.nanmax(points, axis=0)
 
 
-def _axes(low: NDArray[np.float64], high: NDArray[np.float64]) -> dict[str, Any]:
+def scene_axes(low: NDArray[np.float64], high: NDArray[np.float64]) -> dict[str, Any]:
     """Return axes that hold body and amplified displacement; a flat body gets a visible height of a third
     of its width."""
     margin = 0.02 * float((high - low).max()) + 1e-6

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 _OFFSET, _WHOLE = "offset", ("model", "")
 _HEAD = ("joint", "correction", "order", "value", "sigma", "unit", "in_urdf", "caution")
 _MM = 1e-3
+_EXACT = 1e-15  # m and rad: a smaller sigma is rounding
 
 
 def urdf(run: Run) -> Iterator[tuple[str, bytes]]:
@@ -196,7 +197,7 @@ def _offsets(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Ite
             value += float(effect.values[0])
             slope[model.layout[effect.cause.key]] = 1.0
         sigma = float(np.sqrt(max(slope @ model.covariance @ slope, 0.0)))
-        if not sigma > 0.0:
+        if not sigma > _EXACT:
             continue
         codes = [warned.get((f"joint {joint}", _OFFSET)), *(_caution_of(e.cause, warned) for e in causes)]
         caution = next(filter(None, codes), "")

@@ -234,7 +234,7 @@ class JointCompliance(JointCause):
     load: float = 1.0  # largest torque, N m, or force, N
 
     id = "joint-compliance"
-    lacking = Missing.PAYLOAD
+    lacking = Missing.WEIGHT
 
     def candidates(self, scene: ChainScene) -> Sequence[Self]:
         """Return every joint whose load by weight varies."""
@@ -327,7 +327,7 @@ class LinkBending(LinkCause):
     load: float = 1.0  # largest rotation of its end per unit of flexibility, N m2
 
     id = "link-bending"
-    lacking = Missing.PAYLOAD
+    lacking = Missing.WEIGHT
 
     def candidates(self, scene: ChainScene) -> Sequence[LinkBending]:
         """Return every link with a length and a varying load."""

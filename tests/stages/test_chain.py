@@ -1,0 +1,178 @@
+"""A campaign of an open chain from its folder to the page, predictions and the robot's description; and bad input."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pyarrow.csv
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from tests.blind.generator.arms import draw, write
+from tests.runs.test_robot_description import _textbook
+from truing.estimation.rotation import exp_so3
+from truing.formats.urdf import read_urdf
+from truing.pipeline.command_line import app
+from truing.runs.recorded_run import load
+from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
+
+READINGS = ("axis_1_deg", "axis_2_deg", "axis_3_mm", "axis_4_deg")
+
+
+def _truing(*arguments: str) -> tuple[int, str]:
+    """Exit code and all output, on one line."""
+    done = CliRunner().invoke(app, list(arguments))
+    return done.exit_code, " ".join(done.output.split())
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three joints that turn and one that slides, without a direction of gravity; a joint moves too far."""
+    made = draw(13, layout="scara", instrument="points-series", notation="urdf", causes=("joint-gain",), poses=36)
+    folder = write(made, tmp_path_factory.mktemp("chain") / "arm")
+    text = (folder / "campaign.toml").read_text(encoding="utf-8")
+    (folder / "campaign.toml").write_text(re.sub(r"gravity = .*\n", "", text), encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def run(campaign: Path) -> Path:
+    folder = campaign.with_name("run")
+    code, output = _truing("run", str(campaign), "--out", str(folder))
+    assert code == 0, output
+    return folder
+
+
+def test_the_hidden_gain_is_found_with_its_size(campaign: Path, run: Path) -> None:
+    (hidden,) = json.loads(campaign.with_name("arm.truth.json").read_text(encoding="utf-8"))["effects"]
+    (found,) = [row for row in pq.read_table(run / "diagnosis.parquet").to_pylist() if row["verdict"] == "found"]
+    assert (found["cause"], found["subject"]) == (hidden["cause"], hidden["subject"])
+    gain = json.loads(found["parameters"])["gain"]
+    (size,) = hidden["parameters"].values()
+    size = size["value"] if isinstance(size, dict) else size
+    assert abs(gain["value"] - size) < 4.0 * gain["sigma"] < 0.8 * abs(size)
+
+
+def test_without_gravity_the_causes_by_weight_are_not_testable_and_the_need_is_named(run: Path) -> None:
+    rows = {row["cause"]: row for row in pq.read_table(run / "diagnosis.parquet").to_pylist()}
+    for cause in ("joint-compliance", "link-bending"):
+        assert (rows[cause]["verdict"], rows[cause]["reason_code"]) == ("not testable", "no-weight")
+        assert "[mechanism] gravity" in rows[cause]["explanation"]
+
+
+def test_errors_by_series_are_those_of_the_poses(campaign: Path, run: Path) -> None:
+    of_series = pq.read_table(run / "series_errors.parquet").to_pandas()
+    of_poses = pq.read_table(run / "prediction.parquet").to_pandas()
+    table = pyarrow.csv.read_csv(campaign / "configurations.csv").to_pandas()
+    of_poses["series"] = of_poses["pose"].map(dict(zip(table["pose"], table["series"], strict=True)))
+    assert of_series["poses"].sum() == len(of_poses)
+    for row in of_series.itertuples():
+        own = of_poses[(of_poses["series"] == row.series) & (of_poses["role"] == row.role)]
+        assert len(own) == row.poses
+        assert own["rms_after"].min() <= row.rms_after <= own["rms_after"].max()
+        assert row.rms_after < row.rms_before
+    # Poses differ in their number of seen targets by a few, which weigh them.
+    fitted = of_series[of_series["role"] == "calibration"]
+    own = of_poses[of_poses["role"] == "calibration"]
+    whole = np.sqrt(np.average(fitted["rms_after"] ** 2, weights=fitted["poses"]))
+    assert whole == pytest.approx(np.sqrt(np.mean(own["rms_after"] ** 2)), rel=0.05)
+
+
+def test_the_page_shows_the_chain_its_numbers_and_series(run: Path) -> None:
+    sections = {section.id: section for section in load(run).sections}
+    chain = sections["chain"]
+    numbers, series = chain.listings
+    table = pq.read_table(run / "chain_parameters.parquet").to_pandas()
+    assert len(numbers.rows) == len(table)
+    determined = [row[-1] for row in numbers.rows]
+    assert determined == sorted(determined, reverse=True)  # yes before no
+    assert determined.count("yes") == table["identifiable"].sum()
+    assert len(series.rows) == pq.read_table(run / "series_errors.parquet").num_rows
+    arm, errors = (figure for figure, _ in chain.figures)
+    named = {trace.name for trace in arm.data}
+    assert {"joints that turn", "joints that slide", "base: base_link", "targets"} <= named
+    assert sum(len(trace.x) for trace in errors.data) == 2 * pq.read_table(run / "prediction.parquet").num_rows
+    page = (run / "report.html").read_text(encoding="utf-8")
+    assert 'id="chain"' in page
+    assert "without a mechanism" not in page
+
+
+def test_the_exported_robot_and_the_prediction_agree_up_to_the_gain(campaign: Path, run: Path, tmp_path: Path) -> None:
+    code, output = _truing("export", str(run), "--to", "urdf,controller", "--out", str(tmp_path))
+    assert code == 0, output
+    model = load(run).model
+    assert isinstance(model, ExtendedChain)
+    robot = read_urdf(tmp_path / "robot.urdf")
+    table = (campaign / "configurations.csv").read_text(encoding="utf-8").splitlines()
+    (tmp_path / "few.csv").write_text("\n".join(table[:4]) + "\n", encoding="utf-8")
+    out = tmp_path / "tip.parquet"
+    assert _truing("predict", str(run / "model.toml"), str(tmp_path / "few.csv"), "--out", str(out))[0] == 0
+    with (tmp_path / "joint_corrections.csv").open(encoding="utf-8", newline="") as stream:
+        corrections = list(csv.DictReader(stream))
+    gains = {row["joint"]: float(row["value"]) for row in corrections if row["correction"] == "gain"}
+    assert len(gains) == 1
+    rows = pyarrow.csv.read_csv(tmp_path / "few.csv").to_pylist()
+    for row, predicted in zip(rows, pq.read_table(out).to_pylist(), strict=True):
+        read = {}
+        for column in READINGS:
+            joint, _, unit = column.rpartition("_")
+            read[joint] = row[column] * (1e-3 if unit == "mm" else np.pi / 180.0)
+        frames = model.identified.frames(np.array([list(read.values())]))
+        plain = _textbook(robot, read, "tool0")
+        assert np.abs(plain[:3, 3] - frames.t[0, model.tip]).max() < 1e-9
+        assert np.abs(plain[:3, :3] - frames.R[0, model.tip]).max() < 1e-9
+        corrected = _textbook(robot, {joint: (1.0 + gains.get(joint, 0.0)) * q for joint, q in read.items()}, "tool0")
+        place = 1e-3 * np.array([predicted[f"p{axis}_mm"] for axis in "xyz"])
+        turn = exp_so3(np.array([predicted[f"r{axis}_rad"] for axis in "xyz"]))
+        # The gain acts on the frame before the joint moves: both orders agree to the square of small angles.
+        assert np.abs(corrected[:3, 3] - place).max() < 2e-6 < np.abs(plain[:3, 3] - place).max() + 2e-6
+        assert np.abs(corrected[:3, :3] - turn).max() < 2e-6
+
+
+def _rewritten(campaign: Path, folder: Path, of: str, old: str, new: str) -> Path:
+    shutil.copytree(campaign, folder)
+    text = (folder / of).read_text(encoding="utf-8")
+    assert old in text
+    (folder / of).write_text(text.replace(old, new), encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("of", "old", "new", "expected"),
+    [
+        (
+            "configurations.csv",
+            "axis_2_deg",
+            "axis_two_deg",
+            "column axis_2: expected a column axis_2_deg or axis_2_rad",
+        ),
+        ("configurations.csv", "axis_2_deg", "axis_2_mm", "column axis_2_mm: expected a column axis_2_deg"),
+        ("configurations.csv", "axis_3_mm", "axis_3_deg", "axis_3_mm or axis_3_m; joint axis_3 slides"),
+        ("points.csv", ",tool0,", ",tool9,", "tool9"),
+        ("campaign.toml", 'tip = "tool0"', 'tip = "tool1"', "a link of this file as [mechanism] tip"),
+        ("campaign.toml", '"axis_4"]', '"axis_5"]', "a joint that moves and mimics no other"),
+    ],
+)
+def test_bad_input_is_named_with_its_place(
+    campaign: Path, tmp_path: Path, of: str, old: str, new: str, expected: str
+) -> None:
+    code, output = _truing("check", str(_rewritten(campaign, tmp_path / "c", of, old, new)))
+    assert code == 2
+    assert expected in output
+
+
+def test_a_robot_description_with_macros_names_the_command_that_expands_them(campaign: Path, tmp_path: Path) -> None:
+    folder = _rewritten(campaign, tmp_path / "c", "robot.urdf", "</robot>", "<xacro:arm prefix='a'/></robot>")
+    text = (folder / "robot.urdf").read_text(encoding="utf-8")
+    expanded = text.replace("<robot ", '<robot xmlns:xacro="http://ros.org/wiki/xacro" ', 1)
+    (folder / "robot.urdf").write_text(expanded, encoding="utf-8")
+    code, output = _truing("check", str(folder))
+    assert code == 2
+    assert "robot.urdf" in output
+    assert "xacro robot.urdf.xacro > robot.urdf" in output
