@@ -271,7 +271,7 @@ _CALIBRATION = (
     ),
     parquet(
         "series_errors",
-        "root mean square of measured minus predicted positions of a chain, by series",
+        "root mean square of measured minus predicted positions, or distances, of a chain, by series",
         "series* role* poses rms_before rms_after unit",
     ),
     parquet(

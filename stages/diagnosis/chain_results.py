@@ -52,9 +52,11 @@ def results(
 
 
 def positions_alone(error: PredictionError[Any]) -> PredictionError[Any]:
-    """Error of the measured positions: orientations have another unit."""
+    """Error of the measured positions or distances: orientations have another unit."""
     assert isinstance(error.model, ChainModel)
     turned = error.model.channels.is_rotation
+    if not turned.any():
+        return error
     seen = error.measured.seen & ~turned
     gap = np.where(turned[:, None], 0.0, error.gap)
     return replace(error, gap=gap, measured=replace(error.measured, seen=seen))

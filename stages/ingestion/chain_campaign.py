@@ -39,11 +39,12 @@ def ingest(
 ) -> Outcome:
     """The tables of the campaign, and `joints`; raises CampaignFaults with all faults together."""
     tree, limits = read_chain(settings, source)
-    outcome = ingest_points(tables, settings, source, log, progress)
+    outcome = ingest_points(tables, settings, source, log, progress, tuple(tree.links))
     table = outcome.artifacts["configurations"]
     assert isinstance(table, pa.Table)
     _check_columns(tree, table, log)
     _check_series(settings, table, log)
+    _check_links(tree, outcome.artifacts, log)
     artifacts = {**outcome.artifacts, "joints": tree_table(tree, limits)}
     if source.entries("distances"):
         tip = settings.mechanism.tip or tree.nodes[-1].link
@@ -179,6 +180,15 @@ def _check_columns(tree: Tree, table: pa.Table, log: FaultLog) -> None:
         wanted = " or ".join(joint + end for end in endings)
         hint = f"; joint {joint} {'turns' if is_angle else 'slides'}" if wrong else meant(joint, names)
         log.add(Fault("configurations.csv", f"a column {wanted}{hint}", column=wrong or joint))
+
+
+def _check_links(tree: Tree, artifacts: Mapping[str, Any], log: FaultLog) -> None:
+    """Note every body with measured poses or surveyed targets that is no link of the chain."""
+    for name, file in (("measured_poses", "poses.csv"), ("survey", "targets.csv")):
+        bodies = artifacts[name].column("body").unique().to_pylist() if name in artifacts else []
+        for body in (body for body in bodies if body not in tree.links):
+            hint = meant(body, list(tree.links)) or f"; there are {', '.join(tree.links)}"
+            log.add(Fault(file, f"a link of the chain as body{hint}", column="body", value=body))
 
 
 def _check_series(settings: Any, table: pa.Table, log: FaultLog) -> None:

@@ -74,9 +74,17 @@ class _Parts:
 
 
 def ingest_points(
-    tables: Mapping[str, pa.Table], settings: Any, source: CampaignFiles, log: FaultLog, progress: Progress
+    tables: Mapping[str, pa.Table],
+    settings: Any,
+    source: CampaignFiles,
+    log: FaultLog,
+    progress: Progress,
+    links: tuple[str, ...] = (),
 ) -> Outcome:
-    """The tables of a campaign of points; raises CampaignFaults, at the end of the stream of points at the latest."""
+    """The tables of a campaign of points; raises CampaignFaults, at the end of the stream of points at the latest.
+
+    ``links``: bodies of an open chain, of which alone there may be points.
+    """
     adjusted = _adjusted(tables, settings, source, log)
     source.estimate = estimated = EstimatedCovariance()
     parts = _first_tables(settings, source, adjusted, log)
@@ -91,7 +99,7 @@ def ingest_points(
         parts.survey = replace(parts.survey, table=parts.later.survey(parts.survey.table))
     survey = None if parts.survey is None else parts.survey.table
     renamed = declared(settings, order, survey, log), relabelling_of(parts.later, order)
-    expected = _expected(settings, parts.configurations.table, survey, renamed)
+    expected = _expected(settings, parts.configurations.table, survey, renamed, links)
     parts.measured = read_poses(source, settings, expected, log)
     parts.scans = read_scans(source, expected.poses, log, progress)
     if adjusted is None and not source.entries("points"):
@@ -191,13 +199,17 @@ def _at_last(artifact: str, table: Callable[[], pa.Table]) -> pa.RecordBatchRead
 
 
 def _expected(
-    settings: Any, configurations: pa.Table, survey: pa.Table | None, renamed: tuple[Relabelling, ...]
+    settings: Any,
+    configurations: pa.Table,
+    survey: pa.Table | None,
+    renamed: tuple[Relabelling, ...],
+    links: tuple[str, ...],
 ) -> ExpectedPoints:
     legs = tuple(f"leg{leg + 1}" for leg in range(len(legs_of(settings))))
     return ExpectedPoints(
         poses=configurations.column("pose").combine_chunks().unique(),
         always=(("platform",) if settings.is_frame_fixed else ("base", "platform")) if legs else (),
-        bodies=("base", "platform", *legs) if legs else (),
+        bodies=("base", "platform", *legs) if legs else links,
         reference=settings.bodies.reference if settings.is_frame_fixed else settings.reference_body,
         point_mm=settings.noise.point_mm,
         geometry=_geometry(settings, survey),

@@ -135,7 +135,7 @@ def _by_series(series: pd.DataFrame) -> Listing:
         (r.series, words.get(r.role, r.role), str(r.poses), rough(r.rms_before), rough(r.rms_after))
         for r in series.itertuples()
     )
-    caption = "Measured minus predicted positions, by series, without and with the causes"
+    caption = "Measured minus predicted, by series, without and with the causes"
     return Listing(heads, rows, caption=caption, held_by="series_errors.parquet")
 
 
