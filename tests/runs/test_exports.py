@@ -163,3 +163,10 @@ def test_an_export_that_cannot_be_made_is_a_fault_and_writes_nothing(
     assert done.exit_code == ExitCode.UNUSABLE_CAMPAIGN
     assert said in done.output
     assert not any(tmp_path.iterdir())
+
+
+def test_a_run_of_another_machine_has_no_robot_description(run: truing.Run, tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["export", str(run.folder), "--to", "urdf", "--out", str(tmp_path)])
+    assert result.exit_code == ExitCode.UNUSABLE_CAMPAIGN
+    assert "the run of an open chain" in " ".join(result.output.split())
+    assert not list(tmp_path.iterdir())
