@@ -16,11 +16,14 @@ from truing.report.numbers import count, listed, plain, rough, sign, with_uncert
 from truing.report.page import Listing, ReportSection
 from truing.report.scene.view import scene_axes
 from truing.report.tables import XYZ, Tables, filled
-from truing.simulation.mechanisms.chains.joint_table import joint_column, tree_from_rows
-from truing.simulation.mechanisms.chains.tree import JointKind, Tree, TreeFrames
 
 FAR = 3.0  # pull from which a number is farther from nominal than its tolerance explains
-_MM = 1e3
+_ORIGIN, _AXIS = ["ox_mm", "oy_mm", "oz_mm"], ["ax", "ay", "az"]
+_ENTRIES = [f"r{i}{j}" for i in range(3) for j in range(3)]
+_KINDS = (
+    ("revolute", BLUE, "circle", "joints that turn"),
+    ("prismatic", GREEN, "square", "joints that slide"),
+)
 _UNITS = {"rad": (180.0 / math.pi, "deg")}  # as tolerances in campaign.toml
 _ARM = (
     "The nominal chain in the frame of its base; a line along each joint is its axis. Targets of unknown place are "
@@ -42,27 +45,24 @@ def chain(tables: Tables) -> ReportSection | None:
     joints = filled(tables, "joints")
     if joints is None:
         return None
-    tree = tree_from_rows(joints.to_dict("records"))
-    readings = _readings(tree, tables)
+    nodes, places = filled(tables, "chain_nodes"), filled(tables, "chain_tip")
     numbers, prediction = filled(tables, "chain_parameters"), filled(tables, "prediction")
-    tip = _tip(tree, tables)
     figures: list[tuple[go.Figure, str]] = []
-    if len(readings):
-        figures.append((_arm(tree, readings.iloc[:1], tip, filled(tables, "survey")), _ARM))
-    if prediction is not None and len(readings):
-        places = tree.frames(readings.to_numpy(float)).t[:, tip] * _MM
-        shown = pd.DataFrame(places, index=readings.index, columns=XYZ).join(prediction.set_index("pose"), how="inner")
-        figures += [(_map(shown, tree.nodes[tip].link), _MAP)] if len(shown) else []
+    if nodes is not None:
+        figures.append((_arm(nodes, filled(tables, "survey")), _ARM))
+    if nodes is not None and places is not None and prediction is not None:
+        shown = places.merge(prediction, on="pose")
+        figures.append((_map(shown, str(nodes.loc[nodes["is_tip"], "link"].iloc[0])), _MAP))
     listings = [_listing(numbers)] if numbers is not None else []
     series = filled(tables, "series_errors")
     listings += [_by_series(series)] if series is not None else []
     see = (("gain", "Errors of each pose, before and after"),) if prediction is not None else ()
-    return ReportSection("chain", "Chain", _lead(tree, tip, numbers), tuple(figures), tuple(listings), see=see)
+    return ReportSection("chain", "Chain", _lead(joints, numbers), tuple(figures), tuple(listings), see=see)
 
 
-def _lead(tree: Tree, tip: int, numbers: pd.DataFrame | None) -> str:
-    links = f"from {tree.nodes[0].link} to {tree.nodes[tip].link}"
-    what = f"An open chain of {count(len(tree.readings), 'joint')} {links}."
+def _lead(joints: pd.DataFrame, numbers: pd.DataFrame | None) -> str:
+    read = joints[joints["input"] >= 0]
+    what = f"An open chain of {count(len(read), 'joint')} on {joints['link'].iloc[0]}."
     if numbers is None:
         return f"{what} Its geometry was not identified."
     known = numbers[numbers["identifiable"]]
@@ -79,27 +79,6 @@ def _lead(tree: Tree, tip: int, numbers: pd.DataFrame | None) -> str:
 
 def _named(numbers: pd.DataFrame) -> str:
     return listed([f"{row.parameter} of {row.joint}" for row in numbers.itertuples()])
-
-
-def _readings(tree: Tree, tables: Tables) -> pd.DataFrame:
-    """Return the readings (B, n), rad or m, of the poses that have them all, indexed by pose."""
-    table = filled(tables, "configurations")
-    if table is None:
-        return pd.DataFrame()
-    found = {}
-    for joint in tree.readings:
-        column = joint_column(tree, joint, map(str, table.columns))
-        if column is None:
-            return pd.DataFrame()
-        found[joint] = table[column.name].astype(float) * column.si
-    return pd.DataFrame(found).set_index(table["pose"]).dropna()
-
-
-def _tip(tree: Tree, tables: Tables) -> int:
-    """Return the node of the last link that was measured, or of the last link."""
-    seen = [filled(tables, name) for name in ("observations", "measured_poses")]
-    nodes = [tree.links[body] for table in seen if table is not None for body in set(table["body"]) & set(tree.links)]
-    return max(nodes, default=tree.size - 1)
 
 
 def _listing(numbers: pd.DataFrame) -> Listing:
@@ -146,7 +125,7 @@ def _map(shown: pd.DataFrame, tip: str) -> go.Figure:
     held = (shown["role"] == "verification").to_numpy()
     words = [
         f"pose {label(pose)}: {rough(before)} → {rough(after)} µm"
-        for pose, before, after in zip(shown.index, shown["rms_before"], shown["rms_after"], strict=True)
+        for pose, before, after in zip(shown["pose"], shown["rms_before"], shown["rms_after"], strict=True)
     ]
     for k, (across, up, _) in enumerate(views, 1):
         marker = {
@@ -174,18 +153,15 @@ def _map(shown: pd.DataFrame, tip: str) -> go.Figure:
     return figure
 
 
-def _arm(tree: Tree, first: pd.DataFrame, tip: int, survey: pd.DataFrame | None) -> go.Figure:
+def _arm(nodes: pd.DataFrame, survey: pd.DataFrame | None) -> go.Figure:
     """Return the nominal chain at one pose with joint axes, frames of base and tip, and surveyed targets; mm."""
-    frames = tree.frames(first.to_numpy(float))
-    places, origins = frames.t[0] * _MM, frames.origin[0] * _MM
-    shown = np.concatenate([places, origins])
+    shown = np.concatenate([nodes[XYZ].to_numpy(float), nodes[_ORIGIN].to_numpy(float)])
     size = 0.12 * max(float(np.ptp(shown, axis=0).max()), 1.0)
     low, high = shown.min(0) - size, shown.max(0) + size
     middle, half = (low + high) / 2.0, (high - low) / 2.0
     half = np.maximum(half, 0.4 * half.max())  # a flat view would distort the arm
-    parts = [_links(tree, places, origins), *_joints(tree, frames, size), *_triads(tree, frames, tip, size)]
-    figure = go.Figure([*parts, *_targets(tree, frames, survey)])
-    style(figure, f"The chain at pose {label(first.index[0])}", "Nominal geometry, frame of the base", 620)
+    figure = go.Figure([_links(nodes), *_joints(nodes, size), *_triads(nodes, size), *_targets(nodes, survey)])
+    style(figure, f"The chain at pose {label(nodes['pose'].iloc[0])}", "Nominal geometry, frame of the base", 620)
     figure.update_layout(
         scene=scene_axes(middle - half, middle + half),
         legend={"orientation": "h", "y": 1.0, "yanchor": "top", "itemsizing": "constant"},
@@ -194,36 +170,27 @@ def _arm(tree: Tree, first: pd.DataFrame, tip: int, survey: pd.DataFrame | None)
     return figure
 
 
-def _links(tree: Tree, places: NDArray, origins: NDArray) -> go.Scatter3d:
+def _links(nodes: pd.DataFrame) -> go.Scatter3d:
     """Return a line along each link, and along the travel of each joint that slides."""
+    places, origins = nodes[XYZ].to_numpy(float), nodes[_ORIGIN].to_numpy(float)
     gap = np.full(3, np.nan)
-    points = [
-        row
-        for k, node in enumerate(tree.nodes)
-        if node.parent >= 0
-        for row in (places[node.parent], origins[k], places[k], gap)
-    ]
-    return _line(np.array(points).reshape(-1, 3), "links", GREY, 8.0)
+    parts = [(places[b], origins[k], places[k], gap) for k, b in enumerate(nodes["below"]) if b >= 0]
+    return _line(np.array(parts).reshape(-1, 3), "links", GREY, 8.0)
 
 
-def _joints(tree: Tree, frames: TreeFrames, size: float) -> Iterator[go.Scatter3d]:
-    looks = (
-        (JointKind.REVOLUTE, BLUE, "circle", "joints that turn"),
-        (JointKind.PRISMATIC, GREEN, "square", "joints that slide"),
-    )
-    for kind, colour, symbol, words in looks:
-        own = [k for k, node in enumerate(tree.nodes) if node.kind is kind]
-        if not own:
+def _joints(nodes: pd.DataFrame, size: float) -> Iterator[go.Scatter3d]:
+    for kind, colour, symbol, words in _KINDS:
+        own = nodes[nodes["joint_kind"] == kind]
+        if not len(own):
             continue
-        middle = frames.origin[0, own] * _MM
-        along = np.stack([frames.R[0, k] @ tree.nodes[k].axis for k in own]) * size / 2.0
+        middle, along = own[_ORIGIN].to_numpy(float), own[_AXIS].to_numpy(float) * size / 2.0
         yield go.Scatter3d(
             **dict(zip("xyz", middle.T, strict=True)),
             mode="markers+text",
             name=words,
             legendgroup=words,
             marker={"size": 5, "color": colour, "symbol": symbol},
-            text=[label(tree.nodes[k].joint) for k in own],
+            text=[label(name) for name in own["joint"]],
             textposition="middle right",
             hoverinfo="text",
         )
@@ -231,15 +198,14 @@ def _joints(tree: Tree, frames: TreeFrames, size: float) -> Iterator[go.Scatter3
         yield _line(ends, f"axes of {words}", colour, 3.0, legendgroup=words, showlegend=False)
 
 
-def _triads(tree: Tree, frames: TreeFrames, tip: int, size: float) -> Iterator[go.Scatter3d]:
+def _triads(nodes: pd.DataFrame, size: float) -> Iterator[go.Scatter3d]:
     """Return the axes x, y, z of base and tip."""
-    for k, words in ((0, "base"), (tip, "tip")):
-        name = f"{words}: {label(tree.nodes[k].link)}"
+    for words, row in (("base", nodes.iloc[0]), ("tip", nodes[nodes["is_tip"]].iloc[0])):
+        name, start = f"{words}: {label(row['link'])}", row[XYZ].to_numpy(float)
         for axis, colour in enumerate((RED, GREEN, BLUE)):
-            start = frames.t[0, k] * _MM
-            ends = np.stack([start, start + size * frames.R[0, k, :, axis]])
+            along = row[[f"r{i}{axis}" for i in range(3)]].to_numpy(float)
             yield go.Scatter3d(
-                **dict(zip("xyz", ends.T, strict=True)),
+                **dict(zip("xyz", np.stack([start, start + size * along]).T, strict=True)),
                 mode="lines+text",
                 name=name,
                 legendgroup=name,
@@ -250,13 +216,15 @@ def _triads(tree: Tree, frames: TreeFrames, tip: int, size: float) -> Iterator[g
             )
 
 
-def _targets(tree: Tree, frames: TreeFrames, survey: pd.DataFrame | None) -> Iterator[go.Scatter3d]:
+def _targets(nodes: pd.DataFrame, survey: pd.DataFrame | None) -> Iterator[go.Scatter3d]:
     """Return the targets whose places in their links are known."""
-    own = pd.DataFrame() if survey is None else survey[survey["body"].isin(list(tree.links))].dropna(subset=XYZ)
+    by_link = nodes.set_index("link")
+    own = pd.DataFrame() if survey is None else survey[survey["body"].isin(by_link.index)].dropna(subset=XYZ)
     if not len(own):
         return
-    nodes = [tree.links[body] for body in own["body"]]
-    placed = np.einsum("kij,kj->ki", frames.R[0, nodes], own[XYZ].to_numpy(float)) + frames.t[0, nodes] * _MM
+    of = by_link.loc[own["body"]]
+    R = of[_ENTRIES].to_numpy(float).reshape(-1, 3, 3)
+    placed = np.einsum("kij,kj->ki", R, own[XYZ].to_numpy(float)) + of[XYZ].to_numpy(float)
     yield go.Scatter3d(
         **dict(zip("xyz", placed.T, strict=True)),
         mode="markers",

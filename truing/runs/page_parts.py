@@ -43,6 +43,7 @@ def page_parts(
     from truing.report.head import build_head
     from truing.report.sections import build_sections
     from truing.report.verdict import with_verdict
+    from truing.runs.chain_places import chain_places
 
     provenance = {name: provenance_of(table) for name, table in tables.items()}
     frames = _frames(tables)
@@ -53,6 +54,7 @@ def page_parts(
     motions = _body_motions(frames)
     if motions is not None:
         frames["motions"] = motions
+    frames |= chain_places(frames)
     if legs is not None:
         frames["legs"] = legs
     if declared_noise is not None:
