@@ -24,6 +24,7 @@ from truing.simulation.mechanisms.chains.causes import (
     JointHarmonic,
     JointOffset,
 )
+from truing.simulation.mechanisms.chains.distances import with_ground
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
 from truing.simulation.mechanisms.chains.notations import (
     MODIFIED,
@@ -162,6 +163,12 @@ def test_links_keep_masses_and_joints_their_limits(tmp_path: Path) -> None:
     assert 'name="elbow" type="continuous"' in text
     assert robot.joints["grip"].kind == "fixed"
     assert robot.joints["tip <1>_fixed"].child == "tip <1>"
+
+
+def test_the_ground_of_measuring_stations_is_no_link_of_the_robot(tmp_path: Path) -> None:
+    robot = _read_back(urdf_text(_extended(with_ground(_branched()))), tmp_path)
+    assert robot.roots == ["world"]
+    assert len(robot.links) == len(_branched().nodes)
 
 
 def test_numbers_that_are_no_physics_are_named_in_the_file(tmp_path: Path) -> None:

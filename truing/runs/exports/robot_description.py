@@ -63,6 +63,8 @@ def urdf_text(
     lines += [f"<!-- {_of_comment(note)} -->" for note in notes.get("", ())]
     lines += [f"<robot name={quoteattr(model.context.get('campaign') or 'robot')}>"]
     for k, node in enumerate(tree.nodes):
+        if k and node.parent < 0:
+            continue  # the ground of measuring stations is no link of the robot
         lines += _link_lines(node)
         if node.parent >= 0:
             lines += [f"  <!-- {_of_comment(note)} -->" for note in notes.get(node.joint, ()) if node.joint]
