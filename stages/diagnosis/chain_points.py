@@ -512,7 +512,7 @@ def _known(tree: Tree, settings: Campaign, measured: _Measured, start: StartValu
         start.base_R,
         start.base_t,
         is_base_free,
-        geometry_modes(tree, sigma, not base_known),
+        geometry_modes(tree, sigma, not base_known, is_known=is_known),
         is_known,
         offsets.astype(float),
         start.shape,

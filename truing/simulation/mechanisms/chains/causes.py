@@ -21,6 +21,7 @@ _GROWTH = 1e-5
 _MM = 1e-3
 # Least number of poses before an onset, and from it; in a long campaign not every pose is tried as an onset.
 _FEWEST, _MOST_ONSETS = 4, 60
+_FEW_ONSETS = 2  # of these, every so many for targets seen by distances
 _FEWEST_POSES = 12  # of a group that may scatter
 HARMONICS = (2, 3, 4, 5, 6, 7, 8)
 
@@ -456,8 +457,17 @@ class ChainTargetMoved(ChainCause):
         return f"target {self.target}"
 
     def candidates(self, scene: ChainScene) -> Sequence[ChainTargetMoved]:
-        """Return none: `channel_candidates` has them."""
-        return ()
+        """Return, where distances are observed, every target from some poses on; else `channel_candidates` has them."""
+        if scene.places is None:
+            return ()
+        machine = scene.inputs_of_machine
+        onsets, named = _onsets(machine)[::_FEW_ONSETS], machine.channels
+        moving = [k for k, node in enumerate(named.node) if machine.tree.nodes[node].parent >= 0]
+        return [
+            replace(self, body=named.links[k], target=named.names[k], from_pose=pose, from_order=order)
+            for k in moving
+            for pose, order in onsets
+        ]
 
     def channel_candidates(self, scene: ChainScene) -> Sequence[ChannelCandidates[ChainTargetMoved]]:
         """Return every target displaced from each possible pose on, if it is seen often enough before and after."""

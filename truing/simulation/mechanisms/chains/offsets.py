@@ -17,8 +17,10 @@ from truing.simulation.mechanisms.chains.model import ChainModel
 
 # Probability that any zero of a machine within its tolerances is called an offset.
 _FALSE = 0.005
-# A zero counts as known from the data if its standard deviation is below this share of its tolerance.
-_FINE = 0.05
+# The data say something of a zero if they reduce its standard deviation below this share of its tolerance.
+_REDUCED = 0.95
+# Above this ratio of misfit to noise an unknown effect may have bent the zeros, and none is called an offset.
+_MOST_MISFIT = 3.0
 
 
 def offsets_beyond_tolerance(model: ChainModel, measured: Observations, frames: Frames) -> tuple[JointOffset, ...]:
@@ -32,8 +34,7 @@ def offsets_beyond_tolerance(model: ChainModel, measured: Observations, frames: 
     for _ in range(len(readings)):
         own = model.with_causes([*model.causes, *found])
         fit = fit_model(own.predict, measured, frames, np.zeros(own.shared_size), _no_errors(own, measured.seen))
-        pulls, fine = _pulls(own, fit)
-        pulls[~fine] = 0.0
+        pulls = _pulls(own, fit)
         pulls[[k for k, r in enumerate(readings) if model.tree.readings[r] in {one.joint for one in found}]] = 0.0
         worst = int(np.argmax(np.abs(pulls), axis=0)) if len(pulls) else 0
         if not len(pulls) or abs(pulls[worst]) < least:
@@ -47,9 +48,10 @@ def _no_errors(model: ChainModel, seen: Mask) -> Array:
     return np.zeros((len(seen), model.local_size))
 
 
-def _pulls(model: ChainModel, fit: Fit) -> tuple[Array, Mask]:
-    """Return each zero over its tolerance, and whether the data alone determine it finely, misfit included."""
+def _pulls(model: ChainModel, fit: Fit) -> Array:
+    """Return each zero over its standard deviation by tolerance and data; 0 where the data say nothing of it."""
     own = np.r_[model.layout["zeros"]]
-    sigma = np.sqrt(np.diag(np.linalg.inv(fit.whitened.normal_matrix)))[own]
-    misfit = max(np.sqrt(np.sum(fit.whitened.rest**2) / max(fit.whitened.freedom, 1.0)), 1.0)
-    return np.asarray(fit.shared[own], float), np.asarray(sigma * misfit < _FINE)
+    spread = np.diag(np.linalg.inv(fit.whitened.normal_matrix))[own]
+    misfit = np.sqrt(np.sum(fit.whitened.rest**2) / max(fit.whitened.freedom, 1.0))
+    told = (spread < _REDUCED**2) & bool(misfit < _MOST_MISFIT)
+    return np.asarray(np.where(told, fit.shared[own] / np.sqrt(np.maximum(1.0 - spread, 1e-12)), 0.0), float)

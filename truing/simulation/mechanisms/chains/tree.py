@@ -235,7 +235,7 @@ def axis_twist(node: Node) -> Array:
     return found
 
 
-def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool) -> Array:
+def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, *, is_known: bool = False) -> Array:
     """Return twists (N, 6, Q) per prior sigma of all distinguishable errors of the links' geometry.
 
     ``sigma`` (6,) is that of the shifts, m, and of the rotations, rad. The parametrisation is complete and continuous,
@@ -243,6 +243,9 @@ def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool) -> Array:
     along whatever direction that is. These are the joint's own zero (its offset), motions that pass along the joint's
     axis into the next link, and the zero of the joint below. Where a link carries several joints, the first one leaves
     out that zero; the others may be turned against it. Without ``is_base_free`` the base's place is known.
+
+    If ``sigma`` is a tolerance (``is_known``), that zero is not left out: a link that is off sideways turns what it
+    carries as the zero below would, and only their tolerances share the error between the two.
     """
     found: list[Array] = []
     carried: set[int] = set()
@@ -251,7 +254,7 @@ def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool) -> Array:
         if node.kind is JointKind.FIXED or node.reading != node.joint or (below < 0 and is_base_free):
             continue
         same = [*_passing(node)]
-        if below >= 0 and below not in carried:
+        if below >= 0 and below not in carried and not is_known:
             same.append(_seen_from(tree, below, j))
             carried.add(below)
         wide = sigma > 0.0
