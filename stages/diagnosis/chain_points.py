@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, cast
 
@@ -11,37 +11,33 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from truing.arrays import Array, Index, Mask
-from truing.estimation.rigid_poses.umeyama import umeyama
-from truing.estimation.rotation import exp_so3, skew
+from truing.arrays import Array, Mask
+from truing.estimation.rotation import skew
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.report.numbers import count as counted
-from truing.schemas.covariates import column_alias
 from truing.schemas.verdict import Relation
-from truing.simulation.inputs import ORDER, approach, between_neighbours, order_in_time
 from truing.simulation.mechanisms.chains.causes import ChainCause, JointsExchanged
 from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, SlipKind, does_not_belong, likely_slip
-from truing.simulation.mechanisms.chains.conditions import APPROACH, ChainConditions, MeasuredChannels
+from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels
 from truing.simulation.mechanisms.chains.distances import GROUND, DistanceModel, distance_start, with_ground
-from truing.simulation.mechanisms.chains.joint_table import joint_columns
 from truing.simulation.mechanisms.chains.model import FREE_PLACE, ChainModel, KnownChain
 from truing.simulation.mechanisms.chains.offsets import offsets_beyond_tolerance
 from truing.simulation.mechanisms.chains.start_values import StartValues, start_values
 from truing.simulation.mechanisms.chains.tree import Tree, geometry_modes
 from truing.simulation.targets import FREE_ANGLE_RAD, FREE_LENGTH_M
 from truing.stages.common.blocks import chosen, groupings_of, labels_of
-from truing.stages.common.chain_tables import joint_readings, payload_of, tree_of
-from truing.stages.common.missing_data import HELD_OUT, LEAST_TARGETS
-from truing.stages.common.point_arrays import (
-    number_column,
-    pose_covariances,
-    pose_ids,
-    pose_points,
-    pose_vectors,
-    positions,
-    roles_of,
-    survey_points,
+from truing.stages.common.chain_measurements import (
+    MeasuredLinks,
+    chain_conditions,
+    is_framed,
+    measured_links,
+    pose_frames,
+    reference_link,
+    survey_of,
 )
+from truing.stages.common.chain_tables import joint_readings, tree_of
+from truing.stages.common.missing_data import HELD_OUT
+from truing.stages.common.point_arrays import number_column, pose_ids, positions, roles_of
 from truing.stages.diagnosis.chain_results import results, text_of_model
 from truing.stages.diagnosis.diagnosis_data import Channels, DiagnosisData, ReportedRms
 
@@ -51,8 +47,6 @@ if TYPE_CHECKING:
 
 _DEG, _MM = np.pi / 180.0, 1e-3
 _ARCSEC = _DEG / 3600.0
-# Smallest movement of a joint that counts as one, as a share of its range.
-_MOVED = 1e-4
 # Poses that a search uses at most, evenly over the campaign, so that memory and time stay bounded.
 _MOST_POSES = 3000
 _FEWEST = 8
@@ -67,24 +61,6 @@ _SLIPS = {
 }
 
 
-@dataclass(frozen=True)
-class _Measured:
-    """Channels of some poses: values (B, K, 3), covariances (B, K, 3, 3), and which were seen; m and rad.
-
-    ``surveyed`` (K, 3) and ``survey_cov`` (K, 3, 3) are NaN where a place is unknown; ``reference`` (B, K, 3, 3) are
-    the measured orientations.
-    """
-
-    channels: MeasuredChannels
-    values: Array
-    cov: Array
-    seen: Mask
-    surveyed: Array
-    survey_cov: Array
-    reference: Array
-    ends: Index | None = None
-
-
 def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData[ChainModel]:
     """Data of the diagnosis; raises ValueError with the reason if the campaign lacks them."""
     tree, table = tree_of(tables["joints"]), tables["configurations"]
@@ -93,13 +69,14 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     tree = with_ground(tree) if of_distances else tree
     if of_distances and any(name in tables and tables[name].num_rows for name in ("observations", "measured_poses")):
         raise ValueError("distances together with points or poses are not evaluated yet: use a campaign for each")
-    measured = _filled(_distances(tables, tree, poses) if of_distances else _measured(tables, tree, poses))
+    measured = _filled(_distances(tables, tree, poses) if of_distances else measured_links(tables, tree, poses))
     readings = joint_readings(tree, table)
-    out = _excluded(settings, poses)
-    usable = np.isfinite(readings).all(1) & measured.seen.any(1) & ~out
+    reference = None if of_distances else reference_link(settings, measured)
+    out, framed, read = _excluded(settings, poses), is_framed(measured, reference), np.isfinite(readings).all(1)
+    usable = read & measured.seen.any(1) & ~out & framed
     if usable.sum() < _FEWEST:
         raise ValueError(f"needs at least {_FEWEST} poses with readings of all joints and measured links")
-    conditions = _conditions(tree, table, settings, measured, np.nan_to_num(readings), usable)
+    conditions = chain_conditions(tree, table, settings, measured, np.nan_to_num(readings), usable)
     role = roles_of(table, poses)
     fitted, held = usable & (role != HELD_OUT), usable & (role == HELD_OUT)
     if fitted.sum() < _FEWEST:
@@ -120,10 +97,11 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     time = own.covariates.get("time_s")
     labels = chosen(labels_of(table, poses), fitted)
     groupings = groupings_of(own.readings, time, None, labels)
-    unread = int((~np.isfinite(readings).all(1)).sum())
+    unread, loose = int((~read).sum()), int((~framed).sum())
     words = [
         f"{counted(int(out.sum()), 'pose')} excluded by a person" if out.any() else "",
         f"{counted(unread, 'pose')} without a reading of every joint" if unread else "",
+        f"{counted(loose, 'pose')} with too few targets of the reference link" if loose else "",
         thinned,
     ]
     return DiagnosisData(
@@ -139,7 +117,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     )
 
 
-def _filled(measured: _Measured) -> _Measured:
+def _filled(measured: MeasuredLinks) -> MeasuredLinks:
     """The channels, whose unseen observations have the mean covariance of their channel: it must not be singular."""
     cov = measured.cov.copy()
     for k, seen in enumerate(measured.seen.T):
@@ -184,92 +162,7 @@ def _thinned(rows: Mask) -> tuple[Mask, str]:
     return kept, f"{count - _MOST_POSES} of {counted(count, 'pose')}, evenly over the campaign"
 
 
-def _measured(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> _Measured:
-    """Every target of a link and every measured pose as channels; raises ValueError without any."""
-    parts = [*_targets(tables, tree, poses), *_poses(tables, tree, poses)]
-    if not parts:
-        raise ValueError("needs points or poses of links of the chain")
-    names, links, turned, values, cov, seen, surveyed, survey_cov, reference = zip(*parts, strict=True)
-    channels = MeasuredChannels(
-        tuple(names), tuple(links), np.array([tree.links[link] for link in links]), np.array(turned, bool)
-    )
-    return _Measured(
-        channels,
-        np.stack(values, 1),
-        np.stack(cov, 1),
-        np.stack(seen, 1),
-        np.stack(surveyed),
-        np.stack(survey_cov),
-        np.stack(reference, 1),
-    )
-
-
-_Part = tuple[str, str, bool, Array, Array, Mask, Array, Array, Array]
-
-
-def _targets(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> list[_Part]:
-    observations, survey = tables.get("observations"), tables.get("survey")
-    found: list[_Part] = []
-    if observations is None or not observations.num_rows:
-        return found
-    identity = np.tile(np.eye(3), (len(poses), 1, 1))
-    for body in dict.fromkeys(observations.column("body").to_pylist()):
-        if body not in tree.links:
-            raise ValueError(f"body {body} is no link of the chain; there are {', '.join(tree.links)}")
-        points = pose_points(observations, body, poses)
-        known = {} if survey is None else _survey_of(survey, body)
-        for k, name in enumerate(points.targets):
-            place, cov = known.get(name, (np.full(3, np.nan), np.full((3, 3), np.nan)))
-            seen = points.seen[:, k] & np.isfinite(points.points[:, k]).all(1)
-            found.append(
-                (
-                    name,
-                    body,
-                    False,
-                    np.where(seen[:, None], points.points[:, k], 0.0),
-                    points.cov[:, k],
-                    seen,
-                    place,
-                    cov,
-                    identity,
-                )
-            )
-    return found
-
-
-def _survey_of(survey: pa.Table, body: str) -> dict[str, tuple[Array, Array]]:
-    own = survey_points(survey, body)
-    return {name: (own.points[k], own.cov[k]) for k, name in enumerate(own.targets)}
-
-
-def _poses(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> list[_Part]:
-    """Position and orientation of each measured link; the correlation between the two is not used."""
-    table = tables.get("measured_poses")
-    found: list[_Part] = []
-    if table is None or not table.num_rows:
-        return found
-    bodies = np.array(table.column("body").to_pylist(), object)
-    for body in dict.fromkeys(bodies):
-        if body not in tree.links:
-            raise ValueError(f"body {body} is no link of the chain; there are {', '.join(tree.links)}")
-        rows = table.filter(pa.array(bodies == body))
-        at = positions(rows.column("pose"), poses)
-        vectors, covs = pose_vectors(rows)[at >= 0], pose_covariances(rows)[at >= 0]
-        at = at[at >= 0]
-        values, cov = np.zeros((2, len(poses), 3)), np.zeros((2, len(poses), 3, 3))
-        reference, seen = np.tile(np.eye(3), (len(poses), 1, 1)), np.zeros(len(poses), bool)
-        good = np.isfinite(vectors).all(1)
-        at, vectors, covs = at[good], vectors[good], covs[good]
-        values[0, at], cov[0, at], cov[1, at] = vectors[:, :3], covs[:, :3, :3], covs[:, 3:, 3:]
-        reference[at], seen[at] = exp_so3(vectors[:, 3:]), True
-        nowhere = np.full(3, np.nan), np.full((3, 3), np.nan)
-        identity = np.tile(np.eye(3), (len(poses), 1, 1))
-        found.append(("position", body, False, values[0], cov[0], seen, *nowhere, identity))
-        found.append(("orientation", body, True, values[1], cov[1], seen, *nowhere, reference))
-    return found
-
-
-def _distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> _Measured:
+def _distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> MeasuredLinks:
     """Every end of a distance as a channel, a station on the ground; values (B, D, 1) are the distances."""
     table, survey = tables["distances"], tables.get("survey")
     links, names = ([table.column(f"{end}_{what}").to_pylist() for end in ("from", "to")] for what in ("link", "end"))
@@ -289,7 +182,7 @@ def _distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | st
     values[place] = number_column(table, "reading_mm")[known, None] * _MM
     cov[place] = (number_column(table, "sigma_mm")[known, None, None] * _MM) ** 2
     seen[place] = True
-    own = {link: {} if survey is None else _survey_of(survey, link) for link, _ in ends}
+    own = {link: {} if survey is None else survey_of(survey, link) for link, _ in ends}
     nowhere = np.full(3, np.nan), np.full((3, 3), np.nan)
     surveyed = [own[link].get(name, nowhere) for link, name in ends]
     channels = MeasuredChannels(
@@ -300,11 +193,11 @@ def _distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | st
     )
     reference = np.tile(np.eye(3), (len(poses), len(ends), 1, 1))
     places, covs = (np.stack(part) for part in zip(*surveyed, strict=True))
-    return _Measured(channels, values, cov, seen, places, covs, reference, lines)
+    return MeasuredLinks(channels, values, cov, seen, places, covs, reference, lines)
 
 
 def _distance_model(
-    tree: Tree, settings: Campaign, measured: _Measured, conditions: ChainConditions, fitted: Mask
+    tree: Tree, settings: Campaign, measured: MeasuredLinks, conditions: ChainConditions, fitted: Mask
 ) -> tuple[Frames, ChainModel, tuple[JointsExchanged, ...]]:
     """Frames without unknowns, and the model: the ground is the frame, in which stations have unknown places."""
     count, ends = len(measured.values), measured.ends
@@ -339,38 +232,6 @@ def _distance_model(
     return Frames.of_numbers(count), model, certain
 
 
-def _conditions(
-    tree: Tree, table: pa.Table, settings: Campaign, measured: _Measured, readings: Array, usable: Mask
-) -> ChainConditions:
-    poses, columns = pose_ids(table), joint_columns(tree, table.schema.names)
-    covariates: dict[str, Array] = {
-        column_alias(field.name): number_column(table, field.name)
-        for field in table.schema
-        if field.name not in ("pose", "role") and str(field.type) in ("double", "int64")
-    }
-    time = covariates.get("time_s")
-    covariates[ORDER] = order_in_time(time, len(poses))
-    if time is not None and np.array_equal(np.diff(np.sort(time)), np.ones(len(time) - 1)):
-        del covariates["time_s"]  # numbers of rows, and no seconds
-        time = None
-    if time is not None:
-        covariates |= {name: between_neighbours(own, time) for name, own in covariates.items() if name != ORDER}
-    steps = [
-        approach(readings[:, k : k + 1], covariates[ORDER], _MOVED * np.ptp(readings[usable, k]))
-        for k in range(readings.shape[1])
-    ]
-    covariates[APPROACH] = np.concatenate(steps, 1)
-    return ChainConditions(
-        readings,
-        covariates,
-        poses,
-        _series(settings, table),
-        measured.reference,
-        payload_of(settings, table),
-        tuple(column_alias(column.name) for column in columns),
-    )
-
-
 def _labels(table: pa.Table) -> dict[int | str, str]:
     """Label of the series of each pose that has one."""
     if "series" not in table.schema.names:
@@ -379,16 +240,8 @@ def _labels(table: pa.Table) -> dict[int | str, str]:
     return {pose: str(label) for pose, label in found if label}
 
 
-def _series(settings: Campaign, table: pa.Table) -> Index:
-    """Number (B,) of the frame in which each pose was measured; 0 for all, unless each series has its own."""
-    if settings.measurement.frame != "series" or "series" not in table.schema.names:
-        return np.zeros(len(table), np.int64)
-    labels = [str(value or "") for value in table.column("series").to_pylist()]
-    return np.unique(labels, return_inverse=True)[1].astype(np.int64)
-
-
 def _model(
-    tree: Tree, settings: Campaign, measured: _Measured, conditions: ChainConditions, fitted: Mask
+    tree: Tree, settings: Campaign, measured: MeasuredLinks, conditions: ChainConditions, fitted: Mask
 ) -> tuple[Frames, ChainModel, tuple[JointsExchanged, ...]]:
     """Frames of all poses, the model, and causes that are certain before any search.
 
@@ -398,9 +251,10 @@ def _model(
     values, surveyed = measured.values, measured.surveyed
     frames = Frames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), free=False)
     base = None
-    reference = _reference(settings, measured)
+    reference = reference_link(settings, measured)
     if reference is not None:
-        frames = _pose_frames(measured, reference, fitted)
+        R, t = pose_frames(measured, reference, fitted)
+        frames = Frames(np.where(np.isfinite(R), R, np.eye(3)), np.nan_to_num(t), free=True)
         values = np.einsum("bji,bkj->bki", frames.R, values - frames.t[:, None])
         if channels.node[reference[0]] == 0 and np.isfinite(surveyed[reference]).all():
             base = np.eye(3)[None], np.zeros((1, 3))
@@ -454,40 +308,9 @@ def _exchange(tree: Tree, slip: ColumnSlip | None, start: StartValues) -> Joints
     )
 
 
-def _reference(settings: Campaign, measured: _Measured) -> Index | None:
-    """Channels of the link that defines the frame of each pose; None if the measurement's frame stands still.
-
-    A single measured link cannot define a frame and be seen in it: the frame then stands still.
-    """
-    channels = measured.channels
-    nodes = np.unique(channels.node)
-    if settings.is_frame_fixed or len(nodes) < 2:
-        return None
-    own = np.flatnonzero((channels.node == nodes[0]) & ~channels.is_rotation)
-    if len(own) < LEAST_TARGETS:
-        raise ValueError(
-            f"link {channels.links[own[0]]} shows fewer than {LEAST_TARGETS} targets, so no frame joins the poses; "
-            'if the instrument stood still: [measurement] frame = "campaign"'
-        )
-    return own
-
-
-def _pose_frames(measured: _Measured, own: Index, fitted: Mask) -> Frames:
-    """Frames (B) of the poses, from that of the reference link's targets."""
-    points, seen = measured.values[:, own], measured.seen[:, own]
-    shape = measured.surveyed[own]
-    if not np.isfinite(shape).all():
-        whole = np.flatnonzero(seen.all(1) & fitted)
-        if not len(whole):
-            raise ValueError("needs one pose that shows all targets of the reference link")
-        fit = umeyama(points[whole], points[whole[0]][None])
-        shape = np.median(np.einsum("bij,bkj->bki", fit.R, points[whole]) + fit.t[:, None], axis=0)
-    fit = umeyama(np.broadcast_to(shape, points.shape), points, seen.astype(float))
-    ok = np.isfinite(fit.t).all(1)
-    return Frames(np.where(ok[:, None, None], fit.R, np.eye(3)), np.where(ok[:, None], fit.t, 0.0), free=True)
-
-
-def _known(tree: Tree, settings: Campaign, measured: _Measured, start: StartValues, is_base_free: bool) -> KnownChain:
+def _known(
+    tree: Tree, settings: Campaign, measured: MeasuredLinks, start: StartValues, is_base_free: bool
+) -> KnownChain:
     """Prior knowledge of the chain, by the tolerances and noise of campaign.toml."""
     section, channels = cast("ChainMechanism", settings.mechanism), measured.channels
     tolerance = section.tolerance
@@ -526,7 +349,7 @@ def _known(tree: Tree, settings: Campaign, measured: _Measured, start: StartValu
     )
 
 
-def _least_noise(tree: Tree, measured: _Measured, start: StartValues) -> Array:
+def _least_noise(tree: Tree, measured: MeasuredLinks, start: StartValues) -> Array:
     """Noise (n,) of the readings, rad or m, that hardly shows in the measured places: the scale of joint scatter."""
     own = np.ones(measured.values.shape[1], bool) if measured.ends is not None else ~measured.channels.is_rotation
     seen = measured.seen[:, own]
@@ -537,7 +360,7 @@ def _least_noise(tree: Tree, measured: _Measured, start: StartValues) -> Array:
     return np.where(tree.is_revolute, size / max(start.spread, size), size)
 
 
-def _shape_modes(measured: _Measured, tolerance: NDArray | None) -> tuple[Array, Mask]:
+def _shape_modes(measured: MeasuredLinks, tolerance: NDArray | None) -> tuple[Array, Mask]:
     """Errors of the channels' places per prior sigma (K, 3, W), and which priors are knowledge (W,).
 
     A surveyed target is known to its survey's noise, and its link's end to the tolerance of the geometry; the place of

@@ -10,6 +10,7 @@ import pyarrow as pa
 from truing.schemas.settings_text import parsed_toml
 from truing.simulation.axis.extended_model import is_axis
 from truing.simulation.bench.extended_model import is_sensor
+from truing.simulation.mechanisms.chains.extended_model import is_chain
 from truing.stages.common.belonging import withheld
 from truing.stages.common.rows import Rows
 from truing.stages.second_campaign.compared import ARTIFACT, PredictionErrors, SecondCampaign, add_errors
@@ -51,6 +52,10 @@ def _predicted(text: str, second: SecondCampaign, tables: Mapping[str, pa.Table]
         from truing.stages.second_campaign.axes import predicted_encoders
 
         yield from predicted_encoders(text, second)
+    elif is_chain(document):
+        from truing.stages.second_campaign.chains import predicted_links
+
+        yield from predicted_links(text, second)
     elif is_sensor(document):
         from truing.stages.second_campaign.loads import predicted_readings
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truing.inference.model import ChannelCandidates, ScatterCandidate
 from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.inputs import ORDER, TIME, Missing
-from truing.simulation.mechanisms.chains.conditions import ChainInputs
+from truing.simulation.mechanisms.chains.conditions import ChainInputs, usual_range
 
 _ANGLE, _LENGTH = 5e-4, 3e-4  # plausible errors of a joint, rad and m
 _GAIN = 5e-4
@@ -58,6 +58,8 @@ class ChainCause(Cause[ChainScene]):
     """Base class of causes that move nodes of a chain by twists that are linear in the parameters."""
 
     reach = 100.0
+    # Whether a prediction holds the effect at its value at the ends of the measured readings.
+    is_held_beyond: ClassVar[bool] = False
 
     def twists(self, machine: ChainInputs) -> NDArray | None:
         """Return the twists (B, N, 6, P) of all nodes per unit of the parameters, SI; None if none moves."""
@@ -130,6 +132,7 @@ class JointGain(JointCause):
     """A joint moves by (1 + gain) times its reading."""
 
     id = "joint-gain"
+    is_held_beyond = True
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the gain."""
@@ -175,6 +178,8 @@ class JointEccentricity(JointCause):
     """A joint turns by sine x sin(q) + cosine x cos(q) more than it reads, once per turn."""
 
     id = "joint-eccentricity"
+    reach = 10.0
+    is_held_beyond = True
 
     def applies(self, machine: ChainInputs) -> bool:
         """Whether the joint turns."""
@@ -196,13 +201,16 @@ class JointHarmonic(JointCause):
     order: int = 2
 
     id = "joint-harmonic"
+    reach = 10.0
+    is_held_beyond = True
 
     def candidates(self, scene: ChainScene) -> Sequence[Self]:
-        """Return every revolute joint with every order of which it covers half a period at least."""
+        """Return every revolute joint with every order of which nearly all poses cover half a period."""
         machine = scene.inputs_of_machine
         found: list[Self] = []
         for cause in super().candidates(scene):
-            travel = np.ptp(machine.readings[:, machine.tree.readings.index(cause.joint)])
+            low, high = usual_range(machine.readings[:, machine.tree.readings.index(cause.joint)])
+            travel = float(high - low)
             found += [replace(cause, order=k) for k in HARMONICS if travel * k >= np.pi]
         return found
 

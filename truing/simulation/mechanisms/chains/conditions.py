@@ -13,6 +13,8 @@ from truing.simulation.inputs import ORDER, TEMPERATURE
 from truing.simulation.mechanisms.chains.tree import Tree
 
 APPROACH = "approach"
+# Share of the poses beyond either end of the usual range of an input.
+_BEYOND = 0.01
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,7 @@ class ChainConditions:
     ``series`` (B,) numbers the frames of the measurement. ``reference`` (B, K, 3, 3) are the measured orientations,
     from which those channels count. ``payload_kg`` (B,) is the mass at the tip. ``columns`` (n,) names the covariates
     with the readings, in the units of the table. ``input_factor`` (B, H): factor of the prior sigmas of readings.
+    ``deviations`` (B, N, 6): twists of all nodes that are known already, m and rad; none if absent.
     """
 
     readings: NDArray
@@ -45,6 +48,7 @@ class ChainConditions:
     payload_kg: NDArray
     columns: tuple[str, ...] = ()
     input_factor: NDArray | None = None
+    deviations: NDArray | None = None
 
     def chosen(self, own: Mask) -> ChainConditions:
         """Return the conditions of some poses."""
@@ -57,6 +61,7 @@ class ChainConditions:
             reference=self.reference[own],
             payload_kg=self.payload_kg[own],
             input_factor=None if self.input_factor is None else self.input_factor[own],
+            deviations=None if self.deviations is None else self.deviations[own],
         )
 
 
@@ -138,3 +143,8 @@ class ChainInputs:
         found = np.zeros((len(twists), self.tree.size, *twists.shape[1:]))
         found[:, node] = twists
         return found
+
+
+def usual_range(values: NDArray) -> Array:
+    """Return the ends (2, ...) of the range in which nearly all values (B, ...) lie; a few beyond show no function."""
+    return np.asarray(np.quantile(values, (_BEYOND, 1.0 - _BEYOND), axis=0))

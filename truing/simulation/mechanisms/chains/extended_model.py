@@ -12,7 +12,7 @@ from truing.arrays import Array, Index
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.catalogue import catalogue_of_chains
 from truing.simulation.mechanisms.chains.causes import ChainCause, JointOffset
-from truing.simulation.mechanisms.chains.conditions import ChainConditions, ChainInputs, MeasuredChannels
+from truing.simulation.mechanisms.chains.conditions import ChainConditions, ChainInputs, MeasuredChannels, usual_range
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.tree import TWIST, JointKind, Node, Tree
 from truing.simulation.model_text import (
@@ -29,7 +29,17 @@ from truing.simulation.model_text import (
 
 MECHANISM = "chain"
 _COMPONENTS = ("dx", "dy", "dz", "turn_x", "turn_y", "turn_z")
-_OWN = ("mechanism", "tip", "readings", "gravity", "payload_com", "payload_kg", "reference_temperature_c")
+_OWN = (
+    "mechanism",
+    "tip",
+    "readings",
+    "gravity",
+    "payload_com",
+    "payload_kg",
+    "reference_temperature_c",
+    "lowest",
+    "highest",
+)
 
 
 @dataclass(frozen=True)
@@ -38,7 +48,8 @@ class ExtendedChain(IdentifiedInSI[ChainCause]):
 
     The covariance is that of the twists of the nodes ``moved`` (M,), then of the effects. ``tip`` is the node whose
     pose is predicted; the payload of ``payload_kg`` sits at ``payload_com`` (3,) m in its
-    link.
+    link. ``measured`` (2, n) are the ends of the readings of nearly all fitted poses, beyond which functions of a
+    reading are held, because nothing shows how they go on.
     """
 
     tree: Tree
@@ -49,6 +60,7 @@ class ExtendedChain(IdentifiedInSI[ChainCause]):
     payload_com: NDArray
     payload_kg: float
     reference_temperature_c: float
+    measured: NDArray
 
     @property
     def identified(self) -> Tree:
@@ -83,6 +95,7 @@ def extended_chain(
         known.payload[1],
         float(np.median(model.conditions.payload_kg)),
         known.reference_temperature_c,
+        usual_range(model.own_conditions.readings),
         effects=model.effects(shared),
         covariance=linear @ covariance @ linear.T,
         context=context,
@@ -110,6 +123,22 @@ class PredictedTip:
 def predict_tip(extended: ExtendedChain, conditions: ChainConditions) -> PredictedTip:
     """Return the predicted poses of the tip relative to the base; effects that end with the campaign are omitted."""
     tree, count = extended.tree, len(conditions.readings)
+    twists, effects = persistent_twists(extended, conditions)
+    frames = tree.frames(conditions.readings, twists)
+    tip = np.array([extended.tip])
+    by_twist = np.concatenate(
+        [tree.point_slopes(frames, tip, frames.t[:, tip]), tree.rotation_slopes(frames, tip)], 2
+    ).reshape(count, TWIST, -1)
+    slopes = np.concatenate([_own_slopes(extended, count), *effects], -1)
+    design = by_twist @ slopes.reshape(count, tree.size * TWIST, -1)
+    covariance = design @ extended.covariance @ np.swapaxes(design, -1, -2)
+    return PredictedTip(frames.R[:, extended.tip], frames.t[:, extended.tip], np.asarray(covariance))
+
+
+def persistent_twists(extended: ExtendedChain, conditions: ChainConditions) -> tuple[Array, list[Array]]:
+    """Return the twists (B, N, 6) of what was identified and of effects that last, and those (B, N, 6, P) of each
+    effect per unit; zero for an effect that ends with its campaign."""
+    tree, count = extended.tree, len(conditions.readings)
     channels = MeasuredChannels(("tip",), (tree.nodes[extended.tip].link,), np.array([extended.tip]), np.zeros(1, bool))
     machine = ChainInputs.of(
         tree,
@@ -121,22 +150,15 @@ def predict_tip(extended: ExtendedChain, conditions: ChainConditions) -> Predict
         np.zeros((1, 3)),
         np.zeros(0, int),
     )
-    twists = np.tile(extended.twists, (count, 1, 1))
-    slopes = [_own_slopes(extended, count)]
+    twists, slopes = np.tile(extended.twists, (count, 1, 1)), []
+    held = replace(machine, conditions=replace(conditions, readings=np.clip(conditions.readings, *extended.measured)))
     for effect in extended.effects:
-        own = effect.cause.twists(machine)
+        own = effect.cause.twists(held if effect.cause.is_held_beyond else machine)
         if own is None or not effect.cause.is_persistent:
             own = np.zeros((count, tree.size, TWIST, len(effect.values)))
         twists = twists + own @ effect.values
         slopes.append(own)
-    frames = tree.frames(conditions.readings, twists)
-    tip = np.array([extended.tip])
-    by_twist = np.concatenate(
-        [tree.point_slopes(frames, tip, frames.t[:, tip]), tree.rotation_slopes(frames, tip)], 2
-    ).reshape(count, TWIST, -1)
-    design = by_twist @ np.concatenate(slopes, -1).reshape(count, tree.size * TWIST, -1)
-    covariance = design @ extended.covariance @ np.swapaxes(design, -1, -2)
-    return PredictedTip(frames.R[:, extended.tip], frames.t[:, extended.tip], np.asarray(covariance))
+    return twists, slopes
 
 
 def _own_slopes(extended: ExtendedChain, count: int) -> Array:
@@ -156,6 +178,8 @@ def write_chain(extended: ExtendedChain) -> str:
         "payload_com": exact(extended.payload_com),
         "payload_kg": extended.payload_kg,
         "reference_temperature_c": extended.reference_temperature_c,
+        "lowest": exact(extended.measured[0]),
+        "highest": exact(extended.measured[1]),
     }
     tables: list[str] = []
     for k, node in enumerate(tree.nodes):
@@ -225,6 +249,7 @@ def _from_document(document: dict[str, Any]) -> ExtendedChain:
         np.array(about["payload_com"], float),
         float(about["payload_kg"]),
         float(about["reference_temperature_c"]),
+        np.array([about.get("lowest", [-np.inf]), about.get("highest", [np.inf])], float),
         effects=effects,
         covariance=covariance_from(document, len(named)),
         context=context_of(document, _OWN),

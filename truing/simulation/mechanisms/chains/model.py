@@ -188,6 +188,8 @@ class ChainModel(EffectsModel[ChainCause]):
     def twists(self, shared: NDArray, local: NDArray) -> Array:
         """Return the twists (B, N, 6) of all nodes at shared (G,) and local (B, H) unknowns."""
         found = np.zeros((len(self.conditions.readings), self.tree.size, TWIST))
+        if self.conditions.deviations is not None:
+            found += self.conditions.deviations
         found += self.known.modes @ shared[self.layout["links"]]
         for part, slopes in self._own_twists():
             found += slopes @ shared[part]

@@ -1,11 +1,13 @@
 """Nonparametric effects on a chain: a joint's motion, or the place of the base, depends smoothly on inputs.
 
+Beyond the inputs at which nearly all poses were measured a dependence is held at its value there: few poses outside
+determine no curve, and a continued one would predict other poses worse than none.
 A dependence of exactly the form of a catalogued cause is no candidate, because data could not distinguish the two.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Parameter, Step
 from truing.simulation.inputs import ORDER, TEMPERATURE, TIME, middle_and_half, varying
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
-from truing.simulation.mechanisms.chains.conditions import ChainInputs
+from truing.simulation.mechanisms.chains.conditions import ChainInputs, usual_range
 from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, dependence
 
 BASE = "base"
@@ -33,7 +35,8 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
     joint: str = ""
     is_angle: bool = True
 
-    reach = 30.0
+    reach = 10.0
+    boundless = frozenset({POLYNOMIAL, WAVES})
 
     @property
     def step(self) -> Step:  # type: ignore[override]
@@ -69,14 +72,19 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         poses: int,
     ) -> list[NonparametricChainEffect]:
         def range_of(column: str) -> tuple[float, float]:
-            centre, half = middle_and_half(columns[column])
-            return centre, half or 1.0
+            values, is_time = columns[column], column in (TIME, ORDER)
+            centre, half = middle_and_half(values if is_time else usual_range(values))
+            return (centre, half) if half > 0.0 else middle_and_half(values)
 
         return [
             replace(bare, **dependence(inputs, range_of, form, degree))
             for inputs, form, degree in forms
             if poses >= PER_FUNCTION * degree
         ]
+
+    def scaled(self, value: Callable[[str], NDArray]) -> list[NDArray]:
+        """Return the inputs scaled to -1 .. 1, held at the ends beyond their ranges."""
+        return [np.clip(own, -1.0, 1.0) for own in super().scaled(value)]
 
     def twists(self, machine: ChainInputs) -> NDArray:
         """Return the functions' values as deviations of the joint, or as motions of the base."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,9 @@ _WEAK = 1e-7  # of a free place's prior, against residuals in m
 class StartValues:
     """Places of the base R (S, 3, 3), t (S, 3), of the channels (K, 3), and tools' orientations (K, 3, 3); m.
 
-    ``rms`` is the misfit of the nominal chain, and ``spread`` that of the measured positions about their mean, m.
+    ``rms`` is the misfit of the chain as described, and ``spread`` that of the measured positions about their mean, m.
+    ``errors`` (B, K, 3): measured less predicted, m and rad; NaN where not seen,
+    empty where not computed.
     """
 
     base_R: Array
@@ -33,6 +35,7 @@ class StartValues:
     tool: Array
     rms: float
     spread: float
+    errors: Array = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
 
 def start_values(
@@ -83,7 +86,7 @@ def _aligned(
     shape: NDArray,
 ) -> tuple[Array, Array]:
     """Return R (S, 3, 3), t (S, 3) of the base that align the nominal positions with the measured ones."""
-    frames = tree.frames(conditions.readings)
+    frames = tree.frames(conditions.readings, conditions.deviations)
     own = np.flatnonzero(~channels.is_rotation)
     nodes = channels.node[own]
     places = frames.t[:, nodes] + np.einsum("bkij,kj->bki", frames.R[:, nodes], shape[own])
@@ -101,7 +104,7 @@ def _tool(
     tree: Tree, channels: MeasuredChannels, conditions: ChainConditions, base: NDArray, seen: Mask, k: int
 ) -> Array:
     """Return the mean orientation (3, 3) of a measured tool in its link."""
-    turned = tree.frames(conditions.readings).R[:, channels.node[k]]
+    turned = tree.frames(conditions.readings, conditions.deviations).R[:, channels.node[k]]
     inner = np.swapaxes(base[conditions.series] @ turned, -1, -2)
     total = np.sum((inner @ conditions.reference[:, k])[seen[:, k]], 0)
     left, _, right = np.linalg.svd(total)
@@ -121,10 +124,10 @@ def _refined(model: ChainModel, values: NDArray, seen: Mask) -> StartValues:
         t = t + np.einsum("sij,sj->si", R, moved[:, :3])
         R = R @ exp_so3(moved[:, 3:])
     count = max(3 * int(seen[:, ~turned].sum()), 1)
-    left = (values - model.points(shared, local))[:, ~turned] * seen[:, ~turned, None]
-    misfit = float(np.sqrt(np.sum(left**2) / count))
+    left = np.where(seen[..., None], values - model.points(shared, local), np.nan)
+    misfit = float(np.sqrt(np.nansum(left[:, ~turned] ** 2) / count))
     return StartValues(
-        R, t, np.where(turned[:, None], 0.0, places), tool, misfit, _spread(values[:, ~turned], seen[:, ~turned])
+        R, t, np.where(turned[:, None], 0.0, places), tool, misfit, _spread(values[:, ~turned], seen[:, ~turned]), left
     )
 
 

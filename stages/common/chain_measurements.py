@@ -1,0 +1,240 @@
+"""Measured links of a chain as channels, the conditions of their poses, and the frames that join the poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pyarrow as pa
+
+from truing.arrays import Array, Index, Mask
+from truing.estimation.rigid_poses.points import PosePoints
+from truing.estimation.rigid_poses.umeyama import umeyama
+from truing.estimation.rotation import exp_so3
+from truing.inference.screening import alone_in_time
+from truing.schemas.covariates import column_alias
+from truing.simulation.inputs import ORDER, approach, between_neighbours, order_in_time
+from truing.simulation.mechanisms.chains.conditions import APPROACH, ChainConditions, MeasuredChannels
+from truing.simulation.mechanisms.chains.joint_table import joint_columns
+from truing.simulation.mechanisms.chains.tree import Tree
+from truing.stages.common.chain_tables import payload_of
+from truing.stages.common.missing_data import LEAST_TARGETS
+from truing.stages.common.point_arrays import (
+    number_column,
+    point_residuals,
+    pose_covariances,
+    pose_ids,
+    pose_points,
+    pose_vectors,
+    positions,
+    survey_points,
+)
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+
+# Smallest movement of a joint that counts as one, as a share of its range.
+_MOVED = 1e-4
+
+
+@dataclass(frozen=True)
+class MeasuredLinks:
+    """Channels of some poses: values (B, K, 3), covariances (B, K, 3, 3), and which were seen; m and rad.
+
+    ``surveyed`` (K, 3) and ``survey_cov`` (K, 3, 3) are NaN where a place is unknown; ``reference`` (B, K, 3, 3) are
+    the measured orientations. Of distances, ``values`` are (B, D, 1), and ``ends`` (D, 2) their channels.
+    """
+
+    channels: MeasuredChannels
+    values: Array
+    cov: Array
+    seen: Mask
+    surveyed: Array
+    survey_cov: Array
+    reference: Array
+    ends: Index | None = None
+
+
+def measured_links(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> MeasuredLinks:
+    """Every target of a link and every measured pose as channels; raises ValueError without any."""
+    parts = [*_targets(tables, tree, poses), *_poses(tables, tree, poses)]
+    if not parts:
+        raise ValueError("needs points or poses of links of the chain")
+    names, links, turned, values, cov, seen, surveyed, survey_cov, reference = zip(*parts, strict=True)
+    channels = MeasuredChannels(
+        tuple(names), tuple(links), np.array([tree.links[link] for link in links]), np.array(turned, bool)
+    )
+    return MeasuredLinks(
+        channels,
+        np.stack(values, 1),
+        np.stack(cov, 1),
+        np.stack(seen, 1),
+        np.stack(surveyed),
+        np.stack(survey_cov),
+        np.stack(reference, 1),
+    )
+
+
+_Part = tuple[str, str, bool, Array, Array, Mask, Array, Array, Array]
+
+
+def _targets(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> list[_Part]:
+    observations, survey = tables.get("observations"), tables.get("survey")
+    found: list[_Part] = []
+    if observations is None or not observations.num_rows:
+        return found
+    identity = np.tile(np.eye(3), (len(poses), 1, 1))
+    for body in dict.fromkeys(observations.column("body").to_pylist()):
+        if body not in tree.links:
+            raise ValueError(f"body {body} is no link of the chain; there are {', '.join(tree.links)}")
+        points = pose_points(observations, body, poses)
+        usable = points.seen & ~_gross_errors(tables, body, points)
+        known = {} if survey is None else survey_of(survey, body)
+        for k, name in enumerate(points.targets):
+            place, cov = known.get(name, (np.full(3, np.nan), np.full((3, 3), np.nan)))
+            seen = usable[:, k] & np.isfinite(points.points[:, k]).all(1)
+            found.append(
+                (
+                    name,
+                    body,
+                    False,
+                    np.where(seen[:, None], points.points[:, k], 0.0),
+                    points.cov[:, k],
+                    seen,
+                    place,
+                    cov,
+                    identity,
+                )
+            )
+    return found
+
+
+def _gross_errors(tables: Mapping[str, pa.Table], body: str, points: PosePoints) -> Mask:
+    """Mask (B, T) of the points that a person excluded, and of those that the rigid fits reject in single poses.
+
+    A target that is rejected in successive poses may have moved: it is kept.
+    """
+    table = tables.get("residuals")
+    if table is None or not table.num_rows:
+        return np.zeros(points.seen.shape, bool)
+    own = point_residuals(table, body, points.poses, points.targets)
+    rows = tables["configurations"]
+    time = number_column(rows, "time_s") if "time_s" in rows.schema.names else None
+    values = np.where(points.seen[..., None], own.values, np.nan)
+    alone = alone_in_time(values, order_in_time(time, len(points.poses)), own.rejected & points.seen)
+    return np.asarray(own.excluded | alone | (own.rejected & ~np.isfinite(own.values).all(-1)))
+
+
+def survey_of(survey: pa.Table, body: str) -> dict[str, tuple[Array, Array]]:
+    """Place (3,) and covariance (3, 3) of each surveyed target of a link, m."""
+    own = survey_points(survey, body)
+    return {name: (own.points[k], own.cov[k]) for k, name in enumerate(own.targets)}
+
+
+def _poses(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> list[_Part]:
+    """Position and orientation of each measured link; the correlation between the two is not used."""
+    table = tables.get("measured_poses")
+    found: list[_Part] = []
+    if table is None or not table.num_rows:
+        return found
+    bodies = np.array(table.column("body").to_pylist(), object)
+    for body in dict.fromkeys(bodies):
+        if body not in tree.links:
+            raise ValueError(f"body {body} is no link of the chain; there are {', '.join(tree.links)}")
+        rows = table.filter(pa.array(bodies == body))
+        at = positions(rows.column("pose"), poses)
+        vectors, covs = pose_vectors(rows)[at >= 0], pose_covariances(rows)[at >= 0]
+        at = at[at >= 0]
+        values, cov = np.zeros((2, len(poses), 3)), np.zeros((2, len(poses), 3, 3))
+        reference, seen = np.tile(np.eye(3), (len(poses), 1, 1)), np.zeros(len(poses), bool)
+        good = np.isfinite(vectors).all(1)
+        at, vectors, covs = at[good], vectors[good], covs[good]
+        values[0, at], cov[0, at], cov[1, at] = vectors[:, :3], covs[:, :3, :3], covs[:, 3:, 3:]
+        reference[at], seen[at] = exp_so3(vectors[:, 3:]), True
+        nowhere = np.full(3, np.nan), np.full((3, 3), np.nan)
+        identity = np.tile(np.eye(3), (len(poses), 1, 1))
+        found.append(("position", body, False, values[0], cov[0], seen, *nowhere, identity))
+        found.append(("orientation", body, True, values[1], cov[1], seen, *nowhere, reference))
+    return found
+
+
+def chain_conditions(
+    tree: Tree, table: pa.Table, settings: Campaign, measured: MeasuredLinks, readings: Array, usable: Mask
+) -> ChainConditions:
+    poses, columns = pose_ids(table), joint_columns(tree, table.schema.names)
+    covariates: dict[str, Array] = {
+        column_alias(field.name): number_column(table, field.name)
+        for field in table.schema
+        if field.name not in ("pose", "role") and str(field.type) in ("double", "int64")
+    }
+    time = covariates.get("time_s")
+    covariates[ORDER] = order_in_time(time, len(poses))
+    if time is not None and np.array_equal(np.diff(np.sort(time)), np.ones(len(time) - 1)):
+        del covariates["time_s"]  # numbers of rows, and no seconds
+        time = None
+    if time is not None:
+        covariates |= {name: between_neighbours(own, time) for name, own in covariates.items() if name != ORDER}
+    steps = [
+        approach(readings[:, k : k + 1], covariates[ORDER], _MOVED * np.ptp(readings[usable, k]))
+        for k in range(readings.shape[1])
+    ]
+    covariates[APPROACH] = np.concatenate(steps, 1)
+    return ChainConditions(
+        readings,
+        covariates,
+        poses,
+        _series(settings, table),
+        measured.reference,
+        payload_of(settings, table),
+        tuple(column_alias(column.name) for column in columns),
+    )
+
+
+def _series(settings: Campaign, table: pa.Table) -> Index:
+    """Number (B,) of the frame in which each pose was measured; 0 for all, unless each series has its own."""
+    if settings.measurement.frame != "series" or "series" not in table.schema.names:
+        return np.zeros(len(table), np.int64)
+    labels = [str(value or "") for value in table.column("series").to_pylist()]
+    return np.unique(labels, return_inverse=True)[1].astype(np.int64)
+
+
+def reference_link(settings: Campaign, measured: MeasuredLinks) -> Index | None:
+    """Channels of the link that defines the frame of each pose; None if the measurement's frame stands still.
+
+    A single measured link cannot define a frame and be seen in it: the frame then stands still.
+    """
+    channels = measured.channels
+    nodes = np.unique(channels.node)
+    if settings.is_frame_fixed or len(nodes) < 2:
+        return None
+    own = np.flatnonzero((channels.node == nodes[0]) & ~channels.is_rotation)
+    if len(own) < LEAST_TARGETS:
+        raise ValueError(
+            f"link {channels.links[own[0]]} shows fewer than {LEAST_TARGETS} targets, so no frame joins the poses; "
+            'if the instrument stood still: [measurement] frame = "campaign"'
+        )
+    return own
+
+
+def is_framed(measured: MeasuredLinks, own: Index | None) -> Mask:
+    """Mask (B,) of the poses whose frame the targets of the reference link determine; all if there is none."""
+    count = len(measured.seen)
+    return np.ones(count, bool) if own is None else np.asarray(measured.seen[:, own].sum(1) >= LEAST_TARGETS)
+
+
+def pose_frames(measured: MeasuredLinks, own: Index, fitted: Mask) -> tuple[Array, Array]:
+    """Return R (B, 3, 3), t (B, 3) m of the poses' frames, from the reference link's targets; NaN where those leave it
+    open."""
+    points, seen = measured.values[:, own], measured.seen[:, own]
+    shape = measured.surveyed[own]
+    if not np.isfinite(shape).all():
+        whole = np.flatnonzero(seen.all(1) & fitted)
+        if not len(whole):
+            raise ValueError("needs one pose that shows all targets of the reference link")
+        fit = umeyama(points[whole], points[whole[0]][None])
+        shape = np.median(np.einsum("bij,bkj->bki", fit.R, points[whole]) + fit.t[:, None], axis=0)
+    fit = umeyama(np.broadcast_to(shape, points.shape), points, seen.astype(float))
+    ok = np.isfinite(fit.t).all(1) & is_framed(measured, own)
+    return np.where(ok[:, None, None], fit.R, np.nan), np.where(ok[:, None], fit.t, np.nan)

@@ -1,0 +1,111 @@
+"""Places of links in a second campaign, predicted by the nominal and by the extended chain."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from truing.arrays import Array, Mask
+from truing.schemas.covariates import own_name
+from truing.simulation.mechanisms.chains.conditions import ChainConditions
+from truing.simulation.mechanisms.chains.extended_model import ExtendedChain, persistent_twists, read_chain
+from truing.simulation.mechanisms.chains.start_values import start_values
+from truing.simulation.mechanisms.chains.tree import Tree
+from truing.stages.common.chain_measurements import (
+    MeasuredLinks,
+    chain_conditions,
+    is_framed,
+    measured_links,
+    pose_frames,
+    reference_link,
+)
+from truing.stages.common.chain_tables import joint_readings, tree_of
+from truing.stages.common.point_arrays import pose_ids
+from truing.stages.second_campaign.compared import EXTENDED, NOMINAL, PredictionErrors, SecondCampaign
+
+_SAME = 1e-7  # m and rad, of the nominal transforms
+_ARCSEC = np.pi / 648000.0
+_QUANTITIES = (("position", "um", 1e-6), ("orientation", "arcsec", _ARCSEC))
+
+
+def predicted_links(text: str, second: SecondCampaign) -> Iterator[PredictionErrors]:
+    """Yield errors of positions (um) and orientations (arcsec) of every measured link by the nominal and the extended
+    chain; places of base, tools and unsurveyed targets are fitted anew.
+
+    Raises CampaignFaults where the second campaign is of another chain, ValueError where it lacks what effects follow.
+    """
+    extended = read_chain(text)
+    if second.settings.mechanism.type != "chain":
+        raise second.refuse("mechanism.type", "chain", second.settings.mechanism.type)
+    tree = tree_of(second.tables["joints"])
+    _check(extended, tree, second)
+    measured, conditions, usable = _usable(second, tree)
+    _check_columns(extended, conditions)
+    deviations, _ = persistent_twists(extended, conditions.chosen(usable))
+    names = [effect.cause.id for effect in extended.effects if effect.cause.is_persistent]
+    words = f"with {', '.join(dict.fromkeys(names))}" if names else "zeros and links as identified"
+    for by, model, own in ((NOMINAL, "as described", None), (EXTENDED, words, deviations)):
+        errors = _errors(tree, measured, replace(conditions.chosen(usable), deviations=own), usable, second)
+        for turned, (quantity, unit, si) in enumerate(_QUANTITIES):
+            for link in dict.fromkeys(measured.channels.links):
+                of_link = np.array([name == link for name in measured.channels.links])
+                chosen = of_link & (measured.channels.is_rotation == bool(turned))
+                if not chosen.any():
+                    continue
+                seen = measured.seen[usable][:, chosen]
+                variance = np.trace(measured.cov[usable][:, chosen], axis1=-2, axis2=-1)
+                noise = float(np.sqrt(variance[seen].mean())) / si if seen.any() else None
+                size = np.sqrt(np.sum(errors[:, chosen] ** 2, -1))
+                yield PredictionErrors(by, model, f"{quantity} of {link}", unit, size[seen] / si, noise)
+
+
+def _check(extended: ExtendedChain, tree: Tree, second: SecondCampaign) -> None:
+    """Raise CampaignFaults where the nominal chain is not that of the model."""
+    if tree.readings != extended.tree.readings:
+        raise second.refuse("mechanism.joints", ", ".join(extended.tree.readings), ", ".join(tree.readings))
+    if tuple(tree.links) != tuple(extended.tree.links):
+        raise second.refuse("mechanism", f"the links {', '.join(extended.tree.links)}", ", ".join(tree.links))
+    for own, other in zip(extended.tree.nodes, tree.nodes, strict=True):
+        if max(np.abs(own.t - other.t).max(), np.abs(own.R - other.R).max(), abs(own.shift - other.shift)) > _SAME:
+            raise second.refuse("mechanism", f"the same nominal place of joint {own.joint or own.link} as in the model")
+
+
+def _check_columns(extended: ExtendedChain, conditions: ChainConditions) -> None:
+    """Raise ValueError where the second campaign lacks a column that an effect follows."""
+    joints = len(extended.tree.readings)
+    needed = {name for effect in extended.effects if effect.cause.is_persistent for name in effect.cause.needs(joints)}
+    if missing := sorted(own_name(name) for name in needed - set(conditions.covariates)):
+        raise ValueError(f"the extended model follows {', '.join(missing)}, which the second campaign does not hold")
+
+
+def _usable(second: SecondCampaign, tree: Tree) -> tuple[MeasuredLinks, ChainConditions, Mask]:
+    """Return what was measured, its conditions, and the poses that have readings and a frame."""
+    table = second.tables["configurations"]
+    measured = measured_links(second.tables, tree, pose_ids(table))
+    readings = joint_readings(tree, table)
+    usable = np.isfinite(readings).all(1) & measured.seen.any(1)
+    usable &= is_framed(measured, reference_link(second.settings, measured))
+    if not usable.any():
+        raise ValueError("needs poses with readings of all joints and measured links")
+    return (
+        measured,
+        chain_conditions(tree, table, second.settings, measured, np.nan_to_num(readings), usable),
+        usable,
+    )
+
+
+def _errors(
+    tree: Tree, measured: MeasuredLinks, conditions: ChainConditions, usable: Mask, second: SecondCampaign
+) -> Array:
+    """Return measured minus predicted (B, K, 3), m and rad, after the unknown places were fitted."""
+    values, base = measured.values[usable], None
+    if (own := reference_link(second.settings, measured)) is not None:
+        R, t = pose_frames(measured, own, usable)
+        values = np.einsum("bji,bkj->bki", R[usable], values - t[usable][:, None])
+        if measured.channels.node[own[0]] == 0 and np.isfinite(measured.surveyed[own]).all():
+            base = np.eye(3)[None], np.zeros((1, 3))
+    return start_values(
+        tree, measured.channels, conditions, values, measured.seen[usable], measured.surveyed, base
+    ).errors
