@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.tolerance import assert_close
 from truing.formats.urdf import Urdf, read_urdf
-from truing.runs.exports.robot_description import _corrections, _notes, urdf_text
+from truing.runs.exports.robot_description import _corrections, _limits, _notes, urdf_text
 from truing.simulation.cause import Effect
 from truing.simulation.mechanisms.chains.causes import (
     BaseJump,
@@ -163,6 +163,13 @@ def test_links_keep_masses_and_joints_their_limits(tmp_path: Path) -> None:
     assert 'name="elbow" type="continuous"' in text
     assert robot.joints["grip"].kind == "fixed"
     assert robot.joints["tip <1>_fixed"].child == "tip <1>"
+
+
+def test_a_joint_that_slides_without_limits_has_the_range_of_its_readings() -> None:
+    readings = pd.DataFrame({"pose": [1, 2, 3], "rail_mm": [20.0, -5.0, np.nan], "elbow_deg": [0.0, 1.0, 2.0]})
+    joints = pd.DataFrame({"joint": ["rail", "wrist"], "lower_si": [np.nan, -1.0], "upper_si": [np.nan, 2.0]})
+    found = _limits({"joints": joints, "configurations": readings}, _branched())
+    assert found == {"rail": (pytest.approx(-0.005), pytest.approx(0.02)), "wrist": (-1.0, 2.0)}
 
 
 def test_the_ground_of_measuring_stations_is_no_link_of_the_robot(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from tests.runs.test_robot_description import _textbook
 from truing.estimation.rotation import exp_so3
 from truing.formats.urdf import read_urdf
 from truing.pipeline.command_line import app
+from truing.runs.comparison.side_by_side import mechanism_of
 from truing.runs.recorded_run import load
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
 
@@ -135,6 +136,10 @@ def test_the_exported_robot_and_the_prediction_agree_up_to_the_gain(campaign: Pa
         assert np.abs(corrected[:3, :3] - turn).max() < 2e-6
     with_gain, without = np.max(gaps, axis=0)
     assert with_gain < 2e-6 < without / 10.0
+
+
+def test_chains_of_other_joints_are_other_machines(run: Path) -> None:
+    assert mechanism_of(load(run)) == "chain of joints axis_1, axis_2, axis_3, axis_4"
 
 
 def _rewritten(campaign: Path, folder: Path, of: str, old: str, new: str) -> Path:

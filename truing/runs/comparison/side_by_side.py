@@ -54,6 +54,8 @@ def mechanism_of(run: Run) -> str:
     model = run.model
     if isinstance(model, ExtendedModel):
         return f"{model.model.nominal.closure.name} of {model.model.part_count} legs"
+    if isinstance(model, ExtendedChain):
+        return f"chain of joints {', '.join(model.tree.readings)}"
     return ""
 
 

@@ -24,6 +24,7 @@ from truing.simulation.mechanisms.chains.causes import (
     JointOffset,
 )
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
+from truing.simulation.mechanisms.chains.joint_table import joint_column
 from truing.simulation.mechanisms.chains.tree import JointKind, Node, Tree, axis_twist
 
 if TYPE_CHECKING:
@@ -42,10 +43,28 @@ def urdf(run: Run) -> Iterator[tuple[str, bytes]]:
         expected = 'the run of an open chain ([mechanism] type = "chain") whose diagnosis gave a model'
         found = "no model" if model is None else "the model of another machine"
         raise CampaignFaults([Fault(str(run.folder), expected, value=found)])
-    limits = {row.joint: (row.lower_si, row.upper_si) for row in run["joints"].itertuples()} if "joints" in run else {}
+    limits = _limits(run, model.tree)
     warned = cautions(run)
     yield "robot.urdf", urdf_text(model, limits, _notes(model, run.get("chain_parameters"), warned)).encode()
     yield "joint_corrections.csv", _corrections(model, warned)
+
+
+def _limits(run: Mapping[str, pd.DataFrame], tree: Tree) -> dict[str, tuple[float, float]]:
+    """Return the limits of the joints; of a joint that slides the range of its readings, where it has none.
+
+    The format demands limits of a joint that slides.
+    """
+    joints, readings = run.get("joints"), run.get("configurations")
+    known = {} if joints is None else {row.joint: (row.lower_si, row.upper_si) for row in joints.itertuples()}
+    found = {joint: limit for joint, limit in known.items() if all(map(math.isfinite, limit))}
+    if readings is None:
+        return found
+    for joint, turns in zip(tree.readings, tree.is_revolute, strict=True):
+        column = joint_column(tree, joint, map(str, readings.columns))
+        if column is not None and not turns and joint not in found:
+            own = readings[column.name].dropna() * column.si
+            found[joint] = float(own.min()), float(own.max())
+    return found
 
 
 def urdf_text(
@@ -156,8 +175,8 @@ def _notes(
             "the origins.",
             "Every transform holds only together with all others. A number that is not determined, or is far from "
             "nominal, is no physical property of the machine.",
-            "Inertia, effort and velocity are unknown here and stand as 0. Joints that the campaign did not read are "
-            "fixed at zero.",
+            "Inertia, effort and velocity are unknown here and stand as 0. A joint that slides has the range of its "
+            "readings as limits, if no others are known. Joints that the campaign did not read are fixed at zero.",
         ]
     }
     if _WHOLE in warned:
