@@ -107,6 +107,7 @@ def _extended(tree: Tree, causes: tuple[tuple[ChainCause, list[float]], ...] = (
         np.zeros(3),
         0.0,
         20.0,
+        np.zeros((2, len(tree.readings))),
         effects=effects,
         covariance=1e-8 * np.eye(unknowns),
         context={"campaign": "arm -- 7 -"},
