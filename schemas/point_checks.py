@@ -91,6 +91,17 @@ OF_POINTS: Checks = {
         VerdictRule(warns="any"),
         "Check the `[[renamed]]` that the report proposes, then add it. Not evaluated: no survey.",
     ),
+    "joints-against-links": QualityCheck(
+        "Do joint readings agree with the measured links of a chain?",
+        "A wrong unit or sign, exchanged columns or another robot bias every parameter. Such slips are tried.",
+        VerdictRule(
+            "two exchanged columns explain it",
+            "the nominal chain misses the measured places by more than 2 % of their spread",
+        ),
+        "Correct the column in the message once you have confirmed it; else check the robot description, the names of "
+        "the links and of the poses. Not evaluated: no chain, or distances alone.",
+        withholds="models",
+    ),
     "points-against-survey": QualityCheck(
         "Does a rigid motion bring the survey onto a body's points, without mirror image or change of unit?",
         "A mirrored body or another unit makes every later result wrong.",

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 DECLARATION = Stage(
     name="qa",
     reads=(
+        *("joints?", "measured_poses?"),
         *("observations?", "survey?", "configurations?", "readings?", "signals?", "given_compliance?", "quadrature?"),
         *("positions?", "reading_corrections?", "relabelled?", "resurveys?", "photographs?", "object_points?"),
         *("image_orientations?", "image_residuals?", "scale_bar_lengths?", "known_point_errors?", "image_cameras?"),
@@ -39,7 +40,7 @@ DECLARATION = Stage(
         ),
         *("loading", "interferometer", "signals.range_mv", "signals.zero_mv", "signals.sensitivity_mv_per_n"),
         *("bodies", "noise.actuator_mm", "noise.signal_mv", "noise.load_n", "noise.load_nm", "qa", "accept"),
-        *("exclude", "keep", "mechanism.reference_temperature_c"),
+        *("exclude", "keep", "mechanism.reference_temperature_c", "mechanism.payload_kg"),
     ),
     summary="completeness, noise, geometry, outliers, labels, moved targets, drift; of loads: units, signs, exchanges",
 )

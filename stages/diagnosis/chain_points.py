@@ -17,12 +17,12 @@ from truing.inference.observations import Epochs, Frames, Observations
 from truing.report.numbers import count as counted
 from truing.schemas.verdict import Relation
 from truing.simulation.mechanisms.chains.causes import ChainCause, JointsExchanged
-from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, SlipKind, does_not_belong, likely_slip
+from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, ColumnSlipKind, does_not_belong, likely_slip
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels
 from truing.simulation.mechanisms.chains.distances import GROUND, DistanceModel, distance_start, with_ground
 from truing.simulation.mechanisms.chains.model import FREE_PLACE, ChainModel, KnownChain
 from truing.simulation.mechanisms.chains.offsets import offsets_beyond_tolerance
-from truing.simulation.mechanisms.chains.start_values import StartValues, start_values
+from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import Tree, geometry_modes
 from truing.simulation.targets import FREE_ANGLE_RAD, FREE_LENGTH_M
 from truing.stages.common.blocks import chosen, groupings_of, labels_of
@@ -31,10 +31,10 @@ from truing.stages.common.chain_measurements import (
     chain_conditions,
     is_framed,
     measured_links,
-    pose_frames,
     reference_link,
     survey_of,
 )
+from truing.stages.common.chain_start import nominal_fit
 from truing.stages.common.chain_tables import joint_readings, tree_of
 from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.common.point_arrays import number_column, pose_ids, positions, roles_of
@@ -55,9 +55,9 @@ _FEW_POSES, _HARDLY = 400, 0.2
 _DRIVE = "the joint readings"
 _STATION = "station:"
 _SLIPS = {
-    SlipKind.REVERSED: "the sign of joint {} reversed",
-    SlipKind.DEGREES: "the readings of joint {} taken as degrees",
-    SlipKind.RADIANS: "the readings of joint {} taken as radians",
+    ColumnSlipKind.REVERSED: "the sign of joint {} reversed",
+    ColumnSlipKind.DEGREES: "the readings of joint {} taken as degrees",
+    ColumnSlipKind.RADIANS: "the readings of joint {} taken as radians",
 }
 
 
@@ -247,30 +247,16 @@ def _model(
 
     In frames of single poses a measured link is the reference.
     """
-    count, channels = len(measured.values), measured.channels
-    values, surveyed = measured.values, measured.surveyed
-    frames = Frames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), free=False)
-    base = None
-    reference = reference_link(settings, measured)
-    if reference is not None:
-        R, t = pose_frames(measured, reference, fitted)
-        frames = Frames(np.where(np.isfinite(R), R, np.eye(3)), np.nan_to_num(t), free=True)
-        values = np.einsum("bji,bkj->bki", frames.R, values - frames.t[:, None])
-        if channels.node[reference[0]] == 0 and np.isfinite(surveyed[reference]).all():
-            base = np.eye(3)[None], np.zeros((1, 3))
-
-    def start_of(chosen: Mask, given: ChainConditions) -> StartValues:
-        own = fitted & chosen
-        return start_values(tree, channels, given.chosen(own), values[own], measured.seen[own], surveyed, base)
-
-    start, certain = _started(tree, conditions, start_of)
-    if reference is not None and base is None:
+    nominal = nominal_fit(tree, settings, measured, conditions, fitted)
+    frames = nominal.frames
+    start, certain = _started(tree, conditions, nominal.start_of)
+    if nominal.reference is not None and not nominal.is_base_known:
         # The measured shape of the reference link, in the base's frame, is the frame of the model.
         R, t = start.base_R[0], start.base_t[0]
         frames = Frames(frames.R @ R, frames.t + frames.R @ t, free=True)
         start = replace(start, base_R=np.eye(3)[None], base_t=np.zeros((1, 3)))
-    known = _known(tree, settings, measured, start, reference is None)
-    return frames, ChainModel(tree, channels, known, conditions), certain
+    known = _known(tree, settings, measured, start, nominal.reference is None)
+    return frames, ChainModel(tree, measured.channels, known, conditions), certain
 
 
 def _started(
@@ -300,7 +286,7 @@ def _exchange(tree: Tree, slip: ColumnSlip | None, start: StartValues) -> Joints
             "their units and signs, the robot description, and the names of the poses"
         )
     names = [tree.readings[k] for k in slip.readings]
-    if slip.kind is SlipKind.EXCHANGED:
+    if slip.kind is ColumnSlipKind.EXCHANGED:
         return JointsExchanged(tuple(names))
     raise ValueError(
         f"{missed}, and {slip.after / _MM:.3g} mm with {_SLIPS[slip.kind].format(names[0])}. Correct the column, "

@@ -1,31 +1,103 @@
-"""Checks of points on an open chain: a link needs no frame of its own, since the joints relate its targets."""
+"""Checks of an open chain: do joint readings and measured links belong together; and its points, link by link."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import chain
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pyarrow as pa
 
+from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
+from truing.simulation.mechanisms.chains.column_slips import (
+    ColumnSlip,
+    ColumnSlipKind,
+    does_not_belong,
+    foreign_share,
+    likely_slip,
+)
+from truing.simulation.mechanisms.chains.tree import Tree
+from truing.stages.common.chain_measurements import chain_conditions, is_framed, measured_links, reference_link
+from truing.stages.common.chain_start import nominal_fit
+from truing.stages.common.chain_tables import joint_columns, joint_readings, tree_of
+from truing.stages.common.point_arrays import pose_ids
 from truing.stages.quality import point_checks
-from truing.stages.quality.belonging import READINGS
+from truing.stages.quality.belonging import READINGS, belonging_checks
 from truing.stages.quality.check import Check, CheckResults
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
+JOINTS = "joints-against-links"
 _OF_FRAMES = ("poses-determined", "geometry", "geometry-line", "geometry-plane", "geometry-leverage")
-_FEWEST = 3
+_FEWEST, _FEWEST_POSES = 3, 8
+_MM = 1e-3
+_RADIANS = 180.0 / np.pi
 
 
 def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
-    """Every check of object points, but for those of a frame of links with fewer than three targets."""
+    """Checks of joint readings against links, and of object points but for frames of links with few targets."""
+    tested = joints_against_links(tables, settings)
     found = point_checks.checks(tables, settings)
-    if found.why_not:
+    if found.why_not and tested.state is RelationState.NOT_TESTED:
         return found
-    relations = tuple(one for one in found.relations if one.relation != READINGS)
-    return replace(found, checks=_without_frames(found, _single(tables["observations"])), relations=relations)
+    relations = (tested, *(one for one in found.relations if one.relation != READINGS))
+    read = found.read or f"{len(tables['configurations'])} poses of a chain"
+    single = set() if found.why_not else _single(tables["observations"])
+    own = () if found.why_not else _without_frames(found, single)
+    return replace(found, checks=chain(belonging_checks([tested]), own), read=read, relations=relations, why_not="")
+
+
+def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> RelationTest:
+    """Test whether the nominal chain at the joint readings reaches the measured places, up to a calibration."""
+    if "joints" not in tables or not any(
+        name in tables and tables[name].num_rows for name in ("observations", "measured_poses")
+    ):
+        return RelationTest(JOINTS, RelationState.NOT_TESTED, "no-poses")
+    tree, table = tree_of(tables["joints"]), tables["configurations"]
+    try:
+        measured = measured_links(tables, tree, pose_ids(table))
+        readings = joint_readings(tree, table)
+        usable = np.asarray(np.isfinite(readings).all(1) & measured.seen.any(1))
+        usable &= is_framed(measured, reference_link(settings, measured))
+        if usable.sum() < _FEWEST_POSES:
+            return RelationTest(JOINTS, RelationState.NOT_TESTED, "no-poses")
+        conditions = chain_conditions(tree, table, settings, measured, np.nan_to_num(readings), usable)
+        start_of = nominal_fit(tree, settings, measured, conditions, usable).start_of
+        start = start_of(usable, conditions)
+    except ValueError:
+        return RelationTest(JOINTS, RelationState.NOT_TESTED, "no-frame")
+    misfit, limit = start.rms / _MM, foreign_share(start) / _MM
+    if not does_not_belong(start):
+        return RelationTest(JOINTS, RelationState.OK, "agrees", misfit=misfit, limit=limit, unit="mm")
+    slip = likely_slip(conditions, tree.is_revolute, start_of)
+    if slip is None:
+        return RelationTest(JOINTS, RelationState.FAILS, "no-slip", misfit=misfit, limit=limit, unit="mm")
+    # The diagnosis corrects an exchange, as a finding; no other slip.
+    state = RelationState.ATTENTION if slip.kind is ColumnSlipKind.EXCHANGED else RelationState.FAILS
+    return RelationTest(
+        JOINTS,
+        state,
+        "no-slip" if state is RelationState.FAILS else "departs",
+        misfit=misfit,
+        misfit_explained=slip.after / _MM,
+        limit=limit,
+        unit="mm",
+        slips=(_recorded(slip, tree, table.schema.names),),
+    )
+
+
+def _recorded(slip: ColumnSlip, tree: Tree, names: list[str]) -> RecordSlip:
+    """The slip with the columns that it concerns."""
+    columns = tuple(joint_columns(tree, names)[k].name for k in slip.readings)
+    if slip.kind is ColumnSlipKind.EXCHANGED:
+        return RecordSlip(SlipKind.COLUMNS, "columns of readings", columns)
+    if slip.kind is ColumnSlipKind.REVERSED:
+        return RecordSlip(SlipKind.SIGN, "readings", columns)
+    factor = _RADIANS if slip.kind is ColumnSlipKind.RADIANS else 1.0 / _RADIANS
+    return RecordSlip(SlipKind.UNIT, "readings", columns, factor=factor, dimension="angle")
 
 
 def _single(observations: pa.Table) -> set[str]:
@@ -37,6 +109,7 @@ def _single(observations: pa.Table) -> set[str]:
 
 def _without_frames(found: CheckResults, single: set[str]) -> Iterator[Check]:
     for check in found.checks:
-        of_frame = check.check in _OF_FRAMES and (check.subject in single or check.subject.startswith("target "))
+        is_target = check.check == "geometry-leverage"
+        of_frame = check.check in _OF_FRAMES and (check.subject in single or is_target)
         if check.check != READINGS and not (of_frame and single):
             yield check

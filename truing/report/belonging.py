@@ -14,6 +14,7 @@ _SAME_FACTOR = 1e-6  # relative
 # Names of the two sides of a relation in a sentence.
 RELATIONS = {
     "readings-against-poses": "Actuator readings and measured poses",
+    "joints-against-links": "Joint readings and measured links",
     "points-against-survey": "Measured points and their survey",
     "copied-poses": "Measured poses",
     "legs-regular": "The legs of [mechanism]",

@@ -24,7 +24,7 @@ _EXPLAINED = 0.2
 _MOST_POSES = 60
 
 
-class SlipKind(StrEnum):
+class ColumnSlipKind(StrEnum):
     """Sort of slip."""
 
     EXCHANGED = "exchanged"
@@ -37,15 +37,20 @@ class SlipKind(StrEnum):
 class ColumnSlip:
     """A slip in the columns of some readings (numbers), and the misfit, m, without and with its correction."""
 
-    kind: SlipKind
+    kind: ColumnSlipKind
     readings: tuple[int, ...]
     before: float
     after: float
 
 
+def foreign_share(start: StartValues) -> float:
+    """Return the misfit, m, above which joint readings do not belong to the measured positions."""
+    return _FOREIGN * start.spread
+
+
 def does_not_belong(start: StartValues) -> bool:
     """Whether the nominal chain misses the measured positions by more than any real machine."""
-    return start.rms > _FOREIGN * start.spread
+    return start.rms > foreign_share(start)
 
 
 def likely_slip(
@@ -69,18 +74,18 @@ def likely_slip(
     return best if best is not None and best.after < _EXPLAINED * before else None
 
 
-def _corrected(readings: NDArray, is_revolute: NDArray) -> Iterator[tuple[SlipKind, tuple[int, ...], NDArray]]:
+def _corrected(readings: NDArray, is_revolute: NDArray) -> Iterator[tuple[ColumnSlipKind, tuple[int, ...], NDArray]]:
     """Yield every slip with the readings (B, n) after its correction."""
     count = readings.shape[1]
     for a, b in combinations(range(count), 2):
         if is_revolute[a] == is_revolute[b]:
             own = readings.copy()
             own[:, [a, b]] = readings[:, [b, a]]
-            yield SlipKind.EXCHANGED, (a, b), own
+            yield ColumnSlipKind.EXCHANGED, (a, b), own
     for k in range(count):
-        factors = {SlipKind.REVERSED: -1.0}
+        factors = {ColumnSlipKind.REVERSED: -1.0}
         if is_revolute[k]:
-            factors |= {SlipKind.DEGREES: np.pi / 180.0, SlipKind.RADIANS: 180.0 / np.pi}
+            factors |= {ColumnSlipKind.DEGREES: np.pi / 180.0, ColumnSlipKind.RADIANS: 180.0 / np.pi}
         for kind, factor in factors.items():
             own = readings.copy()
             own[:, k] *= factor

@@ -1,0 +1,56 @@
+"""Fit of the nominal chain to measured links: the frames of the poses, and the unknown places of base and targets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from truing.arrays import Index, Mask
+from truing.inference.observations import Frames
+from truing.simulation.mechanisms.chains.conditions import ChainConditions
+from truing.simulation.mechanisms.chains.start_values import StartValues, start_values
+from truing.simulation.mechanisms.chains.tree import Tree
+from truing.stages.common.chain_measurements import MeasuredLinks, pose_frames, reference_link
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+
+
+@dataclass(frozen=True)
+class NominalFit:
+    """Frames of all poses, the channels of the link that defines them (None: the instrument stood still), and the fit.
+
+    ``start_of`` fits places to some poses, a mask (B,), under given conditions of all poses. ``is_base_known``: the
+    reference link is the base, with surveyed targets.
+    """
+
+    frames: Frames
+    reference: Index | None
+    is_base_known: bool
+    start_of: Callable[[Mask, ChainConditions], StartValues]
+
+
+def nominal_fit(
+    tree: Tree, settings: Campaign, measured: MeasuredLinks, conditions: ChainConditions, fitted: Mask
+) -> NominalFit:
+    """The fit of the nominal chain; in frames of single poses a measured link is the reference."""
+    count, channels = len(measured.values), measured.channels
+    values, surveyed = measured.values, measured.surveyed
+    frames = Frames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), free=False)
+    base = None
+    reference = reference_link(settings, measured)
+    if reference is not None:
+        R, t = pose_frames(measured, reference, fitted)
+        frames = Frames(np.where(np.isfinite(R), R, np.eye(3)), np.nan_to_num(t), free=True)
+        values = np.einsum("bji,bkj->bki", frames.R, values - frames.t[:, None])
+        if channels.node[reference[0]] == 0 and np.isfinite(surveyed[reference]).all():
+            base = np.eye(3)[None], np.zeros((1, 3))
+
+    def start_of(chosen: Mask, given: ChainConditions) -> StartValues:
+        own = fitted & chosen
+        return start_values(tree, channels, given.chosen(own), values[own], measured.seen[own], surveyed, base)
+
+    return NominalFit(frames, reference, base is not None, start_of)

@@ -1,0 +1,74 @@
+"""Joint readings that do not belong to the measured links of a chain are named, and nothing is diagnosed from them."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from tests.packaging.source_tree import PROJECT
+from truing.pipeline.command_line import app
+
+ROBOT = PROJECT / "sample_data" / "robot"
+
+
+def checked(folder: Path, changed: Callable[[pd.DataFrame], None] | None = None) -> tuple[int, str, str]:
+    """Exit code of the stage qa, and verdict and message of the joints, after a change of the table of readings."""
+    campaign = shutil.copytree(ROBOT, folder / "robot")
+    if changed is not None:
+        table = pd.read_csv(campaign / "configurations.csv")
+        changed(table)
+        table.to_csv(campaign / "configurations.csv", index=False)
+    done = CliRunner().invoke(app, ["run", str(campaign), "--out", str(folder / "run"), "--only", "qa", "--quiet"])
+    rows = pq.read_table(folder / "run" / "qa.parquet").to_pylist()
+    (row,) = [row for row in rows if row["check"] == "joints-against-links"]
+    return done.exit_code, row["verdict"], row["message"]
+
+
+def reversed_elbow(table: pd.DataFrame) -> None:
+    table["elbow_deg"] *= -1.0
+
+
+def radians(table: pd.DataFrame) -> None:
+    table["shoulder_deg"] = np.radians(table["shoulder_deg"])
+
+
+def other_rows(table: pd.DataFrame) -> None:
+    joints = [name for name in table if name.endswith("_deg")]
+    table[joints] = table[joints].to_numpy()[::-1]
+
+
+def exchanged(table: pd.DataFrame) -> None:
+    table[["shoulder_deg", "elbow_deg"]] = table[["elbow_deg", "shoulder_deg"]].to_numpy()
+
+
+def test_readings_of_the_robot_belong_to_its_links(tmp_path: Path) -> None:
+    assert checked(tmp_path)[:2] == (0, "pass")
+
+
+@pytest.mark.parametrize(("changed", "named"), [(reversed_elbow, "elbow_deg"), (radians, "shoulder_deg")])
+def test_a_slip_in_a_column_fails_and_is_named(
+    tmp_path: Path, changed: Callable[[pd.DataFrame], None], named: str
+) -> None:
+    code, verdict, message = checked(tmp_path, changed)
+    assert (code, verdict) == (3, "fail")
+    assert named in message
+
+
+def test_readings_of_other_poses_fail_without_a_name(tmp_path: Path) -> None:
+    code, verdict, message = checked(tmp_path, other_rows)
+    assert (code, verdict) == (3, "fail")
+    assert "_deg" not in message
+
+
+def test_exchanged_columns_warn_because_the_diagnosis_can_correct_them(tmp_path: Path) -> None:
+    code, verdict, message = checked(tmp_path, exchanged)
+    assert (code, verdict) == (0, "warn")
+    assert "shoulder_deg" in message
+    assert "elbow_deg" in message
