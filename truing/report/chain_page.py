@@ -24,6 +24,7 @@ _KINDS = (
     ("revolute", BLUE, "circle", "joints that turn"),
     ("prismatic", GREEN, "square", "joints that slide"),
 )
+_FARTHER = 1.15  # so that names at the edge are not cut
 _UNITS = {"rad": (180.0 / math.pi, "deg")}  # as tolerances in campaign.toml
 _ARM = (
     "The nominal chain in the frame of its base; a line along each joint is its axis. Targets of unknown place are "
@@ -31,7 +32,8 @@ _ARM = (
 )
 _NUMBERS = (
     "offset: zero of the joint. dx, dy, dz, turn_x, turn_y, turn_z: shift and rotation of the joint's frame in the "
-    "link below. A number that the data do not determine stands near its nominal value, and is no physical property."
+    "link below. Determined: the measurements reduce the standard deviation below 70 % of that known before. Another "
+    "number rests on its tolerance, and is no physical property."
 )
 _MAP = (
     "Each point is the tip in one pose, by the nominal chain. Large errors in one region show an effect that the "
@@ -149,7 +151,8 @@ def _map(shown: pd.DataFrame, tip: str) -> go.Figure:
         figure.update_yaxes(title_text=f"{up[0]} (mm)", row=1, col=k)
     style(figure, f"Errors that remain, over the position of {label(tip)}", "Diamonds: held-out poses", 440)
     scale = {"title": {"text": "rms (µm)"}, "thickness": 12}
-    figure.update_layout(coloraxis={"colorscale": "Cividis", "cmin": 0.0, "colorbar": scale})
+    ends = {"cmin": 0.0, "cmax": max(float(shown["rms_after"].max()), 1e-6)}  # from zero, so that noise looks even
+    figure.update_layout(coloraxis={"colorscale": "Cividis", **ends, "colorbar": scale})
     return figure
 
 
@@ -160,10 +163,12 @@ def _arm(nodes: pd.DataFrame, survey: pd.DataFrame | None) -> go.Figure:
     low, high = shown.min(0) - size, shown.max(0) + size
     middle, half = (low + high) / 2.0, (high - low) / 2.0
     half = np.maximum(half, 0.4 * half.max())  # a flat view would distort the arm
+    scene = scene_axes(middle - half, middle + half)
+    scene["camera"]["eye"] = {axis: _FARTHER * value for axis, value in scene["camera"]["eye"].items()}
     figure = go.Figure([_links(nodes), *_joints(nodes, size), *_triads(nodes, size), *_targets(nodes, survey)])
     style(figure, f"The chain at pose {label(nodes['pose'].iloc[0])}", "Nominal geometry, frame of the base", 620)
     figure.update_layout(
-        scene=scene_axes(middle - half, middle + half),
+        scene=scene,
         legend={"orientation": "h", "y": 1.0, "yanchor": "top", "itemsizing": "constant"},
         margin={"l": 0, "r": 0, "t": 110, "b": 20},
     )
