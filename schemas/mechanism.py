@@ -36,7 +36,9 @@ WITHOUT_LEGS = ("6-upur", "axis", "chain", "none")
 
 # Settings of stages that read the rows of an axis: columns, noise of the command, noise of the encoders.
 COLUMNS_OF_AXES = tuple(
-    f"mechanism.{name}" for name in ("kind", "command", "motor", "load", "loop", "counts_per_deg", "counts_per_mm")
+    f"mechanism.{name}" for name in ("kind", "command", "motor", "load", "loop")
+) + tuple(
+    f"mechanism.{what}_{unit}" for what in ("counts_per", "period") for unit in ("deg", "mm")
 )
 NOISE_OF_COMMANDS = ("noise.command_deg", "noise.command_mm")
 NOISE_OF_ENCODERS = tuple(f"noise.{name}_{unit}" for name in ("motor", "load", "measured") for unit in ("deg", "mm"))
@@ -386,6 +388,12 @@ class AxisMechanism(MechanismSection):
         None, description="rotary: counts per degree, for columns that end in _counts"
     )
     counts_per_mm: Positive | None = Field(None, description="linear: counts per mm, for columns that end in _counts")
+    period_deg: Positive | None = Field(
+        None, description="rotary: period of a periodic error, such as of a worm; absent: searched"
+    )
+    period_mm: Positive | None = Field(
+        None, description="linear: period of a periodic error, such as a screw's lead; absent: searched"
+    )
 
     @property
     def unit(self) -> str:
@@ -403,6 +411,11 @@ class AxisMechanism(MechanismSection):
         """Counts per degree or per mm; None if no column is in counts."""
         return self.counts_per_deg if self.kind == "rotary" else self.counts_per_mm
 
+    @property
+    def period(self) -> float | None:
+        """Declared period of a periodic error in degrees or mm; None if it is searched."""
+        return self.period_deg if self.kind == "rotary" else self.period_mm
+
     @model_validator(mode="after")
     def _columns_fit_the_kind(self) -> AxisMechanism:
         unit = _UNIT[self.kind]
@@ -416,4 +429,6 @@ class AxisMechanism(MechanismSection):
         other = self.counts_per_mm if self.kind == "rotary" else self.counts_per_deg
         if other is not None:
             raise ValueError(f"counts_per_{unit} for a {self.kind} axis")
+        if (self.period_mm if self.kind == "rotary" else self.period_deg) is not None:
+            raise ValueError(f"period_{unit} for a {self.kind} axis")
         return self

@@ -34,7 +34,7 @@ _MOVED = 5.0
 
 @dataclass(frozen=True)
 class AxisColumns:
-    """Columns of the command and of the encoders by name; ``per_unit``: counts per deg or mm."""
+    """Columns of the command and of the encoders by name; ``per_unit``: counts per deg or mm; ``period``: of a periodic error, deg or mm."""
 
     kind: str
     unit: str
@@ -42,6 +42,7 @@ class AxisColumns:
     command: str
     encoders: dict[str, str]
     per_unit: float | None
+    period: float | None = None
 
     @classmethod
     def of(cls, section: AxisMechanism, names: list[str]) -> AxisColumns:
@@ -51,11 +52,12 @@ class AxisColumns:
         if (measured := f"{MEASURED}_{section.unit}") in names:
             named[MEASURED] = measured
         encoders = {name: named[name] for name in ENCODERS if named.get(name) in names}
-        return cls(section.kind, section.unit, section.loop, command, encoders, section.counts_per_unit)
+        return cls(section.kind, section.unit, section.loop, command, encoders, section.counts_per_unit, section.period)
 
     def axis(self, command_sigma: float) -> Axis:
         """Return the axis with the encoders that were recorded; command_sigma as in `rows`."""
-        return Axis(self.kind, tuple(self.encoders), self.loop, _MOVED * command_sigma)
+        period = None if self.period is None else self.period * SI[self.unit]
+        return Axis(self.kind, tuple(self.encoders), self.loop, _MOVED * command_sigma, period=period)
 
     @property
     def reported_unit(self) -> tuple[str, float]:

@@ -45,8 +45,13 @@ class Judged:
     def pull(self, hidden: Hidden) -> float:
         """How far the found size is from the hidden one, over its standard deviation."""
         own = next(verdict for verdict in self.found if verdict.cause.id == hidden.cause)
-        si = 1.0 if hidden.cause == "scale-error" else SI[self.campaign.layout.kind]
-        return float((own.values[0] - hidden.size * si) / np.sqrt(own.covariance[0, 0]))
+        si = 1.0 if hidden.cause in ("scale-error", "axis-growth") else SI[self.campaign.layout.kind]
+        value, sigma = own.values[0], np.sqrt(own.covariance[0, 0])
+        if hidden.cause == "periodic-error":
+            value = np.hypot(*own.values[:2])
+            along = own.values[:2] / value
+            sigma = np.sqrt(along @ own.covariance[:2, :2] @ along)
+        return float((value - hidden.size * si) / sigma)
 
 
 def _table(campaign: AxisCampaign) -> pa.Table:
@@ -60,6 +65,8 @@ def _table(campaign: AxisCampaign) -> pa.Table:
         **{f"{name}_{unit}": campaign.recorded[:, k] for k, name in enumerate(own.channels)},
         "event": ["power-cycle" if own.event_row is not None and row >= own.event_row else "" for row in rows],
     }
+    if own.temperature is not None:
+        columns["temperature_c"] = own.temperature
     return pa.table(columns)
 
 

@@ -66,7 +66,7 @@ def test_what_was_hidden_is_found_with_its_subject_and_size(run: Path) -> None:
     found = [row for row in rows if row["verdict"] == "found"]
     assert {(row["cause"], row["subject"]) for row in found} == {("zero-shift", "instrument"), ("lost-motion", "")}
     assert len(found) == 2
-    assert {row["cause"] for row in rows} == {"scale-error", "lost-motion", "zero-shift", "unexplained"}
+    assert {row["cause"] for row in rows} >= {"scale-error", "lost-motion", "zero-shift", "periodic-error"}
     told = {row["cause"]: json.loads(row["parameters"]) for row in found}
     for cause, name, size in (("lost-motion", "backlash", BACKLASH), ("zero-shift", "shift", SHIFT)):
         own = told[cause][name]
@@ -129,6 +129,54 @@ def test_what_follows_a_column_without_a_name_is_told_and_predicted_from_that_co
     assert abs(moved - 0.004 * 4.0) < 4.0 * told["sigma"].max() < 0.2 * moved
 
 
+def test_growth_with_temperature_is_named_and_predicted_about_its_fixed_point(tmp_path: Path) -> None:
+    warmth = 20.0 + 2.0 * np.sin(np.arange(40) / 3.0) + np.random.default_rng(2).uniform(-1.0, 1.0, 40)
+    layout = _layout(event_row=None, temperature=np.round(warmth, 2))
+    growth, fixed = 1e-4, 30.0
+    course = growth * (warmth - warmth.mean()) * (layout.command - fixed)
+    folder = write(record(layout, (), np.random.default_rng(3), {"measured": course}), tmp_path / "campaign")
+    assert _truing("run", str(folder), "--out", str(tmp_path / "run"))[0] == 0
+    rows = pq.read_table(tmp_path / "run" / "diagnosis.parquet").to_pylist()
+    found = [row for row in rows if row["verdict"] == "found"]
+    assert [(row["cause"], row["subject"]) for row in found] == [("axis-growth", "instrument")]
+    told = json.loads(found[0]["parameters"])
+    assert abs(told["growth"]["value"] - growth) < 4.0 * told["growth"]["sigma"] < 0.2 * growth
+    assert "with temperature" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    model = (tmp_path / "run" / "model.toml").read_text(encoding="utf-8")
+    inputs = pa.table({"pose": [1, 2, 3, 4], "command_deg": [30.0, 30.0, 60.0, 60.0], "temperature_c": [19.0, 22.0] * 2})
+    told = predict(model, inputs, "there.csv").to_pandas()
+    at = told[told["encoder"] == "measured"].set_index("pose")["value"]
+    sigma = float(told["sigma"].max())
+    assert abs(at[2] - at[1]) < 6.0 * sigma
+    assert abs(at[4] - at[3] - growth * 3.0 * 30.0) < 6.0 * sigma < 0.3 * growth * 90.0
+
+
+@pytest.mark.parametrize("declared", ["", "period_deg = 37.0\n"])
+def test_a_periodic_error_is_named_with_its_period(tmp_path: Path, declared: str) -> None:
+    rng = np.random.default_rng(7)
+    command = np.round(_layout().command + rng.uniform(-4.0, 4.0, 40), 3)
+    hidden = Hidden("periodic-error", "encoder load", 0.006, period=37.0, phase=0.5)
+    folder = write(record(_layout(command=command), (hidden,), rng), tmp_path / "campaign")
+    settings = folder / "campaign.toml"
+    text = settings.read_text(encoding="utf-8").replace("[noise]", f"{declared}[noise]")
+    settings.write_text(text, encoding="utf-8")
+    assert _truing("run", str(folder), "--out", str(tmp_path / "run"))[0] == 0
+    rows = pq.read_table(tmp_path / "run" / "diagnosis.parquet").to_pylist()
+    found = [row for row in rows if row["verdict"] == "found"]
+    assert [(row["cause"], row["subject"]) for row in found] == [("periodic-error", "encoder load")]
+    told = json.loads(found[0]["parameters"])
+    assert abs(told["amplitude"]["value"] - np.deg2rad(0.006)) < 4.0 * told["amplitude"]["sigma"] < np.deg2rad(0.003)
+    period = told["period"]
+    assert abs(period["value"] - np.deg2rad(37.0)) < (1e-9 if declared else 4.0 * period["sigma"])
+    assert "has a periodic error" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    model = (tmp_path / "run" / "model.toml").read_text(encoding="utf-8")
+    inputs = pa.table({"pose": [1, 2], "command_deg": [10.0, 28.5]})
+    table = predict(model, inputs, "there.csv").to_pandas()
+    at = table[table["encoder"] == "load"].set_index("pose")["value"]
+    wave = 0.006 * np.sin(2.0 * np.pi * np.array([10.0, 28.5]) / 37.0 + 0.5)
+    assert abs(at[2] - at[1] - 18.5 - np.diff(wave)[0]) < 6.0 * table["sigma"].max()
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [
@@ -168,6 +216,7 @@ def _broken(folder: Path, of: str, old: str, new: str) -> Path:
         ("campaign.toml", '"command_deg"', '"command_mm"', "a column ..._deg or ..._counts as command"),
         ("campaign.toml", 'load = "load_deg"', 'load = "motor_deg"', "different columns for command, motor and load"),
         ("campaign.toml", 'kind = "rotary"', 'kind = "round"', "mechanism.kind"),
+        ("campaign.toml", 'kind = "rotary"', 'kind = "rotary"\nperiod_mm = 5.0', "expected period_deg for a rotary axis"),
     ],
 )
 def test_what_cannot_be_used_is_named_with_its_place(tmp_path: Path, of: str, old: str, new: str, told: str) -> None:

@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from truing.schemas.installed import with_installed
-from truing.simulation.axis.causes import AxisCause, LostMotion, ScaleError, ZeroShift
+from truing.simulation.axis.causes import AxisCause, AxisGrowth, LostMotion, ScaleError, ZeroShift
 from truing.simulation.axis.nonparametric import NonparametricAxisEffect
+from truing.simulation.axis.periodic import AxisPeriodicError
 from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
 from truing.simulation.bench.causes.channels import DeadPath, ThermalDrift, ZeroDrift
 from truing.simulation.bench.causes.counts import Crosstalk, FringeSlip
@@ -122,7 +123,14 @@ OWN_CAUSES_OF_READINGS: tuple[ReadingCause, ...] = (
     NonparametricReadingEffect(),
 )
 # Causes of a single axis.
-OWN_CAUSES_OF_AXES: tuple[AxisCause, ...] = (ScaleError(), LostMotion(), ZeroShift(), NonparametricAxisEffect())
+OWN_CAUSES_OF_AXES: tuple[AxisCause, ...] = (
+    ScaleError(),
+    LostMotion(),
+    AxisPeriodicError(),
+    ZeroShift(),
+    AxisGrowth(),
+    NonparametricAxisEffect(),
+)
 # Causes of an open chain.
 OWN_CAUSES_OF_CHAINS: tuple[ChainCause, ...] = (
     JointOffset(),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-CAUSES = ("scale-error", "lost-motion", "zero-shift")
+CAUSES = ("scale-error", "lost-motion", "zero-shift", "periodic-error", "axis-growth")
 CHANNELS = ("motor", "load", "measured")
 # What carries a scale error or a shift: the transmission, or what records.
 PLACES = {"axis": "axis", "encoder load": "load", "encoder motor": "motor", "instrument": "measured"}
@@ -29,6 +29,7 @@ class AxisLayout:
     noise: dict[str, float]  # of command and channels
     event_row: int | None
     held_out: NDArray[np.bool_]
+    temperature: Array | None = None  # degrees C, of every row
 
     @property
     def unit(self) -> str:
@@ -45,6 +46,8 @@ class Hidden:
     size: float
     from_row: int = 0
     of_event: bool = False
+    period: float = 0.0
+    phase: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,16 @@ def draw_layout(rng: np.random.Generator) -> AxisLayout:
     sigma["command"] *= float(rng.choice([0.0, 1.0]))
     held = np.arange(len(command)) % 5 == 3 if rng.random() < 0.5 else np.zeros(len(command), bool)
     event = int(rng.integers(len(command) // 4, 3 * len(command) // 4)) if rng.random() < 0.5 else None
-    return AxisLayout(kind, loop, own, command, sigma, event, held)
+    warm = _temperature(len(command), rng) if rng.random() < 0.5 else None
+    return AxisLayout(kind, loop, own, command, sigma, event, held, warm)
+
+
+def _temperature(count: int, rng: np.random.Generator) -> Array:
+    """A room that follows the sun and a heater, read to a hundredth of a degree."""
+    share = np.arange(count) / count
+    sun = np.sin(2.0 * np.pi * (rng.uniform(0.5, 3.0) * share + rng.uniform()))
+    heater = 0.3 * np.sign(np.sin(2.0 * np.pi * (rng.uniform(4.0, 9.0) * share + rng.uniform())))
+    return np.round(rng.uniform(18.0, 25.0) + rng.uniform(0.5, 2.0) * (sun + heater), 2)
 
 
 def shown(layout: AxisLayout, hidden: Hidden) -> bool:
@@ -85,6 +97,10 @@ def least(layout: AxisLayout, cause: str) -> float:
     """The standard deviation with which a fit by eye would know the size of an error, in the file's unit."""
     noise = float(np.hypot(layout.noise["command"], max(layout.noise[name] for name in layout.channels)))
     spread = float(np.std(layout.command)) if cause == "scale-error" else 1.0
+    if cause == "periodic-error":
+        spread = np.sqrt(0.5)
+    if cause == "axis-growth" and layout.temperature is not None:
+        spread = float(np.std((layout.temperature - layout.temperature.mean()) * layout.command))
     return noise / spread / np.sqrt(len(layout.command) / 4.0)
 
 
@@ -92,6 +108,8 @@ def draw_one(cause: str, strength: float, rng: np.random.Generator) -> tuple[Axi
     """Draw an error, ``strength`` of its standard deviations large, and a layout that shows it."""
     while True:
         layout = draw_layout(rng)
+        if cause == "axis-growth" and layout.temperature is None:
+            continue
         made = _draw_hidden(layout, cause, strength, rng)
         if shown(layout, made):
             return layout, made
@@ -102,7 +120,12 @@ def _draw_hidden(layout: AxisLayout, cause: str, strength: float, rng: np.random
     if cause == "lost-motion":
         return Hidden(cause, "", abs(size))
     subject = str(rng.choice(list(PLACES)))
-    if cause == "scale-error":
+    if cause == "periodic-error":
+        travel = float(np.ptp(layout.command))
+        step = travel / len(np.unique(np.round(layout.command / travel, 1)))
+        period = float(np.exp(rng.uniform(np.log(1.2 * step), np.log(travel / 2.2))))
+        return Hidden(cause, subject, abs(size), period=period, phase=float(rng.uniform(-np.pi, np.pi)))
+    if cause in ("scale-error", "axis-growth"):
         return Hidden(cause, subject, size)
     row = int(rng.integers(len(layout.command) // 4, 3 * len(layout.command) // 4))
     of_event = layout.event_row is not None
@@ -123,38 +146,44 @@ def record(
             way = 1.0 if command > last else -1.0
         last = command
         wanted = command + rng.normal(0.0, 1.0) * layout.noise["command"]
+        warmer = 0.0 if layout.temperature is None else float(layout.temperature[number] - layout.temperature.mean())
         reach = 20.0 + 0.1 * abs(wanted)
         low, high = wanted - reach, wanted + reach
         for _ in range(80):
             middle = (low + high) / 2.0
-            read = _readings(middle, way, number, hidden, added)[layout.loop]
+            read = _readings(middle, way, number, hidden, added, warmer)[layout.loop]
             low, high = (middle, high) if read < wanted else (low, middle)
-        found = _readings((low + high) / 2.0, way, number, hidden, added)
+        found = _readings((low + high) / 2.0, way, number, hidden, added, warmer)
         rows.append([found[name] + rng.normal(0.0, layout.noise[name]) for name in layout.channels])
     return AxisCampaign(layout, np.array(rows), hidden)
 
 
 def _readings(
-    turned: float, way: float, row: int, hidden: tuple[Hidden, ...], added: Mapping[str, Array]
+    turned: float, way: float, row: int, hidden: tuple[Hidden, ...], added: Mapping[str, Array], warmer: float
 ) -> dict[str, float]:
-    """What every encoder reads, the motor standing at ``turned``."""
+    """What every encoder reads, the motor standing at ``turned``, ``warmer`` kelvin above the campaign's mean."""
     factor, shift = dict.fromkeys(PLACES.values(), 1.0), dict.fromkeys(PLACES.values(), 0.0)
+    wave: dict[str, list[Hidden]] = {place: [] for place in PLACES.values()}
     gap = 0.0
     for error in hidden:
         if error.cause == "lost-motion":
             gap += error.size
         elif error.cause == "scale-error":
             factor[PLACES[error.subject]] *= 1.0 + error.size
+        elif error.cause == "axis-growth":
+            factor[PLACES[error.subject]] *= 1.0 + error.size * warmer
+        elif error.cause == "periodic-error":
+            wave[PLACES[error.subject]].append(error)
         elif row >= error.from_row:
             shift[PLACES[error.subject]] += error.size
     for name, course in added.items():
         shift[name] += course[row]
-    load = turned * factor["axis"] - gap * way + shift["axis"]
-    return {
-        "motor": turned * factor["motor"] + shift["motor"],
-        "load": load * factor["load"] + shift["load"] + 11.0,
-        "measured": load * factor["measured"] + shift["measured"] - 3.0,
-    }
+    def seen(place: str, at: float) -> float:
+        waves = sum(own.size * np.sin(2.0 * np.pi * at / own.period + own.phase) for own in wave[place])
+        return float(at * factor[place] + shift[place] + waves)
+
+    load = seen("axis", turned) - gap * way
+    return {"motor": seen("motor", turned), "load": seen("load", load) + 11.0, "measured": seen("measured", load) - 3.0}
 
 
 def write(campaign: AxisCampaign, folder: Path, name: str = "axis") -> Path:
@@ -162,12 +191,14 @@ def write(campaign: AxisCampaign, folder: Path, name: str = "axis") -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     own, unit = campaign.layout, campaign.layout.unit
     heads = ["pose", "role", "time_s", f"command_{unit}", *(f"{c}_{unit}" for c in own.channels), "event"]
+    warm = own.temperature
+    heads += [] if warm is None else ["temperature_c"]
     lines = [",".join(heads)]
     for n, values in enumerate(campaign.recorded):
         role = "verification" if own.held_out[n] else "calibration"
         event = "power-cycle" if own.event_row is not None and n >= own.event_row else ""
         numbers = ",".join(f"{v:.7f}" for v in values)
-        lines.append(f"{n + 1},{role},{60 * n},{own.command[n]:.4f},{numbers},{event}")
+        lines.append(f"{n + 1},{role},{60 * n},{own.command[n]:.4f},{numbers},{event}{'' if warm is None else f',{warm[n]:.2f}'}")
     (folder / "configurations.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     (folder / "campaign.toml").write_text(settings_text(own, name), encoding="utf-8")
     truth = [error.__dict__ for error in campaign.hidden]

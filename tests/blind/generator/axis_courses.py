@@ -25,10 +25,10 @@ def _slow_drift(layout: AxisLayout, rng: np.random.Generator) -> Array:
     return share ** rng.uniform(1.0, 2.0) if shape == 1 else np.sin(2.0 * np.pi * (rng.uniform(0.4, 1.2) * share + 0.1))
 
 
-def _sinusoid(layout: AxisLayout, rng: np.random.Generator) -> Array:
-    """A wave over the position, one to three periods over the travel."""
+def _wave(layout: AxisLayout, rng: np.random.Generator) -> Array:
+    """A wave over the position without a period: half a wave to one and a half over the travel."""
     travel = float(np.ptp(layout.command))
-    return np.sin(2.0 * np.pi * (rng.uniform(1.0, 3.0) * layout.command / travel + rng.uniform()))
+    return np.sin(2.0 * np.pi * (rng.uniform(0.5, 1.5) * layout.command / travel + rng.uniform()))
 
 
 def _hysteresis(layout: AxisLayout, rng: np.random.Generator) -> Array:
@@ -57,7 +57,7 @@ def _heavy_tails(layout: AxisLayout, rng: np.random.Generator) -> Array:
 COURSES: dict[str, Course] = {
     "random walk": _random_walk,
     "slow drift": _slow_drift,
-    "sinusoid in position": _sinusoid,
+    "wave over the position": _wave,
     "hysteresis": _hysteresis,
     "outlier stretch": _stretch,
     "heavy tails": _heavy_tails,

@@ -33,7 +33,7 @@ _OTHERS = {
 }
 _SPANS = ((5400.0, 1.0 / 3600.0, "h"), (120.0, 1.0 / 60.0, "min"))
 # Lengths that come from a drawing or a ruler, not from an instrument.
-_DRAWN = r"pitch|flexure_length|dead_path|(offset|arm)_[xyz]"
+_DRAWN = r"pitch|period|flexure_length|dead_path|(offset|arm)_[xyz]"
 # Angles between a beam and an axis, not of an oscillation.
 _SMALL_ANGLE = r"angle|tilt_\w+"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from truing.report.diagnosis.findings import subject_words
 from truing.report.wordings.bench_wordings import BENCH
 from truing.report.wordings.chain_wordings import CHAIN
-from truing.report.wordings.claim import Advice, AdviceKind, Claim, Wording, by, only, with_sizes
+from truing.report.wordings.claim import Advice, AdviceKind, Claim, Wording, by, only, size_in_words, with_sizes
 from truing.report.wordings.mechanism_wordings import BODIES, MECHANISM
 from truing.report.wordings.nonparametric_wordings import FOLLOWED, PARTS_OF_AXES
 
@@ -39,6 +39,21 @@ def _shift(claim: Claim) -> str:
     return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} has a zero shift{since}{by(size)}"
 
 
+def _periodic(claim: Claim) -> str:
+    size, _ = only(claim, "amplitude")
+    period = claim.size("period")
+    over = f", with a period of {size_in_words(period)}" if period is not None else ""
+    if claim.fact("aliased"):
+        over = ", with a period that these commands do not determine"
+    return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} has a periodic error{by(size)}{over}"
+
+
+def _growth(claim: Claim) -> str:
+    size, grows = only(claim, "growth")
+    verb = "grows" if grows else "shrinks"
+    return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} {verb} with temperature, in proportion to the position{by(size)}"
+
+
 def _look_at_event(claim: Claim) -> str:
     event = claim.fact("event")
     again = f"Repeat the event ({event})" if event else "Switch the axis off and on, and reference it again"
@@ -56,7 +71,17 @@ _AXIS = {
         _lost,
         "Approach the same commands from both sides, by movements longer than the lost motion. Read both encoders.",
     ),
+    "periodic-error": Wording(
+        "periodic error",
+        _periodic,
+        "Move the axis in steps of a tenth of the period through two periods, and read every encoder.",
+    ),
     "zero-shift": Wording("zero shift", _shift, _look_at_event),
+    "axis-growth": Wording(
+        "growth with temperature",
+        _growth,
+        "Repeat the same commands over the whole travel at two temperatures, each after it has settled.",
+    ),
 }
 
 

@@ -1,9 +1,11 @@
-"""Causes that act on an axis: scale error, lost motion, zero shift; base class `AxisCause` and scene `AxisScene`."""
+"""Causes that act on an axis: scale error, growth, lost motion, zero shift; base class `AxisCause` and scene `AxisScene`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +23,16 @@ from truing.simulation.axis.rows import (
     AxisRows,
 )
 from truing.simulation.cause import Cause, ChannelScene, Parameter, ReportedParameter, Step
-from truing.simulation.inputs import Missing
+from truing.simulation.inputs import TEMPERATURE, Missing, varying
 
 # Most probable element first: if readings cannot distinguish two, it is named first.
 ELEMENTS = (TRANSMISSION, LOAD, MEASURED, MOTOR)
 SUBJECTS = {TRANSMISSION: "axis", MEASURED: "instrument", LOAD: "encoder load", MOTOR: "encoder motor"}
 _STEPS = {TRANSMISSION: Step.STRUCTURE}
 _PLAUSIBLE_SCALE = 1e-4
+_PLAUSIBLE_GROWTH = 1e-5  # 1/K
+# Fixed points of growth that are tried besides command zero, as shares of the travel.
+_FIXED_POINTS = (0.25, 0.5, 0.75)
 _PLAUSIBLE = {ROTARY: 3e-4, LINEAR: 2e-5}  # rad, m
 _UNITS = {ROTARY: ("rad", 1.0), LINEAR: ("mm", 1e-3)}
 # Least number of readings of an encoder before a shift, and after it.
@@ -73,6 +78,14 @@ class AxisCause(Cause[AxisScene]):
         """Return the derivative (B, K, P) of the encoders' readings by the parameters, SI."""
         raise NotImplementedError
 
+    def slopes_at(self, rows: AxisRows, axis: Axis, values: NDArray) -> NDArray:
+        """Return the derivative (B, K, P) at values (P,), SI; the same at all values, unless the form has a shape."""
+        return self.slopes(rows, axis)
+
+    def shift(self, rows: AxisRows, axis: Axis, values: NDArray) -> NDArray:
+        """Return the shift (B, K) of the encoders' readings at values (P,), SI."""
+        return np.asarray(self.slopes(rows, axis) @ values)
+
     @property
     def unit(self) -> tuple[str, float]:
         """Unit of lengths or angles in tables, and its SI value."""
@@ -112,6 +125,78 @@ class ScaleError(AxisCause):
     def slopes(self, rows: AxisRows, axis: Axis) -> NDArray:
         """Return the commands, for the encoders that respond to the factor."""
         return (rows.command[:, None] * axis.response(self.element))[..., None]
+
+
+@dataclass(frozen=True)
+class AxisGrowth(AxisCause):
+    """An encoder or the transmission grows with temperature: growth x (temperature - ``reference_c``) x (command -
+    ``fixed``).
+
+    ``reference_c`` is the mean temperature of the campaign: a constant part of the growth is a scale error. If
+    ``free``, a shift per kelvin is added, which allows for any fixed point.
+    """
+
+    element: str = TRANSMISSION
+    column: str = TEMPERATURE
+    reference_c: float = 0.0
+    fixed: float = 0.0  # rad, m
+    plausible_shift: float = 0.0  # rad/K, m/K
+    free: bool = False
+
+    id = "axis-growth"
+    lacking = Missing.TEMPERATURE
+    step = Step.STRUCTURE
+
+    @property
+    def subject(self) -> str:
+        """Encoder, instrument, or the axis for its transmission."""
+        return SUBJECTS[self.element]
+
+    @property
+    def family(self) -> str:
+        """Growth of one element with one temperature, about any point."""
+        return f"{self.id} {self.element} {self.column}"
+
+    def needs(self, legs: int) -> tuple[str, ...]:
+        """Return the column of the temperature."""
+        return (self.column,)
+
+    def candidates(self, scene: AxisScene) -> Sequence[AxisGrowth]:
+        """Return every observable element with every column of temperatures that varies, about points of the travel.
+
+        A point outside the travel would make growth resemble an effect of the temperature alone.
+        """
+        command = scene.rows.command
+        low, travel = float(command.min()), float(np.ptp(command))
+        if not travel > 0.0:
+            return ()
+        points = [low + share * travel for share in _FIXED_POINTS] + [0.0] * (low <= 0.0 <= low + travel)
+        found = []
+        for column, values in varying(scene.rows.covariates).items():
+            if is_temperature(column):
+                per_k = max(scene.axis.spread, _PLAUSIBLE[scene.axis.kind]) / float(np.ptp(values))
+                own = replace(self, kind_of_axis=scene.axis.kind, column=column, reference_c=float(np.mean(values)))
+                own = replace(own, plausible=per_k / travel, plausible_shift=per_k)
+                elements = shown_elements(scene.axis)
+                found += [replace(own, element=name, fixed=point) for name in elements for point in points]
+        return found
+
+    def refined(self) -> Self:
+        """Return the form with a fitted fixed point."""
+        return replace(self, free=True)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the growth per kelvin, then the shift per kelvin at ``fixed`` if it is free."""
+        growth = (Parameter("growth", "1/K", max(_PLAUSIBLE_GROWTH, self.plausible)),)
+        unit, si = self.unit
+        return (*growth, Parameter("shift", f"{unit}/K", self.plausible_shift, si)) if self.free else growth
+
+    def slopes(self, rows: AxisRows, axis: Axis) -> NDArray:
+        """Return commands from the fixed point, and one if it is free, times the temperatures from the reference."""
+        warmer = np.asarray(rows.covariates[self.column]) - self.reference_c
+        away = rows.command - self.fixed
+        places = np.stack([away, np.ones_like(away)][: 1 + self.free], -1)
+        return np.asarray((warmer[:, None] * places)[:, None] * axis.response(self.element)[:, None])
 
 
 @dataclass(frozen=True)
@@ -207,6 +292,11 @@ class ZeroShift(AxisCause):
             else ReportedParameter("from_pose", str(self.from_pose), None, "")
         )
         return (*super().reported(values, covariance, legs), since)
+
+
+def is_temperature(column: str) -> bool:
+    """Return whether a column holds temperatures: ``temperature_c``, ``scale_temperature_c``."""
+    return column.endswith(TEMPERATURE)
 
 
 def shown_elements(axis: Axis, elements: Sequence[str] = ELEMENTS) -> list[str]:

@@ -53,14 +53,15 @@ def predict_axis(extended: ExtendedAxis, rows: AxisRows) -> tuple[NDArray, NDArr
     """
     count, encoders = len(rows.command), len(extended.axis.encoders)
     slopes = [np.broadcast_to(np.eye(encoders), (count, encoders, encoders))]
-    values = [extended.zeros]
+    found = rows.command[:, None] + extended.zeros
     for effect in extended.effects:
-        own = effect.cause.slopes(rows, extended.axis)
+        own = effect.cause.slopes_at(rows, extended.axis, effect.values)
         slopes.append(own if effect.cause.is_persistent else np.zeros_like(own))
-        values.append(effect.values)
+        if effect.cause.is_persistent:
+            found = found + effect.cause.shift(rows, extended.axis, effect.values)
     design = np.concatenate(slopes, -1)
     variance = np.einsum("bki,ij,bkj->bk", design, extended.covariance, design)
-    return rows.command[:, None] + design @ np.concatenate(values), np.sqrt(np.maximum(variance, 0.0))
+    return found, np.sqrt(np.maximum(variance, 0.0))
 
 
 def write_axis(extended: ExtendedAxis) -> str:

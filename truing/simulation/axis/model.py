@@ -72,7 +72,7 @@ class AxisModel(ChannelModel[AxisCause]):
         found = np.tile(shared[self.layout["zero"]] * self.zero_sigma, (len(self.rows.command), 1))
         found = found + self.command_sigma * local.sum(1, keepdims=True)
         for effect in self.effects(shared):
-            found = found + effect.cause.slopes(self.rows, self.axis) @ effect.values
+            found = found + effect.cause.shift(self.rows, self.axis, effect.values)
         return found[..., None]
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
@@ -91,4 +91,4 @@ class AxisModel(ChannelModel[AxisCause]):
         return np.zeros(self.shared_size, bool)
 
     def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[AxisCause, NDArray], NDArray]:
-        return lambda cause, values: cause.slopes(self.rows, self.axis)
+        return lambda cause, values: cause.slopes_at(self.rows, self.axis, values)

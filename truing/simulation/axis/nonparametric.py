@@ -1,7 +1,7 @@
 """Nonparametric effects on an axis: an encoder or the transmission depends smoothly on inputs.
 
 A dependence of exactly the form of a catalogued cause is no candidate, because data could not distinguish the two. Such
-forms are: proportional to the command, and dependent on the direction of approach only.
+forms are: proportional to the command, also times a temperature, and dependent on the direction of approach only.
 """
 
 from __future__ import annotations
@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 
 from truing.arrays import Index
 from truing.inference.model import ChannelCandidates
-from truing.simulation.axis.causes import ELEMENTS, SUBJECTS, AxisCause, AxisScene, onset_rows, shown_elements
+from truing.simulation.axis.causes import (
+    ELEMENTS,
+    SUBJECTS,
+    AxisCause,
+    AxisScene,
+    is_temperature,
+    onset_rows,
+    shown_elements,
+)
 from truing.simulation.axis.rows import (
     COMMAND,
     DIRECTION,
@@ -167,7 +175,7 @@ def _dependences(rows: AxisRows) -> Iterator[tuple[tuple[str, ...], str, int]]:
         smooth = [degree for degree in _SMOOTH if column != COMMAND or degree > 1]
         for degree in smooth if column != DIRECTION else ():
             yield (column,), POLYNOMIAL, degree
-        if column not in (COMMAND, DIRECTION):
+        if column not in (COMMAND, DIRECTION) and not is_temperature(column):
             yield (column, COMMAND), POLYNOMIAL, 1
     for column, counts in ((timed, _WAVES_OF_TIME), (COMMAND, _WAVES_OF_PLACE)):
         for count in counts if column in columns else ():

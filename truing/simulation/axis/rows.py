@@ -26,6 +26,7 @@ class Axis:
     The loop may be closed on an encoder that was not recorded. Movements up to ``least_move`` (rad, m) do not change
     the direction of approach; ``spread`` (rad, m) is the spread of the readings about their centre: errors of that size
     are plausible. ``noise`` (rad, m) is one standard deviation of a reading minus its command.
+    ``period`` (rad, m) is the declared period of a periodic error.
     """
 
     kind: str
@@ -34,6 +35,7 @@ class Axis:
     least_move: float = 0.0
     spread: float = 0.0
     noise: float = 0.0
+    period: float | None = None
 
     def response(self, element: str) -> NDArray:
         """Return the change of each encoder's reading (K,) if an element adds one unit, with the loop closed.

@@ -1,0 +1,86 @@
+"""Causes of an axis: derivatives, growth by hand, and which periods commands distinguish."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests.tolerance import assert_close
+from truing.simulation.axis.causes import AxisGrowth, AxisScene
+from truing.simulation.axis.periodic import AxisPeriodicError
+from truing.simulation.axis.rows import LINEAR, ROTARY, Axis, AxisRows
+
+AXIS = Axis(LINEAR, ("motor", "load", "measured"))
+TRAVEL = np.linspace(0.0, 0.2, 21)
+
+
+def _rows(command: NDArray, **others: NDArray) -> AxisRows:
+    return AxisRows.of(range(len(command)), np.arange(float(len(command))), command, 0.0, others=others)
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_slopes_of_a_periodic_error_are_its_derivatives(free: bool) -> None:
+    rows = _rows(TRAVEL)
+    cause = AxisPeriodicError(element="load", kind_of_axis=LINEAR, period=0.03, frequency_sigma=4.0, free=free)
+    values = np.array([2e-6, -1e-6, 1.3])[: 2 + free]
+    steps = np.array([1e-7, 1e-7, 1e-4])[: 2 + free]
+    found = cause.slopes_at(rows, AXIS, values)
+    for place, step in enumerate(np.diag(steps)):
+        change = cause.shift(rows, AXIS, values + step) - cause.shift(rows, AXIS, values - step)
+        assert_close(found[..., place], change / (2.0 * steps[place]), atol=1e-9)
+
+
+def test_amplitude_period_and_phase_are_those_of_one_sine() -> None:
+    cause = AxisPeriodicError(kind_of_axis=LINEAR, period=0.03)
+    told = {p.name: p for p in cause.reported(np.array([3e-6, 4e-6]), np.diag([1e-14, 1e-14]), 0)}
+    assert_close(told["amplitude"].value, 5e-3, atol=1e-9)
+    assert_close(told["amplitude"].sigma, 1e-4, atol=1e-9)
+    assert_close(told["period"].value, 30.0, atol=1e-9)
+    assert told["period"].sigma is None
+    curve = told["amplitude"].value * np.sin(2.0 * np.pi * TRAVEL / 0.03 + told["phase"].value)
+    shift = cause.shift(_rows(TRAVEL), AXIS, np.array([3e-6, 4e-6]))
+    assert_close(curve * 1e-3, shift[:, 1], atol=1e-15)
+
+
+def test_a_declared_period_is_the_only_one_and_needs_most_of_a_period() -> None:
+    scene = AxisScene(replace(AXIS, period=0.05), _rows(TRAVEL))
+    assert {c.period for c in scene.candidates(AxisPeriodicError())} == {0.05}
+    assert all(cause.refined() is cause for cause in scene.candidates(AxisPeriodicError()))
+    assert not AxisScene(replace(AXIS, period=0.5), _rows(TRAVEL)).candidates(AxisPeriodicError())
+
+
+def test_periods_that_even_steps_do_not_distinguish_are_marked() -> None:
+    even = [c for c in AxisScene(AXIS, _rows(TRAVEL)).candidates(AxisPeriodicError()) if c.element == "load"]
+    assert even
+    assert all(c.aliased and c.refined() is c and c.period > 0.018 for c in even)
+    uneven = np.sort(np.random.default_rng(1).uniform(0.0, 0.2, 41))
+    found = [c for c in AxisScene(AXIS, _rows(uneven)).candidates(AxisPeriodicError()) if c.element == "load"]
+    assert not any(c.aliased for c in found)
+    assert max(c.period for c in found) <= 0.1
+    told = even[0].reported(np.array([1e-6, 0.0]), np.eye(2) * 1e-16, 0)[1]
+    assert told.sigma == told.value
+
+
+def test_a_turn_is_a_period_of_a_rotary_axis_that_travels_most_of_it() -> None:
+    axis = Axis(ROTARY, ("load", "measured"))
+    for travel, turns in ((2.0 * np.pi, {1, 2}), (np.pi, {2}), (1.0, set())):
+        command = travel * np.sort(np.random.default_rng(2).uniform(size=40))
+        found = AxisScene(axis, _rows(command)).candidates(AxisPeriodicError())
+        known = {round(2.0 * np.pi / c.period) for c in found if c.frequency_sigma == 0.0}
+        assert known == turns
+
+
+def test_growth_is_temperature_times_position_with_any_fixed_point() -> None:
+    warm = 20.0 + np.sin(np.arange(21.0))
+    rows = _rows(TRAVEL, scale_temperature_c=warm, time_of_day=warm)
+    found = AxisScene(AXIS, rows).candidates(AxisGrowth())
+    assert {c.column for c in found} == {"scale_temperature_c"}
+    own = next(c for c in found if c.element == "axis" and c.fixed == 0.0).refined()
+    fixed, growth = 0.07, 1.2e-5
+    shift = own.shift(rows, AXIS, np.array([growth, -growth * fixed]))
+    assert_close(shift[:, 1], growth * (warm - warm.mean()) * (TRAVEL - fixed), atol=1e-18)
+    assert_close(shift[:, 0], np.zeros(21), atol=1e-18)
+    assert not AxisScene(AXIS, _rows(TRAVEL, temperature_c=np.full(21, 20.0))).candidates(AxisGrowth())
