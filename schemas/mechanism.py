@@ -35,9 +35,7 @@ WITHOUT_LEGS = ("6-upur", "axis", "chain", "none")
 """Types without legs that have actuators."""
 
 # Settings of stages that read the rows of an axis: columns, noise of the command, noise of the encoders.
-COLUMNS_OF_AXES = tuple(
-    f"mechanism.{name}" for name in ("kind", "command", "motor", "load", "loop")
-) + tuple(
+COLUMNS_OF_AXES = tuple(f"mechanism.{name}" for name in ("kind", "command", "motor", "load", "loop")) + tuple(
     f"mechanism.{what}_{unit}" for what in ("counts_per", "period") for unit in ("deg", "mm")
 )
 NOISE_OF_COMMANDS = ("noise.command_deg", "noise.command_mm")

@@ -34,7 +34,9 @@ _MOVED = 5.0
 
 @dataclass(frozen=True)
 class AxisColumns:
-    """Columns of the command and of the encoders by name; ``per_unit``: counts per deg or mm; ``period``: of a periodic error, deg or mm."""
+    """Columns of the command and of the encoders by name; ``per_unit``: counts per deg or mm;
+    ``period``: of a periodic error, deg or mm.
+    """
 
     kind: str
     unit: str

@@ -143,12 +143,14 @@ def test_growth_with_temperature_is_named_and_predicted_about_its_fixed_point(tm
     assert abs(told["growth"]["value"] - growth) < 4.0 * told["growth"]["sigma"] < 0.2 * growth
     assert "with temperature" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
     model = (tmp_path / "run" / "model.toml").read_text(encoding="utf-8")
-    inputs = pa.table({"pose": [1, 2, 3, 4], "command_deg": [30.0, 30.0, 60.0, 60.0], "temperature_c": [19.0, 22.0] * 2})
+    inputs = pa.table(
+        {"pose": [1, 2, 3, 4], "command_deg": [30.0, 30.0, 75.0, 75.0], "temperature_c": [17.0, 23.0] * 2}
+    )
     told = predict(model, inputs, "there.csv").to_pandas()
     at = told[told["encoder"] == "measured"].set_index("pose")["value"]
     sigma = float(told["sigma"].max())
     assert abs(at[2] - at[1]) < 6.0 * sigma
-    assert abs(at[4] - at[3] - growth * 3.0 * 30.0) < 6.0 * sigma < 0.3 * growth * 90.0
+    assert abs(at[4] - at[3] - growth * 6.0 * 45.0) < 6.0 * sigma < 0.3 * growth * 270.0
 
 
 @pytest.mark.parametrize("declared", ["", "period_deg = 37.0\n"])
@@ -216,7 +218,12 @@ def _broken(folder: Path, of: str, old: str, new: str) -> Path:
         ("campaign.toml", '"command_deg"', '"command_mm"', "a column ..._deg or ..._counts as command"),
         ("campaign.toml", 'load = "load_deg"', 'load = "motor_deg"', "different columns for command, motor and load"),
         ("campaign.toml", 'kind = "rotary"', 'kind = "round"', "mechanism.kind"),
-        ("campaign.toml", 'kind = "rotary"', 'kind = "rotary"\nperiod_mm = 5.0', "expected period_deg for a rotary axis"),
+        (
+            "campaign.toml",
+            'kind = "rotary"',
+            'kind = "rotary"\nperiod_mm = 5.0',
+            "expected period_deg for a rotary axis",
+        ),
     ],
 )
 def test_what_cannot_be_used_is_named_with_its_place(tmp_path: Path, of: str, old: str, new: str, told: str) -> None:

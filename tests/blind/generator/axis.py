@@ -178,6 +178,7 @@ def _readings(
             shift[PLACES[error.subject]] += error.size
     for name, course in added.items():
         shift[name] += course[row]
+
     def seen(place: str, at: float) -> float:
         waves = sum(own.size * np.sin(2.0 * np.pi * at / own.period + own.phase) for own in wave[place])
         return float(at * factor[place] + shift[place] + waves)
@@ -198,7 +199,9 @@ def write(campaign: AxisCampaign, folder: Path, name: str = "axis") -> Path:
         role = "verification" if own.held_out[n] else "calibration"
         event = "power-cycle" if own.event_row is not None and n >= own.event_row else ""
         numbers = ",".join(f"{v:.7f}" for v in values)
-        lines.append(f"{n + 1},{role},{60 * n},{own.command[n]:.4f},{numbers},{event}{'' if warm is None else f',{warm[n]:.2f}'}")
+        lines.append(
+            f"{n + 1},{role},{60 * n},{own.command[n]:.4f},{numbers},{event}{'' if warm is None else f',{warm[n]:.2f}'}"
+        )
     (folder / "configurations.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     (folder / "campaign.toml").write_text(settings_text(own, name), encoding="utf-8")
     truth = [error.__dict__ for error in campaign.hidden]

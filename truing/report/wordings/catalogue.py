@@ -51,7 +51,8 @@ def _periodic(claim: Claim) -> str:
 def _growth(claim: Claim) -> str:
     size, grows = only(claim, "growth")
     verb = "grows" if grows else "shrinks"
-    return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} {verb} with temperature, in proportion to the position{by(size)}"
+    who = PARTS_OF_AXES.get(claim.subject, claim.subject)
+    return f"{who} {verb} with temperature, in proportion to the position{by(size)}"
 
 
 def _look_at_event(claim: Claim) -> str:

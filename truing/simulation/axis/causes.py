@@ -1,5 +1,4 @@
-"""Causes that act on an axis: scale error, growth, lost motion, zero shift; base class `AxisCause` and scene `AxisScene`.
-"""
+"""Causes of an axis: scale error, growth, lost motion, zero shift; base class `AxisCause`, scene `AxisScene`."""
 
 from __future__ import annotations
 
