@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,6 @@ from truing.arrays import Array, Index, Mask
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3
-from truing.inference.screening import alone_in_time
 from truing.schemas.covariates import column_alias
 from truing.simulation.inputs import ORDER, approach, between_neighbours, order_in_time
 from truing.simulation.mechanisms.chains.conditions import APPROACH, ChainConditions, MeasuredChannels
@@ -23,7 +22,6 @@ from truing.stages.common.chain_tables import payload_of
 from truing.stages.common.missing_data import LEAST_TARGETS
 from truing.stages.common.point_arrays import (
     number_column,
-    point_residuals,
     pose_covariances,
     pose_ids,
     pose_points,
@@ -37,6 +35,10 @@ if TYPE_CHECKING:
 
 # Smallest movement of a joint that counts as one, as a share of its range.
 _MOVED = 1e-4
+
+
+# Mask (B, T) of the points of a body that are left out, from the tables of the campaign.
+Screen = Callable[[Mapping[str, pa.Table], str, PosePoints], Mask]
 
 
 @dataclass(frozen=True)
@@ -57,9 +59,14 @@ class MeasuredLinks:
     ends: Index | None = None
 
 
-def measured_links(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> MeasuredLinks:
-    """Every target of a link and every measured pose as channels; raises ValueError without any."""
-    parts = [*_targets(tables, tree, poses), *_poses(tables, tree, poses)]
+def measured_links(
+    tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...], wrong: Screen | None = None
+) -> MeasuredLinks:
+    """Every target of a link, without the points ``wrong``, and every measured pose as channels.
+
+    Raises ValueError without any.
+    """
+    parts = [*_targets(tables, tree, poses, wrong), *_poses(tables, tree, poses)]
     if not parts:
         raise ValueError("needs points or poses of links of the chain")
     names, links, turned, values, cov, seen, surveyed, survey_cov, reference = zip(*parts, strict=True)
@@ -80,7 +87,9 @@ def measured_links(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int 
 _Part = tuple[str, str, bool, Array, Array, Mask, Array, Array, Array]
 
 
-def _targets(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> list[_Part]:
+def _targets(
+    tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...], wrong: Screen | None
+) -> list[_Part]:
     observations, survey = tables.get("observations"), tables.get("survey")
     found: list[_Part] = []
     if observations is None or not observations.num_rows:
@@ -90,7 +99,7 @@ def _targets(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str,
         if body not in tree.links:
             raise ValueError(f"body {body} is no link of the chain; there are {', '.join(tree.links)}")
         points = pose_points(observations, body, poses)
-        usable = points.seen & ~_gross_errors(tables, body, points)
+        usable = points.seen if wrong is None else points.seen & ~wrong(tables, body, points)
         known = {} if survey is None else survey_of(survey, body)
         for k, name in enumerate(points.targets):
             place, cov = known.get(name, (np.full(3, np.nan), np.full((3, 3), np.nan)))
@@ -109,22 +118,6 @@ def _targets(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str,
                 )
             )
     return found
-
-
-def _gross_errors(tables: Mapping[str, pa.Table], body: str, points: PosePoints) -> Mask:
-    """Mask (B, T) of the points that a person excluded, and of those that the rigid fits reject in single poses.
-
-    A target that is rejected in successive poses may have moved: it is kept.
-    """
-    table = tables.get("residuals")
-    if table is None or not table.num_rows:
-        return np.zeros(points.seen.shape, bool)
-    own = point_residuals(table, body, points.poses, points.targets)
-    rows = tables["configurations"]
-    time = number_column(rows, "time_s") if "time_s" in rows.schema.names else None
-    values = np.where(points.seen[..., None], own.values, np.nan)
-    alone = alone_in_time(values, order_in_time(time, len(points.poses)), own.rejected & points.seen)
-    return np.asarray(own.excluded | alone | (own.rejected & ~np.isfinite(own.values).all(-1)))
 
 
 def survey_of(survey: pa.Table, body: str) -> dict[str, tuple[Array, Array]]:

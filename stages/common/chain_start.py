@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truing.arrays import Index, Mask
-from truing.inference.observations import Frames
+from truing.arrays import Array, Index, Mask
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.start_values import StartValues, start_values
 from truing.simulation.mechanisms.chains.tree import Tree
@@ -21,13 +20,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class NominalFit:
-    """Frames of all poses, the channels of the link that defines them (None: the instrument stood still), and the fit.
+    """Frames R (B, 3, 3), t (B, 3) of all poses, the channels of the link that defines them, and the fit.
+
+    Without such a link (``reference`` None) the instrument stood still.
 
     ``start_of`` fits places to some poses, a mask (B,), under given conditions of all poses. ``is_base_known``: the
     reference link is the base, with surveyed targets.
     """
 
-    frames: Frames
+    R: Array
+    t: Array
     reference: Index | None
     is_base_known: bool
     start_of: Callable[[Mask, ChainConditions], StartValues]
@@ -39,13 +41,13 @@ def nominal_fit(
     """The fit of the nominal chain; in frames of single poses a measured link is the reference."""
     count, channels = len(measured.values), measured.channels
     values, surveyed = measured.values, measured.surveyed
-    frames = Frames(np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3)), free=False)
+    R, t = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
     base = None
     reference = reference_link(settings, measured)
     if reference is not None:
         R, t = pose_frames(measured, reference, fitted)
-        frames = Frames(np.where(np.isfinite(R), R, np.eye(3)), np.nan_to_num(t), free=True)
-        values = np.einsum("bji,bkj->bki", frames.R, values - frames.t[:, None])
+        R, t = np.where(np.isfinite(R), R, np.eye(3)), np.nan_to_num(t)
+        values = np.einsum("bji,bkj->bki", R, values - t[:, None])
         if channels.node[reference[0]] == 0 and np.isfinite(surveyed[reference]).all():
             base = np.eye(3)[None], np.zeros((1, 3))
 
@@ -53,4 +55,4 @@ def nominal_fit(
         own = fitted & chosen
         return start_values(tree, channels, given.chosen(own), values[own], measured.seen[own], surveyed, base)
 
-    return NominalFit(frames, reference, base is not None, start_of)
+    return NominalFit(R, t, reference, base is not None, start_of)

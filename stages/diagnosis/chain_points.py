@@ -26,6 +26,7 @@ from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import Tree, geometry_modes
 from truing.simulation.targets import FREE_ANGLE_RAD, FREE_LENGTH_M
 from truing.stages.common.blocks import chosen, groupings_of, labels_of
+from truing.stages.common.chain_gross_errors import gross_errors
 from truing.stages.common.chain_measurements import (
     MeasuredLinks,
     chain_conditions,
@@ -69,7 +70,9 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     tree = with_ground(tree) if of_distances else tree
     if of_distances and any(name in tables and tables[name].num_rows for name in ("observations", "measured_poses")):
         raise ValueError("distances together with points or poses are not evaluated yet: use a campaign for each")
-    measured = _filled(_distances(tables, tree, poses) if of_distances else measured_links(tables, tree, poses))
+    measured = _filled(
+        _distances(tables, tree, poses) if of_distances else measured_links(tables, tree, poses, gross_errors)
+    )
     readings = joint_readings(tree, table)
     reference = None if of_distances else reference_link(settings, measured)
     out, framed, read = _excluded(settings, poses), is_framed(measured, reference), np.isfinite(readings).all(1)
@@ -248,7 +251,7 @@ def _model(
     In frames of single poses a measured link is the reference.
     """
     nominal = nominal_fit(tree, settings, measured, conditions, fitted)
-    frames = nominal.frames
+    frames = Frames(nominal.R, nominal.t, free=nominal.reference is not None)
     start, certain = _started(tree, conditions, nominal.start_of)
     if nominal.reference is not None and not nominal.is_base_known:
         # The measured shape of the reference link, in the base's frame, is the frame of the model.

@@ -13,6 +13,7 @@ from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain, persistent_twists, read_chain
 from truing.simulation.mechanisms.chains.start_values import start_values
 from truing.simulation.mechanisms.chains.tree import Tree
+from truing.stages.common.chain_gross_errors import gross_errors
 from truing.stages.common.chain_measurements import (
     MeasuredLinks,
     chain_conditions,
@@ -83,7 +84,7 @@ def _check_columns(extended: ExtendedChain, conditions: ChainConditions) -> None
 def _usable(second: SecondCampaign, tree: Tree) -> tuple[MeasuredLinks, ChainConditions, Mask]:
     """Return what was measured, its conditions, and the poses that have readings and a frame."""
     table = second.tables["configurations"]
-    measured = measured_links(second.tables, tree, pose_ids(table))
+    measured = measured_links(second.tables, tree, pose_ids(table), gross_errors)
     readings = joint_readings(tree, table)
     usable = np.isfinite(readings).all(1) & measured.seen.any(1)
     usable &= is_framed(measured, reference_link(second.settings, measured))

@@ -13,9 +13,12 @@ from truing.simulation.cause import OBSERVED
 from truing.simulation.effects_model import Prediction
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
 from truing.simulation.mechanisms.chains.model import TWISTS, ChainModel
-from truing.simulation.mechanisms.chains.start_values import StartValues, settled
+from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import Node, Tree
 
+_ROUNDS = 60
+_SETTLED = 1e-9  # largest step, in prior sigmas
+_WEAK = 1e-7  # of a free place's prior, against residuals in m
 # Link of the stations, which does not move with the base.
 GROUND = "ground of the stations"
 
@@ -116,7 +119,7 @@ def distance_start(model: DistanceModel, values: NDArray, seen: Mask, stations: 
         shape[k] = _station(model, values[..., 0], seen, int(k), nominal)
     started = replace(model, known=replace(known, shape=shape))
     weight = seen[..., None].astype(float)
-    shared = settled(started, values, weight)
+    shared = _settled(started, values, weight)
     places = shape + known.shape_modes @ shared[model.layout["shape"]]
     left = (values - started.points(shared, np.zeros((len(values), model.local_size)))) * weight
     count = max(int(seen.sum()), 1)
@@ -136,3 +139,27 @@ def _station(model: DistanceModel, lengths: NDArray, seen: Mask, k: int, nominal
             squares.append(lengths[own, d] ** 2 - np.sum(points**2, -1))
     found = np.linalg.lstsq(np.concatenate(rows), np.concatenate(squares), rcond=1e-9)[0]
     return np.asarray(found[:3])
+
+
+def _settled(model: ChainModel, values: NDArray, weight: NDArray) -> Array:
+    """Return the shared unknowns (G,) of the least-squares fit to values (B, K, d) of given weight, by damped steps."""
+    shared, local = np.zeros(model.shared_size), np.zeros((len(values), model.local_size))
+    damping, best = 1e-6, _misfit(model, shared, values, weight)
+    for _ in range(_ROUNDS if model.shared_size else 0):
+        found = model.predict(shared, local)
+        rows = (found.by_shared * weight[..., None]).reshape(-1, model.shared_size)
+        gap = ((values - found.values) * weight).ravel()
+        normal = rows.T @ rows + _WEAK**2 * np.eye(model.shared_size)
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), rows.T @ gap)
+        now = _misfit(model, shared + step, values, weight)
+        if now > best:
+            damping *= 10.0
+        else:
+            shared, best, damping = shared + step, now, max(damping / 10.0, 1e-12)
+        if np.abs(step).max() < _SETTLED or damping > 1e6:
+            break
+    return shared
+
+
+def _misfit(model: ChainModel, shared: NDArray, values: NDArray, weight: NDArray) -> float:
+    return float(np.sum(((values - model.points(shared, np.zeros((len(values), model.local_size)))) * weight) ** 2))

@@ -7,15 +7,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.arrays import Array, Mask
+from truing.arrays import Array, Index, Mask
 from truing.estimation.rigid_poses.umeyama import umeyama
-from truing.estimation.rotation import exp_so3
+from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_so3
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels
-from truing.simulation.mechanisms.chains.model import FREE_PLACE, FREE_TWIST, ChainModel, KnownChain
-from truing.simulation.mechanisms.chains.tree import TWIST, Tree
+from truing.simulation.mechanisms.chains.tree import TWIST, Tree, TreeFrames
 
 _ROUNDS = 60
-_SETTLED = 1e-9  # largest step, in prior sigmas of 0.05 m and rad
+_SETTLED = 1e-10  # largest step, m and rad
 _LEVER_M = 0.1  # weight of an orientation against a position
 _WEAK = 1e-7  # of a free place's prior, against residuals in m
 
@@ -57,24 +56,116 @@ def start_values(
     R, t = _aligned(tree, channels, conditions, values, seen, shape) if base is None else base
     for k in np.flatnonzero(channels.is_rotation):
         tool[k] = _tool(tree, channels, conditions, R, seen, int(k))
-    free = np.flatnonzero(~is_known)
-    modes = np.zeros((*shape.shape, 3 * len(free)))
-    for column, k in enumerate(free):
-        modes[k, :, 3 * column : 3 * column + 3] = FREE_PLACE * np.eye(3)
-    known = KnownChain(
-        base_R=R,
-        base_t=t,
-        is_base_free=base is None,
-        modes=np.zeros((tree.size, TWIST, 0)),
-        modes_known=False,
-        offsets=np.zeros(len(tree.readings)),
-        shape=shape,
-        shape_modes=modes,
-        shape_known=np.zeros(modes.shape[-1], bool),
-        tool=tool,
-        reading_sigma=np.zeros(len(tree.readings)),
-    )
-    return _refined(ChainModel(tree, channels, known, conditions), values, seen)
+    problem = _Problem(tree, channels, conditions, values, seen, np.flatnonzero(~is_known), base is None)
+    return problem.refined(_Places(R, t, shape, tool))
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Places of the base R (S, 3, 3), t (S, 3), of the channels (K, 3), and tools' orientations (K, 3, 3)."""
+
+    R: Array
+    t: Array
+    shape: Array
+    tool: Array
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Least squares over the places of the base, if it is free, and of the channels ``free``."""
+
+    tree: Tree
+    channels: MeasuredChannels
+    conditions: ChainConditions
+    values: NDArray
+    seen: Mask
+    free: Index
+    is_base_free: bool
+
+    @property
+    def _weight(self) -> Array:
+        lever = np.where(self.channels.is_rotation, _LEVER_M, 1.0)
+        return np.asarray(self.seen[..., None] * lever[:, None], float)
+
+    def _frames(self, places: _Places) -> TreeFrames:
+        own, conditions = self.conditions.series, self.conditions
+        return self.tree.frames(conditions.readings, conditions.deviations, (places.R[own], places.t[own]))
+
+    def _predicted(self, places: _Places, frames: TreeFrames) -> Array:
+        """Return the channels (B, K, 3), m and rad."""
+        own, turned = self.channels.node, self.channels.is_rotation
+        found = frames.t[:, own] + np.einsum("bkij,kj->bki", frames.R[:, own], places.shape)
+        if turned.any():
+            seen = frames.R[:, own[turned]] @ places.tool[turned]
+            found[:, turned] = log_so3(seen @ np.swapaxes(self.conditions.reference[:, turned], -1, -2))
+        return np.asarray(found)
+
+    def _linearised(self, places: _Places) -> tuple[Array, Array]:
+        """Return the weighted derivatives (M, P) by the places, and the weighted misfit (M,)."""
+        frames = self._frames(places)
+        found, own, turned = self._predicted(places, frames), self.channels.node, self.channels.is_rotation
+        columns = []
+        of_places = frames.R[:, own].copy()
+        unrolled = inverse_left_jacobian_so3(found[:, turned])
+        if turned.any():
+            of_places[:, turned] = unrolled @ frames.R[:, own[turned]] @ places.tool[turned]
+        if self.is_base_free:
+            by_base = self.tree.point_slopes(frames, own, found)[..., 0, :]
+            if turned.any():
+                slopes = self.tree.rotation_slopes(frames, own[turned])[..., 0, :]
+                by_base[:, turned] = unrolled @ slopes
+            series = np.eye(len(places.t))[self.conditions.series]
+            columns.append(np.einsum("bs,bkic->bkisc", series, by_base).reshape(*found.shape, -1))
+        for k in self.free:
+            own_k = np.zeros((*found.shape, 3))
+            own_k[:, k] = of_places[:, k]
+            columns.append(own_k)
+        rows = np.concatenate(columns, -1) if columns else np.zeros((*found.shape, 0))
+        weight = self._weight
+        return (rows * weight[..., None]).reshape(-1, rows.shape[-1]), ((self.values - found) * weight).ravel()
+
+    def _misfit(self, places: _Places) -> float:
+        found = self._predicted(places, self._frames(places))
+        return float(np.sum(((self.values - found) * self._weight) ** 2))
+
+    def _moved(self, places: _Places, step: NDArray) -> _Places:
+        """Return the places after a step (P,), m and rad; orientations turn."""
+        R, t, shape, tool = places.R, places.t, places.shape.copy(), places.tool.copy()
+        if self.is_base_free:
+            moved, step = np.split(step, [TWIST * len(t)])
+            twists = moved.reshape(-1, TWIST)
+            t = t + np.einsum("sij,sj->si", R, twists[:, :3])
+            R = R @ exp_so3(twists[:, 3:])
+        for k, own in zip(self.free, step.reshape(-1, 3), strict=True):
+            if self.channels.is_rotation[k]:
+                tool[k] = tool[k] @ exp_so3(own)
+            else:
+                shape[k] += own
+        return _Places(R, t, shape, tool)
+
+    def refined(self, places: _Places) -> StartValues:
+        """Return the places after damped Gauss-Newton steps over all of them."""
+        damping, best = 1e-6, self._misfit(places)
+        for _ in range(_ROUNDS if self.is_base_free or len(self.free) else 0):
+            rows, gap = self._linearised(places)
+            normal = rows.T @ rows
+            diagonal = np.diag(normal) + _WEAK
+            step = np.linalg.solve(normal + np.diag(damping * diagonal + _WEAK**2), rows.T @ gap)
+            moved = self._moved(places, step)
+            now = self._misfit(moved)
+            if now > best:
+                damping *= 10.0
+            else:
+                places, best, damping = moved, now, max(damping / 10.0, 1e-12)
+            if np.abs(step).max() < _SETTLED or damping > 1e6:
+                break
+        turned = self.channels.is_rotation
+        left = np.where(self.seen[..., None], self.values - self._predicted(places, self._frames(places)), np.nan)
+        count = max(3 * int(self.seen[:, ~turned].sum()), 1)
+        misfit = float(np.sqrt(np.nansum(left[:, ~turned] ** 2) / count))
+        spread = _spread(self.values[:, ~turned], self.seen[:, ~turned])
+        shape = np.where(turned[:, None], 0.0, places.shape)
+        return StartValues(places.R, places.t, shape, places.tool, misfit, spread, left)
 
 
 def _aligned(
@@ -111,52 +202,8 @@ def _tool(
     return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
 
 
-def _refined(model: ChainModel, values: NDArray, seen: Mask) -> StartValues:
-    """Return the places after damped Gauss-Newton steps over all of them."""
-    turned, known = model.channels.is_rotation, model.known
-    weight = seen[..., None] * np.where(turned, _LEVER_M, 1.0)[:, None]
-    shared, local = settled(model, values, weight), np.zeros((len(values), 0))
-    places = known.shape + known.shape_modes @ shared[model.layout["shape"]]
-    tool = known.tool @ np.where(turned[:, None, None], exp_so3(places), np.eye(3))
-    R, t = known.base_R, known.base_t
-    if known.is_base_free:
-        moved = shared[model.layout["base"]].reshape(-1, TWIST) * FREE_TWIST
-        t = t + np.einsum("sij,sj->si", R, moved[:, :3])
-        R = R @ exp_so3(moved[:, 3:])
-    count = max(3 * int(seen[:, ~turned].sum()), 1)
-    left = np.where(seen[..., None], values - model.points(shared, local), np.nan)
-    misfit = float(np.sqrt(np.nansum(left[:, ~turned] ** 2) / count))
-    return StartValues(
-        R, t, np.where(turned[:, None], 0.0, places), tool, misfit, _spread(values[:, ~turned], seen[:, ~turned]), left
-    )
-
-
-def settled(model: ChainModel, values: NDArray, weight: NDArray) -> Array:
-    """Return the shared unknowns (G,) of the least-squares fit to values (B, K, d) of given weight, by damped steps."""
-    shared, local = np.zeros(model.shared_size), np.zeros((len(values), model.local_size))
-    damping, best = 1e-6, _misfit(model, shared, values, weight)
-    for _ in range(_ROUNDS if model.shared_size else 0):
-        found = model.predict(shared, local)
-        rows = (found.by_shared * weight[..., None]).reshape(-1, model.shared_size)
-        gap = ((values - found.values) * weight).ravel()
-        normal = rows.T @ rows + _WEAK**2 * np.eye(model.shared_size)
-        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), rows.T @ gap)
-        now = _misfit(model, shared + step, values, weight)
-        if now > best:
-            damping *= 10.0
-        else:
-            shared, best, damping = shared + step, now, max(damping / 10.0, 1e-12)
-        if np.abs(step).max() < _SETTLED or damping > 1e6:
-            break
-    return shared
-
-
 def _spread(values: NDArray, seen: Mask) -> float:
     """Return the root mean square of positions (B, K, 3) about the mean of each channel."""
     count = np.maximum(seen.sum(0), 1)[:, None]
     apart = np.where(seen[..., None], values - np.sum(values * seen[..., None], 0) / count, 0.0)
     return float(np.sqrt(np.sum(apart**2) / max(3 * int(seen.sum()), 1)))
-
-
-def _misfit(model: ChainModel, shared: NDArray, values: NDArray, weight: NDArray) -> float:
-    return float(np.sum(((values - model.points(shared, np.zeros((len(values), model.local_size)))) * weight) ** 2))
