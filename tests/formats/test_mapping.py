@@ -366,3 +366,13 @@ def test_a_pose_is_not_taken_for_what_sounds_like_it_and_a_date_asks_for_its_for
     written(tmp_path, "c.csv", "pose,time_s\n1,20-Dec-2008 10:47:39\n2,20-Dec-2008 10:48:00\n")
     faults = read(tmp_path, "configurations", {"path": "c.csv"}).faults
     assert ["time_format" in fault.expected for fault in faults] == [True, True]
+
+
+def test_a_constant_number_does_not_follow_the_decimal_mark_of_the_file(tmp_path):
+    written(tmp_path, "a.csv", "x;y;z\n1,5;2;3\n")
+    columns = {"x_mm": "x", "y_mm": "y", "z_mm": "z"}
+    constants = {"body": "base", "target": "T", "sigma_x_mm": 0.005}
+    entry = {"path": "a.csv", "separator": ";", "decimal": ",", "columns": columns, "constants": constants}
+    found = read(tmp_path, entries={**entry, "number_rows": {"pose": 1}})
+    assert found.faults == ()
+    assert (found.columns["x_mm"], found.columns["sigma_x_mm"]) == ([1.5], [0.005])

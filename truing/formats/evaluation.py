@@ -229,6 +229,8 @@ class _Work:
             return self.batch.columns[origin.name]
         if isinstance(origin, RawColumn):
             return self.batch.columns[origin.position]
+        if isinstance(origin, Constant) and isinstance(origin.value, float):  # a number of campaign.toml, not the file
+            return pa.array(np.full(self.batch.rows, origin.value))
         return self.texts(name)
 
     def _joined(self, origin: Joined) -> pa.DictionaryArray:
