@@ -22,7 +22,7 @@ from docs.experiments.force_sensor_statics import row
 from docs.experiments.marked_tables import table
 from truing.simulation.bench.six_upur.assembly import influence_coefficients, joined_links, sensor_chains
 from truing.simulation.bench.six_upur.influence import roll_pitch_yaw
-from truing.simulation.bench.six_upur.loading import AXES, LoadingUnits, share_wrench, two_units
+from truing.simulation.bench.six_upur.loading import AXES, UnitForces, share_wrench, two_units
 from truing.simulation.bench.six_upur.stiffness import ElasticSensor
 from truing.simulation.bench.six_upur.uncertain_sensor import compliance_change, compliance_covariance
 
@@ -191,7 +191,7 @@ def lever_arms(sensor: ElasticSensor, odd: float, even: float) -> tuple[float, f
     return (odd / FULL - lens[2]) / lens[4], even / FULL / lens[4]
 
 
-def units_at_rim(sensor: ElasticSensor, odd: float, even: float) -> LoadingUnits:
+def units_at_rim(sensor: ElasticSensor, odd: float, even: float) -> UnitForces:
     """Return the two units that give both parts of a displacement, m, seen by a lens off the centre."""
     offset, moment = lever_arms(sensor, odd, even)
     excesses = (-(offset + sign * moment) / (2.0 * LENS_M) for sign in (1.0, -1.0))

@@ -11,7 +11,7 @@ from tests.simulation.bench.six_upur.sensors import SEEDS, STEP
 from tests.tolerance import assert_close
 from truing.simulation.bench.six_upur.loading import (
     AXES,
-    LoadingUnits,
+    UnitForces,
     eccentric_wrench,
     imbalance,
     imbalanced_wrench,
@@ -58,7 +58,7 @@ def test_units_are_the_imbalance_that_they_say(arm: float, pushing: float, pulli
 
 def test_units_that_lean_bring_forces_along() -> None:
     lean = np.array([[0.05, 0.0, 0.5], [0.05, 0.0, 0.5]])
-    units = LoadingUnits(np.array([[0.4, 0, 0], [-0.4, 0, 0]]), lean, lean * [0.0, 0.0, 1.0])
+    units = UnitForces(np.array([[0.4, 0, 0], [-0.4, 0, 0]]), lean, lean * [0.0, 0.0, 1.0])
     assert_close(units.wrench(np.array([1000.0, -1000.0]))[:, 0], [100.0, 0.0], atol=1e-12, what="sideways")
     assert_close(units.imbalance("fz").asymmetry[0], 0.1, atol=1e-15, what="asymmetry")
 

@@ -62,7 +62,7 @@ def imbalanced_wrench(axis: str, load: ArrayLike, found: Imbalance, largest: flo
 
 
 @dataclass(frozen=True)
-class LoadingUnits:
+class UnitForces:
     """Units that drive one axis together: positions (U, 3), m from the platform's origin, and forces.
 
     pushing and pulling: the force (U, 3) of each per nominal load, for positive and for negative loads.
@@ -85,7 +85,7 @@ class LoadingUnits:
         return imbalance(mean - wrench_of(axis, 1.0), apart)
 
 
-def two_units(axis: str, arm_m: ArrayLike, pushing: float = 0.0, pulling: float = 0.0) -> LoadingUnits:
+def two_units(axis: str, arm_m: ArrayLike, pushing: float = 0.0, pulling: float = 0.0) -> UnitForces:
     """Return two units at +arm and -arm (3,), m, that apply a load: the first takes 1/2 + its excess of it.
 
     pushing, pulling: the excess for positive and for negative loads, 1. A force is shared; a torque is the couple of
@@ -93,7 +93,7 @@ def two_units(axis: str, arm_m: ArrayLike, pushing: float = 0.0, pulling: float 
     """
     arm, force, signs = np.asarray(arm_m, float), *_of_unit(axis, np.asarray(arm_m, float))
     shares = (np.array([0.5 + excess, 0.5 - excess]) * signs for excess in (pushing, pulling))
-    return LoadingUnits(np.stack([arm, -arm]), *(np.outer(share, force) for share in shares))
+    return UnitForces(np.stack([arm, -arm]), *(np.outer(share, force) for share in shares))
 
 
 def share_wrench(axis: str, arm_m: ArrayLike) -> NDArray:
