@@ -57,7 +57,7 @@ def diagnosis_table(diagnosis: CauseDiagnosis, words: DetectionAdvice, noise_lev
     """
     rows = [_row(verdict, diagnosis, words) for verdict in diagnosis.verdicts]
     found = sum(row["verdict"] in ("found", "suspected") for row in rows)
-    left = [*_noise_rows(diagnosis, words.shown, noise_level), *_attributed_rows(diagnosis, words.shown)]
+    left = [*_noise_rows(diagnosis, words.shown, noise_level), *_attributed_rows(diagnosis, words.shown, noise_level)]
     rows[found:found] = left
     rows += _missing_rows(diagnosis)
     return ranked_table([{**row, "relation": words.relation.value} for row in rows])
@@ -233,15 +233,22 @@ def _noise_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, level:
     return rows
 
 
-def _attributed_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels) -> Iterator[dict[str, Any]]:
-    """Inputs that predict what the simulation misses, and that no effect without a name follows already."""
+def _attributed_rows(
+    diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, noise_level: float
+) -> Iterator[dict[str, Any]]:
+    """Inputs that predict what the simulation misses, and that no effect without a name follows already.
+
+    If the final model holds, an effect without a name needs no inputs but its own: others help by chance.
+    """
+    holds = diagnosis.end.is_complete and diagnosis.adequacy.p_value > noise_level
     final, legs = diagnosis.final, diagnosis.plain.model.part_count
     unnamed = [one.cause for one in diagnosis.verdicts if one.verdict == "found" and not one.cause.catalogued]
     for own in diagnosis.attributed:
         names = [f"{final.model.channel_word} {_name(final, channel)}" for channel in own.channels]
         follows = tuple(dict.fromkeys(column for name in own.inputs for column in _dependence_column(name)))
         reported = [set(cause.inputs(legs)) for cause in unnamed if not names or cause.subject in ("", *names)]
-        if any(set(follows) <= columns for columns in reported):
+        is_needless = holds and any(set(cause.inputs(legs)) <= set(follows) for cause in unnamed)
+        if is_needless or any(set(follows) <= columns for columns in reported):
             continue
         where = shown.only(own.channels[0]) if own.channels else shown.overall(final.error)
         yield _without_mean_effect(own.p_value, final, where) | {

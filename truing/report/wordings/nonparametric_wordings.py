@@ -52,7 +52,7 @@ def columns_words(columns: tuple[str, ...]) -> str:
     """Return columns in words: ``actuator 2 and the temperature``, ``load fz``."""
     drives = [found[1] for c in columns if (found := re.fullmatch(_DRIVE, c))]
     loads = [f"load {found[1]}" if (found := re.fullmatch(_LOAD, c)) else c for c in columns]
-    others = [_COLUMNS.get(c, c) for c in loads if not re.fullmatch(_DRIVE, c)]
+    others = [_COLUMNS.get(c, own_name(c)) for c in loads if not re.fullmatch(_DRIVE, c)]
     if len(drives) > 2:
         return " and ".join(["the actuators", *others])
     texts = [f"actuator{'s' * (len(drives) > 1)} {' and '.join(drives)}"] if drives else []
