@@ -43,7 +43,7 @@ def tables() -> tuple[dict[str, object], Campaign]:
 
 def calibrations(gathered: CalibrationData, how: Callable[..., MachineCalibration]) -> list[MachineCalibration]:
     """Return the twelve calibrations, bad poses looked for first."""
-    used = gathered.measured.chosen(gathered.measured.roles != "verification")
+    used = gathered.measured.subset(gathered.measured.roles != "verification")
     every = list(cases(gathered, structures(gathered.machine)))
     clean = screened(gathered, used, every[2])
     return [how(gathered, clean.measured, case, clean.kept) for case in every]

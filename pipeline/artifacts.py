@@ -15,7 +15,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from truing.pipeline.whole_file import discard_parts, reveal, sync_folder, write_part
+from truing.pipeline.whole_file import discard_parts, publish_file, sync_folder, write_part
 from truing.schemas.artifact import Artifact, checked_table
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.settings_text import regular_size
@@ -90,7 +90,7 @@ def write_artifacts(
         for file in obsolete:
             (folder / file).unlink(missing_ok=True)
         for path in paths.values():
-            reveal(path)
+            publish_file(path)
         sync_folder(folder)
         return digests
     finally:
@@ -101,7 +101,7 @@ def write_table(path: Path, artifact: Artifact, table: pa.Table, stamp: Stamp) -
     """Write one table of an artifact's schema to any path, atomically."""
     try:
         _write(path, artifact, table, stamp)
-        reveal(path)
+        publish_file(path)
         sync_folder(path.parent)
     finally:
         discard_parts([path])

@@ -127,7 +127,7 @@ def _read_raw(run: CampaignRun, *, measure: bool = True) -> _Raw:
                 continue
             if stage.name == "images" and source.entries("images"):
                 settings = SettingsView(run.settings, stage.settings)
-                raw.messages.append(f"opened {stage_module(stage.name).look(settings, source)}")
+                raw.messages.append(f"opened {stage_module(stage.name).photographs_summary(settings, source)}")
                 continue
             outcome = run.outcome(stage, lambda done, total, what: None)
             drain(raw.keep(outcome.artifacts))
@@ -197,7 +197,7 @@ def report_check(place: Path) -> ExitCode:
     campaign = open_campaign(place)
     found, console = check_campaign(campaign), RunConsole(quiet=False)
     unrelated = campaign.has_photographs or found.rows > _MOST_ROWS
-    apart, doubtful = ((), ()) if unrelated else _apart(place)
+    apart, doubtful = ((), ()) if unrelated else _contradictions(place)
     verdict = "no fault" if found.is_evaluated else "only the quality checks can be evaluated"
     if apart:
         verdict = "the files can be read, but the data contradict the campaign's description"
@@ -209,7 +209,7 @@ def report_check(place: Path) -> ExitCode:
     return ExitCode.FAILED_CHECK if apart else ExitCode.DONE
 
 
-def _apart(place: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _contradictions(place: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Messages of quality checks that contradict the campaign's description, failed or in doubt."""
     from truing.pipeline.in_memory import stage_line
     from truing.stages.common.belonging import failed_relations

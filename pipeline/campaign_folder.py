@@ -127,14 +127,14 @@ def identity_faults(campaign: CampaignFolder) -> list[Fault]:
     faults = []
     if not isinstance(name, str) or not is_safe_name(name):
         expected = "a name that can be a folder's: no / \\ : * ? \" < > | and no dot or blank at its ends"
-        faults.append(Fault(str(campaign.file), expected, column="campaign.name", value=_shown(name)))
+        faults.append(Fault(str(campaign.file), expected, column="campaign.name", value=_text_or_none(name)))
     if not isinstance(kind, str) or kind not in ORDER:
         expected = f"one of {', '.join(ORDER)}"
-        faults.append(Fault(str(campaign.file), expected, column="campaign.kind", value=_shown(kind)))
+        faults.append(Fault(str(campaign.file), expected, column="campaign.kind", value=_text_or_none(kind)))
     return faults
 
 
-def _shown(value: object) -> str | None:
+def _text_or_none(value: object) -> str | None:
     return None if value is None else str(value)
 
 

@@ -151,7 +151,7 @@ class CampaignRun:
 
             arguments.append(CampaignFiles(self.campaign.folder, self.settings, self.scratch))
         if stage.name in IN_PIECES:
-            arguments.append(self._each)
+            arguments.append(self._ordered_results)
         if stage.name in OF_SECOND_CAMPAIGNS:
             from truing.pipeline.second_campaign import second_campaign
 
@@ -159,13 +159,13 @@ class CampaignRun:
         outcome: Outcome = stage_module(stage.name).run(*arguments)
         return outcome
 
-    def _each(
+    def _ordered_results(
         self, work: Callable[[_Piece], Result], pieces: Sequence[_Piece], progress: Callable[[int], None]
     ) -> Iterator[Result]:
         """Results of all pieces, in order, computed in the processes of this campaign."""
         from truing.pipeline.executor import Workforce, results
 
-        return results(work, pieces, Workforce(self.workers), _lost, progress)
+        return results(work, pieces, Workforce(self.workers), _raise_lost_worker, progress)
 
     def _tables(self, stage: Stage) -> dict[str, pa.Table | str]:
         present = [name for name in map(bare, stage.reads) if self.evidence.input_digest(name) is not None]
@@ -179,7 +179,7 @@ class CampaignRun:
         try:
             return read_artifact(self.folder, artifact)
         except Unreadable as error:
-            self.digest_cache.forget(path)  # so that its old digest is not used again
+            self.digest_cache.discard_digest(path)  # so that its old digest is not used again
             self.digest_cache.save()
             raise EnvironmentProblem(f"{path} was changed after it was written ({error})") from None
 
@@ -234,7 +234,7 @@ class CampaignRun:
         return [entry for entry in entries if entry is not None]
 
 
-def _lost(piece: object) -> NoReturn:
+def _raise_lost_worker(piece: object) -> NoReturn:
     raise EnvironmentProblem(f"the process working on {piece} was lost several times (killed, or out of memory)")
 
 
@@ -242,7 +242,7 @@ def _check_artifacts(stage: Stage, outcome: Outcome) -> None:
     left, declared = set(outcome.artifacts), set(map(bare, stage.leaves))
     required = {name for name in stage.leaves if not is_optional(name)}
     if not required <= left <= declared:
-        raise ValueError(f"{stage.name} left {sorted(left)}, but declares {sorted(stage.leaves)}")
+        raise ValueError(f"{stage.name} wrote {sorted(left)}, but declares {sorted(stage.leaves)}")
 
 
 def _names_of(campaign: CampaignFolder) -> tuple[str, ...]:

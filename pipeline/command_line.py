@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
-from enum import StrEnum
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from truing.pipeline import command_options as option
 from truing.pipeline.problems import ExitCode
 
 if TYPE_CHECKING:
@@ -27,56 +26,6 @@ app = typer.Typer(
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
 )
-
-
-class _QaGate(StrEnum):
-    """Effect of a failed quality check on the exit code."""
-
-    WARN = "warn"
-    FAIL = "fail"
-
-
-class _Method(StrEnum):
-    """Search method of `design`."""
-
-    EXCHANGE = "exchange"
-    DIRECT = "direct"
-    IOOPS = "ioops"
-    RANDOM = "random"
-
-
-class _Within(StrEnum):
-    """Limits on the configurations of `design`."""
-
-    WORKSPACE = "workspace"
-    ACTUATORS = "actuators"
-
-
-Campaigns = Annotated[list[Path], typer.Argument(metavar="CAMPAIGN", help="Folders with a campaign.toml.")]
-_OneCampaign = Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder with a campaign.toml.")]
-_Out = Annotated[
-    Path | None, typer.Option("--out", metavar="DIR", help="Folder of the run; default: runs/<campaign name>.")
-]
-_OutTable = Annotated[
-    Path | None, typer.Option("--out", metavar="FILE", help="A .csv or .parquet file; default: CSV on stdout.")
-]
-_Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the random numbers.")]
-_Gate = Annotated[
-    _QaGate, typer.Option("--qa", help="fail: a failed quality check gives exit code 3; warn: it gives 0.")
-]
-_Anew = Annotated[
-    bool, typer.Option("--check", help="Read every file again, even if its size, time and inode are unchanged.")
-]
-_Quiet = Annotated[bool, typer.Option("--quiet", help="Print only problems.")]
-_Workers = Annotated[
-    int | None, typer.Option("--workers", min=1, max=1000, metavar="N", help="Number of parallel processes.")
-]
-_Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        "--scheduler", metavar="ADDRESS", help="Dask scheduler, tcp://host:port; local: start one for this call."
-    ),
-]
 
 
 def _listed(words: str) -> tuple[str, ...]:
@@ -127,20 +76,16 @@ def truing(
 
 @app.command()
 def run(
-    campaigns: Campaigns,
-    out: _Out = None,
-    first: Annotated[
-        str | None, typer.Option("--from", metavar="STAGE", help="Run this stage and all later stages again.")
-    ] = None,
-    only: Annotated[
-        str | None, typer.Option("--only", metavar="STAGE", help="Run only this stage and the stages that it needs.")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Run all stages, even if up to date.")] = False,
-    qa: _Gate = _QaGate.FAIL,
-    check: _Anew = False,
-    quiet: _Quiet = False,
-    workers: _Workers = None,
-    scheduler: _Scheduler = None,
+    campaigns: option.Campaigns,
+    out: option.RunFolder = None,
+    first: option.RunFirst = None,
+    only: option.RunOnly = None,
+    force: option.RunForce = False,
+    qa: option.Gate = option.QaGate.FAIL,
+    check: option.ReadAnew = False,
+    quiet: option.Quiet = False,
+    workers: option.Workers = None,
+    scheduler: option.Scheduler = None,
 ) -> None:
     """Analyse campaigns: run all stages that are not up to date, and write the report.
 
@@ -157,17 +102,17 @@ def run(
 
     if first is not None and only is not None:
         raise typer.BadParameter("--from and --only exclude each other")
-    options = RunOptions(StageSelection(first, only, force), distrust=check, accept_failed_checks=qa is _QaGate.WARN)
+    options = RunOptions(
+        StageSelection(first, only, force), distrust=check, accept_failed_checks=qa is option.QaGate.WARN
+    )
     raise typer.Exit(run_campaigns(campaigns, out, options, quiet=quiet, workforce=workforce(workers, scheduler)))
 
 
 @app.command()
 def stages(
-    campaign: Annotated[
-        Path | None, typer.Argument(metavar="CAMPAIGN", help="Folder with a campaign.toml; absent: list all stages.")
-    ] = None,
-    out: _Out = None,
-    check: _Anew = False,
+    campaign: option.StagesCampaign = None,
+    out: option.RunFolder = None,
+    check: option.ReadAnew = False,
 ) -> None:
     """Show the state of each stage of a campaign: fresh, stale (with the reason) or never run.
 
@@ -181,7 +126,7 @@ def stages(
 
 
 @app.command()
-def check(campaigns: Campaigns) -> None:
+def check(campaigns: option.Campaigns) -> None:
     """Validate campaigns without running them: report all faults of campaign.toml and of the raw files.
 
     Writes nothing.
@@ -195,8 +140,8 @@ def check(campaigns: Campaigns) -> None:
 
 @app.command()
 def init(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder with raw files and without campaign.toml.")],
-    every_key: Annotated[bool, typer.Option("--all", help="Write all keys, with explanations.")] = False,
+    folder: option.InitFolder,
+    every_key: option.InitEveryKey = False,
 ) -> None:
     """Write a campaign.toml for the raw files of a folder, to be completed by hand.
 
@@ -211,16 +156,9 @@ def init(
 
 @app.command()
 def predict(
-    model: Annotated[Path, typer.Argument(metavar="MODEL", help="Folder of a run, or its model.toml or sensor.toml.")],
-    inputs: Annotated[
-        Path,
-        typer.Argument(
-            metavar="INPUTS",
-            help="Table of configurations, load steps, commands or signals, .csv or .parquet; or the folder of a "
-            "second campaign of the same machine.",
-        ),
-    ],
-    out: _OutTable = None,
+    model: option.PredictModel,
+    inputs: option.PredictInputs,
+    out: option.OutTable = None,
 ) -> None:
     """Predict poses or readings with the extended model, or test its predictions on a second campaign.
 
@@ -237,74 +175,32 @@ def predict(
     Example: truing predict runs/telescope/model.toml configurations.csv --out predicted.parquet
     """
 
-    def tell() -> ExitCode:
+    def act() -> ExitCode:
         from truing.pipeline.predict_command import predict_file
 
         return predict_file(model, inputs, out)
 
-    _end(tell)
+    _end(act)
 
 
 @app.command()
 def design(
-    campaign: _OneCampaign,
-    poses: Annotated[int, typer.Option("--poses", min=1, max=1000, help="Number of configurations to choose.")] = 40,
-    verification: Annotated[
-        int, typer.Option("--verification", min=0, max=1000, help="Number of additional verification poses.")
-    ] = 0,
-    extend: Annotated[
-        Path | None, typer.Option("--extend", metavar="FILE", help="Keep the poses of this table and add others.")
-    ] = None,
-    avoid: Annotated[
-        Path | None,
-        typer.Option(
-            "--avoid", metavar="FILE", help="Table of forbidden regions, one per row: x_min_mm, rho1_max_mm, ..."
-        ),
-    ] = None,
-    method: Annotated[_Method, typer.Option("--method", help="Search method.")] = _Method.EXCHANGE,
-    within: Annotated[
-        _Within, typer.Option("--within", help="workspace: all limits of [workspace]; actuators: only rho_mm.")
-    ] = _Within.WORKSPACE,
-    parameters: Annotated[
-        str,
-        typer.Option(
-            "--parameters",
-            metavar="NAMES",
-            help="Parameters of each leg, such as a_x,b_x,l; default: all identifiable.",
-        ),
-    ] = "",
-    trade_off: Annotated[
-        float,
-        typer.Option(
-            "--trade-off",
-            min=0.0,
-            max=1.0,
-            help="Order of poses: 0 shortest travel, 1 least correlation of time with poses.",
-        ),
-    ] = 0.75,
-    at_once: Annotated[
-        int,
-        typer.Option("--at-once", min=1, max=6, help="Interferometer: number of load components that act together."),
-    ] = 6,
-    causes: Annotated[
-        str,
-        typer.Option(
-            "--causes",
-            metavar="NAMES",
-            help="Interferometer: choose loads that show these causes instead of loads for a calibration.",
-        ),
-    ] = "",
-    accuracy: Annotated[
-        bool, typer.Option("--accuracy", help="Instead: accuracy of the pose from that of the actuators.")
-    ] = False,
-    uniqueness: Annotated[
-        bool, typer.Option("--uniqueness", help="Instead: proof that readings determine the pose over the workspace.")
-    ] = False,
-    tolerances: Annotated[
-        bool, typer.Option("--tolerances", help="Instead: errors of a force sensor's platform by each tolerance.")
-    ] = False,
-    seed: _Seed = 0,
-    out: _OutTable = None,
+    campaign: option.OneCampaign,
+    poses: option.DesignPoses = 40,
+    verification: option.DesignVerification = 0,
+    extend: option.DesignExtend = None,
+    avoid: option.DesignAvoid = None,
+    method: option.DesignMethod = option.SearchMethod.EXCHANGE,
+    within: option.DesignWithin = option.SearchLimits.WORKSPACE,
+    parameters: option.DesignParameters = "",
+    trade_off: option.DesignTradeOff = 0.75,
+    at_once: option.DesignAtOnce = 6,
+    causes: option.DesignCauses = "",
+    accuracy: option.DesignAccuracy = False,
+    uniqueness: option.DesignUniqueness = False,
+    tolerances: option.DesignTolerances = False,
+    seed: option.Seed = 0,
+    out: option.OutTable = None,
 ) -> None:
     """Choose configurations that give the most information for a calibration, and report their D-efficiency.
 
@@ -321,7 +217,7 @@ def design(
     Example: truing design sample_data/force-sensor --causes hysteresis,creep --out loads.csv
     """
 
-    def choose() -> ExitCode:
+    def act() -> ExitCode:
         from truing.pipeline.design_command import DesignFiles, design_campaign
         from truing.pipeline.design_study import study_campaign
         from truing.stages.configurations.chosen import DesignOptions
@@ -335,29 +231,19 @@ def design(
             return study_campaign(campaign, studies, options, DesignFiles(extend, avoid, out))
         return design_campaign(campaign, options, DesignFiles(extend, avoid, out))
 
-    _end(choose)
+    _end(act)
 
 
 @app.command()
 def power(
-    campaign: _OneCampaign,
-    causes: Annotated[
-        str,
-        typer.Option(
-            "--causes", metavar="NAMES", help="Ids of causes, separated by commas; default: the whole catalogue."
-        ),
-    ] = "",
-    draws: Annotated[
-        int, typer.Option("--draws", min=0, max=10000, help="Simulated campaigns per size and effect; 0: theory only.")
-    ] = 4,
-    gross: Annotated[float, typer.Option("--gross", min=0.0, max=0.2, help="Share of points with gross errors.")] = 0.0,
-    seed: _Seed = 0,
-    workers: _Workers = None,
-    scheduler: _Scheduler = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="FILE", help=".csv or .parquet file; default: runs/<name>/power.parquet."),
-    ] = None,
+    campaign: option.OneCampaign,
+    causes: option.PowerCauses = "",
+    draws: option.PowerDraws = 4,
+    gross: option.PowerGross = 0.0,
+    seed: option.Seed = 0,
+    workers: option.Workers = None,
+    scheduler: option.Scheduler = None,
+    out: option.PowerOut = None,
 ) -> None:
     """Simulate campaigns of this layout with hidden effects, diagnose them, and report the detectable size of each.
 
@@ -368,61 +254,29 @@ def power(
     Example: truing power sample_data/telescope --causes actuator-gain,leg-drift --draws 8 --workers 4
     """
 
-    def tell() -> ExitCode:
+    def act() -> ExitCode:
         from truing.pipeline.power_command import PowerOptions, power_campaign
 
         names = _listed(causes)
         return power_campaign(campaign, PowerOptions(names, draws, gross, seed), workforce(workers, scheduler), out)
 
-    _end(tell)
+    _end(act)
 
 
 @app.command()
 def plan(
-    campaign: _OneCampaign,
-    stations: Annotated[int, typer.Option("--stations", min=3, max=200, help="Largest number of photographs.")] = 12,
-    wanted: Annotated[
-        float | None,
-        typer.Option(
-            "--wanted", metavar="MM", min=1e-6, help="Stop once the standard deviation of every target is below this."
-        ),
-    ] = None,
-    distance: Annotated[
-        str,
-        typer.Option(
-            "--distance", metavar="MM,MM", help="Nearest and farthest distance of sharp focus; default: no limit."
-        ),
-    ] = "",
-    elevation: Annotated[
-        str,
-        typer.Option(
-            "--elevation", metavar="DEG,DEG", help="Lowest and highest elevation of stations above the xy-plane."
-        ),
-    ] = "0,80",
-    incidence: Annotated[
-        float, typer.Option("--incidence", min=1.0, max=89.0, help="Largest angle from a target's normal, degrees.")
-    ] = 60.0,
-    least: Annotated[
-        float, typer.Option("--least", min=0.0, max=1000.0, help="Smallest image of a target, pixels.")
-    ] = 8.0,
-    directions: Annotated[int, typer.Option("--directions", min=8, max=500, help="Number of directions to try.")] = 60,
-    camera: Annotated[
-        str | None, typer.Option("--camera", metavar="NAME", help="Name of the camera, if the campaign has several.")
-    ] = None,
-    run: Annotated[
-        Path | None,
-        typer.Option("--run", metavar="RUN", help="Run folder from which to take the adjusted camera and its noise."),
-    ] = None,
-    normals: Annotated[
-        Path | None,
-        typer.Option(
-            "--normals", metavar="FILE", help="Table of target normals: body, target, normal_x, normal_y, normal_z."
-        ),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="FILE", help=".csv or .parquet file; default: runs/<name>/plan.csv."),
-    ] = None,
+    campaign: option.OneCampaign,
+    stations: option.PlanStations = 12,
+    wanted: option.PlanWanted = None,
+    distance: option.PlanDistance = "",
+    elevation: option.PlanElevation = "0,80",
+    incidence: option.PlanIncidence = 60.0,
+    least: option.PlanLeast = 8.0,
+    directions: option.PlanDirections = 60,
+    camera: option.PlanCamera = None,
+    run: option.PlanRun = None,
+    normals: option.PlanNormals = None,
+    out: option.PlanOut = None,
 ) -> None:
     """Choose camera stations, and predict the standard deviations of the targets.
 
@@ -434,7 +288,7 @@ def plan(
     Example: truing plan my-campaign --wanted 0.01 --distance 500,1500 --out stations.csv
     """
 
-    def choose() -> ExitCode:
+    def act() -> ExitCode:
         from truing.estimation.bundle.photograph_plan import PlanOptions
         from truing.pipeline.plan_command import PlanFiles, plan_campaign
 
@@ -443,26 +297,15 @@ def plan(
         options = PlanOptions(stations, wanted, near, far, bounds, directions, incidence, least)
         return plan_campaign(campaign, options, PlanFiles(camera, run, normals, out))
 
-    _end(choose)
+    _end(act)
 
 
 @app.command()
 def export(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, such as runs/telescope.")],
-    to: Annotated[
-        str,
-        typer.Option(
-            "--to",
-            metavar="FORMS",
-            help="csv, xlsx, json, controller (default: these four), urdf or dcc, separated by commas.",
-        ),
-    ] = "",
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="DIR", help="Output folder; default: RUN/exports.")
-    ] = None,
-    campaign: Annotated[
-        Path | None, typer.Option("--campaign", metavar="CAMPAIGN", help="For dcc: folder with campaign.toml.")
-    ] = None,
+    run: option.ExportRun,
+    to: option.ExportTo = "",
+    out: option.ExportOut = None,
+    campaign: option.ExportCampaign = None,
 ) -> None:
     """Write the results of a run in other file formats.
 
@@ -474,21 +317,18 @@ def export(
     Example: truing export runs/telescope --to xlsx,controller
     """
 
-    def write() -> ExitCode:
+    def act() -> ExitCode:
         from truing.pipeline.recorded_runs import export_run
 
         return export_run(run, _listed(to), out, campaign)
 
-    _end(write)
+    _end(act)
 
 
 @app.command()
 def compare(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN RUN...", help="Folders of runs, in order of time.")],
-    out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="DIR", help="Output folder; default: comparison, next to the first run."),
-    ] = None,
+    runs: option.CompareRuns,
+    out: option.CompareOut = None,
 ) -> None:
     """Compare campaigns of one machine, and report which of its parameters have changed.
 
@@ -498,12 +338,12 @@ def compare(
     Example: truing compare runs/2026-spring runs/2026-autumn --out runs/comparison
     """
 
-    def compare_them() -> ExitCode:
+    def act() -> ExitCode:
         from truing.pipeline.recorded_runs import compare_runs
 
         return compare_runs(runs, out)
 
-    _end(compare_them)
+    _end(act)
 
 
 def _end(*actions: Callable[[], ExitCode]) -> None:

@@ -47,7 +47,7 @@ def design_campaign(place: Path, options: DesignOptions, files: DesignFiles) -> 
     found = design(campaign.validated(), options, design_tables(campaign, files))
     for line in words_of(found):
         console.line(line)
-    _hand_over(
+    _write_table(
         found.table,
         files.out,
         console,
@@ -62,7 +62,7 @@ def _plan_loads(campaign: CampaignFolder, options: DesignOptions, files: DesignF
     found = plan_loads(campaign.validated(), options, _loads_of(campaign))
     for line in words_of_loads(found):
         console.line(line)
-    _hand_over(
+    _write_table(
         found.table,
         files.out,
         console,
@@ -88,7 +88,7 @@ def _loads_for_causes(
     for line in found.sentences or ("a campaign in which these causes can act",):
         console.line(line)
     if found.table.num_rows:
-        _hand_over(
+        _write_table(
             found.table, files.out, console, f"{counted(found.table.num_rows, 'load step')}, by purpose and run", ""
         )
     return ExitCode.DONE
@@ -111,7 +111,7 @@ def _check_of_loads(options: DesignOptions, files: DesignFiles) -> None:
         raise CampaignFaults(of_poses)
 
 
-def _hand_over(
+def _write_table(
     table: pa.Table, out: Path | None, console: RunConsole, what: str, then: str = "; fill in time_s when measuring"
 ) -> None:
     if out is None:

@@ -90,7 +90,7 @@ def results(
     """
     early: dict[int, Result] = {}
     following = 0
-    with closing(_completed(work, pieces, workforce, lost)) as completed:
+    with closing(_completed_pieces(work, pieces, workforce, lost)) as completed:
         for done, (number, result) in enumerate(completed, start=1):
             progress(done)
             early[number] = result
@@ -99,7 +99,7 @@ def results(
                 following += 1
 
 
-def _completed(
+def _completed_pieces(
     work: Callable[[Piece], Result],
     pieces: Sequence[Piece],
     workforce: Workforce,
@@ -121,7 +121,7 @@ def _completed_by_processes(
     queue = _Queue(work, pieces, lost, deque(range(len(pieces))))
     while queue.waiting or queue.suspects:
         with _pool(workers) as pool:
-            yield from queue.worked_off(pool, workers)
+            yield from queue.completed_pieces(pool, workers)
 
 
 @dataclass
@@ -136,10 +136,10 @@ class _Queue:
     suspects: deque[int] = field(default_factory=deque)
     losses: Counter[int] = field(default_factory=Counter)
 
-    def worked_off(self, pool: ProcessPoolExecutor, workers: int) -> Iterator[tuple[int, Any]]:
+    def completed_pieces(self, pool: ProcessPoolExecutor, workers: int) -> Iterator[tuple[int, Any]]:
         """Yield completed pieces until none is left, or the pool has lost a worker."""
         under_way: dict[Future[Any], int] = {}
-        while self._hand_out(pool, under_way, workers):
+        while self._submit_pieces(pool, under_way, workers):
             done, _ = wait(under_way, timeout=_SECONDS_BETWEEN_LOOKS, return_when=FIRST_COMPLETED)
             intact = [future for future in done if not isinstance(future.exception(), BrokenProcessPool)]
             for future in intact:
@@ -148,7 +148,7 @@ class _Queue:
                 yield from self._suspect(list(under_way.values()))
                 return
 
-    def _hand_out(self, pool: ProcessPoolExecutor, under_way: dict[Future[Any], int], workers: int) -> bool:
+    def _submit_pieces(self, pool: ProcessPoolExecutor, under_way: dict[Future[Any], int], workers: int) -> bool:
         """Keep the workers busy; returns whether anything is in progress. A broken pool refuses all further work."""
         while self.suspects and not under_way:
             self._submit(pool, under_way, self.suspects.popleft())
@@ -235,18 +235,18 @@ def _completed_on_cluster(
     """
     with _client(workforce) as client:
         suspects = []
-        for number, future in _futures(client, work, pieces, range(len(pieces))):
+        for number, future in _completed_futures(client, work, pieces, range(len(pieces))):
             if _lost_its_workers(future, workforce):
                 suspects.append(number)
             else:
                 yield number, future.result()
         # A scheduler blames all pieces of a lost worker; repeated alone, only the piece at fault is lost again.
         for number in suspects:
-            ((_, future),) = _futures(client, work, pieces, [number])
+            ((_, future),) = _completed_futures(client, work, pieces, [number])
             yield number, lost(pieces[number]) if _lost_its_workers(future, workforce) else future.result()
 
 
-def _futures(
+def _completed_futures(
     client: Client, work: Callable[[Piece], Result], pieces: Sequence[Piece], numbers: Sequence[int]
 ) -> Iterator[tuple[int, DaskFuture]]:
     """Yield the futures of pieces as they complete; others are cancelled when the generator closes.

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from truing.pipeline.console import RunConsole
-from truing.pipeline.interruption import answered, exit_code_of, interruptible, raise_if_interrupted
+from truing.pipeline.interruption import exit_code_of, interruptible, mark_answered, raise_if_interrupted
 from truing.pipeline.problems import (
     Defect,
     EnvironmentProblem,
@@ -18,7 +18,7 @@ from truing.pipeline.problems import (
     gravest,
 )
 from truing.schemas.faults import CampaignFaults
-from truing.schemas.memory import shortage
+from truing.schemas.memory import shortage_in_chain
 
 KEPT = "finished artifacts are intact; run again to resume"
 # Address space in MB: loading the libraries takes 1600, the sample campaign 2100 (two processors). With less, OpenBLAS
@@ -33,7 +33,7 @@ def end(action: Callable[[], ExitCode], console: RunConsole) -> ExitCode:
             _check_memory_limit()
             return action()
     except CampaignFaults as error:
-        if shortage(error) is not None:  # a memory shortage is no fault of the campaign
+        if shortage_in_chain(error) is not None:  # a memory shortage is no fault of the campaign
             return _end_of(error, console)
         for line in dict.fromkeys(map(str, error.faults)):
             console.warn(" ".join(line.split("\n")))
@@ -69,7 +69,7 @@ def end_all(actions: list[Callable[[], ExitCode]], console: RunConsole) -> ExitC
 
 def end_interrupted(error: Interrupted, console: RunConsole) -> ExitCode:
     """Exit code of a call ended by a signal, reported on stderr."""
-    answered()
+    mark_answered()
     console.warn(f"interrupted ({error}); {KEPT}")
     return exit_code_of(str(error))
 

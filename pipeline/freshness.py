@@ -134,10 +134,10 @@ def _changes(entry: Entry, now: MadeFrom) -> Iterator[str]:
     yield from _setting_changes(dict(then.settings), dict(now.settings))
     yield from _file_changes("raw file ", then.raw, now.raw)
     yield from _file_changes("source of ", then.source, now.source)
-    yield from _file_changes("", _present(then.inputs), _present(now.inputs), ".parquet")
+    yield from _file_changes("", _digests_of_present(then.inputs), _digests_of_present(now.inputs), ".parquet")
 
 
-def _present(inputs: Mapping[str, str | None]) -> dict[str, str]:
+def _digests_of_present(inputs: Mapping[str, str | None]) -> dict[str, str]:
     return {name: digest for name, digest in inputs.items() if digest is not None}
 
 

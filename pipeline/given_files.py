@@ -88,9 +88,9 @@ def _file_objections(place: Path, reads: Sequence[Path | None], campaign: Campai
         yield "a file that ends in .csv or .parquet"
     if place.is_dir():
         yield "a file to write, not a folder"
-    if any(_is_same(place, read) for read in reads if read is not None):
+    if any(_is_same_folder(place, read) for read in reads if read is not None):
         yield "a file that this call does not read"
-    if (campaign is not None and _is_raw(place, campaign)) or _is_raw_there(place):
+    if (campaign is not None and _is_raw(place, campaign)) or _is_raw_file(place):
         yield "a file that is no raw file of a campaign; remove it first if it contains no measurements"
     if (place.parent / PRIVATE).is_dir() and place.name in {artifact.file for artifact in ARTIFACTS.values()}:
         yield "a file that is not part of a run"
@@ -102,11 +102,11 @@ def check_folder(place: Path) -> None:
         raise CampaignFaults([Fault(_OPTION, "a folder that holds no campaign", value=str(place))])
 
 
-def _is_same(place: Path, other: Path) -> bool:
+def _is_same_folder(place: Path, other: Path) -> bool:
     return os.path.realpath(place) == os.path.realpath(other)
 
 
-def _is_raw_there(place: Path) -> bool:
+def _is_raw_file(place: Path) -> bool:
     """Whether the campaign in the same folder reads a file; True if its campaign.toml cannot be read."""
     if not place.exists() or not os.path.lexists(place.parent / FILE):
         return False
@@ -119,4 +119,4 @@ def _is_raw_there(place: Path) -> bool:
 def _is_raw(place: Path, campaign: CampaignFolder) -> bool:
     from truing.formats.source import raw_files
 
-    return any(_is_same(place, raw) for raw in raw_files(campaign.folder, campaign.document))
+    return any(_is_same_folder(place, raw) for raw in raw_files(campaign.folder, campaign.document))

@@ -20,11 +20,11 @@ from truing.pipeline.init_entries import (
     bodies_and_targets,
     common_glob,
     distinguishing_pattern,
+    glob_without_others,
     is_picture,
     network_tables,
     photograph_entries,
     scanned_body,
-    without_others,
 )
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
@@ -73,13 +73,13 @@ def init_campaign(folder: Path, *, every_key: bool = False) -> ExitCode:
     target = folder / FILE
     if not folder.is_dir():
         raise CampaignFaults([Fault(str(folder), "a folder that exists, with raw files in it")])
-    guesses = _together([(group, _guess(group)) for group in _raw_groups(folder)])
-    guesses = network_tables(_with_surfaces(_separate_tables(_apart(guesses)))) + _photographs(folder)
+    guesses = _joined_groups([(group, _guess(group)) for group in _raw_groups(folder)])
+    guesses = network_tables(_with_surfaces(_separate_tables(_separate_globs(guesses)))) + _photographs(folder)
     text = (campaign_text if every_key else _starter)(folder.resolve().name, guesses)
     _write_new(target, text)
     console = RunConsole(quiet=False)
     for group, guess in guesses:
-        console.line(f"{_shown(group.glob)}: {_summary(group, guess)}")
+        console.line(f"{_printable(group.glob)}: {_summary(group, guess)}")
     console.line(f"wrote {target}; complete it, then: truing check {folder}")
     return ExitCode.DONE
 
@@ -156,7 +156,7 @@ def _guess(group: RawGroup) -> Guess:
     return replace(guess, table="points") if guess.table == "targets" and group.count > 1 else guess
 
 
-def _together(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
+def _joined_groups(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
     """Join groups that are read by the same keys, if a glob finds exactly these files."""
     everything = [str(Path(group.glob).parent / name) for group, _ in guesses for name in group.names]
     alike: dict[str, list[tuple[RawGroup, Guess]]] = {}
@@ -164,10 +164,10 @@ def _together(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Gue
         where = (Path(group.glob).parent, Path(group.example).suffixes[-1:])
         single = not guess.columns or guess.table in _APART
         alike.setdefault(group.glob if single else repr((where, guess)), []).append((group, guess))
-    return [one for own in alike.values() for one in _joined(own, everything)]
+    return [one for own in alike.values() for one in _group_by_glob(own, everything)]
 
 
-def _joined(own: list[tuple[RawGroup, Guess]], everything: list[str]) -> list[tuple[RawGroup, Guess]]:
+def _group_by_glob(own: list[tuple[RawGroup, Guess]], everything: list[str]) -> list[tuple[RawGroup, Guess]]:
     if len(own) == 1:
         return own
     parent, guess = Path(own[0][0].glob).parent, own[0][1]
@@ -178,12 +178,12 @@ def _joined(own: list[tuple[RawGroup, Guess]], everything: list[str]) -> list[tu
     return [(RawGroup(pattern, own[0][0].example, len(names), names), guess)]
 
 
-def _apart(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
+def _separate_globs(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
     """Give each group a glob that finds no file of another group."""
     held: dict[Path, list[str]] = {}
     for group, _ in guesses:
         held.setdefault(Path(group.glob).parent, []).extend(group.names)
-    paths = (without_others(group.glob, group.names, held[Path(group.glob).parent]) for group, _ in guesses)
+    paths = (glob_without_others(group.glob, group.names, held[Path(group.glob).parent]) for group, _ in guesses)
     return [(replace(group, path=path), guess) for (group, guess), path in zip(guesses, paths, strict=True)]
 
 
@@ -206,9 +206,9 @@ def _summary(group: RawGroup, guess: Guess) -> str:
         return counted(group.count, "photograph")
     many = f"{group.count} files, " if group.count > 1 else ""
     if guess.known:
-        return _shown(f"{many}{guess.notes[0]}")
+        return _printable(f"{many}{guess.notes[0]}")
     what = guess.table or "not recognised"
-    return _shown(f"{many}{what}; columns {_listed(guess.columns)}")
+    return _printable(f"{many}{what}; columns {_listed(guess.columns)}")
 
 
 def _listed(columns: tuple[str, ...], most: int = _SHOWN_COLUMNS) -> str:
@@ -216,7 +216,7 @@ def _listed(columns: tuple[str, ...], most: int = _SHOWN_COLUMNS) -> str:
     return ", ".join(columns[:most]) + more if columns else "unknown"
 
 
-def _shown(text: str) -> str:
+def _printable(text: str) -> str:
     """A text on one line, printable and valid in a TOML comment."""
     return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
@@ -253,7 +253,7 @@ def _starter(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
     read = [(group, guess) for group, guess in guesses if guess.table is not None]
     left = [(group, guess) for group, guess in guesses if guess.table is None]
     entries = [(g, guess, list(_file_lines(g, guess, alone=tables[guess.table] == 1, most=0))) for g, guess in read]
-    kept, more = _within(entries, _MOST_LINES)
+    kept, more = _shortened_entries(entries, _MOST_LINES)
     files = [line for _, _, lines in kept for line in lines]
     counted = sum(guess.table == "poses" and "number_rows" in guess.mapping for _, guess, _ in kept)
     if counted > 1:
@@ -267,7 +267,7 @@ def _starter(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
     return starter_text(_name(name), _kind(tables), [guess for _, guess in read], files)
 
 
-def _within(entries: list[_Entry], most: int) -> tuple[list[_Entry], list[_Entry]]:
+def _shortened_entries(entries: list[_Entry], most: int) -> tuple[list[_Entry], list[_Entry]]:
     """First entry of each table, others while there is space, and the remaining ones."""
     firsts = {entry[1].table: number for number, entry in reversed(list(enumerate(entries)))}
     order = sorted(range(len(entries)), key=lambda number: (number not in firsts.values(), number))
@@ -282,7 +282,7 @@ def _within(entries: list[_Entry], most: int) -> tuple[list[_Entry], list[_Entry
 def _listing(head: str, words: list[str]) -> list[str]:
     """Lines of remarks below a heading; none if there are no remarks."""
     more = [f"#   and {len(words) - _FEW} others"] if len(words) > _FEW else []
-    return ["", f"# {head}", *(f"#   {_shown(one)}" for one in words[:_FEW]), *more] if words else []
+    return ["", f"# {head}", *(f"#   {_printable(one)}" for one in words[:_FEW]), *more] if words else []
 
 
 def _found_words(group: RawGroup, guess: Guess) -> str:
@@ -326,14 +326,14 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOW
     held = counted(group.count, "photograph") if guess.table == "images" else f"columns {_listed(guess.columns, most)}"
     yield ""
     if most or guess.table == "images":
-        yield f"# {_shown(group.glob)}: {_shown(held)}"
+        yield f"# {_printable(group.glob)}: {_printable(held)}"
     mapping = _with_names(group, {**guess.mapping, **_body_from_name(group, guess)}, guess)
     if not alone and group.count == 1 and guess.table in _LOADING_TABLES and "run" in mapping.get("constants", {}):
         mapping["constants"] = {**mapping["constants"], "run": Path(group.example).stem}  # each entry has its own
-    notes = [_shown(note) for note in guess.notes]
+    notes = [_printable(note) for note in guess.notes]
     yield from (f"# {note}" if most or len(note) < _LONGEST_NOTE else f"# {note[:_LONGEST_NOTE]}..." for note in notes)
     if guess.table:
-        yield from map(_shown, guess_lines(mapping, guess))
+        yield from map(_printable, guess_lines(mapping, guess))
     if alone and not mapping and group.glob in (f"{guess.table}.csv", f"{guess.table}.parquet"):
         return
     if guess.table == "images" and not mapping:
@@ -342,7 +342,7 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOW
     heading = f"files.{guess.table or 'points'}"
     yield f"{mark}[{heading}]" if alone or not guess.table else f"{mark}[[{heading}]]"
     for key, value in {"path": group.path or group.glob, **mapping}.items():
-        yield f"{mark}{key} = {_shown(_toml(value)) if mark else _toml(value)}"
+        yield f"{mark}{key} = {_printable(_toml(value)) if mark else _toml(value)}"
     if guess.table in ("points", "targets") and not mark and not _names_a_body(guess, mapping):
         yield '# constants = { body = "platform" }   # needed: the body that carries these targets'
 

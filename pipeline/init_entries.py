@@ -55,11 +55,11 @@ def common_glob(names: Sequence[str]) -> str:
         same = [all(own[i] == token for own in others) for i, token in enumerate(first)]
         parts = (glob.escape(token) if kept else "*" for token, kept in zip(first, same, strict=True))
         return re.sub(r"\*+", "*", "".join(parts))
-    before, after = _ends(tokens)
+    before, after = _common_affixes(tokens)
     return glob.escape("".join(first[:before])) + "*" + glob.escape("".join(first[len(first) - after :]))
 
 
-def without_others(pattern: str, names: Sequence[str], others: Sequence[str]) -> str | list[str]:
+def glob_without_others(pattern: str, names: Sequence[str], others: Sequence[str]) -> str | list[str]:
     """Glob that finds files but not ``others`` of their folder, else one by digits, else the names."""
     strange = [other for other in others if other not in names]
     folder, slash, last = pattern.rpartition("/")
@@ -80,7 +80,7 @@ def _kind(token: str) -> str:
     return "number" if token.isdecimal() else "word" if token[0].isalpha() else token
 
 
-def _ends(tokens: Sequence[Sequence[str]]) -> tuple[int, int]:
+def _common_affixes(tokens: Sequence[Sequence[str]]) -> tuple[int, int]:
     """Number of tokens that all names share at the start, and at the end."""
     least = min(map(len, tokens))
     before = next((i for i in range(least) if len({own[i] for own in tokens}) > 1), least)
@@ -100,7 +100,7 @@ def distinguishing_pattern(names: Sequence[str], column: str) -> dict[str, Any]:
             parts = [r"\d+" if i in varying else re.escape(token) for i, token in enumerate(tokens[0])]
             parts[own_number[-1]] = rf"(?P<{column}>\d+)"
             return {"from_name": "".join(parts)}
-    before, after = _ends(tokens)
+    before, after = _common_affixes(tokens)
     if before and any(len(own) == before + after for own in tokens):
         before -= 1  # a token missing in one name is no value, because the token before it is in all names
     first = tokens[0]
@@ -121,7 +121,7 @@ def bodies_and_targets(names: Sequence[str]) -> dict[str, Any]:
 def _one_body(names: Sequence[str]) -> str | None:
     """Names with the same first word, which is the body; the varying part is the target."""
     words = [_WORD.findall(Path(name).name.partition(".")[0]) for name in names]
-    before, _ = _ends(words)
+    before, _ = _common_affixes(words)
     if not before or any(len(own) == before for own in words):
         return None
     follows = _text_after_target([own[before:] for own in words])

@@ -61,7 +61,7 @@ class _Request:
         """Whether other code has discarded the exception."""
         return not self.answered and self._raised is not None and self._raised() is None
 
-    def insist(self) -> None:
+    def raise_until_answered(self) -> None:
         """Raise a lost exception again until it is answered; end the process if cleaning up takes too long."""
         until = time.monotonic() + _SECONDS_TO_TIDY
         while not self.answered:
@@ -99,7 +99,7 @@ def interruptible(*, once: bool = False) -> Iterator[None]:
     try:
         yield
     finally:
-        answered()
+        mark_answered()
         sys.unraisablehook = report
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -114,7 +114,9 @@ def _request_end(name: str) -> Interrupted:
     global _request
     _request = _Request(name)
     error = _request.error()
-    _thread.start_new_thread(_request.insist, ())  # threading.Thread needs locks, which the main thread may hold here
+    _thread.start_new_thread(
+        _request.raise_until_answered, ()
+    )  # threading.Thread needs locks, which the main thread may hold here
     return error
 
 
@@ -129,7 +131,7 @@ def _report_unless_interrupted(unraisable: sys.UnraisableHookArgs) -> None:
         sys.__unraisablehook__(unraisable)
 
 
-def answered() -> None:
+def mark_answered() -> None:
     """Mark the request as received by the caller, so that it is not raised again."""
     global _request
     if _request is not None:

@@ -139,7 +139,7 @@ class DigestCache:
             self._changed = True
         return digest
 
-    def forget(self, path: Path) -> None:
+    def discard_digest(self, path: Path) -> None:
         """Read a file again at the next request of its digest."""
         self._changed = self._files.pop(os.path.abspath(path), None) is not None or self._changed
 

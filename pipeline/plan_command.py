@@ -116,7 +116,7 @@ def _tables(campaign: CampaignFolder) -> dict[str, pa.Table]:
         "scale_bars": read_scale_bars(source, codes, log),
         "image_targets": targets,
     }
-    log.throw()
+    log.raise_faults()
     if found["survey"] is None:
         raise CampaignFaults([Fault("targets.csv", "the survey of the targets, or their planned places")])
     return {name: table.table for name, table in found.items() if table is not None}

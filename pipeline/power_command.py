@@ -45,10 +45,10 @@ from truing.simulation.detection_trials import (
     Answer,
     DetectionQuestion,
     Trial,
-    answer,
     curve,
     false_alarms,
     questions,
+    trial_answer,
     trials,
 )
 from truing.stages import power
@@ -65,7 +65,7 @@ from truing.stages.diagnosis.search import (
     searched_for,
 )
 from truing.stages.ingestion.tables import read_configurations, read_survey
-from truing.stages.power import compared, completed, expected_sights, reading_plan_of, searched_causes
+from truing.stages.power import complete_plan, diagnosis_data_of, expected_sights, reading_plan_of, searched_causes
 from truing.stages.simulated_campaigns.plan import NEEDS, RayPlan, bare_plan
 from truing.stages.simulated_campaigns.tables import rates_table, sizes_table
 
@@ -114,7 +114,7 @@ def power_campaign(place: Path, options: PowerOptions, workforce: Workforce, out
         asked = _questions(campaign, plan, settings, options)
     answers: list[Answer] = []
     try:
-        for given in _answers(plan, settings, asked, options, workforce, console):
+        for given in _trial_answers(plan, settings, asked, options, workforce, console):
             answers.append(given)
     except Interrupted:
         if answers:
@@ -149,7 +149,7 @@ def _plan(campaign: CampaignFolder, settings: Campaign, options: PowerOptions, r
         drawn = (
             {**tables} if bare.was_measured else _posed(bare.drawn((), np.random.default_rng(options.seed)), settings)
         )
-        plan = completed(bare, assembled_data(drawn, settings), drawn["poses"])
+        plan = complete_plan(bare, assembled_data(drawn, settings), drawn["poses"])
     return plan.with_gross(options.gross)
 
 
@@ -185,7 +185,7 @@ def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]
 def _planning_tables(source: Any, settings: Campaign) -> dict[str, pa.Table]:
     log = FaultLog()
     survey, configurations = read_survey(source, settings, log), read_configurations(source, settings, log)
-    log.throw()
+    log.raise_faults()
     if survey is None:
         raise CampaignFaults([Fault("targets.csv", _SURVEY)])
     return {"survey": survey.table, "configurations": configurations.table}
@@ -212,12 +212,12 @@ def _questions(
     """
     drawn = _drawn(plan, (), options.seed, settings)
     with _to_be_drawn(campaign):
-        data = compared(plan, drawn, settings)
+        data = diagnosis_data_of(plan, drawn, settings)
     seen = expected_sights(plan, data, settings)
     return questions(plan, seen, options.causes, searched_causes(plan, settings)[0].values())
 
 
-def _answers(
+def _trial_answers(
     plan: Plan,
     settings: Campaign,
     asked: Sequence[DetectionQuestion],
@@ -229,7 +229,9 @@ def _answers(
     pieces = trials(asked, plan, options.draws, _NOTHING_PER_DRAW * options.draws, options.seed)
     work = partial(diagnosed_trial, plan, settings)
     with console.during("power") as progress:
-        reported = results(work, pieces, workforce, _lost, lambda done: progress(done, len(pieces), "campaigns"))
+        reported = results(
+            work, pieces, workforce, _raise_lost_worker, lambda done: progress(done, len(pieces), "campaigns")
+        )
         with closing(reported):
             yield from reported
 
@@ -246,9 +248,9 @@ def diagnosed(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) 
         data = assembled_data(tables, settings)
         diagnosis = decided(data, settings, lambda *_: None)
     except (ValueError, np.linalg.LinAlgError):  # the stage then reports that it was not evaluated
-        return answer(trial, ())
+        return trial_answer(trial, ())
     table = diagnosis_table(diagnosis, DetectionAdvice(shown=data.shown), settings.diagnosis.false_alarm)
-    return answer(trial, table.to_pylist())
+    return trial_answer(trial, table.to_pylist())
 
 
 def _diagnosed_rays(tables: Mapping[str, pa.Table], settings: Campaign, trial: Trial) -> Answer:
@@ -257,10 +259,10 @@ def _diagnosed_rays(tables: Mapping[str, pa.Table], settings: Campaign, trial: T
     data, _ = assemble_rays(tables, settings)
     diagnosis = decided_of_rays(data, settings, lambda *_: None)
     table = diagnosis_table(diagnosis, DetectionAdvice(shown=data.shown), rule_of_rays(rule).noise_level)
-    return answer(trial, table.to_pylist())
+    return trial_answer(trial, table.to_pylist())
 
 
-def _lost(trial: Trial) -> Answer:
+def _raise_lost_worker(trial: Trial) -> Answer:
     raise EnvironmentProblem(f"every worker ended on the campaign of seed {trial.seed}: not enough memory?")
 
 

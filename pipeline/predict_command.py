@@ -64,7 +64,9 @@ def _model_in(run: Path, inputs: Path) -> Path:
 def _errors(model: Path, text: str, place: Path) -> pa.Table:
     "Errors of a second campaign by the nominal and the extended model, and by the calibration in the model's folder."
     try:
-        beside = {name: read_artifact(model.parent, ARTIFACTS[name]) for name in _CALIBRATION if _is_there(model, name)}
+        beside = {
+            name: read_artifact(model.parent, ARTIFACTS[name]) for name in _CALIBRATION if _run_has_table(model, name)
+        }
     except Unreadable as error:
         raise CampaignFaults(
             [Fault(str(model.parent), f"readable tables of the run in the model's folder ({error})")]
@@ -79,7 +81,7 @@ def _errors(model: Path, text: str, place: Path) -> pa.Table:
         raise CampaignFaults([Fault(str(place), f"a campaign that {model} can predict ({error})")]) from None
 
 
-def _is_there(model: Path, name: str) -> bool:
+def _run_has_table(model: Path, name: str) -> bool:
     return (model.parent / ARTIFACTS[name].file).is_file()
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import IntEnum
 
-from truing.schemas.memory import shortage
+from truing.schemas.memory import shortage_in_chain
 
 
 class ExitCode(IntEnum):
@@ -64,7 +64,7 @@ _CAUSES = {
 
 def environment_problem(error: Exception, doing: str) -> EnvironmentProblem | None:
     """The problem in words if ``error`` comes from the environment, else None."""
-    if (found := shortage(error)) is not None:
+    if (found := shortage_in_chain(error)) is not None:
         return EnvironmentProblem(f"{doing}: there is not enough memory{_brief(found)}; {_MORE_MEMORY}")
     cause = _CAUSES.get(error.errno or 0) if isinstance(error, OSError) else None
     if not isinstance(error, OSError) or cause is None:

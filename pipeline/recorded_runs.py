@@ -22,7 +22,7 @@ from truing.report.comparison.page import comparison_head, comparison_sections
 from truing.report.rendering.render import render_page
 from truing.report.verdict import gates
 from truing.runs.comparison.side_by_side import SideBySide, compared_table, kind_of, mechanism_of, side_by_side
-from truing.runs.exports.certificate import certificate, doubts, failed_checks, qualified, temperature
+from truing.runs.exports.certificate import certificate, doubts, failed_checks, temperature, valid_results
 from truing.runs.exports.controller import controller
 from truing.runs.exports.robot_description import urdf
 from truing.runs.exports.summary import summary
@@ -114,7 +114,7 @@ def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign:
             console.warn(str(why))
             return ExitCode.FAILED_CHECK
         console.line(f"{form}: {_exported_files_text(place, written)}")
-        for left_out in qualified(run).left_out if form == _CERTIFICATE else ():
+        for left_out in valid_results(run).left_out if form == _CERTIFICATE else ():
             console.warn(f"not certified: {left_out}")
     return ExitCode.DONE
 
@@ -165,7 +165,7 @@ def certificate_files(run: Run, campaign: Path | None) -> Iterable[tuple[str, by
         raise _NoCertificate(
             f"no certificate: sections of the report fail ({', '.join(failed)}): see the report of the run"
         )
-    found = qualified(run) if "uncertainty" in run else None
+    found = valid_results(run) if "uncertainty" in run else None
     if found is not None and not len(found.results) and found.left_out and doubts(run):
         raise _NoCertificate(f"no certificate: {' '.join(found.left_out)}")
     if found is None or not len(found.results):
@@ -195,7 +195,7 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> ExitCode:
         _of_one_machine(runs)
         _of_own_measurements(runs)
         found = side_by_side(runs)
-        shown = _shown(runs, found)
+        shown = _comparison(runs, found)
         head = comparison_head(shown)
     except (ValueError, OSError) as broken:  # a file of a run contradicts its schema, or cannot be read
         lines = str(broken).split("\n")
@@ -257,7 +257,7 @@ def _of_own_measurements(runs: Sequence[Run]) -> None:
                     raise CampaignFaults([Fault(str(run.folder), expected)])
 
 
-def _shown(runs: Sequence[Run], found: SideBySide) -> RunComparison:
+def _comparison(runs: Sequence[Run], found: SideBySide) -> RunComparison:
     compared = tuple(
         ComparedRun(
             label,

@@ -17,7 +17,7 @@ from truing.pipeline.executor import Workforce, processors, results
 from truing.pipeline.exit_status import KEPT, defects_logged, end, end_all
 from truing.pipeline.freshness import Freshness
 from truing.pipeline.problems import ExitCode, gravest
-from truing.pipeline.run_folder import occupied
+from truing.pipeline.run_folder import locked_folder
 from truing.pipeline.run_owner import check_owner, claim, refuse_raw_files
 from truing.pipeline.second_campaign import second_folder
 from truing.pipeline.stage_order import (
@@ -30,7 +30,7 @@ from truing.pipeline.stage_order import (
 )
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
-from truing.schemas.near_names import meant
+from truing.schemas.near_names import did_you_mean
 from truing.stages.declaration import Stage
 
 _LOG = "defect.log"
@@ -62,7 +62,7 @@ class StageSelection:
 
 
 def _expected(name: str, names: list[str]) -> str:
-    return f"a stage of this kind of campaign ({', '.join(names)}){meant(name, names)}"
+    return f"a stage of this kind of campaign ({', '.join(names)}){did_you_mean(name, names)}"
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def usable_campaign(place: Path) -> CampaignFolder:
 
 def run_campaign(campaign: CampaignFolder, folder: Path, settings: RunOptions, console: RunConsole) -> ExitCode:
     """Bring the selected stages of a campaign up to date in its run folder."""
-    with occupied(folder), defects_logged(folder / _LOG, "preparing the run"):
+    with locked_folder(folder), defects_logged(folder / _LOG, "preparing the run"):
         run = open_run(campaign, folder, distrust=settings.distrust, workers=settings.workers)
         claim(run)
         stages = settings.selection.stages(run.order)
@@ -227,11 +227,11 @@ def run_campaigns(
     console, plan = RunConsole(quiet=quiet), _JobPlan(out, settings, several=len(places) > 1)
     if workforce is None or workforce.is_alone or (len(places) == 1 and workforce.scheduler is None):
         plan.options = replace(settings, workers=(workforce and workforce.workers) or processors())
-        return end_all([partial(_run_here, place, plan, console) for place in places], console)
+        return end_all([partial(_run_in_process, place, plan, console) for place in places], console)
     return end_all([partial(_run_at_a_time, places, plan, workforce, console)], console)
 
 
-def _run_here(place: Path, plan: _JobPlan, console: RunConsole) -> ExitCode:
+def _run_in_process(place: Path, plan: _JobPlan, console: RunConsole) -> ExitCode:
     return _run(plan.job(place), console)
 
 
@@ -247,7 +247,9 @@ def _run_at_a_time(places: Sequence[Path], plan: _JobPlan, workforce: Workforce,
     jobs = [job for job in planned if isinstance(job, _Job)]
     codes = []
     with console.during("run") as watched:
-        reported = results(_run_in_worker, jobs, workforce, _lost, lambda done: watched(done, len(jobs), "campaigns"))
+        reported = results(
+            _run_in_worker, jobs, workforce, _lost_outcome, lambda done: watched(done, len(jobs), "campaigns")
+        )
         with closing(reported):
             for entry in planned:
                 ending = next(reported) if isinstance(entry, _Job) else entry
@@ -283,6 +285,6 @@ def _run_in_worker(job: _Job) -> _RunOutcome:
     return _RunOutcome(code, tuple(recorder.lines))
 
 
-def _lost(job: _Job) -> _RunOutcome:
+def _lost_outcome(job: _Job) -> _RunOutcome:
     why = f"{job.campaign.name}: its worker was lost (killed, or out of memory); {KEPT}"
     return _RunOutcome(ExitCode.ENVIRONMENT, ((True, why),))

@@ -26,7 +26,7 @@ _LOCKED_BYTE = 1 << 20
 
 
 @contextmanager
-def occupied(folder: Path) -> Iterator[Path]:
+def locked_folder(folder: Path) -> Iterator[Path]:
     """The locked run folder, created if needed; removed again if it stays empty."""
     created = _make(folder / PRIVATE)
     lock = folder / PRIVATE / "lock"

@@ -16,7 +16,7 @@ from truing.pipeline.campaign_folder import FILE, CampaignFolder, run_folder_of
 from truing.pipeline.campaign_run import CampaignRun, open_run
 from truing.pipeline.manifest import Owner, digest_of
 from truing.pipeline.problems import EnvironmentProblem
-from truing.pipeline.run_folder import occupied
+from truing.pipeline.run_folder import locked_folder
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 
@@ -64,19 +64,19 @@ def _carried_names(folder: Path) -> Iterator[str]:
     """Campaign names in the artifacts of a folder."""
     from truing.pipeline.artifacts import read_provenance
 
-    for artifact in _there(folder):
+    for artifact in _present_artifacts(folder):
         origin = read_provenance(folder, artifact)
         if origin is not None and "campaign" in origin:
             yield origin["campaign"]
 
 
-def _there(folder: Path) -> list[Artifact]:
+def _present_artifacts(folder: Path) -> list[Artifact]:
     return [artifact for artifact in ARTIFACTS.values() if os.path.lexists(folder / artifact.file)]
 
 
 def _refuse_strange_files(folder: Path) -> None:
     """Raise CampaignFaults if files have names of artifacts but none is one."""
-    there = _there(folder)
+    there = _present_artifacts(folder)
     if there and not any(_carried_names(folder)):
         files = ", ".join(dict.fromkeys(artifact.file for artifact in there))
         expected = f"a separate folder for a run, not one with files of another origin ({files})"
@@ -122,7 +122,7 @@ def folder_next_to_run(campaign: CampaignFolder) -> Path:
 
 def note_owner(campaign: CampaignFolder, folder: Path) -> None:
     """Note the owner of a folder before its first run; a run in progress has already noted it."""
-    with suppress(EnvironmentProblem), occupied(folder):
+    with suppress(EnvironmentProblem), locked_folder(folder):
         run = open_run(campaign, folder)
         check_owner(run)
         run.manifest.owner = _owner(run)

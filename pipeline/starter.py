@@ -65,7 +65,7 @@ def starter_text(name: str, kind: str, guesses: Sequence[Guess], files: Sequence
         f"name = {name}",
         _remark(f'kind = "{kind}"', _KINDS[kind]),
         *_drives(guesses, tables),
-        *_with_head("[noise]", [_off(line, remark) for line, remark in _noise(guesses, tables, kind)]),
+        *_with_head("[noise]", [_commented_line(line, remark) for line, remark in _noise(guesses, tables, kind)]),
         *_sections(guesses, tables),
         *files,
     ]
@@ -80,19 +80,19 @@ def _with_head(head: str, lines: list[str]) -> list[str]:
     return ["", head, *lines] if lines else []
 
 
-def _off(line: str, remark: str) -> str:
+def _commented_line(line: str, remark: str) -> str:
     return _remark(f"# {line}", remark)
 
 
-def _has(guesses: Sequence[Guess], *columns: str) -> bool:
+def _any_file_has(guesses: Sequence[Guess], *columns: str) -> bool:
     """Whether any file gives one of these columns, or one with such a prefix."""
     named = (name for guess in guesses for name in (*guess.columns, *guess.mapping.get("columns", {})))
     return any(name.startswith(columns) for name in named)
 
 
 def _drives(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
-    if "configurations" in tables and not _has(guesses, "rho") and not _axis_columns(guesses):
-        yield _off('drives = ["elevation_deg"]', "columns of configurations on which deformation may depend")
+    if "configurations" in tables and not _any_file_has(guesses, "rho") and not _axis_columns(guesses):
+        yield _commented_line('drives = ["elevation_deg"]', "columns of configurations on which deformation may depend")
 
 
 def _axis_columns(guesses: Sequence[Guess]) -> list[str]:
@@ -132,7 +132,7 @@ def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tu
             "one standard deviation, if a file gives none" if known else f"{_NEEDED} a coordinate",
         )
     if "poses" in tables:
-        given = "if the file gives none" if _has(guesses, "sigma_") else "for the positions of the poses"
+        given = "if the file gives none" if _any_file_has(guesses, "sigma_") else "for the positions of the poses"
         yield "displacement_mm = 0.01", f"{_NEEDED} a coordinate, {given}"
         yield "rotation_rad = 1e-5", f"{_NEEDED} a rotation about an axis, {given.replace('positions', 'orientations')}"
     if tables & {"images", "image_points"}:
@@ -140,7 +140,7 @@ def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tu
     for column in _axis_columns(guesses):
         what = "one standard deviation of the axis from its command; absent: 0" if column.startswith("command") else ""
         yield f"{column} = 0.001", what or f"{_NEEDED} that encoder"
-    if _has(guesses, "rho"):
+    if _any_file_has(guesses, "rho"):
         yield "actuator_mm = 0.001", "one standard deviation of an actuator's reading; absent: exact"
     done: set[str] = set()
     for table, keys in _OF_READINGS.items():
@@ -154,27 +154,29 @@ def _sections(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
     """Sections other than [noise], each after an empty line."""
     if "poses" in tables:
         yield from ("", "[measurement]")
-        yield _off('frame = "campaign"', "the instrument did not move; absent: every pose has its own frame")
+        yield _commented_line('frame = "campaign"', "the instrument did not move; absent: every pose has its own frame")
     if any("euler_a_deg" in guess.mapping.get("columns", {}) for guess in guesses):
         yield from ("", "[poses]")
-        yield _off('euler = "XYZ"', "needed: the order; capitals for rotating axes, xyz for fixed axes")
-    if _has(guesses, "rho"):
+        yield _commented_line('euler = "XYZ"', "needed: the order; capitals for rotating axes, xyz for fixed axes")
+    if _any_file_has(guesses, "rho"):
         yield ""
-        yield from (_off(line, remark) for line, remark in _LEGS)
+        yield from (_commented_line(line, remark) for line, remark in _LEGS)
     elif columns := _axis_columns(guesses):
-        yield from ("", *(_off(line, remark) for line, remark in _axis(columns)))
+        yield from ("", *(_commented_line(line, remark) for line, remark in _axis(columns)))
     elif tables & {"points", "poses", "scans", "images", "image_points"}:
-        yield from ("", _off("[bodies]", ""))
-        yield _off('reference = "base"', "body in whose frame the others are given; absent: the measurement frame")
+        yield from ("", _commented_line("[bodies]", ""))
+        yield _commented_line(
+            'reference = "base"', "body in whose frame the others are given; absent: the measurement frame"
+        )
     if tables & {"interferometer", "displacement", "signals"}:
         yield from (
             "",
             "# [mechanism]: the platform on its legs or the sensor, type 6-upur; truing init --all shows its keys",
         )
     if tables & {"interferometer", "quadrature"}:
-        yield from ("", _off("[interferometer]", ""))
-        yield _off("wavelength_nm = 632.990577", "in vacuum")
-        yield _off("compensated = true", "readings already compensated for the refractive index of air")
+        yield from ("", _commented_line("[interferometer]", ""))
+        yield _commented_line("wavelength_nm = 632.990577", "in vacuum")
+        yield _commented_line("compensated = true", "readings already compensated for the refractive index of air")
 
 
 def guess_lines(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:

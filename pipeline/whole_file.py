@@ -32,7 +32,7 @@ def write_part(path: Path, write: Callable[[BinaryIO], None]) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def reveal(path: Path) -> None:
+def publish_file(path: Path) -> None:
     """Rename the finished part file of ``path`` to its final name."""
     with environment(f"{path} cannot be renamed to its final name"):
         os.replace(part_of(path), path)
@@ -66,7 +66,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     try:
         with environment(f"{path} cannot be written"):
             write_part(path, write)
-        reveal(path)
+        publish_file(path)
         sync_folder(path.parent)
     finally:
         discard_parts([path])

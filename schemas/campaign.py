@@ -184,7 +184,7 @@ def _fault(file: str, document: dict[str, Any], detail: Any) -> Fault:
     if detail["type"] == "missing":
         return Fault(file, "this key to be present", column=path)
     is_type = detail["type"] in _KINDS
-    return Fault(file, _expectation(detail), column=path, value=_shown(detail["input"], quoted=is_type))
+    return Fault(file, _expectation(detail), column=path, value=_printable_value(detail["input"], quoted=is_type))
 
 
 def _dotted(location: tuple[int | str, ...], document: dict[str, Any]) -> str:
@@ -202,7 +202,7 @@ def _dotted(location: tuple[int | str, ...], document: dict[str, Any]) -> str:
     return ".".join(parts)
 
 
-def _shown(value: Any, *, quoted: bool) -> str | None:
+def _printable_value(value: Any, *, quoted: bool) -> str | None:
     """A value as a fault shows it, in TOML notation for a wrong type."""
     if isinstance(value, (dict, list, tuple)):
         return None
@@ -217,7 +217,9 @@ def _expectation(detail: Any) -> str:
         return f"{word} {detail['ctx'][key]:g}"
     if known := _KINDS.get(detail["type"]):
         return known
-    return str(detail["msg"]).removeprefix("Value error, ").removeprefix("Input should be ")
+    if detail["type"] == "value_error":
+        return str(detail["ctx"]["error"])
+    return str(detail["msg"]).removeprefix("Input should be ")  # wording of pydantic
 
 
 def _suggestion(location: tuple[int | str, ...]) -> str:

@@ -59,7 +59,7 @@ def listed(columns: Iterable[str]) -> str:
     return " ".join(_quoted(own_name(column)) for column in columns)
 
 
-def named(text: str) -> tuple[str, ...]:
+def names_in(text: str) -> tuple[str, ...]:
     """Return the names in a text made by `listed`."""
     return tuple(plain or quoted.replace('""', '"') for quoted, plain in _LISTED.findall(text))
 

@@ -40,18 +40,18 @@ class Fault:
     more_files: int = 0
 
     def __str__(self) -> str:
-        place = _shown(self.file, 4 * _LONGEST["place"])
+        place = _one_line(self.file, 4 * _LONGEST["place"])
         if self.row is not None:
             place += f", row {self.row}"
         if self.column:
-            place += f", column {_shown(self.column, _LONGEST['place'])}"
+            place += f", column {_one_line(self.column, _LONGEST['place'])}"
         found = "" if self.value is None else f"found {_shortened(self.value, _LONGEST['value'])!r}; "
         within = f", in {self.more_files} other files" if self.more_files else ""
         others = f" (and {self.more} more like it{within})" if self.more else ""
-        return f"{place}: {found}expected {_shown(self.expected, _LONGEST['expected'])}{others}"
+        return f"{place}: {found}expected {_one_line(self.expected, _LONGEST['expected'])}{others}"
 
 
-def _shown(text: str, longest: int) -> str:
+def _one_line(text: str, longest: int) -> str:
     """A text on one line, with control characters escaped for the terminal."""
     text = _shortened(" ".join(text.split("\n")), longest)
     return text if text.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)

@@ -130,7 +130,7 @@ class Interferometer(Section):
 
     @field_validator("dead_path_mm", mode="before")
     @classmethod
-    def _one_for_all(cls, given: Any) -> Any:
+    def _same_for_all(cls, given: Any) -> Any:
         if isinstance(given, int | float) and not isinstance(given, bool):
             return dict.fromkeys(LINEAR, given)
         if not isinstance(given, dict | DeadPaths):

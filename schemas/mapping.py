@@ -135,7 +135,7 @@ class RawValue(Section):
     )
 
     @model_validator(mode="after")
-    def _makes_sense(self) -> RawValue:
+    def _check_modulo(self) -> RawValue:
         if self.scale == 0.0:
             raise ValueError("a scale other than 0, because 0 makes all values equal")
         if self.lowest is not None and self.modulo is None:
@@ -323,7 +323,7 @@ class FileMapping(Section):
         return self
 
     @model_validator(mode="after")
-    def _said_once(self) -> FileMapping:
+    def _check_single_entries(self) -> FileMapping:
         for name, source in self.columns.items():
             if isinstance(source, RawValue) and source.coverage is not None and not is_uncertainty(name):
                 raise ValueError(f"coverage only for sigma_... columns; {name} is not an uncertainty")

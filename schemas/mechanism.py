@@ -91,7 +91,7 @@ class Leg(Section):
     @model_validator(mode="after")
     def _direction_is_unit(self) -> Leg:
         if self.u is not None and abs(sum(c * c for c in self.u) - 1.0) > TYPED:
-            raise ValueError("u must have unit length")
+            raise ValueError("u: a vector of unit length")
         return self
 
 

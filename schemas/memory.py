@@ -17,14 +17,14 @@ _MOST = 1 << 40  # bytes; a damaged file may request more, which is no memory sh
 _TELLING = (ImportError, RuntimeError, SystemError)
 
 
-def shortage(error: BaseException) -> BaseException | None:
+def shortage_in_chain(error: BaseException) -> BaseException | None:
     """The first error in the chain of causes that reports a memory shortage; None if there is none."""
     return next(filter(_is_shortage, _chain(error)), None)
 
 
 def raise_shortage(error: BaseException) -> None:
     """Raise MemoryError if an error comes from a memory shortage, so that the file does not count as damaged."""
-    if (found := shortage(error)) is not None:
+    if (found := shortage_in_chain(error)) is not None:
         raise MemoryError(str(found)) from error
 
 

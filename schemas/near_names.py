@@ -26,19 +26,19 @@ def similar_names(names: Iterable[object]) -> Iterator[list[str]]:
     yield from (group for group in groups.values() if len(group) > 1)
 
 
-def nearest(name: str, known: Iterable[str]) -> str | None:
+def nearest_name(name: str, known: Iterable[str]) -> str | None:
     """Return the known name that was probably meant: equal but for spelling, else the most similar; None if none is
     near."""
     every = list(known)
-    if (same := _same(name, every)) is not None:
+    if (same := _same_spelling(name, every)) is not None:
         return same
     close = difflib.get_close_matches(name, every, n=1)
     return close[0] if close else None
 
 
-def meant(name: str, known: Iterable[str]) -> str:
+def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return a suggestion as the end of a message; empty if no known name is near."""
-    near = nearest(name, known)
+    near = nearest_name(name, known)
     return "" if near is None else f"; did you mean {near}?"
 
 
@@ -49,13 +49,15 @@ def meant_by(names: Iterable[str], known: Iterable[str]) -> str:
     """
     every = list(known)
     for name in islice(names, _TRIED):
-        near = _same(name, every) or nearest(name, [other for other in every if _numbers(other) == _numbers(name)])
+        near = _same_spelling(name, every) or nearest_name(
+            name, [other for other in every if _numbers(other) == _numbers(name)]
+        )
         if near is not None:
             return f"; did you mean {near} by {name}?"
     return ""
 
 
-def _same(name: str, known: Iterable[str]) -> str | None:
+def _same_spelling(name: str, known: Iterable[str]) -> str | None:
     wanted = spelling(name)
     return next((other for other in known if spelling(other) == wanted), None)
 

@@ -172,7 +172,7 @@ def campaign_page() -> str:
 
 def _top() -> Iterator[Table]:
     """Tables of campaign.toml in the order of the model; [mechanism] once per family of types."""
-    for table in _within(Campaign, ""):
+    for table in _tables_of_model(Campaign, ""):
         if table.places == ("[mechanism]",):
             yield Table(table.places, LeggedMechanism, " of legs and actuators")
             yield Table(table.places, SensorMechanism, " of a force sensor")
@@ -181,7 +181,7 @@ def _top() -> Iterator[Table]:
             yield table
 
 
-def _within(model: type[BaseModel], place: str, remark: str = "") -> Iterator[Table]:
+def _tables_of_model(model: type[BaseModel], place: str, remark: str = "") -> Iterator[Table]:
     """Tables within a model, those with equal keys together."""
     found: dict[type[BaseModel], list[str]] = {}
     for key, field in model.model_fields.items():
@@ -204,7 +204,7 @@ def _written(table: Table, depth: int = 2) -> Iterator[str]:
     yield from (_row(key, field) for key, field in table.model.model_fields.items())
     yield ""
     place = f"{table.places[0].strip('[]')}."
-    for inner in _within(table.model, place, table.remark if table.model is SensorMechanism else ""):
+    for inner in _tables_of_model(table.model, place, table.remark if table.model is SensorMechanism else ""):
         yield from _written(inner, depth + 1)
 
 
@@ -216,7 +216,7 @@ def _sentences(model: type[BaseModel]) -> str:
 
 
 def _row(key: str, field: FieldInfo) -> str:
-    takes = _takes(field.annotation, field.metadata)
+    takes = _allowed_values(field.annotation, field.metadata)
     return f"| `{key}` | {takes} | {_unit(key)} | {_default(field)} | {field.description or ''} |"
 
 
@@ -236,21 +236,21 @@ def _default(field: FieldInfo) -> str:
     return f"`{json.dumps(value, ensure_ascii=False)}`"
 
 
-def _takes(annotation: Any, metadata: list[Any]) -> str:
+def _allowed_values(annotation: Any, metadata: list[Any]) -> str:
     """Allowed values of a key, in words."""
     if known := next((words for kind, words in _NUMBERS.items() if annotation == kind), ""):
         return known
     origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
     if origin is typing.Annotated:
-        return _takes(arguments[0], list(arguments[1:]))
+        return _allowed_values(arguments[0], list(arguments[1:]))
     if origin in (typing.Union, types.UnionType):
-        return " or ".join(_takes(one, []) for one in arguments if one is not type(None))
+        return " or ".join(_allowed_values(one, []) for one in arguments if one is not type(None))
     if origin is Literal:
         return " ".join(f"`{json.dumps(choice)}`" for choice in arguments)
     if origin is tuple:
-        return f"list of {_plural(_takes(arguments[0], []))}"
+        return f"list of {_plural(_allowed_values(arguments[0], []))}"
     if origin is dict:
-        return f"table of {_plural(_takes(arguments[1], []))}"
+        return f"table of {_plural(_allowed_values(arguments[1], []))}"
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return "table"
     return f"{_WORDS[annotation]}{_bounds(metadata)}"

@@ -24,14 +24,14 @@ FAMILIES = (*RINGS, *MARKERS)
 USUAL = (*_PUBLISHED, "aruco4x4_50", "aruco5x5_100", "aruco6x6_250", "apriltag36h11")
 
 
-def _known(family: str) -> str:
+def _known_family(family: str) -> str:
     if family not in FAMILIES:
         close = difflib.get_close_matches(family, FAMILIES, n=1)
         raise ValueError(f"did you mean {close[0]}?" if close else f"one of {', '.join(FAMILIES)}")
     return family
 
 
-Family = Annotated[str, AfterValidator(_known)]
+Family = Annotated[str, AfterValidator(_known_family)]
 Corners = Annotated[int, Field(ge=2, le=200)]
 
 

@@ -8,7 +8,7 @@ from truing.schemas.axis_checks import OF_AXES, OF_POSITIONS
 from truing.schemas.faults import Fault
 from truing.schemas.installed import with_installed
 from truing.schemas.load_checks import OF_LOADS
-from truing.schemas.near_names import meant, nearest
+from truing.schemas.near_names import did_you_mean, nearest_name
 from truing.schemas.point_checks import OF_PHOTOGRAPHS, OF_POINTS
 from truing.schemas.quality_check import CheckLimits, Checks, DeclaredCheck, QualityCheck
 from truing.schemas.sections import Acceptance, SetLimits
@@ -78,7 +78,7 @@ def acceptance_faults(file: str, kind: str, accept: Sequence[Acceptance]) -> Ite
     known = checks_of(kind) if accept else {}
     for number, entry in enumerate(accept, 1):
         if entry.check not in known:
-            hint = meant(entry.check, known) or f"; one of: {', '.join(known)}"
+            hint = did_you_mean(entry.check, known) or f"; one of: {', '.join(known)}"
             expected = f"a check of a campaign of kind {kind}{hint}"
             yield Fault(file, expected, column=f"accept.{number}.check", value=entry.check)
 
@@ -95,7 +95,7 @@ def _unknown(name: str, kind: str) -> str:
             "a check with a settable limit; this check is a significance test ([qa] false_alarm) or fails at any size"
         )
     known = settable(kind)
-    near = nearest(name, known)
+    near = nearest_name(name, known)
     if near is not None:
         return f"a check whose limits can be set; did you mean {near}?"
     return f"a check of a campaign of kind {kind} whose limits can be set, one of: {', '.join(known)}"

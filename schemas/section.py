@@ -39,7 +39,7 @@ _REVERSING = {*"\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"}
 _OF_LINES = "\t\n\r"
 
 
-def _is_shown(text: str, allowed: str = "") -> str:
+def _check_characters(text: str, allowed: str = "") -> str:
     for mark in text:
         if mark not in allowed and (unicodedata.category(mark) in ("Cc", "Zl", "Zp") or mark in _REVERSING):
             raise ValueError(f"text without control characters; it contains U+{ord(mark):04X}")
@@ -55,10 +55,10 @@ def _is_given(text: str) -> str:
 def is_raw_text(text: str) -> str:
     "Return text that may contain line ends and tabs; raises ValueError for other control characters or too long"
     "text."
-    return _is_shown(_is_short(text, LONGEST_TEXT), _OF_LINES)
+    return _check_characters(_check_length(text, LONGEST_TEXT), _OF_LINES)
 
 
-def _is_short(text: str, longest: int) -> str:
+def _check_length(text: str, longest: int) -> str:
     if len(text) > longest:
         raise ValueError(f"at most {longest} characters, not {len(text)}")
     return text
@@ -66,7 +66,7 @@ def _is_short(text: str, longest: int) -> str:
 
 def is_path(text: str) -> str:
     """Return a path or glob; raises ValueError if it is empty or has control characters."""
-    return _is_shown(_is_given(text))
+    return _check_characters(_is_given(text))
 
 
 def _one_or_several(value: Any) -> Any:
@@ -91,7 +91,7 @@ def _is_identifier(value: Any) -> Any:
 
 
 def _is_name(text: str) -> str:
-    return _is_shown(_is_given(_is_short(text, LONGEST_NAME)))
+    return _check_characters(_is_given(_check_length(text, LONGEST_NAME)))
 
 
 def _is_date(value: Any) -> Any:
@@ -107,7 +107,7 @@ def _is_date(value: Any) -> Any:
 
 Name = Annotated[str, AfterValidator(_is_name)]
 # Text on one line; a pattern may restrict it further.
-Shown = Annotated[str, AfterValidator(_is_shown)]
+Shown = Annotated[str, AfterValidator(_check_characters)]
 Identifier = Annotated[int | str, BeforeValidator(_is_identifier)]
 # One or more sentences.
 Words = Annotated[str, AfterValidator(_is_given), AfterValidator(is_raw_text)]

@@ -106,7 +106,7 @@ class Loading(Section):
 
     @field_validator("overload", mode="before")
     @classmethod
-    def _one_for_all(cls, given: Any) -> Any:
+    def _same_for_all(cls, given: Any) -> Any:
         if isinstance(given, int | float):
             return dict.fromkeys(Overload.model_fields, given)
         if not isinstance(given, dict | Overload):

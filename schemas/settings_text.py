@@ -62,13 +62,13 @@ def parsed_toml(text: str) -> dict[str, Any]:
         raise TooDeep from None
     level: list[Any] = [document]
     for _ in range(DEEPEST):
-        level = [inner for one in level for inner in _within(one) if isinstance(inner, dict | list)]
+        level = [inner for one in level for inner in _nested_values(one) if isinstance(inner, dict | list)]
         if not level:
             return document
     raise TooDeep
 
 
-def _within(one: Any) -> list[Any]:
+def _nested_values(one: Any) -> list[Any]:
     return list(one.values()) if isinstance(one, dict) else one
 
 
@@ -77,17 +77,17 @@ def regular_size(path: Path) -> int:
     try:
         status = os.stat(path)
     except ValueError:  # a null character
-        raise _none(path) from None
+        raise _missing_file(path) from None
     except OSError as error:
         if error.errno in _NOTHING_THERE:
-            raise _none(path) from None
+            raise _missing_file(path) from None
         raise
     if not stat.S_ISREG(status.st_mode) or is_special(path):
-        raise _none(path)
+        raise _missing_file(path)
     return status.st_size
 
 
-def _none(path: Path) -> FileNotFoundError:
+def _missing_file(path: Path) -> FileNotFoundError:
     return FileNotFoundError(errno.ENOENT, "no regular file is there", str(path))
 
 

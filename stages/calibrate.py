@@ -58,17 +58,17 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Fit every model that the mechanism allows, choose one, and test them against repeats."""
-    from truing.stages.common.belonging import withheld
+    from truing.stages.common.belonging import reason_withheld
 
     if settings.campaign.kind == "interferometer":
         from truing.stages.calibration.sensor import calibrate_sensor as calibrated
-        from truing.stages.calibration.sensor import nothing_of_sensor as nothing
+        from truing.stages.calibration.sensor import outcome_without_sensor as nothing
         from truing.stages.repeats.load_repeats import repeats_of_loads as repeats
     else:
         from truing.stages.calibration.run import calibrate_mechanism as calibrated
         from truing.stages.calibration.run import nothing_calibrated as nothing
         from truing.stages.repeats.pose_repeats import repeats_of_poses as repeats
-    if why := withheld(tables):
+    if why := reason_withheld(tables):
         return nothing(why)
     found = calibrated(tables, settings, progress)
     known = {name: table for name, table in found.artifacts.items() if hasattr(table, "num_rows")}

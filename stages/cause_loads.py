@@ -54,12 +54,12 @@ def loads_for_causes(
 
 
 def _members(candidates: Iterable[Cause]) -> Iterator[Cause]:
-    """One cause per possible subject of a kind, with the middle one of its forms; without causes that end with a
-    campaign's runs."""
+    """Yield one cause per possible subject of a kind, with the middle one of its forms; none of a single run, because
+    new runs cannot show it."""
     by_subject: dict[str, list[Cause]] = {}
     for cause in candidates:
         by_subject.setdefault(cause.subject, []).append(cause)
     for forms in by_subject.values():
         middle = forms[len(forms) // 2]
-        if not middle.subject.startswith("run "):
+        if middle.settings().get("run", "") == "":
             yield middle

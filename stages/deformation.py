@@ -52,10 +52,10 @@ DECLARATION = Stage(
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Fit the deformation models for the campaign's instrument and mechanism."""
-    from truing.stages.common.belonging import withheld
+    from truing.stages.common.belonging import reason_withheld
 
     progress(0, 1, "deformation models")
-    why = withheld(tables)
+    why = reason_withheld(tables)
     if settings.campaign.kind == "interferometer":  # positions of an axis have nothing to do with loads
         from truing.stages.responses.loads import load_deformation, with_positioning, with_tolerances
 

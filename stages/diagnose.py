@@ -57,13 +57,13 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     """Search the catalogue for causes of the campaign's departure from its simulation."""
     import numpy as np
 
-    from truing.stages.common.belonging import withheld
+    from truing.stages.common.belonging import reason_withheld
     from truing.stages.diagnosis.artifacts import not_evaluated, outcome, outcome_of_rays
     from truing.stages.diagnosis.ray_findings import corrected, ray_findings, with_shared_errors
     from truing.stages.diagnosis.ray_points import has_rays
     from truing.stages.diagnosis.search import assembled_data, decided
 
-    if why := withheld(tables):
+    if why := reason_withheld(tables):
         return not_evaluated(why, settings)
     rays = ray_findings(tables, settings, progress) if has_rays(tables) else None
     try:

@@ -51,10 +51,10 @@ def run(
         rays = read_rays(source, settings, known, log)
     else:
         rays = read_photographs(source, settings, known.get("image_targets"), log, progress, each)
-    log.throw()
+    log.raise_faults()
     assert rays is not None  # else there was a fault
     whose = regrouped({"image_points": rays.image_points, "photographs": rays.photographs}, settings.cameras, log)
-    log.throw()
+    log.raise_faults()
     points = len(set(rays.image_points.column("point").to_pylist()) - {""})
     poses = len(set(rays.photographs.column("pose").to_pylist()))
     read = [f"{counted(len(rays.image_points), 'ray')} of {counted(len(rays.photographs), 'image')}"]
@@ -73,7 +73,7 @@ def run(
     )
 
 
-def look(settings: Any, source: CampaignFiles) -> str:
+def photographs_summary(settings: Any, source: CampaignFiles) -> str:
     """Summary of photographs and their tables, without measuring; raises CampaignFaults like ``run``."""
     from truing.stages.image_tables.photographs import opened
 

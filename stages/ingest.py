@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from truing.formats.source import TABLES, CampaignFiles
 from truing.schemas.faults import Fault
 from truing.schemas.mechanism import COLUMNS_OF_AXES, NOISE_OF_ENCODERS
-from truing.schemas.near_names import meant
+from truing.schemas.near_names import did_you_mean
 from truing.stages.declaration import Outcome, Progress, Stage, registered
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
 
     log = FaultLog()
     for table in (name for name in settings.files if name not in TABLES):
-        hint = meant(table, TABLES) or f"; one of {', '.join(TABLES)}"
+        hint = did_you_mean(table, TABLES) or f"; one of {', '.join(TABLES)}"
         log.add(Fault("campaign.toml", f"a known table{hint}", column=f"files.{table}"))
     if (own := registered(OF_TYPES, settings)) is not None:
         outcome: Outcome = own.ingest(settings, source, log)

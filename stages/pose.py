@@ -50,12 +50,16 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         from truing.stages.sensor.platform_poses import platform_poses
 
         return platform_poses(tables, settings)
-    from truing.stages.common.belonging import withheld
+    from truing.stages.common.belonging import reason_withheld
 
     empty = {name: ARTIFACTS[name].empty() for name in ("observations", "scans", "measured_poses")}
     sources = {name: tables.get(name, none) for name, none in empty.items()}
     is_empty = not any(table.num_rows for table in sources.values())
-    why = NO_BODIES.get(settings.mechanism.type, "no object points") if is_empty else withheld(tables, of_poses=True)
+    why = (
+        NO_BODIES.get(settings.mechanism.type, "no object points")
+        if is_empty
+        else reason_withheld(tables, of_poses=True)
+    )
     if why:
         return Outcome.not_evaluated({name: ARTIFACTS[name].empty() for name in ("poses", "residuals")}, why)
     from truing.stages.rigid_poses.body_poses import body_poses

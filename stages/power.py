@@ -25,7 +25,7 @@ _THRESHOLD_DRAWS = 1600
 
 
 def searched_causes(plan: Plan, settings: Campaign) -> tuple[Mapping[str, Cause], Settings]:
-    """The causes that a diagnosis of such a campaign looks for, by id, and how sure it must be."""
+    """Return the causes that the diagnosis of such a campaign searches for, by id, and its required certainty."""
     from truing.simulation.catalogue import catalogue_of_rays
     from truing.stages.diagnosis.search import kinds_of, rule_of, rule_of_rays, searched_for
     from truing.stages.simulated_campaigns.plan import RayPlan
@@ -35,8 +35,9 @@ def searched_causes(plan: Plan, settings: Campaign) -> tuple[Mapping[str, Cause]
     return {cause.id: cause for cause in searched_for(settings, kinds.values())}, own
 
 
-def compared(plan: Plan, tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData:
-    """What a diagnosis compares of a drawn campaign; raises ValueError, saying why, where the tables do not hold it."""
+def diagnosis_data_of(plan: Plan, tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData:
+    """Return the data that a diagnosis of a drawn campaign compares; raises ValueError with the reason if its tables
+    are insufficient."""
     from truing.stages.diagnosis.ray_points import assemble_rays
     from truing.stages.diagnosis.search import assembled_data
     from truing.stages.simulated_campaigns.plan import RayPlan
@@ -45,7 +46,7 @@ def compared(plan: Plan, tables: Mapping[str, pa.Table], settings: Campaign) -> 
 
 
 def expected_sights(plan: Plan, data: DiagnosisData, settings: Campaign) -> list[EffectSensitivity]:
-    """How well the search sees each sort of effect in a drawn campaign without any."""
+    """Yield the expected detectability of each kind of effect in a drawn campaign without effects."""
     from truing.inference.fitted_model import Fitter
     from truing.inference.search import search_of
 
@@ -56,15 +57,15 @@ def expected_sights(plan: Plan, data: DiagnosisData, settings: Campaign) -> list
     return effect_sensitivities(search_of(fitted, list(kinds.values()), _THRESHOLD_DRAWS, rng), rule.level)
 
 
-def completed(bare: CampaignPlan, data: DiagnosisData, poses: pa.Table) -> CampaignPlan:
-    """A plan with all that the diagnosis knows of the campaign: tolerances, and how legs' targets sit on them."""
+def complete_plan(bare: CampaignPlan, data: DiagnosisData, poses: pa.Table) -> CampaignPlan:
+    """Return the plan with the prior knowledge of the diagnosis: tolerances, and positions of targets on legs."""
     from truing.stages.simulated_campaigns.plan import full_plan
 
     return full_plan(bare, data.model, data.calibration.measured.seen, poses)
 
 
 def reading_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> ReadingPlan:
-    """The plan of a loading campaign; raises ValueError, saying why, where it cannot be simulated."""
+    """Return the plan of a loading campaign; raises ValueError with the reason if it cannot be simulated."""
     from truing.stages.diagnosis.reading_points import reading_model
     from truing.stages.simulated_campaigns.plan import reading_plan
 
@@ -72,7 +73,7 @@ def reading_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Readi
 
 
 def ray_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> RayPlan:
-    """The plan of a run's rays; raises ValueError, saying why, where they cannot be held against each other."""
+    """Return the plan of a run's rays; raises ValueError with the reason if they cannot be compared."""
     from truing.stages.diagnosis.ray_points import assemble_rays, has_rays
     from truing.stages.simulated_campaigns.plan import ray_plan
 

@@ -38,9 +38,11 @@ _REMAINING = ("pose", "deformation", "diagnose", "calibrate")
 
 @dataclass(frozen=True)
 class CampaignContents:
-    """What was read of a campaign: its small tables by artifact; targets: how many each body shows, by body and pose;
-    is_photographed: points come out of photographs, which have not been measured yet; given: tables of loads and of
-    photographs that the campaign has files of; names: those of the targets that each body shows."""
+    """Contents of a campaign before evaluation.
+
+    Small tables by artifact; ``targets``: number per body and pose; ``names``: targets of each body; ``given``: tables
+    of loads and photographs with files; ``is_photographed``: points come from photographs that are not measured yet.
+    """
 
     tables: Mapping[str, pa.Table]
     targets: Mapping[str, Mapping[object, int]] = field(default_factory=dict)
@@ -50,7 +52,7 @@ class CampaignContents:
 
     @property
     def is_of_poses(self) -> bool:
-        """Whether poses were measured, or surfaces scanned, and no targets."""
+        """Return True if poses were measured or surfaces scanned, without targets."""
         return not self.targets and not self.is_photographed and bool(self._untargeted)
 
     @property
@@ -59,18 +61,18 @@ class CampaignContents:
 
     @property
     def of_poses(self) -> str:
-        """What poses come out of besides targets, in words; empty where out of these alone."""
+        """Return in words the sources of poses besides targets; empty without any."""
         return " and ".join(self._untargeted)
 
     def determined(self, body: str) -> int:
-        """In how many poses a body shows targets enough for a pose of its own."""
+        """Return the number of poses in which a body has enough targets for its own pose."""
         return sum(count >= LEAST_TARGETS for count in self.targets.get(body, {}).values())
 
 
 @dataclass(frozen=True)
 class Prospect:
-    """What a stage will make of a campaign; why_not: empty where it evaluates something; of_what: what that is;
-    perhaps: what it depends on, where the tables alone do not tell."""
+    """Expected result of a stage: ``of_what`` it evaluates; ``why_not``: reason why it evaluates nothing, otherwise
+    empty; ``perhaps``: condition that the tables alone do not decide."""
 
     stage: str
     why_not: str
@@ -85,7 +87,7 @@ class Prospect:
 
 
 def prospects(settings: Campaign, found: CampaignContents) -> Iterator[Prospect]:
-    """Yield what each stage that measures something will evaluate, of points or of loads."""
+    """Yield the expected evaluation of each measuring stage, for points or loads."""
     if (own := registered(_OF_TYPES, settings)) is not None:
         yield from (Prospect(*reported) for reported in own.prospects(settings, found.tables))
         return
@@ -149,7 +151,7 @@ def _diagnosis_of_bodies(settings: Campaign, found: CampaignContents) -> str:
 
 
 def _too_few(found: CampaignContents) -> str:
-    """Of the poses of the table, whose points may still be too few."""
+    """Return the reason why the poses of the table are too few, before their points are known."""
     table = found.tables.get("configurations")
     roles = [] if table is None else table.column("role").to_pylist()
     return why_too_few_poses(sum(role != HELD_OUT for role in roles))
@@ -180,7 +182,7 @@ def _diagnosis_of_loads(settings: Campaign, tables: Mapping[str, pa.Table]) -> s
 
 
 def has_repeats(settings: Campaign, found: CampaignContents) -> bool:
-    """Whether targets were seen at poses that repeat one another: their repeatability needs no pose of a body."""
+    """Return True if targets were observed at repeated poses, whose repeatability needs no pose of a body."""
     from truing.stages.common.repeats import repeated_poses
 
     table = found.tables.get("configurations")
@@ -190,5 +192,5 @@ def has_repeats(settings: Campaign, found: CampaignContents) -> bool:
 
 
 def nothing_evaluated(found: Sequence[Prospect]) -> bool:
-    """Whether no stage makes anything of a campaign."""
+    """Return True if no stage evaluates anything of a campaign."""
     return all(one.why_not for one in found if one.stage in _REMAINING) and bool(found)

@@ -54,12 +54,12 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from truing.report.numbers import count
     from truing.stages.common.belonging import belonging_table
     from truing.stages.quality.check import FAIL, WARN, checks_installed
-    from truing.stages.quality.decisions import assessed
+    from truing.stages.quality.decisions import with_acceptances
 
     found = _checked(tables, settings)
     if found.why_not:
         return Outcome.not_evaluated({"qa": _table([])}, found.why_not)
-    rows = assessed(chain(found.checks, checks_installed(tables, settings)), settings.accept, progress)
+    rows = with_acceptances(chain(found.checks, checks_installed(tables, settings)), settings.accept, progress)
     failed = tuple(f"{row.check} {row.subject}".strip() for row in rows if row.verdict == FAIL and not row.accepted)
     warned, accepted = (
         sum(row.verdict == WARN and not row.accepted for row in rows),

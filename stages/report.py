@@ -44,10 +44,10 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     drawn = sum(len(section.figures) for section in all_of(sections))
     read, size = f"{len(tables)} artifacts", f"{len(sections)} sections, {drawn} figures, {len(page) / 1e6:.1f} MB"
     left = {**made, "verdict": verdict, "next_measurements": next_measurements_table(reported), "report": page}
-    return Outcome(left, read, "nothing", f"{size}; {_in_short(verdict)}", tuple(gates(verdict.to_pylist())))
+    return Outcome(left, read, "nothing", f"{size}; {_log_row(verdict)}", tuple(gates(verdict.to_pylist())))
 
 
-def _in_short(verdict: pa.Table) -> str:
+def _log_row(verdict: pa.Table) -> str:
     """The row of the campaign, as the log tells it."""
     whole = verdict.to_pylist()[0]
     of = f" by {whole['decided_by']}" if whole["decided_by"] else ""

@@ -32,13 +32,13 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress, 
     """Predict the second campaign by every model of this one."""
     from truing.schemas.artifacts import ARTIFACTS
     from truing.stages.common.applied_findings import applied_findings
-    from truing.stages.common.belonging import withheld
+    from truing.stages.common.belonging import reason_withheld
     from truing.stages.second_campaign.compared import ARTIFACT
     from truing.stages.second_campaign.errors import second_campaign_errors
 
     nothing = {ARTIFACT: ARTIFACTS[ARTIFACT].empty()}
     text = applied_findings(tables).text
-    if why := withheld(tables) or ("" if text else "the diagnosis was not evaluated, and left no model"):
+    if why := reason_withheld(tables) or ("" if text else "the diagnosis was not evaluated, and left no model"):
         return Outcome.not_evaluated(nothing, why)
     assert text is not None
     try:

@@ -11,12 +11,12 @@ from docs.experiments.force_sensor_sets import LOADS, SETS, UNITS, published, th
 from docs.experiments.marked_tables import table
 from truing.simulation.bench.six_upur.geometry import JointCentres, outward
 from truing.simulation.bench.six_upur.influence import (
-    about,
     characteristic_length,
     force_bound,
     influence_matrix,
     influence_with_error,
     merit,
+    moments_about,
     sensitivities,
 )
 
@@ -35,7 +35,8 @@ def conditions() -> str:
         G = influence_matrix(each.joints())
         length = float(characteristic_length(G))
         raw, scaled = merit(G), merit(G, length)
-        numbers = [raw.condition, merit(about(G, BASE_CENTRE)).condition, merit(G, 1e-3).condition, scaled.condition]
+        at_base = merit(moments_about(G, BASE_CENTRE))
+        numbers = [raw.condition, at_base.condition, merit(G, 1e-3).condition, scaled.condition]
         isotropies = [scaled.isotropy, scaled.force_isotropy, scaled.torque_isotropy]
         cells = [f"{number:.4f}" if number < 100 else f"{number:.0f}" for number in numbers]
         rows.append([name, *cells, f"{length:.3f}", *row(np.array(isotropies))])

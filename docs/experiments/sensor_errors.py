@@ -39,7 +39,7 @@ def _along_z(more: NDArray) -> NDArray:
 
 
 SHARE = LOAD / FULL_N
-FALLING = ~series(np.random.default_rng(0), _along_z(np.zeros(len(LOAD)))).rising
+FALLING = ~series(np.random.default_rng(0), _along_z(np.zeros(len(LOAD)))).is_loading
 LAST = np.tile(np.arange(len(ONCE)) == len(ONCE) - 1, 6)
 
 

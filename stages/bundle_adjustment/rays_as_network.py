@@ -115,7 +115,7 @@ def named_network(
         point_pose,
         rays,
         bars,
-        _known(tables.get("known_points"), poses, keys),
+        _known_points(tables.get("known_points"), poses, keys),
     )
     images = text_column(photographs, "image")
     markers = _markers(point_pose, names, table.body[first], tables.get("image_targets"), marker_mm)
@@ -172,7 +172,7 @@ def _bars(
     return Bars(number, first, second, repeat[row], length[first_row], sigma[first_row]), names
 
 
-def _known(table: pa.Table | None, poses: Sequence[Pose], keys: Mapping[tuple[int, str], int]) -> KnownPoints:
+def _known_points(table: pa.Table | None, poses: Sequence[Pose], keys: Mapping[tuple[int, str], int]) -> KnownPoints:
     if table is None:
         return KnownPoints.none()
     xyz, cov = points_and_cov(table)

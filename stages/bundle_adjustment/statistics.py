@@ -134,7 +134,7 @@ def scale_sources(found: AdjustedNetwork, bars: pa.Table | None, survey: Surveye
         for name, ratio, sigma in (
             *_of_bars(places, bars),
             *_of_survey(places, survey),
-            *_of_known(found, state, pose),
+            *_known_point_lengths(found, state, pose),
         ):
             ratios.setdefault(name, []).append((ratio, sigma))
     figures: list[Figure] = []
@@ -170,7 +170,7 @@ def _of_survey(places: dict[str, Array], survey: SurveyedPoints | None) -> list[
     return found
 
 
-def _of_known(found: AdjustedNetwork, state: NetworkState, pose: int) -> list[tuple[str, float, float]]:
+def _known_point_lengths(found: AdjustedNetwork, state: NetworkState, pose: int) -> list[tuple[str, float, float]]:
     """Known points whose shape agrees with the rays."""
     network = found.adjustment.network
     here = network.point_pose[network.known.point] == pose

@@ -137,7 +137,7 @@ def _surveyed(settings: Any, survey: SurveyedPoints | None) -> list[dict[str, ob
     for one in dict.fromkeys(survey.bodies[known]) if reference is None else (reference,):
         own = np.flatnonzero(known & (survey.bodies == one))
         name, xyz, variance = survey.names[own], survey.xyz_mm[own], survey.variance_mm2[own]
-        for first, second in _apart(xyz):
+        for first, second in _distant_pairs(xyz):
             apart = xyz[second] - xyz[first]
             length = float(np.linalg.norm(apart))
             sigma = float(np.sqrt((variance[first] + variance[second]) @ (apart / length) ** 2))
@@ -183,7 +183,7 @@ def _name(body: str, target: str, seen: frozenset[str]) -> str:
     return next((name for name in (f"{body}/{target}", target) if name in seen), "")
 
 
-def _apart(xyz: Array) -> list[tuple[int, int]]:
+def _distant_pairs(xyz: Array) -> list[tuple[int, int]]:
     """Pairs of points (N, 3), the most distant first, each point in at most one pair."""
     first, second = np.triu_indices(len(xyz), 1)
     order = np.argsort(-np.linalg.norm(xyz[first] - xyz[second], axis=1), kind="stable")

@@ -111,7 +111,7 @@ class NetworkTables:
             names = self.named.points[numbers]
             pose_column = self._pose(np.full(len(first), pose))
             parts.append({"pose": pose_column, "point": names[first], "other_point": names[second], **pairs})
-        return _joined("point_correlations", parts, self.named)
+        return _joined_table("point_correlations", parts, self.named)
 
     def point_sensitivities(self) -> pa.Table:
         """One row per point and common parameter: effect of one standard deviation."""
@@ -129,7 +129,7 @@ class NetworkTables:
                     **{f"effect_{a}_mm": effect[point, k, parameter] for k, a in enumerate(_AXES)},
                 }
             )
-        return _joined("point_sensitivities", parts, self.named)
+        return _joined_table("point_sensitivities", parts, self.named)
 
     def cameras(self) -> pa.Table:
         """One row per camera and parameter, without sigma if fixed."""
@@ -278,7 +278,7 @@ def _identifier(named: NamedNetwork) -> str:
     return "string" if any(isinstance(pose, str) for pose in named.poses) else "int64"
 
 
-def _joined(name: str, parts: Sequence[dict[str, Any]], named: NamedNetwork) -> pa.Table:
+def _joined_table(name: str, parts: Sequence[dict[str, Any]], named: NamedNetwork) -> pa.Table:
     if not parts:
         return ARTIFACTS[name].empty(_identifier(named))
     return _table(name, {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}, named)
@@ -305,7 +305,7 @@ def known_points_table(named: NamedNetwork, found: KnownTested, used: Mask) -> p
     for row, point in enumerate(network.known.point.tolist()):
         if not seen[point]:
             continue
-        about = _about(*reported[row]) if row in reported else {"rejected": False, "reason": None}
+        about = _known_point_deviation(*reported[row]) if row in reported else {"rejected": False, "reason": None}
         if not left[point]:
             about |= {"rejected": True, "reason": about["reason"] or NO_RAY}
         pose = named.poses[network.point_pose[point]]
@@ -313,7 +313,7 @@ def known_points_table(named: NamedNetwork, found: KnownTested, used: Mask) -> p
     return table_of_rows("known_point_errors", rows, named)
 
 
-def _about(errors: KnownPointErrors, place: int) -> dict[str, Any]:
+def _known_point_deviation(errors: KnownPointErrors, place: int) -> dict[str, Any]:
     """Deviation of one known point from the rays, in mm."""
     wrong = bool(errors.wrong[place])
     reason = WRONG if wrong else None if errors.resolved else UNRESOLVED

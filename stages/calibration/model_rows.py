@@ -14,7 +14,7 @@ from truing.calibration.accuracy import (
     Decision,
     Figure,
     PoseErrors,
-    deciding,
+    deciding_pose_count,
     error_figures,
     error_of_95_percent,
     fit_figures,
@@ -176,7 +176,7 @@ def requirement_rows(
         found = error_of_95_percent(errors.error[assessed, i] / si, noise[assessed, i, i] / si**2)
         verdict = _verdict(found, limit)
         spare = 0 if held_out.any() else int(assessed.sum())
-        decision = deciding(errors.error[assessed, i] / si, noise[assessed, i, i] / si**2, limit, spare)
+        decision = deciding_pose_count(errors.error[assessed, i] / si, noise[assessed, i, i] / si**2, limit, spare)
         words = _requirement_words(found, verdict, limit, unit) + by
         if why_not and verdict in ("meets", "undecided"):
             verdict, words = "not evaluated", f"not tested: {why_not}"
@@ -293,7 +293,7 @@ def absorption_rows(
     for calibration in calibrations:
         whole = full.get((calibration.case.structure.name, calibration.estimator))
         if calibration.case.deformation in LESS_THAN_K and whole is not None:
-            _absorbed(rows, data, fitted.chosen(calibration.kept & whole.kept), calibration, whole)
+            _absorbed(rows, data, fitted.subset(calibration.kept & whole.kept), calibration, whole)
     return rows
 
 

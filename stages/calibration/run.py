@@ -74,7 +74,7 @@ def calibrate_mechanism(tables: Mapping[str, pa.Table], settings: Campaign, prog
     except ValueError as error:
         return nothing_calibrated(str(error))
     fitted = data.measured.roles != HELD_OUT
-    if why := why_too_few_poses(int(fitted.sum())) or _too_little(data) or _unreached(data):
+    if why := why_too_few_poses(int(fitted.sum())) or _too_little(data) or _reason_unreachable(data):
         return nothing_calibrated(why)
     findings = applied_findings(tables)
     extended = None
@@ -107,7 +107,7 @@ def _too_little(data: CalibrationData) -> str:
     return ""
 
 
-def _unreached(data: CalibrationData) -> str:
+def _reason_unreachable(data: CalibrationData) -> str:
     """Reason why the nominal mechanism cannot be calibrated at these readings; else empty."""
     legs, rho, platform = data.machine.legs, data.measured.rho, data.measured.platform
     if 2 * np.isfinite(inverse(legs, platform.p, platform.R)).all(1).sum() < len(rho):
@@ -151,7 +151,7 @@ def _calibrated(
         "implicit_accuracy": _accuracy("implicit_accuracy", closed, data),
         "model_choice": choice_rows([*likely, *closed], measured.roles, made),
         "observability": observability_rows(data, used, best.calibration),
-        "flexure_parameters": flexure_rows(flexure_knowledge(data, used.chosen(clean.kept))),
+        "flexure_parameters": flexure_rows(flexure_knowledge(data, used.subset(clean.kept))),
         "absorption": absorption_rows(data, used, (*both.likely, *both.implicit)),
         "requirements": Rows("requirements"),
         "calibration_left_out": _left_out_rows(clean),
@@ -189,7 +189,7 @@ def _applied(extended: Extended | None) -> str:
 
 def _left_out_rows(clean: ScreenedPoses) -> Rows:
     rows = Rows("calibration_left_out")
-    for pose in clean.poses_out:
+    for pose in clean.rejected_poses:
         rows.add(pose=pose, subject="platform", reason=_DISAGREES, unit="sigma")
     for one in clean.legs_out:
         leg = f"leg{one.leg + 1}"
@@ -199,8 +199,8 @@ def _left_out_rows(clean: ScreenedPoses) -> Rows:
 
 def _screened_words(clean: ScreenedPoses) -> list[str]:
     texts, legs = [], [f"leg{one.leg + 1} in pose {one.pose}" for one in clean.legs_out]
-    if clean.poses_out:
-        texts.append(f"poses that disagree with all others: {', '.join(map(str, clean.poses_out))}")
+    if clean.rejected_poses:
+        texts.append(f"poses that disagree with all others: {', '.join(map(str, clean.rejected_poses))}")
     return [*texts, f"legs with inconsistent targets: {listed(legs)}"] if legs else texts
 
 

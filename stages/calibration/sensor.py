@@ -110,15 +110,15 @@ def _drawn(theory: Theory | None) -> list[tuple[Name, MatrixEstimate]]:
         return []
     found = [(("G", NOMINAL), theory.nominal), (("G'", SYNTHETIC), theory.with_error)]
     joints = theory.with_joints
-    return found if joints is None else [*found, (("G", WITH_JOINTS), _exactly(joints))]
+    return found if joints is None else [*found, (("G", WITH_JOINTS), _without_uncertainty(joints))]
 
 
-def _exactly(matrix: Array) -> MatrixEstimate:
+def _without_uncertainty(matrix: Array) -> MatrixEstimate:
     """A matrix without stated uncertainty."""
     return MatrixEstimate(matrix, np.full((matrix.size, matrix.size), np.nan))
 
 
-def _known(sigma: Array) -> list[float | None]:
+def _finite_or_none(sigma: Array) -> list[float | None]:
     return [float(one) if np.isfinite(one) else None for one in sigma]
 
 
@@ -144,7 +144,7 @@ def _entries(
         row=[LOADS[i] for i in row],
         column_name=[columns[j] for j in column],
         value=estimate.value.ravel(),
-        sigma=_known(estimate.sigma.ravel()),
+        sigma=_finite_or_none(estimate.sigma.ravel()),
         unit=[units[int(i > 2)] for i in row],
         chosen=chosen,
         **more,
@@ -251,7 +251,7 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     drawn = theory(settings, tables)
     found, fitted, why = _fitted(tables, settings, progress)
     if drawn is None and fitted is None:
-        return nothing_of_sensor(why)
+        return outcome_without_sensor(why)
     sensitivity, tolerance = settings.signals.sensitivity_mv_per_n, settings.signals.sensitivity_tolerance
     legs = None if fitted is None else leg_matrix(fitted, sensitivity, tolerance)
     beside = None if fitted is None else _with_other_loads(tables, settings)
@@ -358,7 +358,7 @@ def _figure_of_sensor(found: RecordedLoads, fitted: SensorCalibrations, ranges: 
     )
 
 
-def nothing_of_sensor(why: str) -> Outcome:
+def outcome_without_sensor(why: str) -> Outcome:
     """Outcome of a campaign without data for a calibration, or with unusable data."""
     empty = {name: ARTIFACTS[name].empty() for name in LEAVES}
     return Outcome.not_evaluated(empty, why)

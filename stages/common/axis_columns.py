@@ -81,7 +81,7 @@ class AxisColumns:
             if field.name not in held and str(field.type) in ("double", "int64")
         }
         poses, least = table.column("pose").to_pylist(), self.axis(command_sigma).least_move
-        return AxisRows.of(poses, time_s, command, least, _events(table, time_s), others)
+        return AxisRows.of(poses, time_s, command, least, _events_in_time(table, time_s), others)
 
     def deviations(self, table: pa.Table) -> Array:
         """Return encoder readings minus command (N, K), rad or m, without whole turns; NaN if empty."""
@@ -111,7 +111,7 @@ def encoder_sigma(settings: Any, encoder: str) -> float | None:
     return None if sigma is None else float(sigma * SI[unit])
 
 
-def _events(table: pa.Table, time_s: Array) -> tuple[tuple[str, float], ...]:
+def _events_in_time(table: pa.Table, time_s: Array) -> tuple[tuple[str, float], ...]:
     """Return the events, and the time of the first row after each.
 
     An event is a change to another text that is not empty.

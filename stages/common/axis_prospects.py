@@ -24,7 +24,7 @@ def prospects(settings: Campaign, tables: Mapping[str, pa.Table]) -> Iterator[tu
     yield "pose", NO_BODIES[kind], ""
     yield "deformation", NO_BODIES[kind], ""
     why = why_no_diagnosis(tables, settings)
-    without = "" if why else "; ".join(could_not_show(tables, settings))
+    without = "" if why else "; ".join(undetectable_causes(tables, settings))
     yield "diagnose", why, f"cannot show {without}" if without else ""
     yield "calibrate", NO_CALIBRATION[kind], ""
 
@@ -45,7 +45,7 @@ def why_no_diagnosis(tables: Mapping[str, pa.Table], settings: Campaign) -> str:
     return ""
 
 
-def could_not_show(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[str, ...]:
+def undetectable_causes(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[str, ...]:
     """Causes that the rows cannot show, each with the reason."""
     table = tables["configurations"]
     columns = columns_of(settings, table)

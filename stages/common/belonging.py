@@ -54,7 +54,7 @@ def failed_relations(tables: Mapping[str, pa.Table], *, of_poses: bool = False) 
     return [name for name in dict.fromkeys(failed) if name in WITHHOLDING and WITHHOLDING[name].withholds in scopes]
 
 
-def withheld(tables: Mapping[str, pa.Table], *, of_poses: bool = False) -> str:
+def reason_withheld(tables: Mapping[str, pa.Table], *, of_poses: bool = False) -> str:
     """Return the reason why results of these tables are withheld (``failed_relations``); else empty."""
     failed = failed_relations(tables, of_poses=of_poses)
     return f"the data contradict the campaign's description: see {', '.join(failed)} under Quality" if failed else ""

@@ -69,6 +69,6 @@ def repeats_of(
     return numbers
 
 
-def chosen(groupings: Mapping[BlockKind, Integers], rows: NDArray[np.bool_]) -> dict[BlockKind, Integers]:
+def selected_groupings(groupings: Mapping[BlockKind, Integers], rows: NDArray[np.bool_]) -> dict[BlockKind, Integers]:
     """Groupings of selected epochs (mask B)."""
     return {kind: numbers[rows] for kind, numbers in groupings.items()}

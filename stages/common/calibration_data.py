@@ -58,7 +58,7 @@ def network_errors(
     for n, own in enumerate(bodies.values()):
         covariance[:, 6 * n : 6 * n + 6, 6 * n : 6 * n + 6] = own
     for name in ("pose_covariances", "shift_covariances"):
-        _fill(covariance, tables.get(name), poses, tuple(numbers))
+        _store_covariances(covariance, tables.get(name), poses, tuple(numbers))
     of_survey = _of_survey(tables.get("survey_covariances"), tuple(numbers))
     shifted = np.arange(len(numbers)) >= 6 * len(bodies)  # whose covariances do not include the survey
     covariance += np.where(shifted[:, None] | shifted, of_survey, 0.0)
@@ -79,7 +79,9 @@ def _of_survey(table: pa.Table | None, numbers: tuple[str, ...]) -> NDArray:
     return found
 
 
-def _fill(covariance: NDArray, table: pa.Table | None, poses: tuple[int | str, ...], numbers: tuple[str, ...]) -> None:
+def _store_covariances(
+    covariance: NDArray, table: pa.Table | None, poses: tuple[int | str, ...], numbers: tuple[str, ...]
+) -> None:
     if table is None or not table.num_rows:
         return
     places = (table.column("pose"), poses), *((table.column(f"{o}_number"), numbers) for o in ("measured", "other"))
@@ -139,7 +141,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> CalibrationD
     seen = {"platform": platform} | {f"leg{leg + 1}": found for leg, found in carrying.items()}
     network = network_errors(tables, poses, {name: found.covariance for name, found in seen.items()}, count)
     load = external_loads(settings, tables["configurations"], platform.R) if section_.is_elastic else None
-    measured = MeasuredPlatform(poses, roles, base, platform, rho, carrying, shifts, network, load).chosen(usable)
+    measured = MeasuredPlatform(poses, roles, base, platform, rho, carrying, shifts, network, load).subset(usable)
     if not usable.any():
         raise ValueError("no pose has both readings and a pose of the platform in the base")
     return CalibrationData(

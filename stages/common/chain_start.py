@@ -53,6 +53,6 @@ def nominal_fit(
 
     def start_of(chosen: Mask, given: ChainConditions) -> StartValues:
         own = fitted & chosen
-        return start_values(tree, channels, given.chosen(own), values[own], measured.seen[own], surveyed, base)
+        return start_values(tree, channels, given.subset(own), values[own], measured.seen[own], surveyed, base)
 
     return NominalFit(R, t, reference, base is not None, start_of)

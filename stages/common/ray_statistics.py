@@ -32,7 +32,7 @@ def ray_tables(
     from truing.estimation.bundle.ray_statistics import ray_statistics
 
     found = ray_statistics(observed, state)
-    names = np.array([_called(number, observed.network, bars) for number in found.numbers], object)
+    names = np.array([_parameter_name(number, observed.network, bars) for number in found.numbers], object)
     informative = np.flatnonzero(np.any(found.information != 0.0, (1, 2)))
     return {
         "ray_statistics": _statistics(found, names, poses, informative),
@@ -41,7 +41,7 @@ def ray_tables(
     }
 
 
-def _called(number: SharedNumber, network: Network, bars: Sequence[str]) -> str:
+def _parameter_name(number: SharedNumber, network: Network, bars: Sequence[str]) -> str:
     owners = {"camera": [camera.name for camera in network.cameras], "bar": list(bars)}
     owners["window"] = owners["camera"]
     owner = owners[number.kind][number.owner] if number.kind in owners else ""
@@ -108,10 +108,15 @@ def shared_numbers(table: pa.Table) -> tuple[RayParameter, ...]:
     ).to_pylist():
         name = row["shared_number"]
         if name not in found:
-            kind, _, rest = name.partition(" ")
-            owner, _, own = rest.rpartition(" ")
-            found[name] = RayParameter(kind, owner, own, *(row[f"shared_{own}"] for own in suffixes))
+            found[name] = RayParameter(*subject_and_name(name), *(row[f"shared_{own}"] for own in suffixes))
     return tuple(found.values())
+
+
+def subject_and_name(number: str) -> tuple[str, str, str]:
+    """Return kind and name of the owner of a shared parameter, and its own name: camera, A, c for ``camera A c``."""
+    kind, _, rest = number.partition(" ")
+    owner, _, own = rest.rpartition(" ")
+    return kind, owner, own
 
 
 def information_and_score(
@@ -121,11 +126,11 @@ def information_and_score(
     at = {number.called: place for place, number in enumerate(numbers)}
     information, score = np.zeros((len(poses), len(at), len(at))), np.zeros((len(poses), len(at)))
     table = tables["ray_statistics"]
-    row, place = positions(table.column("pose"), tuple(poses)), _places(table, "shared_number", at)
+    row, place = positions(table.column("pose"), tuple(poses)), _indices(table, "shared_number", at)
     score[row[row >= 0], place[row >= 0]] = number_column(table, "score")[row >= 0]
     table = tables["ray_information"]
     row = positions(table.column("pose"), tuple(poses))
-    first, second = _places(table, "shared_number", at), _places(table, "other_number", at)
+    first, second = _indices(table, "shared_number", at), _indices(table, "other_number", at)
     values, known = number_column(table, "information"), row >= 0
     information[row[known], first[known], second[known]] = values[known]
     information[row[known], second[known], first[known]] = values[known]
@@ -138,11 +143,11 @@ def effects_on_points(table: pa.Table, numbers: Sequence[RayParameter]) -> tuple
     keys = list(zip(table.column("pose").to_pylist(), table.column("point").to_pylist(), strict=True))
     rows = {key: n for n, key in enumerate(dict.fromkeys(keys))}
     found = np.zeros((len(rows), 3, len(at)))
-    row, place = np.array([rows[key] for key in keys], int), _places(table, "shared_number", at)
+    row, place = np.array([rows[key] for key in keys], int), _indices(table, "shared_number", at)
     for k, axis in enumerate("xyz"):
         found[row, k, place] = number_column(table, f"moves_{axis}_mm") / _MM
     return list(rows), found
 
 
-def _places(table: pa.Table, column: str, at: Mapping[str, int]) -> NDArray:
+def _indices(table: pa.Table, column: str, at: Mapping[str, int]) -> NDArray:
     return np.array([at[name] for name in table.column(column).to_pylist()], int)

@@ -66,7 +66,7 @@ def _common(tables: Mapping[str, pa.Table], at: Mapping[str, Index], count: int)
             _complete(found, name, rows, number_column(table, name), count)
         for name, column in covariates.items():
             values = number_column(table, name)
-            apart = _differ(found.get(column), rows, values)
+            apart = _columns_differ(found.get(column), rows, values)
             _complete(found, f"{kind}.{column}" if apart else column, rows, values, count)
         if "role" in table.schema.names:
             found["held_out"][rows] = np.asarray(table.column("role").to_pylist(), object) == "verification"
@@ -91,7 +91,7 @@ def _complete(found: dict[str, Array], name: str, rows: Index, values: Array, co
     known[rows] = np.where(np.isfinite(values), values, known[rows])
 
 
-def _differ(known: Array | None, rows: Index, values: Array) -> bool:
+def _columns_differ(known: Array | None, rows: Index, values: Array) -> bool:
     """Whether two tables have a column of the same name with different values for the same steps."""
     if known is None:
         return False

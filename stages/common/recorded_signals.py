@@ -64,7 +64,7 @@ def _recorded(
     """Signals with the loads as recorded; with the text of a model, also with the loads by its effects."""
     steps = load_steps({name: tables[name] for name in ("signals", "readings") if name in tables})
     steps, out = without_excluded(steps, settings)
-    steps = steps.chosen(np.isfinite(steps.signal).all(axis=1) & (steps.signal.shape[1] > 0))
+    steps = steps.subset(np.isfinite(steps.signal).all(axis=1) & (steps.signal.shape[1] > 0))
     if not len(steps.run):
         raise ValueError("no load step has a reading of every signal channel")
     exchanged = () if elsewhere else _exchanged(model, steps)
@@ -79,7 +79,7 @@ def _recorded(
     covariate, names = _covariates(steps, settings.mechanism.reference_temperature_c)
     zero, apart = zeros_of_runs(steps, signal, sigma, covariate, good)
     apart = apart if tared is None else tared
-    kept = steps.chosen(good)
+    kept = steps.subset(good)
     noise = settings.noise
     load, causes = _acting(model, kept)
     return RecordedLoads(

@@ -75,7 +75,7 @@ def declared_missing(found: CollectedRows) -> Mask:
     return np.concatenate([np.full(len(records), bool(file.entry.missing)) for file, records in found.parts])
 
 
-def without(found: CollectedRows, rows: Mask, reason: str) -> CollectedRows:
+def without_rows(found: CollectedRows, rows: Mask, reason: str) -> CollectedRows:
     """The table without some rows (N,), which are counted as left out."""
     if not rows.any():
         return found
@@ -122,11 +122,11 @@ def sigmas(
             values[:, number] = numbers(found, name)
             check_sigma(found, values[:, number], name, name.rpartition("_")[2], log)
     if np.isnan(values).any() and declared is None:
-        log.lacks(key, f"a standard deviation of {what}", found.first_file)
+        log.add_missing(key, f"a standard deviation of {what}", found.first_file)
     return np.where(np.isnan(values), np.nan if declared is None else declared, values)
 
 
-def filled(table: pa.Table, name: str, value: object, kind: pa.DataType) -> pa.Table:
+def with_filled_column(table: pa.Table, name: str, value: object, kind: pa.DataType) -> pa.Table:
     """The table with a value in the empty cells of a column (None: unchanged), or in a new column."""
     constant = pa.scalar(value, kind)
     if name not in table.column_names:
@@ -146,11 +146,11 @@ class SmallTable:
     file: str = field(default="", kw_only=True)
 
 
-def once(found: CollectedRows, log: FaultLog, *key: str, cure: str = "") -> None:
+def check_unique_keys(found: CollectedRows, log: FaultLog, *key: str, cure: str = "") -> None:
     """Fault at every row whose key occurred in an earlier row; cure: remedy if that is intended."""
     if any(name not in found.table.column_names for name in key):
         return
-    again = found.sound(*key)
+    again = found.without_faults(*key)
     rows = np.flatnonzero(again)
     again[rows[np.unique(numbered(found, *key)[rows], return_index=True)[1]]] = False
     found.fault(log, again, key[-1], f"every {', '.join(key)} once{cure}")

@@ -50,7 +50,7 @@ def design_problem(
     tolerance = np.array([_tolerance(section.tolerance, entry) for entry in names])
     noise, noise_from = _residual_noise(settings, problem.regressors, survey)
     problem = replace(problem, names=names, tolerance=tolerance, noise=noise, noise_from=noise_from)
-    kept = _named(names, parameters) if parameters else identifiable_parameters(problem)
+    kept = _parameter_indices(names, parameters) if parameters else identifiable_parameters(problem)
     chosen = ParameterSet(
         tuple(entry for k in kept for entry in whole.entries[k * problem.legs : (k + 1) * problem.legs])
     )
@@ -132,7 +132,7 @@ def _tolerance(section: Tolerance, entry: LegParameter) -> float:
     return given * entry.si if given else _FREE[entry.unit]
 
 
-def _named(names: tuple[LegParameter, ...], wanted: Sequence[str]) -> list[int]:
+def _parameter_indices(names: tuple[LegParameter, ...], wanted: Sequence[str]) -> list[int]:
     known = [entry.name for entry in names]
     strange = [name for name in wanted if name not in known]
     if strange:

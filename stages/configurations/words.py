@@ -20,7 +20,7 @@ _WITHIN = {"workspace": "within the limits of pose and readings in [workspace]",
 def words_of(design: Design) -> list[str]:
     """Return the output lines of a design."""
     return [
-        *_chosen(design),
+        *_parameters_chosen(design),
         *_quality(design),
         *_sigmas(design),
         *_needed(design),
@@ -29,7 +29,7 @@ def words_of(design: Design) -> list[str]:
     ]
 
 
-def _chosen(design: Design) -> list[str]:
+def _parameters_chosen(design: Design) -> list[str]:
     options, names = design.options, [entry.name for entry in design.problem.names]
     kept = "" if design.kept is None else f" beside {design.kept.count} that are kept"
     held = f" and {options.verification} for verification" if options.verification else ""
@@ -58,7 +58,7 @@ def _quality(design: Design) -> list[str]:
 def _bound(design: Design) -> str:
     """Return the candidates of the bound in words."""
     candidates, size = design.candidates, design.problem.size
-    found = f", {candidates.climbed} that climbs between them found" if candidates.climbed else ""
+    found = f", {candidates.ascended} that climbs between them found" if candidates.ascended else ""
     missed = f", {candidates.unreached} more out of reach" if candidates.unreached else ""
     points = f"{counted(candidates.corners, 'corner')} of the range, {counted(candidates.dense, 'point')} in it"
     over = f"equivalence theorem over {points}{missed}{found}"

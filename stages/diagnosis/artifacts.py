@@ -58,7 +58,7 @@ def outcome(
 def outcome_of_rays(rays: RayFindings, why: str, settings: Campaign) -> Outcome:
     """Outcome for rays if points cannot be compared with anything, with the reason."""
     artifacts = with_rays({"diagnosis": ARTIFACTS["diagnosis"].empty()}, rays, rule_of(settings))
-    figure = f"{_found(artifacts['diagnosis'])} in rays; points not evaluated: {why}"
+    figure = f"{_found_causes(artifacts['diagnosis'])} in rays; points not evaluated: {why}"
     return Outcome(
         with_choices(artifacts, choices_table(settings, artifacts["diagnosis"])),
         rays.read,
@@ -131,10 +131,10 @@ def _figure(table: pa.Table, diagnosis: CauseDiagnosis, shown: ReportedRms, rule
     if not {"found", "suspected"} & set(table.column("verdict").to_pylist()):
         return f"nothing found: rms error {left}"
     before = shown.rms(diagnosis.plain.error) or 0.0
-    return f"{_found(table)}: rms error {two_decimals(before)} -> {left}"
+    return f"{_found_causes(table)}: rms error {two_decimals(before)} -> {left}"
 
 
-def _found(table: pa.Table) -> str:
+def _found_causes(table: pa.Table) -> str:
     """Found and suspected causes in words."""
     names: dict[str, list[str]] = {"found": [], "suspected": []}
     for row in table.to_pylist():

@@ -18,7 +18,7 @@ from truing.simulation.axis.model import AxisModel
 from truing.simulation.axis.rows import AxisRows
 from truing.stages.common.axis_columns import SI, AxisColumns, columns_of, command_sigma, encoder_sigma
 from truing.stages.common.axis_prospects import is_held_out, why_no_diagnosis
-from truing.stages.common.blocks import chosen, groupings_of, labels_of
+from truing.stages.common.blocks import groupings_of, labels_of, selected_groupings
 from truing.stages.diagnosis.diagnosis_data import Channels, DiagnosisData, InstrumentResults
 from truing.stages.diagnosis.residual_tables import errors_by_role, identified_table
 
@@ -44,7 +44,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     columns = columns_of(settings, table)
     off = command_sigma(settings)
     rows, deviations = columns.rows(table, off), columns.deviations(table)
-    out, kept = (_chosen(rules, rows) for rules in (settings.exclude, settings.keep))
+    out, kept = (_named_rows(rules, rows) for rules in (settings.exclude, settings.keep))
     seen = np.isfinite(deviations) & ~out[:, None]
     held = is_held_out(table)
     fitted = seen.any(1) & ~held
@@ -54,29 +54,29 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     middle = np.nanmedian(np.where(seen, deviations, np.nan), axis=0)
     spread = float(np.abs(np.where(seen, deviations - middle, 0.0)).max())
     axis = replace(columns.axis(off), spread=spread, noise=float(np.hypot(off, np.median(sigma))))
-    model = AxisModel(axis, rows.chosen(fitted), _WIDE * max(largest, float(sigma.max())), off)
+    model = AxisModel(axis, rows.subset(fitted), _WIDE * max(largest, float(sigma.max())), off)
 
     def poses(own: Mask) -> Epochs:
         covariance = np.broadcast_to(sigma**2, seen[own].shape)[..., None, None]
         measured = Observations(np.where(seen, deviations, 0.0)[own][..., None], covariance, seen[own])
         keep = np.broadcast_to(kept[own][:, None], seen[own].shape)
-        return Epochs(measured, rows.chosen(own), Frames.of_numbers(int(own.sum())), keep)
+        return Epochs(measured, rows.subset(own), Frames.of_numbers(int(own.sum())), keep)
 
-    own, known = rows.chosen(fitted), chosen(labels_of(table, rows.poses), fitted)
+    own, known = rows.subset(fitted), selected_groupings(labels_of(table, rows.poses), fitted)
     groupings = groupings_of(own.readings, own.time_s, own.direction[:, None], known)
     return DiagnosisData(
         model,
         replace(poses(fitted), repeats=group_numbers(np.round(own.readings, 12)), groupings=groupings),
         poses(held) if held.any() else None,
         f"{int(out.sum())} rows excluded by a person" if out.any() else "",
-        _left,
+        _results,
         model_text=_model_text,
-        shown=_shown(columns),
+        shown=_encoder_channels(columns),
         relation=Relation.COMMANDS_ENCODERS,
     )
 
 
-def _shown(columns: AxisColumns) -> Channels:
+def _encoder_channels(columns: AxisColumns) -> Channels:
     unit, si = columns.reported_unit
     count = len(columns.encoders)
     return Channels(
@@ -91,7 +91,7 @@ def _shown(columns: AxisColumns) -> Channels:
     )
 
 
-def _chosen(rules: tuple[Overrule, ...], rows: AxisRows) -> Mask:
+def _named_rows(rules: tuple[Overrule, ...], rows: AxisRows) -> Mask:
     """Mask (N,) of rows named by a person; rules on bodies or targets match no row."""
     named = {str(rule.pose) for rule in rules if rule.pose is not None and rule.body is None and rule.target is None}
     return np.array([str(pose) in named for pose in rows.poses], bool)
@@ -104,7 +104,7 @@ def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
     return write_axis(extended_axis(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 
 
-def _left(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
     """Errors of each reading, and the extended model."""
     section = cast("AxisMechanism", settings.mechanism)
     assert isinstance(data.shown, Channels)

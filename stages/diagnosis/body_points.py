@@ -30,7 +30,7 @@ from truing.simulation.bodies.measured_bodies import (
 from truing.simulation.bodies.model import BodyModel, KnownBodies
 from truing.simulation.inputs import approach, order_in_time
 from truing.simulation.targets import shape_unknowns
-from truing.stages.common.blocks import chosen, groupings_of, labels_of, readings_of, repeats_of
+from truing.stages.common.blocks import groupings_of, labels_of, readings_of, repeats_of, selected_groupings
 from truing.stages.common.missing_data import (
     HELD_OUT,
     NO_BODY_TO_DIAGNOSE,
@@ -75,7 +75,7 @@ def assemble_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagn
     if not found:
         raise ValueError(_why_none(tables, settings.reference_body))
     body_places = [_body_places(body, settings, covariates) for body in found]
-    bodies = MeasuredBodies.led(found, body_places, settings.reference_body)
+    bodies = MeasuredBodies.relative_to_reference(found, body_places, settings.reference_body)
     covariates |= bodies.places(covariates["order"]) if not settings.campaign.drives else {}
     if settings.measurement.up is not None:
         covariates |= bodies.gravity(settings.measurement.up, settings.reference_body)
@@ -90,11 +90,11 @@ def assemble_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagn
     repeats = repeats_of(table, poses, settings.campaign.drives, settings.noise.actuator_mm)
     came = [covariates[name][fitted] for name in covariates if name.startswith(CAME_FROM)]
     asked = readings_of(table, poses, settings.campaign.drives)[fitted]
-    time, known = covariates.get("time_s"), chosen(labels_of(table, poses), fitted)
+    time, known = covariates.get("time_s"), selected_groupings(labels_of(table, poses), fitted)
     approach = np.column_stack(came) if came else None
     groupings = groupings_of(asked, None if time is None else time[fitted], approach, known)
     return DiagnosisData(
-        model.at(model.conditions.chosen(fitted)),
+        model.at(model.conditions.subset(fitted)),
         replace(
             bodies.epochs(model.conditions, fitted),
             repeats=None if repeats is None else repeats[fitted],
@@ -102,7 +102,7 @@ def assemble_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagn
         ),
         bodies.epochs(model.conditions, held) if held.any() else None,
         "; ".join([*words, *thinned]),
-        _left,
+        _results,
         tuple(cause for body in found for cause in body.certain),
         relation=Relation.BODIES_SURVEY,
     )
@@ -231,7 +231,7 @@ def _model(
 def _thinned(rows: NDArray[np.bool_], model: BodyModel) -> tuple[NDArray[np.bool_], list[str]]:
     """Poses that fit into memory together, evenly over the campaign, and the omission in words."""
     count, coordinates = int(rows.sum()), 3 * len(model.targets.body)
-    columns = model.shared_size + model.local_size + _COURSES * (coordinates + 6 * int(model.known.still.sum()))
+    columns = model.shared_size + model.local_size + _COURSES * (coordinates + 6 * int(model.known.is_stationary.sum()))
     most = max(_MOST_NUMBERS // (coordinates * columns), _ALWAYS)
     if count <= most:
         return rows, []
@@ -242,6 +242,6 @@ def _thinned(rows: NDArray[np.bool_], model: BodyModel) -> tuple[NDArray[np.bool
     ]
 
 
-def _left(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
     """Errors of each pose."""
     return InstrumentResults({"prediction": prediction_table(diagnosis, data)})

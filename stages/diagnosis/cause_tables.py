@@ -208,11 +208,11 @@ def _source(final: FittedModel, given: Contribution) -> tuple[str, bool]:
     if given.source == INPUTS:
         word = final.model.channel_word
         kind = word if not final.fit.frames.size else "points" if final.model.part_count else "bodies"
-        return _found(_READ[kind], readings)
+        return _noise_source(_READ[kind], readings)
     if given.source == "shape":
-        return _found(_WORDS["shape"], survey)
+        return _noise_source(_WORDS["shape"], survey)
     return _WORDS[given.source], False
 
 
-def _found(words: str, ratio: float) -> tuple[str, bool]:
+def _noise_source(words: str, ratio: float) -> tuple[str, bool]:
     return (f"{words}, at the noise found", True) if ratio > _LARGER else (f"{words}, as declared", False)

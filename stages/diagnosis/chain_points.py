@@ -25,7 +25,7 @@ from truing.simulation.mechanisms.chains.offsets import offsets_beyond_tolerance
 from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import Tree, geometry_modes
 from truing.simulation.targets import FREE_ANGLE_RAD, FREE_LENGTH_M
-from truing.stages.common.blocks import chosen, groupings_of, labels_of
+from truing.stages.common.blocks import groupings_of, labels_of, selected_groupings
 from truing.stages.common.chain_gross_errors import gross_errors
 from truing.stages.common.chain_measurements import (
     MeasuredLinks,
@@ -90,15 +90,15 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
 
     def epochs(own: Mask) -> Epochs[ChainConditions]:
         observed = Observations(measured.values[own], measured.cov[own], measured.seen[own])
-        return Epochs(observed, conditions.chosen(own), Frames(frames.R[own], frames.t[own], frames.free))
+        return Epochs(observed, conditions.subset(own), Frames(frames.R[own], frames.t[own], frames.free))
 
-    own = conditions.chosen(fitted)
+    own = conditions.subset(fitted)
     searched = epochs(fitted)
     right = model.at(own).with_causes(certain)
     evident: tuple[ChainCause, ...] = certain
     evident += offsets_beyond_tolerance(right, searched.measured, searched.frames)
     time = own.covariates.get("time_s")
-    labels = chosen(labels_of(table, poses), fitted)
+    labels = selected_groupings(labels_of(table, poses), fitted)
     groupings = groupings_of(own.readings, time, None, labels)
     unread, loose = int((~read).sum()), int((~framed).sum())
     words = [
@@ -227,7 +227,7 @@ def _distance_model(
 
     def start_of(chosen: Mask, given: ChainConditions) -> StartValues:
         own = fitted & chosen
-        plain = replace(free.at(given.chosen(own)), known=bare)
+        plain = replace(free.at(given.subset(own)), known=bare)
         return distance_start(plain, measured.values[own], measured.seen[own], stations)
 
     start, certain = _started(tree, conditions, start_of)

@@ -66,11 +66,11 @@ class ReportedRms:
         moved = np.where(before.seen[..., None], after.gap - before.gap, 0.0)[:, self.targets]
         return float(np.sqrt(np.max(np.sum(moved**2, -1)))) / self.si
 
-    def concerned(self, before: PredictionError, after: PredictionError) -> ReportedRms:
+    def of_effect(self, before: PredictionError, after: PredictionError) -> ReportedRms:
         """Reporting of an effect: as of everything."""
         return self
 
-    def only(self, target: int) -> ReportedRms:
+    def of_target(self, target: int) -> ReportedRms:
         """Reporting of one target: as of everything."""
         return self
 
@@ -108,25 +108,25 @@ class Channels:
     scatter: str = _SCATTER
     what: str = "reading"
 
-    def concerned(self, before: PredictionError, after: PredictionError) -> ReportedRms:
+    def of_effect(self, before: PredictionError, after: PredictionError) -> ReportedRms:
         """Reporting of an effect: over the channels of one unit that it moves; signals if it moves no reading."""
         moved = after.whitened - before.whitened
         size = np.sqrt(np.sum(np.where(before.seen, np.sum(moved**2, -1), 0.0), 0))
         size = np.where(size >= _CONCERNED * size.max(), size, 0.0)
         readings = np.where(self.signal, 0.0, size)
-        return self._of(readings if readings.any() else size)
+        return self._reported_rms(readings if readings.any() else size)
 
-    def only(self, target: int) -> ReportedRms:
+    def of_target(self, target: int) -> ReportedRms:
         """Reporting of one channel."""
-        return self._of((np.arange(len(self.units)) == target).astype(float))
+        return self._reported_rms((np.arange(len(self.units)) == target).astype(float))
 
     def overall(self, error: PredictionError) -> ReportedRms:
         """Reporting of all readings: those of the most frequent unit."""
         seen = error.seen.sum(0).astype(float)
         readings = np.where(self.signal, 0.0, seen)
-        return self._of(readings if readings.any() else seen)
+        return self._reported_rms(readings if readings.any() else seen)
 
-    def _of(self, weight: NDArray) -> ReportedRms:
+    def _reported_rms(self, weight: NDArray) -> ReportedRms:
         units = np.array(self.units)
         total = {unit: float(np.sum(weight[units == unit] ** 2)) for unit in dict.fromkeys(self.units)}
         unit = max(total, key=lambda name: total[name])

@@ -21,7 +21,7 @@ from truing.simulation.mechanisms.legs.kinematics import reaches
 from truing.simulation.mechanisms.measured_mechanism import MeasuredTargets, SeatedLegs, seated_legs
 from truing.simulation.mechanisms.model import MechanismModel, PriorKnowledge
 from truing.simulation.targets import BASE, FREE_DIRECTION, FREE_LENGTH_M, LEG, PLATFORM, Targets, shape_unknowns
-from truing.stages.common.blocks import chosen, groupings_of, labels_of, repeats_of
+from truing.stages.common.blocks import groupings_of, labels_of, repeats_of, selected_groupings
 from truing.stages.common.external_load import weight_of
 from truing.stages.common.missing_data import HELD_OUT, why_no_diagnosis_of_mechanism
 from truing.stages.common.nominal_mechanism import facing, nominal_legs
@@ -67,8 +67,10 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     if fitted.sum() < _FEWEST_POSES:
         raise ValueError(f"needs at least {_FEWEST_POSES} poses with readings and a base, found {int(fitted.sum())}")
     seated = seated_legs(legs, bodies, conditions.readings, base, fitted)
-    bodies = bodies.some(seated.carry(bodies.targets))
-    model = MechanismModel(bodies.targets, some_of(conditions, fitted), legs, _known(section, settings, bodies, seated))
+    bodies = bodies.subset(seated.targets_on_legs(bodies.targets))
+    model = MechanismModel(
+        bodies.targets, some_of(conditions, fitted), legs, _prior_knowledge(section, settings, bodies, seated)
+    )
     if unreached := int((~reaches(legs, conditions.readings[fitted])).sum()):
         raise ValueError(
             f"the legs of [mechanism] cannot meet the platform at the readings of {unreached} of "
@@ -76,7 +78,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         )
     words = [f"{counted(int((~usable).sum()), 'pose')} without readings or base"] if not usable.all() else []
     repeats = repeats_of(tables["configurations"], poses, (), settings.noise.actuator_mm)
-    own, known = some_of(conditions, fitted), chosen(labels_of(tables["configurations"], poses), fitted)
+    own, known = some_of(conditions, fitted), selected_groupings(labels_of(tables["configurations"], poses), fitted)
     groupings = groupings_of(own.readings, own.covariates.get(TIME), own.covariates.get(APPROACH), known)
     return DiagnosisData(
         model,
@@ -87,7 +89,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         ),
         bodies.epochs(conditions, base, held) if held.any() else None,
         "; ".join([*words, *seated.dropped]),
-        _left,
+        _results,
         bodies.swapped,
         model_text=_model_text,
         is_calibrated=lambda cause: True,
@@ -95,7 +97,9 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     )
 
 
-def _known(section: LeggedMechanism, settings: Campaign, bodies: MeasuredTargets, seated: SeatedLegs) -> PriorKnowledge:
+def _prior_knowledge(
+    section: LeggedMechanism, settings: Campaign, bodies: MeasuredTargets, seated: SeatedLegs
+) -> PriorKnowledge:
     """Prior from campaign.toml and survey; wide where they give no tolerance."""
     tolerance = section.tolerance
     given = {"a": tolerance.a_mm, "b": tolerance.b_mm, "l": tolerance.length_mm}
@@ -161,7 +165,7 @@ def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
     return write_model(extended(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 
 
-def _left(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
     """Errors of each pose, extended model, pulls of the geometry, changes, next measurements."""
     final = diagnosis.final
     next_measurement = next_of(diagnosis, settings)

@@ -73,7 +73,7 @@ class PossibleMeasurements:
         """Return the candidates linearised about a fitted model."""
         return candidates(fitted, self.conditions, self.instrument)
 
-    def named(self, k: int) -> str:
+    def words_of(self, k: int) -> str:
         """Return a candidate in words: readings and other conditions."""
         readings = " ".join(f"{value * 1e3:.3f}" for value in self.conditions.readings[k])
         again = "" if self.repeats[k] is None else f"pose {self.repeats[k]} again"
@@ -107,7 +107,7 @@ def possible(settings: Campaign, models: Sequence[Fitted], instrument: PointInst
     step = _movement(measured.covariates.get(LAST_STEP), finest)
     levels = {name: _levels(name, value, step) for name, value in measured.covariates.items()}
     levels = {name: found for name, found in levels.items() if found}
-    matters = _matters(models, readings[_BETWEEN % len(readings)], levels, instrument)
+    matters = _relevant_covariates(models, readings[_BETWEEN % len(readings)], levels, instrument)
     drawn = _drawn(levels, matters, len(readings), rng)
     covariates = {name: np.array([level.value for level in column]) for name, column in drawn.items()}
     texts = [
@@ -170,7 +170,7 @@ def _configurations(
     found = (
         _of_six(low, high, legs.rho0, rng)
         if legs.count == 6
-        else _of_more(settings, low - legs.rho0, high - legs.rho0, rng)
+        else _redundant_leg_readings(settings, low - legs.rho0, high - legs.rho0, rng)
     )
     found = finest * np.clip(np.round(found / finest), np.ceil(low / finest - _TINY), np.floor(high / finest + _TINY))
     found = found[reaches(legs, found)]
@@ -186,7 +186,7 @@ def _of_six(low: NDArray, high: NDArray, reference: NDArray, rng: np.random.Gene
     return np.concatenate([low + share * (high - low), alone, rest[None]])
 
 
-def _of_more(settings: Campaign, low: NDArray, high: NDArray, rng: np.random.Generator) -> NDArray:
+def _redundant_leg_readings(settings: Campaign, low: NDArray, high: NDArray, rng: np.random.Generator) -> NDArray:
     """Return readings of more legs than six, which depend on each other, about within limits (L,) from reference."""
     from truing.estimation.design.feasible_region import FeasibleRegion
     from truing.simulation.mechanisms.parameters import full_set
@@ -277,7 +277,7 @@ def _movements(name: str, legs: int, step: float) -> list[Level]:
     return [Level(way * size, f"approached with {words}{by}") for words, way in ways.items()]
 
 
-def _matters(
+def _relevant_covariates(
     models: Sequence[Fitted], corner: NDArray, levels: Mapping[str, list[Level]], instrument: PointInstrument
 ) -> tuple[str, ...]:
     """Return the covariates on which any model depends at a corner of the reachable range."""
@@ -289,7 +289,7 @@ def _matters(
     for fitted in models:
         conditions = conditions_at(fitted.model.conditions, np.tile(corner, (len(rows), 1)), table)
         seen = candidates(fitted, conditions, instrument)
-        moved = seen.freed((seen.predicted - seen.predicted[0])[..., None])[1:]
+        moved = seen.without_pose_unknowns((seen.predicted - seen.predicted[0])[..., None])[1:]
         size = np.sqrt(np.sum(moved**2, (1, 2)))
         found |= {name for (name, _), far in zip(trials, size, strict=True) if far > _MATTERS}
     return tuple(name for name in levels if name in found)

@@ -76,7 +76,7 @@ class PossibleRuns:
         """Return the candidates linearised about a fitted model."""
         return run_candidates(fitted, self.runs, self.readout)
 
-    def named(self, k: int) -> str:
+    def words_of(self, k: int) -> str:
         """Return a candidate in words: loads, procedure, and channels if not all are read."""
         run = self.made[self.runs.run[k]]
         own = [name for name in self._read(k) if name in CHANNELS]
@@ -139,8 +139,8 @@ def possible_runs(settings: Campaign, current: FittedModel, models: Sequence[Fit
     least = np.repeat([settings.noise.load_n, settings.noise.load_nm], 3)
     plain = [_as_measured(run, model, least) for run in _plain_runs(settings, model, least)]
     made = list(plain)
-    for other in _otherwise(model, plain):
-        if any(_moves(fitted, plain, other, readout.sigma) for fitted in models):
+    for other in _runs_under_other_conditions(model, plain):
+        if any(_predicts_difference(fitted, plain, other, readout.sigma) for fitted in models):
             made += other
     reads = _reads(model, seen)
     run, read = (index.ravel() for index in np.indices((len(made), len(reads))))
@@ -222,7 +222,7 @@ def _words(load: Array, form: str) -> str:
     return " with ".join(texts)
 
 
-def _otherwise(model: BenchModel, plain: Sequence[_Run]) -> Iterator[list[_Run]]:
+def _runs_under_other_conditions(model: BenchModel, plain: Sequence[_Run]) -> Iterator[list[_Run]]:
     """The same runs at a slower pace, and with a changing temperature."""
     slow = f"a step every {duration(_SLOWER * plain[0].step_s)}"
     yield [replace(run, step_s=_SLOWER * run.step_s, words=slow) for run in plain]
@@ -232,7 +232,7 @@ def _otherwise(model: BenchModel, plain: Sequence[_Run]) -> Iterator[list[_Run]]
             yield [replace(run, changing=name, words=words) for run in plain]
 
 
-def _moves(fitted: Fitted, plain: Sequence[_Run], other: Sequence[_Run], sigma: Array) -> bool:
+def _predicts_difference(fitted: Fitted, plain: Sequence[_Run], other: Sequence[_Run], sigma: Array) -> bool:
     """Whether a model predicts other readings for runs under other conditions."""
     model: BenchModel = fitted.model
     local = np.zeros((len(plain) * _STEPS, model.local_size))

@@ -1,4 +1,4 @@
-"""What to measure next, ready for the machine: to distinguish rivals, or to halve the uncertainty of a finding."""
+"""Next measurements, ready for the machine: to distinguish rivals, or to halve the uncertainty of a finding."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from truing.estimation.design.rival_design import (
 )
 from truing.inference.observations import Frames, Observations
 from truing.report.diagnosis.findings import subject_words
-from truing.report.numbers import about, count, rough
+from truing.report.numbers import approximate_duration, count, rough
 from truing.report.wordings.catalogue import cause_words, confirming
 from truing.report.wordings.claim import Advice, AdviceKind
 from truing.report.wordings.nonparametric_wordings import columns_words
@@ -60,14 +60,14 @@ class Options(Protocol):
     def linearised(self, fitted: Fitted) -> PoseCandidates:
         """Return the candidates linearised about a fitted model."""
 
-    def named(self, k: int) -> str:
+    def words_of(self, k: int) -> str:
         """Return a candidate in words."""
 
     def rows(self, k: int) -> list[dict[str, Any]]:
         """Return a candidate as rows of its table, which hold what is asked for."""
 
     def sets_conditions(self, k: int) -> bool:
-        """Whether it needs a change of conditions, which takes additional time."""
+        """True if a candidate requires a change of conditions, which takes additional time."""
 
     def seconds(self, times: Mapping[int, int]) -> float | None:
         """Return the duration of candidates, with repeats, at the campaign's own pace, s; None if unknown."""
@@ -89,8 +89,8 @@ class MeasurementPlan:
     given: str
 
     @property
-    def leads(self) -> bool:
-        """Whether they give any gain."""
+    def has_gain(self) -> bool:
+        """True if any measurement gives a gain."""
         return self.choice.is_enough or (self.need == Need.RIVAL and self.choice.final >= _WORTH)
 
     @property
@@ -118,7 +118,7 @@ class MeasurementPlan:
     def advice(self, kind: AdviceKind, aim: str) -> Advice:
         """Return the advice for an aim ("To ..."); its short form does not name the candidates."""
         chosen, (one, several) = self.choice.chosen, self.options.what
-        named = "; ".join(self.options.named(k) for k in chosen[:_NAMED])
+        named = "; ".join(self.options.words_of(k) for k in chosen[:_NAMED])
         more = "; ..." if len(chosen) > _NAMED else "."
         what, short = one if len(chosen) == 1 else several, self.request(f"{aim},")
         return Advice(kind, f"{short} {what[:1].upper()}{what[1:]}: {named}{more}", short, self.purpose)
@@ -139,17 +139,17 @@ class MeasurementPlan:
         return f", {often}{f' each ({count(total, self.options.unit)})' if several else ''}"
 
     def _duration(self) -> str:
-        """How long all of it takes, as a sentence; empty where that is not known."""
+        """Return the total duration as a sentence; empty if unknown."""
         if self.duration_s is None:
             return ""
         changes = any(self.options.sets_conditions(k) for k in self.choice.chosen)
         more = ", plus the time to change conditions" if changes else ""
-        return f"This takes {about(self.duration_s)} {self.options.pace}{more}. "
+        return f"This takes {approximate_duration(self.duration_s)} {self.options.pace}{more}. "
 
 
 def plan_table(artifact: str, plans: Sequence[MeasurementPlan]) -> pa.Table:
     """Return the candidates of all plans that lead somewhere, the most urgent need first, each in its order."""
-    leading = sorted((plan for plan in plans if plan.leads), key=lambda plan: plan.need.rank)
+    leading = sorted((plan for plan in plans if plan.has_gain), key=lambda plan: plan.need.rank)
     rows = [row for plan in leading for row in plan.rows()]
     present = tuple(dict.fromkeys(name for row in rows for name in row))
     return pa.Table.from_pylist(rows, schema=ARTIFACTS[artifact].arrow_schema(present=present))
@@ -215,7 +215,7 @@ def next_loads_of(diagnosis: CauseDiagnosis, settings: Campaign) -> NextMeasurem
     alone = {cause.key: cause for cause, _ in found}
     for pair in rivals:
         alone.pop(pair.cause.key, None)
-    by_purpose = {plan.purpose: plan for plan in plans if plan.leads}
+    by_purpose = {plan.purpose: plan for plan in plans if plan.has_gain}
     own = {
         key: _with_another(_confirming(cause, legs), by_purpose.get(advice[key].purpose))
         for key, cause in alone.items()
@@ -270,7 +270,7 @@ def planned(
     """
     plans: list[MeasurementPlan] = []
     advice: dict[str, Advice] = {}
-    assessed = [(_apart(reach, pair), pair) for pair in rivals]
+    assessed = [(_separating_plan(reach, pair), pair) for pair in rivals]
     for plan, pair in sorted(assessed, key=lambda found: found[0].effort):
         plans.append(plan)
         for own, other in ((pair.cause, pair.other), (pair.other, pair.cause)):
@@ -286,11 +286,13 @@ def planned(
     return plans, advice
 
 
-def _apart(reach: Reach, pair: Rivals) -> MeasurementPlan:
+def _separating_plan(reach: Reach, pair: Rivals) -> MeasurementPlan:
     both = pair.fitted, pair.other_fitted
     options = reach(both)
     rivals = options.linearised(both[0]), options.linearised(both[1])
-    choice = discriminating_poses(rivals, (_own(*both), _own(*both[::-1])), ODDS, _MOST, pair.log_odds)
+    choice = discriminating_poses(
+        rivals, (_unshared_unknowns(*both), _unshared_unknowns(*both[::-1])), ODDS, _MOST, pair.log_odds
+    )
     given = (
         f"The expected odds are then {_odds(choice.final)}, whichever of the two is right."
         if choice.is_enough
@@ -301,17 +303,17 @@ def _apart(reach: Reach, pair: Rivals) -> MeasurementPlan:
     return MeasurementPlan(purpose, Need.RIVAL, options, choice, expected, given)
 
 
-def _own(fitted: Fitted, other: Fitted) -> NDArray:
+def _unshared_unknowns(fitted: Fitted, other: Fitted) -> NDArray:
     """Return the unknowns of one model that another lacks."""
     parts = [part for name, part in fitted.model.layout.items() if name not in other.model.layout]
     return np.concatenate([np.arange(part.start, part.stop) for part in parts])
 
 
 def _separation_advice(plan: MeasurementPlan, own: Any, other: Any, legs: int) -> Advice:
-    both, by_another = f"{_called(own, legs)} from {_called(other, legs)}", _confirming(other, legs).words
+    both, by_another = f"{_cause_noun(own, legs)} from {_cause_noun(other, legs)}", _confirming(other, legs).words
     if plan.choice.is_enough:
         return plan.advice(AdviceKind.SEPARATE, f"To distinguish {both}")
-    if plan.leads:
+    if plan.has_gain:
         given_advice = plan.advice(AdviceKind.SEPARATE, f"To distinguish {both}")
         return replace(
             given_advice, words=f"{given_advice.words} {by_another}", short=f"{given_advice.short} {by_another}"
@@ -323,7 +325,7 @@ def _separation_advice(plan: MeasurementPlan, own: Any, other: Any, legs: int) -
     )
 
 
-def _called(cause: Any, legs: int) -> str:
+def _cause_noun(cause: Any, legs: int) -> str:
     """The noun of a cause with its subject and its inputs, for a sentence."""
     of, follows = subject_words(cause.subject), columns_words(cause.inputs(legs))
     return f"{cause_words(cause.id)}{f' of {of}' if of else ''}{f' with {follows}' if follows else ''}"
@@ -338,20 +340,19 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Measureme
     options = reach((fitted,))
     choice = narrowed(options.linearised(fitted), largest.direction, _HALF, _MOST)
     name, legs = largest.value.name, fitted.model.part_count
-    falls = (
-        f"falls from {largest.sure(1.0)} to {largest.sure(choice.final)}, by a factor of {rough(1.0 / choice.final)}"
-    )
+    before, after = largest.uncertainty_words(1.0), largest.uncertainty_words(choice.final)
+    falls = f"falls from {before} to {after}, by a factor of {rough(1.0 / choice.final)}"
     expected = tuple(largest.columns(value) for value in choice.values)
     purpose = f"{_name(largest.cause, legs)}: {name}"
     plan = MeasurementPlan(
         purpose, Need.PRECISION, options, choice, expected, f"The uncertainty of {name} then {falls}."
     )
     called = f"{name} ({cause_words(largest.cause.id)})"
-    if plan.leads:
+    if plan.has_gain:
         return plan, plan.advice(AdviceKind.SHARPEN, f"To determine {called} more precisely")
     what, more = options.what[0], count(choice.total, options.unit)
-    vain = f"No possible {what} halves the uncertainty of {called}: it is {largest.sure(1.0)} now, and still "
-    vain += f"{largest.sure(choice.final)} after {more}. {_confirming(largest.cause, legs).words}"
+    vain = f"No possible {what} halves the uncertainty of {called}: it is {before} now, and still {after} after {more}."
+    vain += f" {_confirming(largest.cause, legs).words}"
     return plan, Advice(AdviceKind.IN_VAIN, vain)
 
 
@@ -363,7 +364,7 @@ class _Largest:
     value: Any  # a `cause.ReportedParameter`
     direction: NDArray
 
-    def sure(self, times: float) -> str:
+    def uncertainty_words(self, times: float) -> str:
         """Return its uncertainty times a number, in words."""
         from truing.report.diagnosis.effect_units import plain_size
 
@@ -372,7 +373,7 @@ class _Largest:
     def columns(self, times: float) -> dict[str, Any]:
         """Return the columns of a row after which its uncertainty is so many times that of now."""
         sigma, unit = float(self.value.sigma), self.value.unit
-        text = f"{self.value.name} {self.sure(times)}"
+        text = f"{self.value.name} {self.uncertainty_words(times)}"
         return {"expected": text, "sigma_now": sigma, "sigma_expected": times * sigma, "unit": unit}
 
 

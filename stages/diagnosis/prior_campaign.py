@@ -42,20 +42,22 @@ def started(data: DiagnosisData[Any], text: str, seed: int) -> DiagnosisData[Any
     Changed parameters are free, all of them for another machine. Raises CampaignFaults if the text is no model.
     """
     try:
-        campaign, causes, prior = _known(text, data.model)
+        campaign, causes, prior = _parsed_prior(text, data.model)
     except (ValueError, np.linalg.LinAlgError) as error:
         raise CampaignFaults([Fault("start.toml", f"a model.toml that a run has written ({error})")]) from None
     alone = with_prior_campaign(data.model, prior.without_information)
     try:
         fitted = Fitter(alone, data.calibration, data.held_out, seed).prepared(data.given)
         assert isinstance(fitted.model, MechanismModel | BenchModel)
-        compared = _compared(prior, fitted.model, fitted.fit.shared, fitted.covariance())
+        compared = _number_comparison(prior, fitted.model, fitted.fit.shared, fitted.covariance())
     except np.linalg.LinAlgError:
-        raise ValueError("with the effects of the earlier model the fit left what the legs can reach") from None
+        raise ValueError(
+            "the fit with the effects of the earlier model led to poses that the legs cannot reach"
+        ) from None
     changed = compared.changed()
     kept = prior.without_information
     if changed is not None:
-        kept = prior.without(sorted({*changed, *chain.from_iterable(compared.instead(changed))}))
+        kept = prior.without(sorted({*changed, *chain.from_iterable(compared.alternatives_to(changed))}))
     sentence = _words(campaign, prior, fitted.model, compared)
     lost = {cause.id for cause in causes if cause.is_persistent} - {cause.id for cause in prior.causes}
     missing = f"{', '.join(sorted(lost))} of {campaign}, whose columns are missing here" if lost else ""
@@ -63,7 +65,7 @@ def started(data: DiagnosisData[Any], text: str, seed: int) -> DiagnosisData[Any
     return replace(data, model=with_prior_campaign(data.model, kept), left_out=words)
 
 
-def _known(text: str, model: Any) -> tuple[str, tuple[Cause, ...], CampaignPrior]:
+def _parsed_prior(text: str, model: Any) -> tuple[str, tuple[Cause, ...], CampaignPrior]:
     """The earlier campaign's name, its effects, and what it tells of a model of points or of readings."""
     if is_sensor(parsed_toml(text)):
         sensor = read_sensor(text)
@@ -77,13 +79,17 @@ def with_prior_campaign(model: ModelT, prior: CampaignPrior) -> ModelT:
     return replace(model, prior_campaign=prior).with_causes(())
 
 
-def _compared(prior: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray) -> NumberComparison:
+def _number_comparison(
+    prior: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray
+) -> NumberComparison:
     """Comparison of the earlier parameters with those of a fit without the earlier prior."""
-    now = _now(prior, model, shared, covariance)
+    now = _prior_in_model(prior, model, shared, covariance)
     return compare(prior.mean, prior.covariance, *now, prior.shared, prior.frames)
 
 
-def _now(prior: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray) -> tuple[NDArray, NDArray]:
+def _prior_in_model(
+    prior: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray
+) -> tuple[NDArray, NDArray]:
     """The earlier numbers (n,) as a model has them, and their covariance (n, n)."""
     own, slopes = prior.places(model), prior.slopes(model, shared)
     return prior.values(model, shared), slopes @ covariance[np.ix_(own, own)] @ slopes.T
@@ -114,8 +120,10 @@ def changes_table(final: FittedModel) -> pa.Table | None:
     model = with_prior_campaign(final.model, prior.without_information).with_causes(final.causes)
     fit = fit_model(model.predict, final.measured, final.fit.frames, final.fit.shared, final.fit.local)
     covariance = fit.whitened.covariance() * final.noise_ratio**2
-    found = _compared(prior, model, fit.shared, covariance)
+    found = _number_comparison(prior, model, fit.shared, covariance)
     reported = reported_numbers(prior, model, fit.shared, covariance)
     rows = Rows("changes")
-    rows.add(**reported.columns, **figures(prior, reported, found, *_now(prior, model, fit.shared, covariance)))
+    rows.add(
+        **reported.columns, **figures(prior, reported, found, *_prior_in_model(prior, model, fit.shared, covariance))
+    )
     return rows.table()

@@ -1,7 +1,7 @@
-"""What rays tell of cameras, bars and air, and what follows for the points that were computed from them.
+"""Diagnosis of cameras, scale bars and air from rays, and its effect on the points computed from them.
 
-What is found is taken off the points before anything is looked for in them; what is only uncertain of all poses
-together (cameras, lengths of bars) stays a nuisance of theirs, with the covariance that the rays leave of it.
+Found effects are removed from the points before the points are diagnosed. Uncertain parameters common to all poses
+(cameras, lengths of bars) remain nuisance parameters of the points, with their covariance from the rays.
 """
 
 from __future__ import annotations
@@ -65,17 +65,17 @@ class RayFindings:
 
     @property
     def found(self) -> bool:
-        """Whether rays show a cause."""
+        """True if rays show a cause."""
         return bool(self.moves)
 
     @property
     def read(self) -> str:
-        """What was read, in words."""
+        """Description of the rays that were read."""
         return f"rays of {counted(len(self.data.calibration.conditions.poses), 'pose')}"
 
     @property
     def left_out(self) -> str:
-        """What was left out of the rays' statements, in words."""
+        """Number of gross errors left out of the ray statements, in words."""
         gross = len(self.diagnosis.screened)
         return f"{gross} statements of rays as gross errors" if gross else ""
 
@@ -124,8 +124,8 @@ def corrected(tables: Mapping[str, pa.Table], rays: RayFindings) -> dict[str, pa
 def with_shared_errors(
     dataset: DiagnosisData[Recorded], tables: Mapping[str, pa.Table], rays: RayFindings
 ) -> DiagnosisData[Recorded]:
-    """What is compared of points, with the errors that all poses share, and those that the points of a pose do, among
-    its unknowns and not in its noise."""
+    """Return the points data with the errors common to all poses, and to the points of one pose, as unknowns instead of
+    noise."""
     table = tables["observations"]
     keys = _keys(table)
     bodies, targets = (table.column(name).to_pylist() for name in ("body", "target"))
@@ -179,7 +179,7 @@ def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -
         ("adequacy", adequacy_table(diagnosis, own_rule, rays.data.shown.what)),
         ("cause_uncertainty", uncertainty_table(diagnosis, 0)),
     ):
-        found[name] = _together(name, [found[name], table] if name in found else [table])
+        found[name] = _concatenated_table(name, [found[name], table] if name in found else [table])
     return found
 
 
@@ -209,7 +209,7 @@ def _on_points(moved: Any) -> str:
     )
 
 
-def _together(name: str, tables: list[pa.Table]) -> pa.Table:
+def _concatenated_table(name: str, tables: list[pa.Table]) -> pa.Table:
     whole, artifact = pa.concat_tables(tables, promote_options="default"), ARTIFACTS[name]
     schema = artifact.arrow_schema(present=tuple(c for c in whole.column_names if c not in artifact.columns))
     return whole.select(schema.names).cast(schema)

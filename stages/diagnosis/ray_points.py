@@ -15,7 +15,7 @@ from truing.inference.observations import Epochs, Frames, Observations
 from truing.schemas.verdict import Relation
 from truing.simulation.photographs.model import RayModel
 from truing.simulation.photographs.ray_poses import RayPoses
-from truing.stages.common.blocks import chosen, groupings_of, labels_of, readings_of
+from truing.stages.common.blocks import groupings_of, labels_of, readings_of, selected_groupings
 from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.common.point_arrays import default_motions, number_column, pose_ids, positions
 from truing.stages.common.ray_statistics import information_and_score, shared_numbers
@@ -61,7 +61,9 @@ def assemble_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[D
         held[:] = False
     model, table = RayModel.of(some_poses(whole, ~held)), tables.get("configurations")
     asked = readings_of(table, poses, settings.campaign.drives)[~held]
-    groupings = groupings_of(asked, None if time is None else time[~held], None, chosen(labels_of(table, poses), ~held))
+    groupings = groupings_of(
+        asked, None if time is None else time[~held], None, selected_groupings(labels_of(table, poses), ~held)
+    )
     data = DiagnosisData(
         model,
         replace(_poses(whole, channels, ~held), groupings=groupings),

@@ -62,7 +62,9 @@ def reading_model(tables: Mapping[str, pa.Table], settings: Campaign) -> BenchMo
     sigma, _ = _noise(steps, settings, ())
     points, seen = _points(steps, sigma)
     determined = seen.any(1) & np.isfinite(steps.time_s)
-    return BenchModel(_known(sensor, steps, points, seen, sigma, determined, settings), _conditions(steps, determined))
+    return BenchModel(
+        _known_readings(sensor, steps, points, seen, sigma, determined, settings), _conditions(steps, determined)
+    )
 
 
 def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisData:
@@ -79,7 +81,9 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
     fitted, held = determined & ~steps.held_out, determined & steps.held_out
     if why := _why_too_little(steps, fitted, settings):
         raise ValueError(why)
-    model = BenchModel(_known(sensor, steps, points, seen, sigma, fitted, settings), _conditions(steps, fitted))
+    model = BenchModel(
+        _known_readings(sensor, steps, points, seen, sigma, fitted, settings), _conditions(steps, fitted)
+    )
     applied, loaded = np.round(steps.load[fitted], 9) + 0.0, {BlockKind.RUN: steps.run[fitted]}
     groupings = groupings_of(applied, steps.time_s[fitted], None, loaded)
     units = (*(("um",) * 3), *(("arcsec",) * 3), *(("mV",) * steps.signal.shape[1]))
@@ -93,7 +97,7 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
         ),
         replace(_poses(steps, points, seen, sigma, held), kept=kept[held]) if held.any() else None,
         "; ".join(words),
-        _left,
+        _results,
         exchanged,
         model_text=_model_text,
         is_calibrated=changes_loads,
@@ -193,7 +197,7 @@ def _points(steps: RecordedSteps, sigma: Array) -> tuple[Array, NDArray[np.bool_
     return np.where(seen, values, 0.0), seen
 
 
-def _known(
+def _known_readings(
     sensor: UncertainSensor,
     steps: RecordedSteps,
     points: Array,
@@ -231,7 +235,7 @@ def largest_loads(steps: RecordedSteps, settings: Campaign) -> Array:
 
 
 def _conditions(steps: RecordedSteps, rows: NDArray[np.bool_]) -> ReadingConditions:
-    own = steps.chosen(rows)
+    own = steps.subset(rows)
     between = {name: between_neighbours(values, own.time_s) for name, values in own.covariates.items()}
     known = {name: values for name, values in between.items() if np.isfinite(values).all()}
     span = (float(np.nanmin(steps.time_s)), float(np.nanmax(steps.time_s)))
@@ -253,7 +257,7 @@ def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:
     return write_sensor(extended_sensor(fitted.model, fitted.fit.shared, fitted.covariance(), context))
 
 
-def _left(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
+def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
     """Errors of each reading, extended model, pulls of the sensor, changes, next loads."""
     assert isinstance(data.shown, Channels)
     final, next_measurement = diagnosis.final, next_loads_of(diagnosis, settings)
@@ -292,9 +296,11 @@ def _errors_table(diagnosis: CauseDiagnosis, channels: Channels, settings: Campa
 
 
 def _floors(diagnosis: CauseDiagnosis, channels: Channels, settings: Campaign) -> dict[str, float]:
-    """What declared noise alone leaves in the errors of each channel, in its unit; without signals of undeclared noise.
+    """Return the rms errors that noise alone leaves in each channel, in its unit; without signals of undeclared
+    noise.
 
-    One zero per run and the fitted numbers are taken out of it, and the noise of loads is in it, as in the errors.
+    Degrees of freedom of run zeros and fitted parameters are removed, and the noise of loads is included, as in the
+    errors.
     """
     floor = diagnosis.final.floor
     declared = ~channels.signal | (settings.noise.signal_mv is not None)

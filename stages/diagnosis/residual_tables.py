@@ -71,7 +71,7 @@ def left_out_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Ta
     """Rows of diagnosis_left_out.parquet: existing values that were rejected as gross errors."""
     rows = [
         {
-            **_place(one, data),
+            **_row_identifiers(one, data),
             "subject": _subject(one, diagnosis),
             "reason": _GROSS,
             "value": one.length,
@@ -84,7 +84,7 @@ def left_out_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Ta
     return identified_table("diagnosis_left_out", rows, where[0], where)
 
 
-def _place(one: ScreenedValue, data: DiagnosisData[Any]) -> dict[str, Any]:
+def _row_identifiers(one: ScreenedValue, data: DiagnosisData[Any]) -> dict[str, Any]:
     """The pose, or the run and step, by name."""
     poses = data.held_out if one.held_out else data.calibration
     conditions: Any = poses.conditions if poses is not None else None

@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DetectionAdvice:
-    """What the rows say beside the verdicts: the smallest sizes that would have been seen, and what to measure next, by
-    a cause's key, what limits all statements, in which unit numbers are told, and what the search relates."""
+    """Contents of the rows besides the verdicts: smallest detectable sizes and next measurements by cause key, the
+    common limit, the unit of sizes, and the relation that the search uses."""
 
     detectable: Mapping[str, str] = field(default_factory=dict)
     next_measurement: Mapping[str, Advice] = field(default_factory=dict)
@@ -66,7 +66,7 @@ def diagnosis_table(diagnosis: CauseDiagnosis, words: DetectionAdvice, noise_lev
 def _missing_rows(diagnosis: CauseDiagnosis) -> Iterator[dict[str, Any]]:
     """Yield a row per cause that could not be tested because something was not recorded or varied."""
     for cause in cast("tuple[Cause, ...]", diagnosis.unasked):
-        if missing := cause.lacks(diagnosis.plain.scene):
+        if missing := cause.missing_input(diagnosis.plain.scene):
             text = clause(claim_of(cause, diagnosis.plain.model.part_count))
             yield {
                 "cause": cause.id,
@@ -92,7 +92,7 @@ def ranked_table(rows: list[dict[str, Any]]) -> pa.Table:
 
 def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) -> dict[str, Any]:
     cause, legs = verdict.cause, diagnosis.plain.model.part_count
-    shown, claim = words.shown.concerned(verdict.before, verdict.after), claim_of(verdict.cause, legs)
+    shown, claim = words.shown.of_effect(verdict.before, verdict.after), claim_of(verdict.cause, legs)
     facts = _facts(verdict, diagnosis, words, claim)
     advice = words.next_measurement.get(cause.key) or confirming(claim, cause.confirm)
     return {
@@ -121,7 +121,7 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
 
 
 def _errors(shown: ReportedRms, verdict: Verdict) -> dict[str, Any]:
-    """What predictions miss without and with a cause, in the unit in which it is told."""
+    """Return the prediction errors without and with a cause, in its reporting unit."""
     return {
         "rms_before": shown.rms(verdict.before),
         "rms_after": shown.rms(verdict.after),
@@ -133,7 +133,7 @@ def _errors(shown: ReportedRms, verdict: Verdict) -> dict[str, Any]:
 
 
 def _left_out(verdict: Verdict, diagnosis: CauseDiagnosis) -> dict[str, Any]:
-    """What was left out block by block of what was found, and what it gained there."""
+    """Return the type of blocks left out, and the gain of the finding there."""
     if not verdict.blocks_asked:
         return {}
     gain = verdict.block_gain
@@ -154,8 +154,8 @@ def _advised(advice: Advice) -> dict[str, Any]:
 
 
 def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice, claim: Claim) -> Facts:
-    """What a sentence on a verdict tells."""
-    cause, shown = verdict.cause, words.shown.concerned(verdict.before, verdict.after)
+    """Return the facts on which the sentence of a verdict is based."""
+    cause, shown = verdict.cause, words.shown.of_effect(verdict.before, verdict.after)
     return Facts(
         verdict.verdict,
         clause(claim),
@@ -227,7 +227,7 @@ def _noise_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, level:
     rows += [_noise_dependence_row(own, final, whole) for own in diagnosis.noise_dependences]
     for target, own in diagnosis.noisy:
         subject = f"{final.model.channel_word} {_name(final, target)}"
-        rows.append(_larger_row(own, final, shown.only(target)) | {"subject": subject})
+        rows.append(_larger_row(own, final, shown.of_target(target)) | {"subject": subject})
     if diagnosis.noise.p_value <= level and not diagnosis.noisy:
         rows.append(_larger_row(diagnosis.noise, final, whole))
     return rows
@@ -250,7 +250,7 @@ def _attributed_rows(
         is_needless = holds and any(set(cause.inputs(legs)) <= set(follows) for cause in unnamed)
         if is_needless or any(set(follows) <= columns for columns in reported):
             continue
-        where = shown.only(own.channels[0]) if own.channels else shown.overall(final.error)
+        where = shown.of_target(own.channels[0]) if own.channels else shown.overall(final.error)
         yield _without_mean_effect(own.p_value, final, where) | {
             "reason_code": REMAINDER,
             "subject": names[0] if names else "",
@@ -306,8 +306,8 @@ def _scatter_row(own: FoundScatter, final: FittedModel, shown: ReportedRms) -> d
 def _row_of_cause(
     cause: Cause, size: tuple[float, float], p_value: float, doubt: str, final: FittedModel, shown: ReportedRms
 ) -> dict[str, Any]:
-    """What is said of a cause that moves nothing on average, with its one size and sigma, SI; ``doubt`` is the reason
-    code where it is only suspected."""
+    """Return the row of a cause without mean effect, with its size and sigma, SI; ``doubt``: reason code if it is only
+    suspected."""
     legs = final.model.part_count
     value, sigma = size
     values = cause.reported(np.array([value]), np.array([[sigma**2]]), legs)
@@ -327,13 +327,13 @@ def _row_of_cause(
 
 
 def _of_noise(level: NoiseLevel | NoiseDependence, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
-    """What all rows on noise have that no cause makes larger."""
+    """Return the cells of a row on noise that no cause increases."""
     ratio = {"value": level.ratio, "sigma": level.sigma, "unit": "1"}
     return _without_mean_effect(level.p_value, final, shown) | {"parameters": json.dumps({"noise_ratio": ratio})}
 
 
 def _without_mean_effect(p_value: float, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
-    """What all rows have on what scatters: no effect on the mean, so nothing is predicted better."""
+    """Return the cells of a row on scatter: it has no effect on the mean, so it improves no prediction."""
     rms, held = shown.rms(final.error), shown.rms(final.held_out)
     return {
         "cause": "unexplained",

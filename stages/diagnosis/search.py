@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from truing.inference.selection import CauseDiagnosis, CauseSelection, Settings
 from truing.schemas.faults import Fault
-from truing.schemas.near_names import meant
+from truing.schemas.near_names import did_you_mean
 from truing.simulation.catalogue import (
     OF_TYPES,
     catalogue,
@@ -95,7 +95,7 @@ def cause_faults(settings: Campaign, file: str) -> Iterator[Fault]:
     for key in ("apply", "ignore"):
         for number, name in enumerate(getattr(settings.diagnosis, key), 1):
             if name not in known:
-                hint = meant(name, known) or f"; one of: {', '.join(known)}"
+                hint = did_you_mean(name, known) or f"; one of: {', '.join(known)}"
                 expected = f"a cause that this kind of campaign knows by name{hint}"
                 yield Fault(file, expected, column=f"diagnosis.{key}.{number}", value=name)
 

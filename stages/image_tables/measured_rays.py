@@ -64,7 +64,7 @@ def read_rays(source: CampaignFiles, settings: Any, known: Mapping[str, pa.Table
         return None  # told when the file was read
     point, body, target = _names(found, known.get("image_targets"))
     camera = _text(found, "camera", ONE_CAMERA)
-    _once(found, log, point)
+    _check_unique_point(found, log, point)
     _one_camera(found, log, camera)
     covariance = _covariance(found, settings, log)
     kinds = zip(_text(found, "kind"), _text(found, "point"), strict=True)
@@ -108,7 +108,7 @@ def _text(found: CollectedRows, name: str, otherwise: str = "") -> Names:
     return np.array([value or otherwise for value in found.table.column(name).to_pylist()], dtype=object)
 
 
-def _once(found: CollectedRows, log: FaultLog, point: Names) -> None:
+def _check_unique_point(found: CollectedRows, log: FaultLog, point: Names) -> None:
     """Fault of a point that occurs twice in an image."""
     seen: set[tuple[object, object, object]] = set()
     again = np.zeros(len(point), dtype=bool)
@@ -157,7 +157,7 @@ def _covariance(found: CollectedRows, settings: Any, log: FaultLog) -> Array:
             if k != 1:
                 check_variance(found, out[:, k], name, "px", log)
     if not np.isfinite(out).all():
-        log.lacks("noise.image_px", "a standard deviation of image coordinates", found.first_file)
+        log.add_missing("noise.image_px", "a standard deviation of image coordinates", found.first_file)
         return np.ones_like(out)
     improper = (out[:, 0] <= 0.0) | (out[:, 2] <= 0.0) | (out[:, 0] * out[:, 2] <= out[:, 1] ** 2)
     if improper.any() and _COVARIANCE[0] in names:

@@ -48,7 +48,7 @@ def opened(source: CampaignFiles, settings: Any) -> str:
     log = FaultLog()
     read_known(source, settings, log)
     photographs = open_all(source, settings, log)
-    log.throw()
+    log.raise_faults()
     found = photographs.found
     poses, cameras = ({getattr(one, name) for one in found} for name in ("pose", "camera"))
     text = f"{counted(len(found), 'photograph')} of {counted(len(poses), 'pose')} by {counted(len(cameras), 'camera')}"
@@ -118,8 +118,8 @@ def read_photographs(
 
 
 def target_plan(wanted: Any, targets: pa.Table | None) -> TargetPlan:
-    """What [photographs] asks for: families of codes as declared, else those of the table image_targets, else the usual
-    ones; none beside boards, whose markers are codes, too."""
+    """Return the code families to search for: those declared, otherwise those of image_targets, otherwise the usual
+    ones; none next to boards, whose markers are codes as well."""
     from truing.estimation.image_targets.boards import BoardPlan
     from truing.estimation.image_targets.photograph_targets import TargetPlan
 
@@ -157,7 +157,7 @@ def _measured(
         yield measure(piece)
 
 
-def _whose(photographs: PhotographFiles, counts: Sequence[int]) -> dict[str, list[Any]]:
+def _photograph_columns(photographs: PhotographFiles, counts: Sequence[int]) -> dict[str, list[Any]]:
     """The columns pose, image and camera of so many rows of each photograph."""
     rows = [one for one, count in zip(photographs.found, counts, strict=True) for _ in range(count)]
     poses = [int(one.pose) if photographs.poses_are_numbers else one.pose for one in rows]
@@ -172,7 +172,7 @@ def _image_points(
         for name in ("names", "kinds", "xy_px", "cov_px2", "ellipse", "contrast")
     )
     columns = {
-        **_whose(photographs, [len(one.names) for one in measured]),
+        **_photograph_columns(photographs, [len(one.names) for one in measured]),
         **dict(zip(("point", "body", "target"), own_names(names, targets), strict=True)),
         "kind": kinds,
         "x_px": xy[:, 0],
@@ -190,7 +190,7 @@ def _photographs(photographs: PhotographFiles, measured: Sequence[PhotographTarg
     heads = [one.head for one in photographs.found]
     of_heads = ("width_px", "height_px", "principal_distance_px", "principal_distance_from", "taken_at")
     columns = {
-        **_whose(photographs, [1] * len(measured)),
+        **_photograph_columns(photographs, [1] * len(measured)),
         "file": [one.file.name for one in photographs.found],
         **{name: [getattr(head, name) for head in heads] for name in of_heads},
         "grey_bits": [head.bits for head in heads],
@@ -201,7 +201,7 @@ def _photographs(photographs: PhotographFiles, measured: Sequence[PhotographTarg
 
 
 def _rejections(photographs: PhotographFiles, measured: Sequence[PhotographTargets]) -> pa.Table:
-    whose = _whose(photographs, [len(one.rejected) for one in measured])
+    whose = _photograph_columns(photographs, [len(one.rejected) for one in measured])
     rows = [(kind, reason, count) for one in measured for (kind, reason), count in sorted(one.rejected.items())]
     columns = {name: whose[name] for name in ("pose", "image")}
     columns |= {name: [row[k] for row in rows] for k, name in enumerate(("kind", "reason", "rows"))}

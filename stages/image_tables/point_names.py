@@ -25,12 +25,12 @@ def own_names(point: Names, targets: pa.Table | None) -> tuple[Names, Names, Nam
     A code that the table does not hold keeps its name, which is then its target's too, on a body that is not said.
     """
     given = {} if targets is None else {(row["family"], row["code"]): row for row in targets.to_pylist()}
-    found = {name: _own(name, given) for name in set(point.tolist())}
+    found = {name: _own_name(name, given) for name in set(point.tolist())}
     columns = [np.array([found[name][k] for name in point.tolist()], dtype=object) for k in range(3)]
     return columns[0], columns[1], columns[2]
 
 
-def _own(name: str, given: dict[tuple[str, str], dict[str, str]]) -> tuple[str, str, str]:
+def _own_name(name: str, given: dict[tuple[str, str], dict[str, str]]) -> tuple[str, str, str]:
     coded = _CODED.fullmatch(name)
     row = given.get((coded["family"], coded["code"])) if coded else None
     if row is None:

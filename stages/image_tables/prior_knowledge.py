@@ -18,7 +18,7 @@ from truing.formats.source import OF_IMAGES, CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.photographs import FAMILIES, RINGS
-from truing.stages.common.table_arrays import SmallTable, check_sigma, filled, numbers, once
+from truing.stages.common.table_arrays import SmallTable, check_sigma, check_unique_keys, numbers, with_filled_column
 from truing.stages.image_tables.point_names import own_names
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def read_known(source: CampaignFiles, settings: Any, log: FaultLog) -> dict[str,
     if source.entries("images") and source.entries("image_points"):
         expected = "either photographs (images) or rays measured elsewhere (image_points), not both"
         log.add(Fault("campaign.toml", expected, column=f"files.{[*mapped, 'images'][0]}"))
-        log.throw()
+        log.raise_faults()
     targets = read_image_targets(source, tuple(board.label for board in settings.photographs.boards), log)
     names = None if targets is None else targets.table
     found = {
@@ -54,42 +54,42 @@ def read_image_targets(source: CampaignFiles, boards: tuple[str, ...], log: Faul
     Codes that are searched for in photographs must exist, or be corners of one of the ``boards``.
     """
     found = collect_rows(source, IMAGE_TARGETS, log)
-    if found is None or lacks(found, IMAGE_TARGETS.required):
+    if found is None or lacks_columns(found, IMAGE_TARGETS.required):
         return None
     if source.entries("images"):
         check_codes(found, boards, log)
-    once(found, log, "family", "code")
-    once(found, log, "body", "target")
+    check_unique_keys(found, log, "family", "code")
+    check_unique_keys(found, log, "body", "target")
     return SmallTable(_as_artifact("image_targets", found.table), dict(found.left_out))
 
 
 def read_scale_bars(source: CampaignFiles, targets: pa.Table | None, log: FaultLog) -> SmallTable | None:
     """The calibrated lengths, their ends by the names that points have; None where there are none."""
     found = collect_rows(source, SCALE_BARS, log, "pose")
-    if found is None or lacks(found, SCALE_BARS.required):
+    if found is None or lacks_columns(found, SCALE_BARS.required):
         return None
-    once(found, log, *(("pose", "bar") if "pose" in found.table.column_names else ("bar",)))
+    check_unique_keys(found, log, *(("pose", "bar") if "pose" in found.table.column_names else ("bar",)))
     found.fault(log, numbers(found, "length_mm") <= 0.0, "length_mm", "a number above 0")
     check_sigma(found, numbers(found, "sigma_mm"), "sigma_mm", "mm", log)
     if "repeat_sigma_mm" in found.table.column_names:
         check_sigma(found, numbers(found, "repeat_sigma_mm"), "repeat_sigma_mm", "mm", log, or_zero=True)
     table = found.table
-    ends = [_named(table, name, targets) for name in ("first", "second")]
+    ends = [_named_points(table, name, targets) for name in ("first", "second")]
     found.fault(log, ends[0] == ends[1], "second", "another point than the first")
     for name, values in zip(("first", "second"), ends, strict=True):
         table = table.set_column(table.column_names.index(name), name, pa.array(values, pa.string()))
-    table = filled(table, "repeat_sigma_mm", 0.0, pa.float64())
-    table = filled(table, "serves", "scale", pa.string())
+    table = with_filled_column(table, "repeat_sigma_mm", 0.0, pa.float64())
+    table = with_filled_column(table, "serves", "scale", pa.string())
     return SmallTable(_as_artifact("scale_bars", table), dict(found.left_out))
 
 
 def read_known_points(source: CampaignFiles, targets: pa.Table | None, log: FaultLog) -> SmallTable | None:
     """Points whose coordinates are known, with their standard deviations; None where there are none."""
     found = collect_rows(source, KNOWN_POINTS, log, "pose")
-    if found is None or lacks(found, KNOWN_POINTS.required):
+    if found is None or lacks_columns(found, KNOWN_POINTS.required):
         return None
     table = found.table
-    point = _named(table, "point", targets)
+    point = _named_points(table, "point", targets)
     if {"body", "target"} <= set(table.column_names):
         both = zip(table.column("body").to_pylist(), table.column("target").to_pylist(), strict=True)
         named = np.array([f"{body}/{target}" if body and target else "" for body, target in both], dtype=object)
@@ -107,12 +107,12 @@ def read_known_points(source: CampaignFiles, targets: pa.Table | None, log: Faul
     return SmallTable(_as_artifact("known_points", table), dict(found.left_out))
 
 
-def lacks(found: CollectedRows, required: tuple[str, ...]) -> bool:
+def lacks_columns(found: CollectedRows, required: tuple[str, ...]) -> bool:
     """Whether columns are missing; the fault was reported when the file was read."""
     return any(name not in found.table.column_names for name in required)
 
 
-def _named(table: pa.Table, column: str, targets: pa.Table | None) -> NDArray[np.object_]:
+def _named_points(table: pa.Table, column: str, targets: pa.Table | None) -> NDArray[np.object_]:
     """Points by their own names, where a column may call them by their codes."""
     if column not in table.column_names:
         return np.full(len(table), "", dtype=object)
@@ -161,8 +161,8 @@ def read_cameras(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTa
     found = collect_rows(source, CAMERAS, log)
     rows: dict[str, Row] = {}
     left_out: dict[tuple[str, str], int] = {}
-    if found is not None and not lacks(found, CAMERAS.required):
-        once(found, log, "camera")
+    if found is not None and not lacks_columns(found, CAMERAS.required):
+        check_unique_keys(found, log, "camera")
         rows = {row["camera"]: row for row in found.table.to_pylist()}
         left_out = dict(found.left_out)
         for row in rows.values():
@@ -184,10 +184,10 @@ def _row(given: GivenCamera, rows: Mapping[str, Row], file: str, log: FaultLog) 
     own = {name: value for name, value in given.model_dump(exclude_unset=True).items() if name not in _NO_VALUES}
     if given.of is not None:
         base = rows.get(given.of)
-        return {**base, **own} if base is not None else (_alone(own) if own else None)
+        return {**base, **own} if base is not None else (_with_default_free(own) if own else None)
     known = rows.get(given.name)
     if known is None:
-        return _alone(own)
+        return _with_default_free(own)
     reported = {**known, "focal_px": _principal_distance(known)}
     stated = {**own, "focal_px": _principal_distance({"pixel_um": known.get("pixel_um"), **own})}
     for name, value in stated.items():
@@ -200,7 +200,7 @@ def _row(given: GivenCamera, rows: Mapping[str, Row], file: str, log: FaultLog) 
     return {**known, **own}
 
 
-def _alone(own: Row) -> Row:
+def _with_default_free(own: Row) -> Row:
     return {**own, "free": PARAMETERS if own.get("free") is None else own["free"]}
 
 
@@ -218,7 +218,7 @@ def cameras_table(rows: dict[str, dict[str, Any]]) -> pa.Table:
     """The table cameras_given, a row per parameter, from one of each camera as the table cameras has it."""
     long = []
     for camera, row in rows.items():
-        about = _about(row)
+        about = _camera_format(row)
         for parameter, unit in zip(PARAMETERS, UNITS, strict=True):
             key = f"{parameter}_px" if parameter in ("x0", "y0") else parameter
             value = _principal_distance(row) if parameter == "c" else row.get(key) or 0.0
@@ -227,7 +227,7 @@ def cameras_table(rows: dict[str, dict[str, Any]]) -> pa.Table:
     return pa.Table.from_pylist(long, schema=ARTIFACTS["cameras_given"].arrow_schema())
 
 
-def _about(row: dict[str, Any]) -> dict[str, Any]:
+def _camera_format(row: dict[str, Any]) -> dict[str, Any]:
     """The format of a camera and its balancing radius: a third of the format's diagonal where it is not given."""
     about = {name: row.get(name) for name in _FORMAT}
     if about["balancing_radius_px"] is None:
@@ -254,7 +254,7 @@ def regrouped(tables: Mapping[str, pa.Table], cameras: tuple[GivenCamera, ...], 
         return dict(tables)
     owner: dict[tuple[str, str], str] = {}
     for pose, image, camera in _keys(tables["photographs"]):
-        own = [given.name for given in groups if _is_of(given, pose, image, camera)]
+        own = [given.name for given in groups if _is_selected(given, pose, image, camera)]
         if len(own) > 1:
             expected = f"one camera for image {image} of pose {pose}"
             log.add(Fault("campaign.toml", expected, column="cameras.images", value=", ".join(own)))
@@ -267,7 +267,7 @@ def regrouped(tables: Mapping[str, pa.Table], cameras: tuple[GivenCamera, ...], 
     return {name: _with_owners(table, owner) for name, table in tables.items()}
 
 
-def _is_of(given: GivenCamera, pose: str, image: str, camera: str) -> bool:
+def _is_selected(given: GivenCamera, pose: str, image: str, camera: str) -> bool:
     poses, images = (None if names is None else set(map(str, names)) for names in (given.poses, given.images))
     return camera == given.of and (poses is None or pose in poses) and (images is None or image in images)
 

@@ -41,8 +41,8 @@ MOST_POINTS = 1500  # whose covariance is found as a whole
 
 @dataclass(frozen=True)
 class AdjustedPoints:
-    """The artifact object_points, ends (names of points) of scale bars, where the campaign lies, and names of boards,
-    each of which is a body where there is no survey."""
+    """Artifact object_points, endpoints of scale bars, campaign folder, and names of boards; without a survey each
+    board is a body."""
 
     table: pa.Table
     ends: frozenset[str]
@@ -52,7 +52,7 @@ class AdjustedPoints:
     def batches(
         self, surveyed: Mapping[str, Mapping[str, object]], bodies: tuple[str, ...], log: FaultLog
     ) -> Iterator[tuple[FileRows, TableBatch]]:
-        """All points as one batch, without those of no body; surveyed: targets by body, bodies: all there may be."""
+        """Yield all points with a body as one batch; ``surveyed``: targets by body; ``bodies``: all allowed bodies."""
         body, target = (_texts(self.table, name) for name in ("body", "target"))
         point = _texts(self.table, "point")
         body, of_several = _bodies(body, target, surveyed, self.boards)
@@ -77,7 +77,7 @@ class AdjustedPoints:
         return columns | {name: strings(values[keep].tolist()).dictionary_encode() for name, values in texts.items()}
 
     def as_text(self) -> AdjustedPoints:
-        """The same with poses as text, as a table of configurations with any pose that is no number has them."""
+        """Return the same points with poses as text, as in configurations with a pose that is no number."""
         place = self.table.column_names.index("pose")
         table = self.table.set_column(place, "pose", self.table.column("pose").cast(pa.string()))
         return AdjustedPoints(table, self.ends, self.folder, self.boards)
@@ -90,7 +90,7 @@ def _texts(table: pa.Table, name: str) -> Names:
 def _bodies(
     body: Names, target: Names, surveyed: Mapping[str, Mapping[str, object]], boards: tuple[str, ...]
 ) -> tuple[Names, Mask]:
-    """The body of each point, found by its target's name where it is not said, and which names several bodies have."""
+    """Return the body of each point, by its target's name if not stated, and the names that several bodies share."""
     nameless = (body == "") & (target != "")
     if not surveyed:
         of_board = [name.rpartition("-")[0] for name in target]
@@ -107,8 +107,8 @@ def _bodies(
 
 
 def in_inner_datum(points: pa.Table, correlations: pa.Table | None) -> pa.Table:
-    """The table object_points with standard deviations and correlations as of a free network, where coordinates of it
-    are held; else as it is."""
+    """Return object_points with standard deviations and correlations in the inner datum, if coordinates of them are
+    held; otherwise unchanged."""
     held = np.column_stack([number_column(points, name) for name in COORDINATE_SIGMAS]) == 0.0
     errors = point_errors(points, correlations, None) if held.any() else None
     if errors is None:
@@ -122,10 +122,10 @@ def in_inner_datum(points: pa.Table, correlations: pa.Table | None) -> pa.Table:
             whole = in_inner_constraints(xyz[rows], errors.covariance(rows), with_scale=int(held[rows].sum()) > 6)
             each = np.arange(len(rows))
             cov[rows] = whole.reshape(len(rows), 3, len(rows), 3)[each, :, each, :]
-    return _with(points, cov)
+    return _with_covariance(points, cov)
 
 
-def _with(points: pa.Table, cov: Array) -> pa.Table:
+def _with_covariance(points: pa.Table, cov: Array) -> pa.Table:
     sigma = np.sqrt(np.einsum("nii->ni", cov))
     columns = {name: 1e3 * sigma[:, k] for k, name in enumerate(COORDINATE_SIGMAS)}
     columns |= {name: cov[:, i, j] / (sigma[:, i] * sigma[:, j]) for name, i, j in _PAIRS}
@@ -136,13 +136,13 @@ def _with(points: pa.Table, cov: Array) -> pa.Table:
 
 @dataclass
 class EstimatedCovariance:
-    """The estimate, and what is to be said of it. A file that is read twice is adjusted once."""
+    """Estimated covariances and notes on them. A file that is read twice is adjusted once."""
 
     remarks: list[str] = field(default_factory=list)
     found: dict[bytes, Array | None] = field(default_factory=dict)
 
     def __call__(self, network: ColmapNetwork) -> Array | None:
-        """The covariances (P, 3, 3) of a model's points, in its own unit; None where they cannot be known."""
+        """Return the covariances (P, 3, 3) of a model's points in its own unit; None if unknown."""
         key = network.points.tobytes() + network.ray_px.tobytes()
         if key not in self.found:
             self.found[key] = self._estimated(network)
@@ -172,7 +172,7 @@ class EstimatedCovariance:
 
 
 def _covariance(found: ColmapNetwork) -> tuple[Array, float]:
-    """Covariances (P, 3, 3) and the noise of an image coordinate in px, which the residuals tell."""
+    """Return covariances (P, 3, 3) and the noise of an image coordinate in px, estimated from the residuals."""
     from truing.estimation.bundle.adjustment import adjust
     from truing.estimation.bundle.camera import PARAMETERS, Camera
     from truing.estimation.bundle.determinable import determinable
@@ -203,5 +203,5 @@ def _covariance(found: ColmapNetwork) -> tuple[Array, float]:
     state = NetworkState(interior, found.R, found.centre, found.points, np.empty(0))
     adjusted = adjust(network, state, "free", used=determinable(network).rays)
     if not adjusted.redundancy > 0:
-        raise ValueError(f"found redundancy {adjusted.redundancy}, expected more than none")
+        raise ValueError(f"found redundancy {adjusted.redundancy}, expected at least 1")
     return adjusted.covariance.point_blocks() * adjusted.variance_factor, float(np.sqrt(adjusted.variance_factor))

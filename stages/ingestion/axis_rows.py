@@ -12,18 +12,18 @@ from truing.formats.shapes import TableShape
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count
 from truing.schemas.faults import Fault
-from truing.schemas.near_names import meant
+from truing.schemas.near_names import did_you_mean
 from truing.simulation.axis.rows import MEASURED
 from truing.stages.common.axis_columns import AxisColumns, encoder_sigma
-from truing.stages.common.table_arrays import numbers, once
+from truing.stages.common.table_arrays import check_unique_keys, numbers
 from truing.stages.declaration import Outcome
 from truing.stages.ingestion.tables import (
     as_artifact,
     check_any_fitted,
     check_times,
-    completed,
     exclusions,
     left_out_words,
+    with_role_and_time,
 )
 
 ROWS = TableShape(
@@ -33,19 +33,19 @@ _OTHER = {"deg": "mm", "mm": "deg"}
 
 
 def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
-    """The rows of an axis as `configurations`; raises CampaignFaults with everything that is wrong at once."""
+    """Return the rows of an axis as `configurations`; raises CampaignFaults with all faults at once."""
     found = collect_rows(source, ROWS, log, "pose")
     if found is None:
         if not source.entries("configurations"):
             log.add(Fault("configurations.csv", "this file, or [files.configurations] in campaign.toml"))
-        log.throw()
+        log.raise_faults()
         raise AssertionError("a table that cannot be read is a fault")
-    once(found, log, "pose")
+    check_unique_keys(found, log, "pose")
     columns = AxisColumns.of(settings.mechanism, found.table.column_names)
     _check_columns(found, columns, settings, log)
-    table = completed(found.table)
+    table = with_role_and_time(found.table)
     check_any_fitted([table], found.first_file, "row", log)
-    log.throw()
+    log.raise_faults()
     return Outcome(
         {"configurations": as_artifact("configurations", table), "exclusions": exclusions(found.left_out)},
         read=f"{count(len(table), 'row')} of a {columns.kind} axis",
@@ -55,11 +55,11 @@ def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
 
 
 def _check_columns(found: CollectedRows, columns: AxisColumns, settings: Any, log: FaultLog) -> None:
-    """Note columns that are named and missing, commands that are no number, encoders without noise or readings."""
+    """Report missing columns, commands without a number, and encoders without noise or readings."""
     names, file = found.table.column_names, found.first_file
     for what, column in settings.mechanism.columns.items():
         if column not in names:
-            hint = meant(column, names) or f"; there are {', '.join(names)}"
+            hint = did_you_mean(column, names) or f"; there are {', '.join(names)}"
             log.add(Fault(file, f"this column, which [mechanism] {what} names{hint}", column=column))
     if columns.command in names:
         found.fault(log, np.isnan(numbers(found, columns.command)), columns.command, "a number: the command of the row")
@@ -73,7 +73,7 @@ def _check_columns(found: CollectedRows, columns: AxisColumns, settings: Any, lo
         if not np.isfinite(numbers(found, column)).any():
             log.add(Fault(file, "a number in some rows: the column is empty", column=column))
         if encoder_sigma(settings, encoder) is None:
-            log.lacks(f"noise.{encoder}_{columns.unit}", f"a standard deviation of {column}", file)
+            log.add_missing(f"noise.{encoder}_{columns.unit}", f"a standard deviation of {column}", file)
     check_times(found, log, required=False)
     if "time_s" in names:
         found.fault(log, np.isnan(numbers(found, "time_s")), "time_s", "a number: times order the rows")

@@ -16,7 +16,7 @@ from truing.formats.source import CampaignFiles
 from truing.formats.urdf import Urdf, UrdfJoint, read_urdf
 from truing.report.numbers import count
 from truing.schemas.faults import CampaignFaults, Fault
-from truing.schemas.near_names import meant
+from truing.schemas.near_names import did_you_mean
 from truing.simulation.mechanisms.chains.joint_table import ANGLES, LENGTHS, joint_column
 from truing.simulation.mechanisms.chains.notations import (
     DenavitHartenberg,
@@ -51,7 +51,7 @@ def ingest(
         artifacts["distances"] = read_distances(source, settings, table.column("pose"), tip, log)
         read = f"{count(artifacts['distances'].num_rows, 'distance')} from distances.csv"
         outcome = replace(outcome, read=read if not outcome.read else f"{outcome.read}; {read}")
-    log.throw()
+    log.raise_faults()
     return replace(outcome, artifacts=artifacts)
 
 
@@ -116,7 +116,7 @@ def _of_urdf(section: Any, robot: Urdf) -> tuple[Tree, Limits]:
     for name in names:
         if name not in robot.joints or robot.joints[name].kind == "fixed" or robot.joints[name].mimics:
             movable = [j.name for j in robot.joints.values() if j.kind != "fixed" and not j.mimics]
-            hint = meant(name, movable) or f"; there are {', '.join(movable)}"
+            hint = did_you_mean(name, movable) or f"; there are {', '.join(movable)}"
             raise Unusable(f"a joint that moves and mimics no other, as [mechanism] joints names it{hint}", value=name)
     if unread := [joint.name for joint in on_path if joint.name not in names]:
         raise Unusable(f"every joint between {base} and {tip} in [mechanism] joints", value=unread[0])
@@ -154,7 +154,7 @@ def _node(joint: UrdfJoint, below: int, robot: Urdf, names: tuple[str, ...]) -> 
 def _link(name: str, robot: Urdf, key: str) -> str:
     if name in robot.links:
         return name
-    hint = meant(name, list(robot.links)) or f"; there are {', '.join(robot.links)}"
+    hint = did_you_mean(name, list(robot.links)) or f"; there are {', '.join(robot.links)}"
     raise Unusable(f"a link of this file as [mechanism] {key}{hint}", value=name)
 
 
@@ -178,7 +178,7 @@ def _check_columns(tree: Tree, table: pa.Table, log: FaultLog) -> None:
         endings, others = (ANGLES, LENGTHS) if is_angle else (LENGTHS, ANGLES)
         wrong = next((joint + end for end in others if joint + end in names), None)
         wanted = " or ".join(joint + end for end in endings)
-        hint = f"; joint {joint} {'turns' if is_angle else 'slides'}" if wrong else meant(joint, names)
+        hint = f"; joint {joint} {'turns' if is_angle else 'slides'}" if wrong else did_you_mean(joint, names)
         log.add(Fault("configurations.csv", f"a column {wanted}{hint}", column=wrong or joint))
 
 
@@ -187,7 +187,7 @@ def _check_links(tree: Tree, artifacts: Mapping[str, Any], log: FaultLog) -> Non
     for name, file in (("measured_poses", "poses.csv"), ("survey", "targets.csv")):
         bodies = artifacts[name].column("body").unique().to_pylist() if name in artifacts else []
         for body in (body for body in bodies if body not in tree.links):
-            hint = meant(body, list(tree.links)) or f"; there are {', '.join(tree.links)}"
+            hint = did_you_mean(body, list(tree.links)) or f"; there are {', '.join(tree.links)}"
             log.add(Fault(file, f"a link of the chain as body{hint}", column="body", value=body))
 
 

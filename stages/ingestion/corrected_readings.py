@@ -59,9 +59,9 @@ def _largest(values: Array) -> float | None:
 def corrected(
     found: CollectedRows, reading: Array, settings: Interferometer, log: FaultLog
 ) -> tuple[Array, Corrections]:
-    """Displacements (N,) of readings (N,), um or arcsec as the readings are, and what was done to them.
+    """Return displacements (N,) from readings (N,), um or arcsec as the readings, and the corrections made.
 
-    The air and the temperature at the zero are those of the run's first step.
+    Air and temperature at zero are those of the run's first step.
     """
     channel, corrections = texts(found, "channel"), Corrections()
     grows = [name for name in ("dx", "dy", "dz") if getattr(settings.material, name) and (channel == name).any()]
@@ -86,7 +86,7 @@ def _check(found: CollectedRows, names: Sequence[str], why: str, log: FaultLog) 
 
 
 def _at_zero(found: CollectedRows, values: Array) -> Array:
-    """Values (N,) at the first step of each row's run."""
+    """Return the values (N,) at the first step of each row's run."""
     run, step = numbered(found, "run"), numbers(found, "step")
     order = np.lexsort((step, run))
     _, first = np.unique(run[order], return_index=True)
@@ -100,7 +100,7 @@ def _in_air(
     settings: Interferometer,
     corrections: Corrections,
 ) -> Array:
-    """Readings corrected for air; compensated ones unchanged, with the uncertainty of their air."""
+    """Return readings corrected for air; compensated readings unchanged, with the uncertainty of their air."""
     known = all(name in found.table.column_names for name in AIR)
     spread = settings.surroundings_sigma
     if settings.compensated and not (known and spread):

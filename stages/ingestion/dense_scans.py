@@ -45,7 +45,7 @@ class DenseScans:
 
     @property
     def read(self) -> str:
-        """What was read, in words."""
+        """Description of the scans that were read."""
         return f"{count(self.points, 'point')} of {count(len(self.rows), 'dense scan')}"
 
     @property
@@ -105,7 +105,7 @@ def _surfaces(source: CampaignFiles, log: FaultLog) -> dict[str, Array]:
 
 
 def _clouds(source: CampaignFiles, poses: pa.Array, log: FaultLog) -> Iterator[tuple[str, int | str, str, Array]]:
-    """File, pose, body and points (N, 3) in m of every scan, one at a time; scans of poses that are none are faults."""
+    """Yield file, pose, body and points (N, 3) in m of one scan at a time; scans of unknown poses are faults."""
     known, done = set(poses.to_pylist()), set()
     held: tuple[str, Any, list[Array]] | None = None
     for file, batch in read_table(source, SCANS, log, poses_as_text=not pa.types.is_int64(poses.type)):
@@ -128,7 +128,7 @@ def _clouds(source: CampaignFiles, poses: pa.Array, log: FaultLog) -> Iterator[t
 
 
 def _runs(batch: TableBatch) -> Iterator[tuple[tuple[int | str, str], Array]]:
-    """Rows of a batch that follow each other with the same pose and body."""
+    """Yield ranges of successive rows with the same pose and body."""
     if not batch.rows:
         return
     points, (pose, body) = 1e-3 * coordinates(batch), (_numbers(batch.columns[name]) for name in ("pose", "body"))
@@ -138,7 +138,7 @@ def _runs(batch: TableBatch) -> Iterator[tuple[tuple[int | str, str], Array]]:
 
 
 def _numbers(column: pa.Array) -> Index:
-    """Numbers that differ where the values of a column do."""
+    """Return one number per distinct value of a column."""
     return np.asarray(codes(column) if pa.types.is_dictionary(column.type) else column, dtype=np.int64)
 
 

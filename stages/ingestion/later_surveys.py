@@ -18,8 +18,8 @@ from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES, RESURVEYS
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
-from truing.schemas.near_names import meant
-from truing.stages.common.table_arrays import SmallTable, numbers, once, sigmas, texts
+from truing.schemas.near_names import did_you_mean
+from truing.stages.common.table_arrays import SmallTable, check_unique_keys, numbers, sigmas, texts
 from truing.stages.ingestion.relabelling import PoseTimes, Relabel, Relabelling, window
 from truing.stages.ingestion.tables import check_legs, legs_of
 
@@ -68,7 +68,7 @@ def read_later_surveys(
         return None
     if any(name not in found.table.column_names for name in RESURVEYS.required):
         return None  # reported when the table was read
-    once(found, log, "survey", "body", "target")
+    check_unique_keys(found, log, "survey", "body", "target")
     check_legs(found, log, len(legs_of(settings)))
     if first is None:
         log.add(Fault(found.first_file, "targets.csv, or [files.targets]: a later survey is compared with the first"))
@@ -77,7 +77,7 @@ def read_later_surveys(
     cov = _covariances(found, settings.noise.point_mm, log)
     if log:
         return None
-    places = _places(first.table, settings.noise.point_mm)
+    places = _first_places(first.table, settings.noise.point_mm)
     out = LaterSurveys(left_out=dict(found.left_out))
     surveys, bodies = texts(found, "survey"), texts(found, "body")
     pairs = [(name, body) for name in _in_time(resurveys) for body in dict.fromkeys(bodies[surveys == name].tolist())]
@@ -122,7 +122,7 @@ def _resurvey_settings(
     for number, entry in enumerate(settings.resurvey, 1):
         column = f"resurvey.{number}"
         if entry.survey not in resurveys:
-            there = f"a survey of {found.first_file} ({', '.join(names)}){meant(entry.survey, names)}"
+            there = f"a survey of {found.first_file} ({', '.join(names)}){did_you_mean(entry.survey, names)}"
             log.add(Fault(_FILE, there, column=f"{column}.survey", value=entry.survey))
             continue
         if resurveys[entry.survey].column:
@@ -130,7 +130,7 @@ def _resurvey_settings(
         own = texts(found, "survey") == entry.survey
         targets = [str(target) for target in texts(found, "target")[own]]
         for target in (one for one in entry.moved if one not in targets):
-            text = f"targets of survey {entry.survey}{meant(target, targets)}"
+            text = f"targets of survey {entry.survey}{did_you_mean(target, targets)}"
             log.add(Fault(_FILE, text, column=f"{column}.moved", value=target))
         where = None if entry.from_pose is None else window(order, entry.from_pose, None, column, log)
         if where is not None and where[0] in since:
@@ -159,7 +159,7 @@ def _visible_targets(found: CollectedRows, cov: Array, rows: Mask) -> dict[str, 
     return {str(target): Place(point, own, at, str(target)) for target, point, own, at in places}
 
 
-def _places(survey: pa.Table, declared: float | None) -> dict[str, dict[str, Place]]:
+def _first_places(survey: pa.Table, declared: float | None) -> dict[str, dict[str, Place]]:
     """The first survey: body to target to place."""
     sigma = np.column_stack([np.asarray(survey.column(name).to_pylist(), float) for name in COORDINATE_SIGMAS])
     sigma = np.where(np.isnan(sigma), np.nan if declared is None else declared, sigma)
@@ -189,7 +189,7 @@ def _compare(
         kept = options.window is not None and bool(found.moved[at])
         out.rows.append(_row(of, target, found, at, new[2] if kept else None, options))
         if kept:
-            held[target] = _moved_on(out, of[1], target, (new[0], new[1]), new[2], found, options)
+            held[target] = _renamed_after_move(out, of[1], target, (new[0], new[1]), new[2], found, options)
     for target in (one for one in seen if one not in held):
         reported = found.status == "ok" and options.window is not None
         status = "new" if found.status == "ok" else found.status
@@ -204,7 +204,7 @@ def _comparison(before: Sequence[Place], after: Sequence[Place], known: Mask, al
     return compare_surveys(points[0], cov[0], points[1], cov[1], known, alarm)
 
 
-def _moved_on(
+def _renamed_after_move(
     out: LaterSurveys,
     body: str,
     target: str,

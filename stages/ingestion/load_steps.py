@@ -15,7 +15,15 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.row_collection import CollectedRows
 from truing.formats.shapes import TRANSIT, WRENCH
 from truing.schemas.faults import Fault
-from truing.stages.common.table_arrays import declared_missing, numbered, numbers, once, texts, unit_factors, without
+from truing.stages.common.table_arrays import (
+    check_unique_keys,
+    declared_missing,
+    numbered,
+    numbers,
+    texts,
+    unit_factors,
+    without_rows,
+)
 
 AXES = tuple(name[:2] for name in WRENCH)
 KINDS = {axis: "N" if axis.startswith("f") else "N m" for axis in AXES}
@@ -28,14 +36,16 @@ _EMPTY_SAMPLE = "a number in every sample; an empty cell has to be declared by m
 
 
 def with_known_loads(found: CollectedRows) -> CollectedRows:
-    """Rows with all loads recorded, for files whose mapping declares missing values."""
+    """Return the rows with all loads recorded, if the mapping declares missing values."""
     names = [name for name in (*WRENCH, "load") if name in found.table.column_names]
     unknown = np.any([np.isnan(numbers(found, name)) for name in names], axis=0) if names else np.zeros(1, bool)
-    return without(found, unknown & declared_missing(found), "a load that was not written down") if names else found
+    return (
+        without_rows(found, unknown & declared_missing(found), "a load that was not written down") if names else found
+    )
 
 
 def six_loads(found: CollectedRows, loading: Any, log: FaultLog) -> Array:
-    """The loads (N, 6) in N and N m; a component without a value beside others is 0. Notes what cannot be."""
+    """Return the loads (N, 6) in N and N m; an empty component next to others is 0. Reports impossible loads."""
     names = found.table.column_names
     six, one = [name for name in WRENCH if name in names], [name for name in ("load_axis", "load") if name in names]
     if bool(six) == bool(one) or len(one) == 1:
@@ -72,15 +82,15 @@ def _check_range(found: CollectedRows, loads: Array, column: str | None, loading
 
 
 def _cure(share: float) -> str:
-    """What to do of loads that go to this share of their range."""
+    """Return the remedy for loads of this share of their range."""
     if share > _FURTHEST_TEST:
         return "; is its unit right?"
     return f"; of an overload test, [loading] overload = {math.ceil(share * 100.0 - _ROUNDED) / 100.0:g} allows it"
 
 
 def check_one_load(found: CollectedRows, step: Index, loads: Array, log: FaultLog) -> None:
-    """A fault at every row whose load is not that of the first row of its step; step (N,) numbers the steps."""
-    rows = np.flatnonzero(found.sound("run", "step", "load_axis", "load", *WRENCH))
+    """Report rows whose load differs from the first row of their step; ``step`` (N,): step numbers."""
+    rows = np.flatnonzero(found.without_faults("run", "step", "load_axis", "load", *WRENCH))
     _, first, at = np.unique(step[rows], return_index=True, return_inverse=True)
     known, apart = loads[rows], np.zeros(len(loads), dtype=bool)
     with np.errstate(invalid="ignore"):
@@ -89,31 +99,31 @@ def check_one_load(found: CollectedRows, step: Index, loads: Array, log: FaultLo
 
 
 def check_same_loads(found: CollectedRows, loads: Array, other: Array, log: FaultLog) -> None:
-    """A fault at every row whose loads (N, 6) are not those (N, 6) that the readings have for this step; NaN: none."""
+    """Report rows whose loads (N, 6) differ from those (N, 6) of the readings in the same step; NaN: unknown."""
     with np.errstate(invalid="ignore"):
         apart = np.any(np.abs(loads - other) > _allowed(np.concatenate([loads, other])), axis=1)
-    apart &= found.sound("run", "step", "load_axis", "load", *WRENCH)
+    apart &= found.without_faults("run", "step", "load_axis", "load", *WRENCH)
     found.fault(log, apart, _load_column(found), "the load that the readings of this run and step have")
 
 
 def _allowed(loads: Array) -> Array:
-    """(6,) allowed difference between two records of the same load."""
+    """Return the allowed difference (6,) between two records of the same load."""
     return _ONE_LOAD * np.nan_to_num(np.abs(loads)).max(axis=0, initial=0.0)
 
 
 def _load_column(found: CollectedRows) -> str:
-    """The column to name where loads do not agree."""
+    """Return the column to name if loads disagree."""
     return next((name for name in ("load", *WRENCH) if name in found.table.column_names), "load")
 
 
 def check_times(found: CollectedRows, log: FaultLog) -> None:
-    """A fault at every row that was not taken after the step before it in its run."""
+    """Report rows that are not later than the previous step of their run."""
     if "time_s" not in found.table.column_names:
         return
     run, step, time = numbered(found, "run"), numbers(found, "step"), numbers(found, "time_s")
     wrong = np.zeros(len(run), dtype=bool)
     order = np.lexsort((time, step, run))
-    order = order[found.sound("run", "step", "time_s")[order]]
+    order = order[found.without_faults("run", "step", "time_s")[order]]
     for rows in np.split(order, np.flatnonzero(np.diff(run[order])) + 1):
         known = rows[np.isfinite(time[rows])]
         before = np.searchsorted(step[known], step[known])  # the first row of the same step: before it, the latest
@@ -122,10 +132,10 @@ def check_times(found: CollectedRows, log: FaultLog) -> None:
 
 
 def check_roles(found: CollectedRows, log: FaultLog) -> None:
-    """A fault at every row whose role is not that of its run's first row."""
+    """Report rows whose role differs from the first row of their run."""
     if "role" not in found.table.column_names:
         return
-    rows = np.flatnonzero(found.sound("run", "role"))
+    rows = np.flatnonzero(found.without_faults("run", "role"))
     role = numbered(found, "role")[rows]
     _, first, at = np.unique(numbered(found, "run")[rows], return_index=True, return_inverse=True)
     other = np.zeros(len(found.table), dtype=bool)
@@ -134,18 +144,18 @@ def check_roles(found: CollectedRows, log: FaultLog) -> None:
 
 
 def without_transit(found: CollectedRows) -> CollectedRows:
-    """The table without the samples that were taken on the way to the next load, which are counted as left out."""
+    """Return the table without samples recorded during a change of load, which are counted as left out."""
     if TRANSIT not in found.table.column_names:
         return found
-    kept = without(found, numbers(found, TRANSIT) == 1.0, "samples in transit between loads")
+    kept = without_rows(found, numbers(found, TRANSIT) == 1.0, "samples in transit between loads")
     return replace(kept, table=kept.table.drop_columns([TRANSIT]))
 
 
 def averaged(found: CollectedRows, log: FaultLog) -> CollectedRows:
-    """One row per run, step and channel: the mean of every column of real numbers over the samples with a reading.
+    """Return one row per run, step and channel: mean of each real column over the samples with a reading.
 
-    A mean reading at the load, time or temperature of one of its samples would tilt the response on every ramp. Notes
-    samples without a load, and texts that differ between samples of a step. A covariate is the mean of those samples
+    Loads, times and temperatures are averaged with the readings; those of a single sample would bias the response on a
+    ramp. Reports samples without a load, and texts that differ within a step. A covariate is averaged over the samples
     that have it.
     """
     found = with_known_loads(without_transit(found))
@@ -155,11 +165,11 @@ def averaged(found: CollectedRows, log: FaultLog) -> CollectedRows:
     counts = _with_reading(found, at)
     further = np.ones(len(at), dtype=bool)
     further[first] = False
-    rows = without(found, further, "")
+    rows = without_rows(found, further, "")
     table = rows.table
     for place, name in enumerate(table.column_names):
         if _is_averaged(found.table, name):
-            means = _means(_sampled(found, name), counts, at)
+            means = _sample_means(_sampled(found, name), counts, at)
             table = table.set_column(place, name, pa.array(means[at[~further]], from_pandas=True))
     return replace(rows, table=table, left_out=found.left_out)
 
@@ -169,26 +179,26 @@ def _is_averaged(table: pa.Table, name: str) -> bool:
 
 
 def _with_reading(found: CollectedRows, at: Index) -> Mask:
-    """(N,) samples that count: those with a reading; all of a step without any, whose row tells that it was there."""
+    """Return the mask (N,) of samples with a reading; all samples of a step without any, to keep its row."""
     there = np.isfinite(numbers(found, "reading"))
     return np.asarray(there | (np.bincount(at, there)[at] == 0.0), dtype=bool)
 
 
 def _sampled(found: CollectedRows, name: str) -> Array:
-    """A column (N,) of numbers; a component of the wrench without a value beside others is 0."""
+    """Return a column (N,) of numbers; an empty wrench component next to others is 0."""
     values = numbers(found, name)
     return np.nan_to_num(values) if name in WRENCH else values
 
 
-def _means(values: Array, counts: Mask, at: Index) -> Array:
-    """(S,) means of what is known of values (N,) in the samples that count; NaN where nothing is."""
+def _sample_means(values: Array, counts: Mask, at: Index) -> Array:
+    """Return the means (S,) of known values (N,) over the counted samples; NaN where none is known."""
     known = np.isfinite(values) & counts
     count, total = np.bincount(at, known), np.bincount(at, np.where(known, values, 0.0))
     return np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0)
 
 
 def _check_samples(found: CollectedRows, log: FaultLog) -> None:
-    """A fault at every sample without a load, or with an empty reading that nothing declares missing."""
+    """Report samples without a load, or with an empty reading that is not declared missing."""
     names = found.table.column_names
     six = [name for name in WRENCH if name in names]
     given = [numbers(found, name) for name in (six or ["load"] if "load" in names else six)]
@@ -199,7 +209,7 @@ def _check_samples(found: CollectedRows, log: FaultLog) -> None:
 
 
 def _check_constant(found: CollectedRows, first: Index, log: FaultLog) -> None:
-    """A fault at every sample that says in words, or in whole numbers, something else than the first of its step."""
+    """Report samples whose text or whole number differs from the first sample of their step."""
     for name in found.table.column_names:
         if name not in _OF_A_STEP and not _is_averaged(found.table, name):
             reported = texts(found, name)
@@ -211,9 +221,9 @@ def _check_constant(found: CollectedRows, first: Index, log: FaultLog) -> None:
 def checked_steps(
     found: CollectedRows, key: Sequence[str], loading: Any, log: FaultLog, cure: str = ""
 ) -> tuple[CollectedRows, Array]:
-    """The rows of load steps that count, and their loads (N, 6); notes what keys, times, roles and loads break."""
+    """Return the counted rows of load steps and their loads (N, 6); reports faulty keys, times, roles and loads."""
     found = with_known_loads(without_transit(found))
-    once(found, log, *key, cure=cure)
+    check_unique_keys(found, log, *key, cure=cure)
     check_times(found, log)
     check_roles(found, log)
     return found, six_loads(found, loading, log)

@@ -18,7 +18,7 @@ from truing.formats.source import CampaignFiles, RawFile
 from truing.report.numbers import count
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault, Unfit
-from truing.stages.common.table_arrays import SmallTable, numbered, numbers, once, texts
+from truing.stages.common.table_arrays import SmallTable, check_unique_keys, numbered, numbers, texts
 from truing.stages.declaration import Outcome
 from truing.stages.ingestion.corrected_readings import Corrections, positions_at_reference
 from truing.stages.ingestion.matrix_lines import Line, numbers_of, read_lines
@@ -45,7 +45,7 @@ _MANY = 0.5  # of the rows: more different values are not repeated targets
 
 
 def read_compliance(source: CampaignFiles, log: FaultLog) -> pa.Table | None:
-    """The compliance of mechanism.compliance_file as a long table; None where there is none."""
+    """Return the matrix of mechanism.compliance_file as a long table; None without the file."""
     file = source.compliance
     lines = None if file is None else read_lines(file, "compliance_file", log)
     if file is None or lines is None:
@@ -67,7 +67,7 @@ def _matrix(file: RawFile, rows: list[Line], log: FaultLog, is_outside: bool) ->
 
 
 def _is_symmetric(file: RawFile, matrix: Array, rows: list[int], log: FaultLog) -> bool:
-    """Whether every entry is that across the diagonal; the worst one is named where not."""
+    """Return True if the matrix is symmetric; otherwise report the largest asymmetry."""
     size = np.sqrt(np.abs(np.diag(matrix)))
     size = np.where(size > 0.0, size, 1.0)
     apart = np.abs(matrix - matrix.T) / np.outer(size, size)
@@ -130,7 +130,7 @@ class LoadingTables:
 
     @property
     def read(self) -> str:
-        """What was read, in words."""
+        """Description of the tables that were read."""
         parts = []
         if self.readings is not None:
             parts.append(f"{count(len(self.readings.table), 'reading')} of {_channels(self.readings.table)}")
@@ -145,7 +145,7 @@ class LoadingTables:
 
     @property
     def figure(self) -> str:
-        """The runs and, where a table is absent, what cannot be evaluated without it."""
+        """Description of the runs, and of what cannot be evaluated because a table is absent."""
         every = (self.readings, self.signals, self.positions)
         tables = [table.table for table in every if table is not None]
         runs = {run for table in tables for run in table.column("run").to_pylist()}
@@ -159,24 +159,24 @@ class LoadingTables:
 
 
 def _channels(table: pa.Table) -> str:
-    return " ".join(dict.fromkeys(sorted(table.column("channel").to_pylist(), key=_place)))
+    return " ".join(dict.fromkeys(sorted(table.column("channel").to_pylist(), key=_channel_order)))
 
 
-def _place(channel: str) -> tuple[bool, str]:
+def _channel_order(channel: str) -> tuple[bool, str]:
     return channel.startswith("r"), channel
 
 
 def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
-    """The tables of a loading campaign; raises CampaignFaults with everything that is wrong at once."""
+    """Return the tables of a loading campaign; raises CampaignFaults with all faults at once."""
     found, start = read_loading_tables(source, settings, log), read_start(source, settings, log)
-    log.throw()
+    log.raise_faults()
     given = {} if start is None else {"start": start}
     artifacts = {**found.artifacts, **given, "exclusions": exclusions(found.left_out)}
     return Outcome(artifacts, found.read, left_out_words(found.left_out), found.figure)
 
 
 def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> LoadingTables:
-    """Every table of a loading campaign; what is wrong with them is noted, all at once."""
+    """Return all tables of a loading campaign; faults go into the log."""
     if not any(source.entries(name) for name in TABLES):
         expected = (
             "this file, displacement.csv or signals.csv (or .parquet), or [files.interferometer] in campaign.toml"
@@ -214,14 +214,17 @@ def check_sensor(section: Any, compliance: pa.Table | None, log: FaultLog, loade
 
 
 def _check_compliance(compliance: Array, loaded: Sequence[pa.Table]) -> None:
-    """Raise ValueError where a load moves nothing, or where applied loads would move the platform by metres."""
+    """Raise Unfit for a compliance that is not positive, or that moves the platform by metres under the applied
+    loads."""
     own = np.diag(compliance)
     if still := [WRENCH[k] for k in np.flatnonzero(own <= 0.0)]:
-        raise Unfit("compliance_file", f"no motion under {', '.join(still)}", "an elastic sensor")
+        raise Unfit(
+            "compliance_file", f"zero or negative compliance under {', '.join(still)}", "positive diagonal entries"
+        )
     size = np.sqrt(own)
     lowest = float(np.linalg.eigvalsh(compliance / np.outer(size, size))[0])
     if abs(lowest) < _RIGID:
-        raise Unfit("compliance_file", "a load that moves nothing (singular)", "an elastic sensor")
+        raise Unfit("compliance_file", "a singular matrix", "an invertible compliance")
     for k, name in enumerate(WRENCH):
         columns = [table.column(name).to_pylist() for table in loaded if name in table.column_names]
         largest = max((abs(load) for column in columns for load in column if load), default=0.0)
@@ -233,17 +236,17 @@ def _check_compliance(compliance: Array, loaded: Sequence[pa.Table]) -> None:
 
 @dataclass
 class PositionTable(SmallTable):
-    """Approaches, and what was corrected."""
+    """Approaches, and the corrections made."""
 
     corrections: Corrections = field(default_factory=Corrections)
 
 
 def read_positions(source: CampaignFiles, settings: Any, log: FaultLog) -> PositionTable | None:
-    """The approaches, ordered by run, target, direction and cycle; None where the campaign has none."""
+    """Return the approaches ordered by run, target, direction and cycle; None if the campaign has none."""
     found = collect_rows(source, POSITIONING, log, "run")
     if found is None:
         return None
-    once(found, log, "run", "target_mm", "direction", "cycle")
+    check_unique_keys(found, log, "run", "target_mm", "direction", "cycle")
     if not log:
         _check_complete(found, log)
     read = numbers(found, "position_mm")
@@ -259,7 +262,7 @@ def read_positions(source: CampaignFiles, settings: Any, log: FaultLog) -> Posit
 
 
 def _check_complete(found: CollectedRows, log: FaultLog) -> None:
-    """Note runs whose targets were not all approached in the same cycles, from either side, twice at least."""
+    """Report runs in which not every target was approached from both sides in the same cycles, at least twice."""
     runs = texts(found, "run")
     for run in dict.fromkeys(runs):
         own = runs == run

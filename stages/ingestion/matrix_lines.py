@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from truing.arrays import Array
-from truing.formats.faultlog import FaultLog, discreet
+from truing.formats.faultlog import FaultLog, shareable_value
 from truing.formats.source import RawFile
 from truing.schemas.faults import Fault
 from truing.schemas.settings_text import read_settings_text
@@ -55,6 +55,6 @@ def numbers_of(
         for j, cell in enumerate(cells):
             found[i, j] = number_of(cell)
             if not np.isfinite(found[i, j]):
-                shown = discreet(cell) if is_outside else cell
+                shown = shareable_value(cell) if is_outside else cell
                 log.add(Fault(file.name, "a finite number", row=row, column=columns[j], value=shown))
     return found

@@ -45,19 +45,19 @@ def planned_loads(source: CampaignFiles, settings: Campaign) -> dict[str, pa.Tab
     absent = steps is None and signals is None and not log
     if absent or _measured(steps, values) or _measured(signals, _signals(signals)):
         return None
-    log.throw()
+    log.raise_faults()
     readings = None if steps is None else _readings(steps, shape.name, settings, log)
     planned = None if signals is None else _planned_signals(signals, settings, readings, log)
     compliance = read_compliance(source, log)
     if settings.mechanism.type == "6-upur":
         check_sensor(settings.mechanism, compliance, log)
-    log.throw()
+    log.raise_faults()
     found = {"readings": readings, "signals": planned, "given_compliance": compliance}
     return {name: table for name, table in found.items() if table is not None}
 
 
 def _measured(found: CollectedRows | None, names: Sequence[str]) -> bool:
-    """Whether any of these columns has a value."""
+    """Return True if any of these columns has a value."""
     if found is None:
         return False
     return any(bool(np.isfinite(numbers(found, name)).any()) for name in names if name in found.table.column_names)

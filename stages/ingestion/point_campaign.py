@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.formats.faultlog import FaultLog
-from truing.formats.source import CampaignFiles, passed_over
+from truing.formats.source import CampaignFiles, skipped_files
 from truing.report.numbers import count
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
@@ -22,7 +22,7 @@ from truing.stages.ingestion.dense_scans import DenseScans, identifier_of, read_
 from truing.stages.ingestion.later_surveys import LaterSurveys, read_later_surveys, relabelling_of
 from truing.stages.ingestion.points import ExpectedPoints, Geometry, Points
 from truing.stages.ingestion.pose_table import PoseTable, check_bodies, read_poses
-from truing.stages.ingestion.relabelling import PoseTimes, Relabelling, declared, relabelled_table
+from truing.stages.ingestion.relabelling import PoseTimes, Relabelling, declared_relabelling, relabelled_table
 from truing.stages.ingestion.simulated_deformation import read_simulated_deformation
 from truing.stages.ingestion.tables import (
     all_left_out,
@@ -64,7 +64,7 @@ class _Parts:
         return {name: table for name, table in found.items() if table is not None}
 
     def left_out(self, *more: Points) -> Counter[tuple[str, str]]:
-        """How many rows were left out of these tables, and of more, by (subject, reason)."""
+        """Return the number of rows left out of these tables, and of ``more``, by (subject, reason)."""
         return all_left_out(*more, self.configurations, self.survey, self.later, self.scans, self.measured)
 
     def outcome(self, read: str, figure: str, **more: pa.Table) -> Outcome:
@@ -89,7 +89,7 @@ def ingest_points(
     source.estimate = estimated = EstimatedCovariance()
     parts = _first_tables(settings, source, adjusted, log)
     if adjusted is None and source.has_photographs:  # a campaign is checked before its photographs are adjusted
-        log.throw()
+        log.raise_faults()
         return parts.outcome(count(len(parts.configurations.table), "configuration"), "points are not adjusted yet")
     if adjusted is None:
         _check_any_points(source, log)
@@ -98,7 +98,7 @@ def ingest_points(
     if parts.survey is not None and parts.later is not None:
         parts.survey = replace(parts.survey, table=parts.later.survey(parts.survey.table))
     survey = None if parts.survey is None else parts.survey.table
-    renamed = declared(settings, order, survey, log), relabelling_of(parts.later, order)
+    renamed = declared_relabelling(settings, order, survey, log), relabelling_of(parts.later, order)
     expected = _expected(settings, parts.configurations.table, survey, renamed, links)
     parts.measured = read_poses(source, settings, expected, log)
     parts.scans = read_scans(source, expected.poses, log, progress)
@@ -109,7 +109,7 @@ def ingest_points(
 
 
 def _first_tables(settings: Any, source: CampaignFiles, adjusted: AdjustedPoints | None, log: FaultLog) -> _Parts:
-    """Configurations, the survey and the earlier model."""
+    """Return configurations, survey and model of the earlier campaign."""
     configurations = read_configurations(source, settings, log, None if adjusted is None else adjusted.table)
     survey = read_survey(source, settings, log)
     start = read_start(source, settings, log)
@@ -124,7 +124,7 @@ def _without_points(parts: _Parts, expected: ExpectedPoints, log: FaultLog) -> O
     """The outcome of a campaign of measured poses or dense scans alone."""
     if parts.measured is not None:
         check_bodies(parts.measured, expected.without(set() if parts.scans is None else parts.scans.bodies), log)
-    log.throw()
+    log.raise_faults()
     there = [part for part in (parts.scans, parts.measured) if part is not None]
     read, figure = ("; ".join(words) for words in ([part.read for part in there], [part.figure for part in there]))
     return parts.outcome(read, figure, observations=ARTIFACTS["observations"].empty(identifier_of(expected.poses)))
@@ -142,16 +142,16 @@ def _with_points(parts: _Parts, points: Points, estimated: EstimatedCovariance) 
         artifacts["relabelled"] = _at_last("relabelled", lambda: relabelled_table(*renamed))
     return Outcome(
         artifacts,
-        read=_late(lambda: "; ".join((points.read, *estimated.remarks))),
-        left_out=_late(lambda: left_out_words(parts.left_out(points))),
-        figure=_late(lambda: points.figure),
+        read=_deferred_text(lambda: "; ".join((points.read, *estimated.remarks))),
+        left_out=_deferred_text(lambda: left_out_words(parts.left_out(points))),
+        figure=_deferred_text(lambda: points.figure),
     )
 
 
 def _adjusted(
     tables: Mapping[str, pa.Table], settings: Any, source: CampaignFiles, log: FaultLog
 ) -> AdjustedPoints | None:
-    """The object points that photographs gave; None where they were measured as points."""
+    """Return object points from photographs; None if points were measured as such."""
     if source.has_photographs and source.entries("points"):
         expected = "either photographs (or rays measured in them) or points, not both"
         log.add(Fault("campaign.toml", expected, column="files.points"))
@@ -169,14 +169,14 @@ def _check_any_points(source: CampaignFiles, log: FaultLog) -> None:
     if any(source.entries(table) for table in ("points", "poses", "scans", "distances")):
         return
     log.add(Fault("points.csv", "this file (or points.parquet, poses.csv), or [files.points] in campaign.toml"))
-    for one in passed_over(source.folder, source.folders_of_photographs, ()):
+    for one in skipped_files(source.folder, source.folders_of_photographs, ()):
         if one.is_fault:
             log.add(Fault(one.name, one.why))
-    log.throw()
+    log.raise_faults()
 
 
 class _Late:
-    """Words that depend on everything having been read."""
+    """Text that is evaluated after everything was read."""
 
     def __init__(self, say: Callable[[], str]) -> None:
         self._say = say
@@ -185,12 +185,12 @@ class _Late:
         return self._say()
 
 
-def _late(say: Callable[[], str]) -> str:
+def _deferred_text(say: Callable[[], str]) -> str:
     return cast(str, _Late(say))
 
 
 def _at_last(artifact: str, table: Callable[[], pa.Table]) -> pa.RecordBatchReader:
-    """A table that depends on all points having been read."""
+    """Return a table that is evaluated after all points were read."""
 
     def batches() -> Iterator[pa.RecordBatch]:
         yield from table().to_batches()

@@ -16,14 +16,14 @@ from truing.arrays import Array, Mask
 from truing.formats.evaluation import TableBatch, coordinates
 from truing.formats.faultlog import SHOWN, CellFaults, FaultLog
 from truing.formats.point_index import PointIndex
-from truing.formats.read import FileRows, ahead, read_table
+from truing.formats.read import FileRows, prefetched, read_table
 from truing.formats.shapes import COORDINATE_SIGMAS, POINTS
 from truing.formats.source import CampaignFiles
 from truing.report.numbers import count as counted
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from truing.schemas.faults import Fault
-from truing.schemas.near_names import meant, meant_by
+from truing.schemas.near_names import did_you_mean, meant_by
 from truing.stages.ingestion.relabelling import Relabelling
 from truing.stages.ingestion.unlabelled_points import MOST_POINTS, Unlabelled, rows_of, surveyed_bodies, without_target
 
@@ -109,7 +109,7 @@ class ExpectedPoints:
     relabelled: tuple[Relabelling, ...] = ()
 
     def without(self, scanned: set[str]) -> ExpectedPoints:
-        """The same without bodies that have dense scans and need no targets."""
+        """Return the same without bodies that have dense scans and so need no targets."""
         always = tuple(body for body in self.always if body not in scanned)
         return replace(self, always=always, reference=None if self.reference in scanned else self.reference)
 
@@ -139,19 +139,19 @@ class Points:
 
     @property
     def read(self) -> str:
-        """How many points were read, and from which files."""
+        """Number of points, and their files, in words."""
         files = f"{len(self.files)} files" if len(self.files) != 1 else next(iter(self.files))
         return f"{counted(self.rows, 'point')} of {counted(self.poses, 'pose')} from {files}"
 
     @property
     def figure(self) -> str:
-        """How many targets of which bodies."""
+        """Number of targets by body, in words."""
         return (
             f"{counted(self.labels, 'target')} of {counted(len(self.bodies), 'body')} ({', '.join(self.bodies[:12])})"
         )
 
     def stream(self) -> pa.RecordBatchReader:
-        """The observations; raises CampaignFaults at their end where anything in the campaign is wrong."""
+        """Yield the observations; raises CampaignFaults at the end if any input of the campaign is faulty."""
         batches = self._batches()
         first = next(batches, None)
         if first is None:
@@ -176,25 +176,25 @@ class Points:
 
     def _batches(self) -> Iterator[TableBatch]:
         total = len(self.source.entries("points"))
-        for file, batch in ahead(self._read()):
+        for file, batch in prefetched(self._read()):
             self.files[file.raw.name] = None
             self.left_out.update({(file.raw.name, reason): count for reason, count in batch.left_out.items()})
             self.progress(0, total, counted(self.rows, "point"))
             named = self._under_own_names(self._named_part(file, batch))
             if named.rows:
                 self._with_own_names.update(named.columns["body"].unique().to_pylist())
-                yield self._taken(file, named)
+                yield self._checked_batch(file, named)
         yield from self._labelled()
 
     def _read(self) -> Iterator[tuple[FileRows, TableBatch]]:
-        """The points of raw files, or those that the photographs gave."""
+        """Yield the points of raw files, or of photographs."""
         if self.adjusted is None:
             return read_table(self.source, POINTS, self.log, poses_as_text=self._poses_are_text)
         adjusted = self.adjusted.as_text() if self._poses_are_text else self.adjusted
         return adjusted.batches(self.expected.geometry.survey, self.expected.bodies, self.log)
 
     def _named_part(self, file: FileRows, batch: TableBatch) -> TableBatch:
-        """The points that have names; the others wait until all of their pose are there."""
+        """Yield the points with names; the others are held until their pose is complete."""
         nameless = without_target(batch)
         if "target" in batch.columns and "body" not in batch.columns:
             self.log.add(Fault(file.raw.name, "a column body, or constants = { body = ... }", column="body"))
@@ -228,16 +228,16 @@ class Points:
             self.log.add(Fault("campaign.toml", "the noise of a point, to name points by", column="noise.point_mm"))
             return
         survey = surveyed_bodies(self.expected.survey, self.expected.point_mm)
-        for raw, batch in self.unlabelled.named(survey, self.expected.point_mm, self.progress):
+        for raw, batch in self.unlabelled.identified_batches(survey, self.expected.point_mm, self.progress):
             if batch.rows:
-                yield self._taken(raw, batch)
+                yield self._checked_batch(raw, batch)
         self.left_out.update(self.unlabelled.left_out)
         for pose, count in self.unlabelled.too_many.items():
             text = f"at most {MOST_POINTS} points without names in a pose; a surface scanned densely is the table scans"
             self.log.add(Fault(file, text, value=f"{count} in pose {pose}"))
         # in photographs, screws and holes are circles as well: beside targets with names they are only left out
         bodies_by_codes = self._with_own_names if self.source.has_photographs else set()
-        for body, why in self.unlabelled.hopeless().items():
+        for body, why in self.unlabelled.unnamed_bodies().items():
             if body in bodies_by_codes:
                 continue
             self.log.add(Fault(file, f"points that can be named as targets of body {body}", column="target", value=why))
@@ -246,7 +246,7 @@ class Points:
     def _poses_are_text(self) -> bool:
         return not pa.types.is_int64(self.expected.poses.type)
 
-    def _taken(self, file: FileRows, batch: TableBatch) -> TableBatch:
+    def _checked_batch(self, file: FileRows, batch: TableBatch) -> TableBatch:
         pose, label = self._ledger.add(file, batch)
         self.rows += batch.rows
         known = len(self.expected.poses)
@@ -267,7 +267,7 @@ class Points:
         return TableBatch(columns, batch.records)
 
     def _meant_pose(self, batch: TableBatch, row: int) -> str:
-        """What the pose of a row may have meant; the row's pose is named, for others may have meant others."""
+        """Return a suggestion for an unknown pose; it names the pose, because other rows may have another one."""
         name = str(batch.columns["pose"][row].as_py())
         return meant_by([name], map(str, self.expected.poses.to_pylist()))
 
@@ -283,7 +283,7 @@ class Points:
         if given is not None and not given.null_count:
             return given
         if declared is None:
-            self.log.lacks("noise.point_mm", "a standard deviation of the points", file.raw.name)
+            self.log.add_missing("noise.point_mm", "a standard deviation of the points", file.raw.name)
             return pa.nulls(rows, pa.float64())
         if given is not None:
             return given.fill_null(declared)
@@ -311,10 +311,10 @@ class Points:
             self.log.add(replace(fault, expected=fault.expected + of_rays))
         self.labels, self.bodies = len(self._ledger.labels.values), self._ledger.bodies()
         self._ledger.close()
-        self.log.throw()
+        self.log.raise_faults()
 
     def _sampled(self) -> dict[tuple[int, str], dict[str, Array]]:
-        """Points of a few poses, by pose and body: target to coordinates in mm."""
+        """Return points of a few poses: by pose and body, target to coordinates in mm."""
         found: dict[tuple[int, str], dict[str, Array]] = {}
         for poses, labels, points in self.sample:
             for pose, label, point in zip(poses.tolist(), labels.tolist(), points, strict=True):
@@ -329,7 +329,7 @@ class Points:
                 pose, body, target = self._ledger.name_of(row)
                 value = f"pose {pose}, {body}, {target}"
                 count = len(rows) - SHOWN + 1 if shown == SHOWN - 1 else 1
-                text = "".join(part.called(pose, body, target) for part in self.expected.relabelled)
+                text = "".join(part.name_in_files(pose, body, target) for part in self.expected.relabelled)
                 faults = CellFaults(f"each pose, body and target once{text}", None, ((record, value),), count)
                 self.log.cells(file.raw.name, faults, file.locate)
 
@@ -341,21 +341,21 @@ class Points:
         file = next(iter(self.files))
         for body in bodies:
             if self.expected.bodies and body not in self.expected.bodies:
-                hint = meant(body, self.expected.bodies) or f"; there are {', '.join(self.expected.bodies)}"
+                hint = did_you_mean(body, self.expected.bodies) or f"; there are {', '.join(self.expected.bodies)}"
                 row, count = self._ledger.rows_of(body)
                 own, record = self._ledger.origin(row)
                 faults = CellFaults(f"a body of the mechanism{hint}", "body", ((record, body),), count)
                 self.log.cells(own.raw.name, faults, own.locate)
         for body in dict.fromkeys((*self.expected.always, *filter(None, (self.expected.reference,)))):
             if body not in bodies:
-                text = f"points of body {body}; there are points of {', '.join(bodies)}{meant(body, bodies)}"
+                text = f"points of body {body}; there are points of {', '.join(bodies)}{did_you_mean(body, bodies)}"
                 self.log.add(Fault(file, text, column="body"))
             elif body in self.expected.always and not self.unlabelled.parts:
                 self._check_every_pose(file, body, seen.any(axis=1) & ~seen[:, bodies.index(body)])
         self._check_names(file)
 
     def _check_names(self, file: str) -> None:
-        """A body that was surveyed is recognised by its own name and by those of its targets."""
+        """Report surveyed bodies that do not occur, and bodies none of whose targets the survey contains."""
         labels = self._ledger.labels.values
         surveyed_bodies, bodies = list(self.expected.geometry.survey), self._ledger.bodies()
         if surveyed_bodies and not set(surveyed_bodies) & set(bodies):

@@ -27,7 +27,15 @@ from truing.report.numbers import count as counted
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import meant_by
-from truing.stages.common.table_arrays import check_variance, declared_missing, numbers, once, sigmas, texts, without
+from truing.stages.common.table_arrays import (
+    check_unique_keys,
+    check_variance,
+    declared_missing,
+    numbers,
+    sigmas,
+    texts,
+    without_rows,
+)
 
 if TYPE_CHECKING:
     from truing.formats.source import CampaignFiles
@@ -52,7 +60,7 @@ _EULER_SIGMAS = tuple(f"sigma_{name}" for name in EULER)
 
 
 def rotation_columns(found: CollectedRows, log: FaultLog) -> tuple[str, ...] | None:
-    """Columns of the rotation; None, with a fault, for none or several kinds."""
+    """Return the columns of the rotation; None, with a fault, if no or several notations are present."""
     names = set(found.table.column_names)
     begun = {words: columns for words, columns in _FAMILIES.items() if names & set(columns)}
     if len(begun) != 1:
@@ -68,7 +76,7 @@ def rotation_columns(found: CollectedRows, log: FaultLog) -> tuple[str, ...] | N
 
 
 def rotations(found: CollectedRows, columns: Sequence[str], euler: str | None, log: FaultLog) -> Array:
-    """Rotation (N, 3, 3) of every row, body to parent; NaN where what the row says is none, which is a fault."""
+    """Return the rotation (N, 3, 3) of each row, body to parent; NaN, with a fault, if the row gives no rotation."""
     values = np.column_stack([numbers(found, name) for name in columns])
     if tuple(columns) == QUATERNION:
         return _of_quaternions(found, values, log)
@@ -136,7 +144,7 @@ def _of_matrices(found: CollectedRows, M: Array, log: FaultLog) -> Array:
 
 
 def check_last_row(found: CollectedRows, log: FaultLog) -> None:
-    """The last row of a 4x4 matrix is 0 0 0 1; where translations stand in it, the matrix is transposed."""
+    """Check that the last row of a 4x4 matrix is 0 0 0 1; a translation there means a transposed matrix."""
     names = found.table.column_names
     for name in (name for name in LAST_ROW if name in names):
         values = numbers(found, name)
@@ -147,7 +155,7 @@ def check_last_row(found: CollectedRows, log: FaultLog) -> None:
 
 @dataclass(frozen=True)
 class PoseTable:
-    """The artifact's table, the bodies that it holds, the files it came from, and rows left out by (file, reason)."""
+    """Artifact table, its bodies, its files, and rows left out by (file, reason)."""
 
     table: pa.Table
     bodies: tuple[str, ...]
@@ -156,7 +164,7 @@ class PoseTable:
 
     @property
     def read(self) -> str:
-        """What was read, in words."""
+        """Description of the poses that were read."""
         file = self.files[0] if len(self.files) == 1 else f"{len(self.files)} files"
         return f"{counted(self.table.num_rows, 'measured pose')} from {file}"
 
@@ -167,13 +175,13 @@ class PoseTable:
 
 
 def read_poses(source: CampaignFiles, settings: Any, expected: ExpectedPoints, log: FaultLog) -> PoseTable | None:
-    """The poses of the campaign's table; None where it has none. What is wrong goes into ``log``."""
+    """Return the measured poses of the campaign; None without a pose table. Faults go into ``log``."""
     if not source.entries("poses"):
         return None
     found = collect_rows(source, POSES, log, "pose")
     if found is None or not {"pose", "body"} <= set(found.table.column_names):
         return None
-    once(found, log, "pose", "body")
+    check_unique_keys(found, log, "pose", "body")
     _check_names(found, expected, log)
     columns = rotation_columns(found, log)
     places = _place_columns(found, log)
@@ -202,7 +210,7 @@ def _check_names(found: CollectedRows, expected: ExpectedPoints, log: FaultLog) 
 
 
 def check_bodies(poses: PoseTable, expected: ExpectedPoints, log: FaultLog) -> None:
-    """Check that all required bodies have a measured pose in every pose, if there are only measured poses."""
+    """Report poses without a measured pose of a required body, if the campaign has measured poses only."""
     for body in dict.fromkeys((*expected.always, *filter(None, (expected.reference,)))):
         own = {str(p) for p, b in zip(*map(_listed(poses), ("pose", "body")), strict=True) if b == body}
         if not own:
@@ -230,20 +238,21 @@ def _place_columns(found: CollectedRows, log: FaultLog) -> tuple[str, ...] | Non
 
 
 def _without_missing(found: CollectedRows, columns: tuple[str, ...], log: FaultLog) -> CollectedRows:
-    """The table without rows of which a number is missing, where the mapping declares that; else each is a fault."""
-    empty = {name: np.isnan(numbers(found, name)) & found.sound(name) for name in columns}
+    """Return the table without incomplete rows, if the mapping declares missing values; otherwise each is a fault."""
+    empty = {name: np.isnan(numbers(found, name)) & found.without_faults(name) for name in columns}
     declared = declared_missing(found)
     for name, where in empty.items():
         found.fault(log, where & ~declared, name, "a number; an empty cell has to be declared by missing")
     gone = np.logical_or.reduce(list(empty.values()))
-    return without(found, gone, "a number of the pose means missing")
+    return without_rows(found, gone, "a number of the pose means missing")
 
 
 # -- covariance -------------------------------------------------------------------------------------------
 
 
 def _covariance(found: CollectedRows, columns: tuple[str, ...], R: Array, settings: Any, log: FaultLog) -> Array:
-    """Covariance (N, 6, 6), SI, order (p, theta): as the file gives it, else by its sigmas, else as declared."""
+    """Return the covariance (N, 6, 6), SI, order (p, theta): from the file, otherwise from its sigmas, otherwise as
+    declared."""
     names = set(found.table.column_names)
     if names & set(POSE_COVARIANCE):
         return _given_covariance(found, log)
@@ -259,7 +268,7 @@ def _covariance(found: CollectedRows, columns: tuple[str, ...], R: Array, settin
 def _turn_sigmas(
     found: CollectedRows, columns: tuple[str, ...], R: Array, settings: Any, log: FaultLog
 ) -> tuple[Array, Array]:
-    """Sigmas (N, 3) in rad, and the axes (N, 3, 3) in the parent frame that they are about, a column each."""
+    """Return sigmas (N, 3) in rad, and their rotation axes (N, 3, 3) in the parent frame, as columns."""
     names = set(found.table.column_names)
     own = np.broadcast_to(np.eye(3), R.shape)
     if names & set(_EULER_SIGMAS):

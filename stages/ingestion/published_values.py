@@ -14,7 +14,7 @@ from truing.formats.shapes import PUBLISHED
 from truing.formats.source import CampaignFiles
 from truing.schemas.faults import Fault
 from truing.stages.common.rows import Rows
-from truing.stages.common.table_arrays import numbers, once, texts, unit_factors
+from truing.stages.common.table_arrays import check_unique_keys, numbers, texts, unit_factors
 from truing.stages.ingestion.load_steps import KINDS
 from truing.stages.ingestion.reading_table import UNITS
 
@@ -32,7 +32,7 @@ def read_published(source: CampaignFiles, log: FaultLog) -> pa.Table | None:
     found = collect_rows(source, PUBLISHED, log)
     if found is None:
         return None
-    once(found, log, *_KEY)
+    check_unique_keys(found, log, *_KEY)
     names = [name for name, *_ in _VALUES if name in found.table.column_names]
     if not names:
         expected = f"a column {' or '.join(name for name, *_ in _VALUES)}"

@@ -63,18 +63,18 @@ _EMPTY = "a number in every row; an empty cell has to be declared by missing"
 
 @dataclass(frozen=True)
 class Lengths:
-    """Readings from raw signals: one row per run, step and channel, and a table of every channel's ellipse."""
+    """Readings from raw signals: one row per run, step and channel, and the ellipse of each channel."""
 
     readings: CollectedRows
     channels: pa.Table
 
 
 def lengths(found: CollectedRows, settings: Any, log: FaultLog) -> Lengths | None:
-    """Vacuum lengths since the first step of each run, um; several samples of a step are averaged, as are
-    their loads and times.
+    """Return vacuum lengths since the first step of each run, um; several samples of a step are averaged with their
+    loads and times.
 
-    The ellipse of a channel is that of its electronics, one for all runs, from samples that no end of the converter's
-    range cuts; fringes are counted from sample to sample of a run. None where something is wrong, which is noted.
+    One ellipse per channel serves all runs, fitted to samples within the converter's range. Fringes are counted from
+    sample to sample within a run. None after a fault, which is reported.
     """
     signals = _signals(found, settings.signal_step, log)
     channel = texts(found, "channel")
@@ -102,7 +102,7 @@ def lengths(found: CollectedRows, settings: Any, log: FaultLog) -> Lengths | Non
 
 
 def _signals(found: CollectedRows, step: float | None, log: FaultLog) -> Array:
-    """Signals (N, 2), given as such or as phase and radius; whole steps of a converter where its step is known."""
+    """Return signals (N, 2), given directly or as phase and radius; in whole converter steps if the step is known."""
     given = next((names for names in _SIGNALS if all(name in found.table.column_names for name in names)), None)
     if given is None:
         log.add(Fault(found.first_file, "columns signal_x and signal_y, or phase_deg and radius"))
@@ -117,7 +117,8 @@ def _signals(found: CollectedRows, step: float | None, log: FaultLog) -> Array:
 
 @dataclass(frozen=True)
 class _ChannelLengths:
-    """One channel: its ellipse, lengths (N,) in um since the first sample of each run and their sigma, and facts."""
+    """Results of one channel: ellipse, lengths (N,) in um since the first sample of each run, their sigma, and
+    facts."""
 
     fit: EllipseFit
     length: Array
@@ -126,7 +127,7 @@ class _ChannelLengths:
 
 
 def _channel_lengths(signals: Array, run: Index, settings: Any) -> _ChannelLengths:
-    """Samples (N, 2) in the order in which they were taken, of runs (N,)."""
+    """Return the lengths of samples (N, 2) in time order, from runs (N,)."""
     cut = np.zeros(len(signals), dtype=bool)
     for side in (0, 1):
         cut[saturated(signals[:, side]).where] = True
@@ -160,9 +161,9 @@ def _channel_lengths(signals: Array, run: Index, settings: Any) -> _ChannelLengt
 
 
 def _by_step(found: CollectedRows, value: Array, sigma: Array, log: FaultLog) -> CollectedRows:
-    """One row per run, step and channel, with the mean of its samples as reading, and the sigma of one of them.
+    """Return one row per run, step and channel, with the mean reading of its samples and the sigma of one sample.
 
-    Samples in transit were needed to count fringes; they enter no mean. Readings are since the first step that has one.
+    Samples during a change of load only serve to count fringes. Readings are relative to the first step with a reading.
     """
     table = found.table.append_column("reading", pa.array(value))
     if "sigma" not in table.column_names:
@@ -181,7 +182,7 @@ def _by_step(found: CollectedRows, value: Array, sigma: Array, log: FaultLog) ->
 
 
 def _first_of_run(found: CollectedRows) -> Index:
-    """(N,) the row of the first step with a reading of each row's run and channel."""
+    """Return for each row (N,) the row of the first step with a reading, of the same run and channel."""
     pair = numbered(found, "run", "channel")
     order = np.lexsort((numbers(found, "step"), ~np.isfinite(numbers(found, "reading")), pair))
     _, start = np.unique(pair[order], return_index=True)
@@ -190,7 +191,7 @@ def _first_of_run(found: CollectedRows) -> Index:
 
 @dataclass(frozen=True)
 class _Readings:
-    """N readings: the row of the raw table that each stands in, its channel, value and sigma, um or arcsec."""
+    """N readings: row of the raw table, channel, value and sigma, um or arcsec."""
 
     row: Index
     channel: NDArray[np.object_]
@@ -201,15 +202,14 @@ class _Readings:
 
 @dataclass
 class ReadingTable(SmallTable):
-    """Readings, what became of the raw signals of every channel where there were any, and what was corrected."""
+    """Readings, results of the raw signals by channel if there are any, and the corrections made."""
 
     channels: pa.Table | None = None
     corrections: Corrections = field(default_factory=Corrections)
 
 
 def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> ReadingTable | None:
-    """The readings of interferometer.csv, those that displacement.csv or raw signals amount to; None where there are
-    none of them."""
+    """Return readings from interferometer.csv, displacement.csv or raw signals; None without any of these."""
     own, six = source.entries("interferometer"), source.entries("displacement")
     raw = source.entries("quadrature")
     if own and six:
@@ -240,7 +240,7 @@ def read_readings(source: CampaignFiles, settings: Any, log: FaultLog) -> Readin
 
 
 def _check_complete(optics: Interferometer, log: FaultLog) -> None:
-    """Six components come as whole displacements: nothing of beams and frame is left to correct."""
+    """Report declared beams or material: displacements in six components are corrected already."""
     growing = any(getattr(optics.material, name) for name in CHANNELS[:3])
     for name, is_stated in (("beams", not optics.beams.are_plain), ("material", growing)):
         if is_stated:
@@ -249,7 +249,7 @@ def _check_complete(optics: Interferometer, log: FaultLog) -> None:
 
 
 def reading_table(found: CollectedRows, settings: Any, log: FaultLog, *, by_channel: bool) -> ReadingTable | None:
-    """The readings of a gathered table, a row per step and channel or a row per step; None where faults were noted."""
+    """Return the readings of an assembled table with one row per step and channel, or per step; None after a fault."""
     key = ("run", "step", "channel") if by_channel else ("run", "step")
     found, loads = checked_steps(found, key, settings.loading, log, _SAMPLES if by_channel else "")
     check_one_load(found, numbered(found, "run", "step"), loads, log)
@@ -272,7 +272,7 @@ def _of_interferometer(found: CollectedRows, settings: Any, log: FaultLog) -> _R
     for name, unit in UNITS.items():
         found.fault(log, (channel == name) & (np.abs(value) > _FURTHEST[unit]), "reading", _size_expected(unit))
     value, corrections = corrected(found, value, settings.interferometer, log)
-    declared = _declared(settings.noise)
+    declared = _declared_sigmas(settings.noise)
     sigma = np.array([declared[UNITS.get(name, "um")] for name in channel], dtype=float)
     if "sigma" in found.table.column_names:
         own = numbers(found, "sigma") * unit_factors(found, "sigma", "channel", UNITS, log)
@@ -282,8 +282,8 @@ def _of_interferometer(found: CollectedRows, settings: Any, log: FaultLog) -> _R
     return _Readings(np.flatnonzero(there), channel[there], value[there], sigma[there], corrections)
 
 
-def _declared(noise: Any) -> dict[str, float]:
-    """One sigma of a reading, um and arcsec; NaN where none is declared."""
+def _declared_sigmas(noise: Any) -> dict[str, float]:
+    """Return the declared sigma of a reading, um and arcsec; NaN if undeclared."""
     return {"um": _or_nan(noise.linear_um), "arcsec": _or_nan(noise.angular_arcsec)}
 
 
@@ -292,14 +292,14 @@ def _or_nan(value: float | None) -> float:
 
 
 def _of_displacement(found: CollectedRows, settings: Any, log: FaultLog) -> _Readings:
-    """A component without a column, or without a value, was not measured."""
+    """Return readings from displacements; a component without a column or value was not measured."""
     given = [k for k, name in enumerate(MOTION) if name in found.table.column_names]
     if not given:
         log.add(Fault(found.first_file, f"at least one of the columns {', '.join(MOTION)}"))
     factor = {"um": _UM_PER_MM, "arcsec": _ARCSEC_PER_RAD}
     noise = settings.noise
     own = {"um": noise.displacement_mm, "arcsec": noise.rotation_rad}
-    of_readings = _declared(noise)
+    of_readings = _declared_sigmas(noise)
     declared = {u: of_readings[u] / factor[u] if sigma is None else float(sigma) for u, sigma in own.items()}
     units = [UNITS[CHANNELS[k]] for k in given]
     value = np.full((len(found.table), len(given)), np.nan)
@@ -317,7 +317,7 @@ def _size_expected(unit: str) -> str:
 
 
 def _table(found: CollectedRows, loads: Array, readings: _Readings) -> pa.Table:
-    """The long table, ordered by run as they come, step and channel."""
+    """Return the long table, ordered by run as in the file, step and channel."""
     run, step = numbered(found, "run")[readings.row], numbers(found, "step")[readings.row]
     channel = np.array([CHANNELS.index(name) for name in readings.channel], dtype=np.int64)
     order = np.lexsort((channel, step, run))

@@ -17,7 +17,7 @@ from truing.formats.evaluation import TableBatch
 from truing.formats.faultlog import FaultLog
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
-from truing.schemas.near_names import meant
+from truing.schemas.near_names import did_you_mean
 
 _FILE = "campaign.toml"
 
@@ -59,8 +59,8 @@ class Relabel:
     from_pose: str | None = None
     to_pose: str | None = None
 
-    def meets(self, other: Relabel) -> bool:
-        """Whether both concern one body in some pose."""
+    def overlaps(self, other: Relabel) -> bool:
+        """Return True if both concern the same body in some pose."""
         return self.body == other.body and self.first <= other.last and other.first <= self.last
 
 
@@ -76,9 +76,9 @@ class Relabelling:
         self.count = [0] * len(self.rules)
 
     def applied(self, batch: TableBatch, pose: NDArray[np.int32]) -> TableBatch:
-        """The same points under their own names; pose (N,): the number of each point's pose, beyond those that are
-        known where it is unknown."""
-        rules = [(at, rule) for at, rule in enumerate(self.rules) if _has(batch, rule)]
+        """Return the points under their own names; ``pose`` (N,): index of each point's pose, beyond the known poses if
+        unknown."""
+        rules = [(at, rule) for at, rule in enumerate(self.rules) if _has_target(batch, rule)]
         if not rules:
             return batch
         place = np.append(self.order.place, -1)[np.minimum(pose, len(self.order.place))]
@@ -95,8 +95,8 @@ class Relabelling:
         target = pa.DictionaryArray.from_arrays(pa.array(new, pa.int32()), pa.array(names, pa.string()))
         return replace(batch, columns={**batch.columns, "body": body, "target": target})
 
-    def called(self, pose: object, body: str, target: str) -> str:
-        """Name of a point in the files, in words; empty if it is the same."""
+    def name_in_files(self, pose: object, body: str, target: str) -> str:
+        """Return in words the name of a point in the files; empty if it is the same."""
         place = self.order.of_pose(pose)
         for rule in self.rules:
             if place is not None and (rule.body, rule.target) == (body, target) and rule.first <= place <= rule.last:
@@ -104,15 +104,16 @@ class Relabelling:
         return ""
 
     def check(self, log: FaultLog, seen: Sequence[tuple[str, str]]) -> None:
-        """Note rules that matched no point; seen: body and target of all points."""
+        """Report rules that matched no point; ``seen``: body and target of all points."""
         for rule, count in zip(self.rules, self.count, strict=True):
             if not count:
                 there = [target for body, target in seen if body == rule.body and target != rule.target]
-                text = f"a target that body {rule.body} has under this name in these poses{meant(rule.called, there)}"
+                text = f"a target that body {rule.body} has under this name in these poses"
+                text += did_you_mean(rule.called, there)
                 log.add(Fault(_FILE, text, column=f"{rule.column}.called", value=rule.called))
 
 
-def _has(batch: TableBatch, rule: Relabel) -> bool:
+def _has_target(batch: TableBatch, rule: Relabel) -> bool:
     bodies, targets = (as_dictionary(batch.columns[name]).dictionary.to_pylist() for name in ("body", "target"))
     return rule.body in bodies and rule.called in targets
 
@@ -123,7 +124,7 @@ def window(order: PoseTimes, from_pose: object, to_pose: object, column: str, lo
     last = len(order.names) - 1 if to_pose is None else order.of_pose(to_pose)
     for key, pose, place in (("from_pose", from_pose, first), ("to_pose", to_pose, last)):
         if place is None:
-            text = f"a pose of the campaign{meant(str(pose), order.names)}"
+            text = f"a pose of the campaign{did_you_mean(str(pose), order.names)}"
             log.add(Fault(_FILE, text, column=f"{column}.{key}", value=str(pose)))
     if first is None or last is None:
         return None
@@ -134,15 +135,15 @@ def window(order: PoseTimes, from_pose: object, to_pose: object, column: str, lo
     return first, last
 
 
-def declared(settings: Any, order: PoseTimes, survey: pa.Table | None, log: FaultLog) -> Relabelling:
-    """What [[renamed]] says; notes what contradicts itself, the survey or the poses."""
+def declared_relabelling(settings: Any, order: PoseTimes, survey: pa.Table | None, log: FaultLog) -> Relabelling:
+    """Return the rules of [[renamed]]; reports contradictions among them, with the survey or with the poses."""
     found = []
     for number, entry in enumerate(settings.renamed, 1):
         column = f"renamed.{number}"
         places = window(order, entry.from_pose, entry.to_pose, column, log)
         known = _surveyed(survey, entry.body)
         if known and entry.target not in known:
-            text = f"a target of body {entry.body} in the survey{meant(entry.target, known)}"
+            text = f"a target of body {entry.body} in the survey{did_you_mean(entry.target, known)}"
             log.add(Fault(_FILE, text, column=f"{column}.target", value=entry.target))
         if entry.target == entry.called:
             log.add(Fault(_FILE, "another name than the target has", column=f"{column}.called", value=entry.called))
@@ -157,7 +158,7 @@ def declared(settings: Any, order: PoseTimes, survey: pa.Table | None, log: Faul
 
 
 def _contradictions(one: Relabel, other: Relabel) -> Iterator[Fault]:
-    if not one.meets(other):
+    if not one.overlaps(other):
         return
     if one.called == other.called and one.target != other.target:
         text = f"one target for {one.called} of body {one.body} in one pose; {one.column} says {one.target}"
@@ -178,7 +179,7 @@ def _surveyed(survey: pa.Table | None, body: str) -> list[str]:
 
 
 def relabelled_table(*parts: Relabelling) -> pa.Table:
-    """What was called otherwise, rule by rule, and in how many points."""
+    """Return the artifact relabelled: one row per rule, with the number of renamed points."""
     rows = [
         {
             "body": rule.body,

@@ -30,7 +30,7 @@ _PER_N = 1.0  # mV per N of a leg, where no sensitivity is declared
 
 
 def read_signals(source: CampaignFiles, settings: Any, readings: pa.Table | None, log: FaultLog) -> SmallTable | None:
-    """The signals; None where the campaign has none. Steps that the readings have too were taken when those were."""
+    """Return the signals; None if the campaign has none. Steps that the readings contain take their time from these."""
     found = collect_rows(source, SIGNALS, log, "run")
     table = None if found is None else signal_table(found, settings, readings, log)
     if table is not None and any(entry.time_format for entry in source.entries("signals")):
@@ -39,7 +39,7 @@ def read_signals(source: CampaignFiles, settings: Any, readings: pa.Table | None
 
 
 def signal_table(found: CollectedRows, settings: Any, readings: pa.Table | None, log: FaultLog) -> SmallTable | None:
-    """The signals of a gathered table, a row per step; None where faults were noted."""
+    """Return the signals of an assembled table with one row per step; None after a fault."""
     found, loads = checked_steps(found, ("run", "step"), settings.loading, log)
     if any(name in found.table.column_names for name in SHOWN):
         found = with_leg_signals(found, settings, log)
@@ -80,7 +80,7 @@ def _check_channels(found: CollectedRows, sensitivity: Any, log: FaultLog) -> No
 
 
 def _same_step(found: CollectedRows, readings: pa.Table | None) -> Index:
-    """(N,) the first row of the readings with the same run and step; -1 where there is none."""
+    """Return for each row (N,) the first row of the readings with the same run and step; -1 if there is none."""
     if readings is None:
         return np.full(len(found.table), -1)
     place: dict[tuple[str, object], int] = {}
@@ -92,7 +92,7 @@ def _same_step(found: CollectedRows, readings: pa.Table | None) -> Index:
 
 
 def _where_known(values: Array, same: Index) -> Array:
-    """Values of the readings' rows (M, ...) at rows (N,), NaN where -1."""
+    """Return values (M, ...) of the readings at rows (N,); NaN for row -1."""
     known = np.array(values[same], dtype=float)
     known[same < 0] = np.nan
     return known
@@ -107,7 +107,7 @@ def _times(found: CollectedRows, readings: pa.Table | None, same: Index) -> Arra
 
 
 def with_leg_signals(found: CollectedRows, settings: Any, log: FaultLog) -> CollectedRows:
-    """The table with signals v1_mv .. v6_mv in place of the wrench shown: its leg forces times the sensitivity."""
+    """Return the table with signals v1_mv .. v6_mv from a displayed wrench: its leg forces times the sensitivity."""
     names = found.table.column_names
     signals = [name for name in names if COLUMNS["signal"].matches(name)]
     if signals or any(name not in names for name in SHOWN):

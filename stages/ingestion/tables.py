@@ -23,9 +23,9 @@ from truing.report.numbers import count
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from truing.schemas.faults import Fault
-from truing.schemas.near_names import meant
+from truing.schemas.near_names import did_you_mean
 from truing.schemas.settings_text import parsed_toml, read_settings_text
-from truing.stages.common.table_arrays import SmallTable, filled, numbers, once, without
+from truing.stages.common.table_arrays import SmallTable, check_unique_keys, numbers, with_filled_column, without_rows
 
 POSES = tuple(TableShape(table, ("pose",), partial=True) for table in ("points", "poses", "scans"))
 """Points, measured poses and scans of which only the pose is looked at."""
@@ -42,29 +42,29 @@ FITTED, REFERENCE = "calibration", "reference"
 
 
 def legs_of(settings: Any) -> tuple[Any, ...]:
-    """The legs of a mechanism whose actuators are read pose by pose; none where there is no such mechanism."""
+    """Return the legs of a mechanism with an actuator reading per pose; none for other mechanisms."""
     return settings.mechanism.legs if settings.mechanism.is_legged else ()
 
 
 def read_configurations(
     source: CampaignFiles, settings: Any, log: FaultLog, adjusted: pa.Table | None = None
 ) -> SmallTable:
-    """One row per pose; without a table of configurations in order of appearance, which a mechanism does not allow.
+    """Return one row per pose; without a table, poses in order of appearance, which a mechanism does not allow.
 
-    adjusted: the points that photographs gave, in place of those of files.
+    ``adjusted``: points from photographs, instead of those in files.
     """
     found = collect_rows(source, CONFIGURATIONS, log, "pose")
     if found is None:
         if legs_of(settings) and not source.entries("configurations"):
             log.add(Fault("configurations.csv", "this file, or [files.configurations] in campaign.toml"))
         return SmallTable(_in_order_of_appearance(source, adjusted))
-    once(found, log, "pose")
+    check_unique_keys(found, log, "pose")
     check_times(found, log, required=bool(legs_of(settings)))
     _check_repeats(found, log)
     _check_readings(found, log, settings)
     _check_drives(found, log, settings.campaign.drives)
     _check_loads(found, log, settings)
-    table = as_artifact("configurations", completed(found.table))
+    table = as_artifact("configurations", with_role_and_time(found.table))
     return SmallTable(table, dict(found.left_out), file=found.first_file)
 
 
@@ -80,7 +80,7 @@ def _check_loads(found: CollectedRows, log: FaultLog, settings: Any) -> None:
         log.add(Fault("campaign.toml", _ELASTIC, column="external_load"))
 
 
-def completed(table: pa.Table) -> pa.Table:
+def with_role_and_time(table: pa.Table) -> pa.Table:
     """The role calibration and the order of the rows as times, where a campaign gives neither."""
     if "role" not in table.column_names:
         table = table.append_column("role", pa.array(["calibration"] * len(table), pa.string()))
@@ -91,16 +91,16 @@ def completed(table: pa.Table) -> pa.Table:
 
 def _in_order_of_appearance(source: CampaignFiles, adjusted: pa.Table | None) -> pa.Table:
     if adjusted is not None:
-        return as_artifact("configurations", completed(pa.table({"pose": adjusted.column("pose").unique()})))
+        return as_artifact("configurations", with_role_and_time(pa.table({"pose": adjusted.column("pose").unique()})))
     poses, as_text = _poses_of_points(source, as_text=False)
     if as_text:
         poses, _ = _poses_of_points(source, as_text=True)
     kind = pa.string() if as_text else pa.int64()
-    return as_artifact("configurations", completed(pa.table({"pose": pa.array(poses, kind)})))
+    return as_artifact("configurations", with_role_and_time(pa.table({"pose": pa.array(poses, kind)})))
 
 
 def _poses_of_points(source: CampaignFiles, *, as_text: bool) -> tuple[list[object], bool]:
-    """Poses in order of appearance, and whether any is text; what is wrong is said when the points are read."""
+    """Return poses in order of appearance, and whether any is text; faults are reported when the points are read."""
     poses: NameNumbers[object] = NameNumbers()
     any_text = False
     for shape in POSES:
@@ -113,7 +113,7 @@ def _poses_of_points(source: CampaignFiles, *, as_text: bool) -> tuple[list[obje
 
 
 def check_times(found: CollectedRows, log: FaultLog, *, required: bool) -> None:
-    """A fault at every row whose time stood in a row before, or where times are required and there are none."""
+    """Report rows with the time of an earlier row, or missing times if they are required."""
     if "time_s" not in found.table.column_names:
         if required:
             log.add(Fault(found.first_file, "a column time_s; it orders the poses", column="time_s"))
@@ -122,7 +122,7 @@ def check_times(found: CollectedRows, log: FaultLog, *, required: bool) -> None:
 
 
 def _check_repeats(found: CollectedRows, log: FaultLog) -> None:
-    """A pose repeats another one of the table, or none."""
+    """Check that a repeated pose refers to another pose of the table."""
     names = found.table.column_names
     if "repeat_of" not in names or "pose" not in names:
         return
@@ -159,7 +159,7 @@ def _check_drives(found: CollectedRows, log: FaultLog, drives: tuple[str, ...]) 
     names = found.table.column_names
     for drive in drives:
         if drive not in names:
-            hint = meant(drive, names) or f"; there are {', '.join(names)}"
+            hint = did_you_mean(drive, names) or f"; there are {', '.join(names)}"
             log.add(Fault("campaign.toml", f"a column of configurations{hint}", column="campaign.drives", value=drive))
 
 
@@ -173,8 +173,8 @@ def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTab
         gaps = np.asarray(np.isnan(np.column_stack([numbers(found, name) for name in COORDINATES])).any(1))
         if gaps.all():
             return None
-        found = without(found, gaps, "no place is given: it is unknown")
-    once(found, log, "body", "target")
+        found = without_rows(found, gaps, "no place is given: it is unknown")
+    check_unique_keys(found, log, "body", "target")
     check_legs(found, log, len(legs_of(settings)))
     surveyed = set(found.table.column("body").to_pylist()) if "body" in found.table.column_names else set()
     # A body whose surface or pose is measured needs no targets; whether others are there is seen with the points.
@@ -189,21 +189,21 @@ def read_survey(source: CampaignFiles, settings: Any, log: FaultLog) -> SmallTab
             sigma = numbers(found, name)
             tiny = (sigma > 0.0) & (sigma < LEAST_SIGMA_MM)
             found.fault(log, tiny | (sigma > MOST_SIGMA_MM), name, f"0, or {LEAST_SIGMA_MM:g} to {MOST_SIGMA_MM:g} mm")
-        table = filled(table, name, settings.noise.point_mm, pa.float64())
+        table = with_filled_column(table, name, settings.noise.point_mm, pa.float64())
     if "leg" not in table.column_names:
         table = table.append_column("leg", pa.nulls(len(table), pa.int64()))
     return SmallTable(as_artifact("survey", table), dict(found.left_out), file=found.first_file)
 
 
 def check_survey_noise(survey: SmallTable, log: FaultLog) -> None:
-    """A fault where a surveyed target has no standard deviation; not where its cell was at fault as it was read."""
+    """Report surveyed targets without a standard deviation; not if their cell was already faulty."""
     empty = [survey.table.column(f"sigma_{axis}_mm").null_count for axis in "xyz"]
     if any(count and (not log or count == len(survey.table)) for count in empty):
-        log.lacks("noise.point_mm", "a standard deviation of surveyed targets", survey.file)
+        log.add_missing("noise.point_mm", "a standard deviation of surveyed targets", survey.file)
 
 
 def check_legs(found: CollectedRows, log: FaultLog, legs: int) -> None:
-    """A fault at every leg that there is not, or that a body without attachments gives."""
+    """Report leg numbers that do not exist, or that a body without attachments has."""
     if "leg" not in found.table.column_names or not legs:
         return
     leg = numbers(found, "leg")
@@ -213,13 +213,13 @@ def check_legs(found: CollectedRows, log: FaultLog, legs: int) -> None:
 
 
 def since_first(table: pa.Table) -> pa.Table:
-    """Times, written as dates, counted from the earliest."""
+    """Return times, written as dates, relative to the earliest."""
     times = table.column("time_s")
     return table.set_column(table.column_names.index("time_s"), "time_s", pc.subtract(times, pc.min(times)))
 
 
 def as_artifact(name: str, table: pa.Table) -> pa.Table:
-    """A table with the artifact's columns first, in its types; what is wrong with it has been noted elsewhere."""
+    """Return a table with the artifact's columns first, in its types; its faults are reported elsewhere."""
     artifact = ARTIFACTS[name]
     absent = [column for column in artifact.columns if column not in table.column_names]
     for column in absent:
@@ -248,7 +248,7 @@ def read_start(source: CampaignFiles, settings: Any, log: FaultLog) -> str | Non
 
 
 def _departure(document: dict[str, Any], mechanism: Any) -> str:
-    """What a parsed model would have to be instead; empty where it is one of this mechanism."""
+    """Return the expectation that a parsed model violates; empty if it is a model of this mechanism."""
     about, legs = document.get("model"), document.get("legs")
     if not isinstance(about, dict) or "covariance" not in document:
         return _WRITTEN
@@ -263,9 +263,9 @@ def _departure(document: dict[str, Any], mechanism: Any) -> str:
 
 
 def check_any_fitted(tables: Sequence[pa.Table], file: str, what: str, log: FaultLog) -> None:
-    """A fault where every row is a reference; what: pose or run.
+    """Report a table whose rows are all references; ``what``: pose or run.
 
-    A campaign of role verification alone tests an earlier model, and a short one may fit to its reference poses.
+    Role verification alone tests an earlier model, and a short campaign may fit to its reference poses.
     """
     roles: Counter[str] = Counter()
     for table in tables:
@@ -279,14 +279,14 @@ def check_any_fitted(tables: Sequence[pa.Table], file: str, what: str, log: Faul
 
 
 class _WithOmissions(Protocol):
-    """What was read with rows left out of it, by (file or subject, reason)."""
+    """Table read with some rows left out, by (file or subject, reason)."""
 
     @property
     def left_out(self) -> Mapping[tuple[str, str], int]: ...
 
 
 def all_left_out(*parts: _WithOmissions | None) -> Counter[tuple[str, str]]:
-    """How many rows were left out of all parts, by (subject, reason)."""
+    """Return the number of rows left out of all parts, by (subject, reason)."""
     total: Counter[tuple[str, str]] = Counter()
     for part in parts:
         total.update({} if part is None else part.left_out)
@@ -294,7 +294,8 @@ def all_left_out(*parts: _WithOmissions | None) -> Counter[tuple[str, str]]:
 
 
 def exclusions(left_out: Mapping[tuple[str, str], int], by_geometry: Container[tuple[str, str]] = ()) -> pa.Table:
-    """The artifact exclusions of rows left out, by (subject, reason); those that the survey's geometry left out."""
+    """Return the artifact exclusions: rows left out by (subject, reason), and those that the survey's geometry
+    excluded."""
     by = ("[files] of campaign.toml", "the geometry of the survey")
     rows = [
         {"stage": "ingest", "subject": key[0], "reason": key[1], "rows": number, "by": by[key in by_geometry]}
@@ -304,7 +305,7 @@ def exclusions(left_out: Mapping[tuple[str, str], int], by_geometry: Container[t
 
 
 def left_out_words(left_out: Mapping[tuple[str, str], int]) -> str:
-    """How many rows were left out for each reason; the most first."""
+    """Return in words the number of rows left out by reason, most frequent first."""
     by_reason: Counter[str] = Counter()
     for (_, reason), number in left_out.items():
         by_reason[reason] += number

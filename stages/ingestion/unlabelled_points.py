@@ -36,7 +36,7 @@ _SHOWN_RIVALS = 3
 
 @dataclass(frozen=True)
 class SurveyedBody:
-    """The surveyed targets of one body: names (M), points (M, 3) in mm, and how far each may be off (M,) in mm."""
+    """Surveyed targets of one body: names (M), points (M, 3) in mm, and tolerance (M,) in mm of each."""
 
     names: tuple[str, ...]
     points: Array
@@ -44,7 +44,7 @@ class SurveyedBody:
 
 
 def surveyed_bodies(survey: pa.Table, point_mm: float) -> dict[str, SurveyedBody]:
-    """The bodies of a survey table (columns of the artifact), with the noise that labelling has to allow for."""
+    """Return the bodies of a survey table (columns of the artifact), with the noise that identification allows for."""
     body = np.asarray(survey.column("body").to_pylist(), dtype=object)
     target = np.asarray(survey.column("target").to_pylist(), dtype=object)
     points = np.column_stack([np.asarray(survey.column(name).to_pylist(), dtype=float) for name in COORDINATES])
@@ -66,7 +66,7 @@ def _sigma(points: Array, at_leg: Mask, point_mm: float) -> Array:
 
 @dataclass
 class Unlabelled:
-    """Points whose files name no target: held until all are there, for a pose may be spread over files."""
+    """Points without target names: held until all files are read, because a pose may be spread over files."""
 
     parts: list[tuple[FileRows, TableBatch]] = field(default_factory=list)
     left_out: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -78,12 +78,12 @@ class Unlabelled:
         """Hold a batch of points that has no target column."""
         self.parts.append((file, batch))
 
-    def named(
+    def identified_batches(
         self, survey: Mapping[str, SurveyedBody], point_mm: float, progress: Progress
     ) -> Iterator[tuple[FileRows, TableBatch]]:
-        """The batches that were held, with body and target, without the points that got no name."""
-        pose = _joined([batch.columns["pose"] for _, batch in self.parts])
-        given = _joined([_bodies(batch) for _, batch in self.parts])
+        """Yield the held batches with body and target, without points that were not identified."""
+        pose = _joined_texts([batch.columns["pose"] for _, batch in self.parts])
+        given = _joined_texts([_bodies(batch) for _, batch in self.parts])
         points = np.concatenate([coordinates(batch) for _, batch in self.parts])
         body, target = np.full(len(pose), "", dtype=object), np.full(len(pose), "", dtype=object)
         groups = list(_groups(pose, given))
@@ -134,8 +134,8 @@ class Unlabelled:
             columns["target"] = strings(target[rows][keep]).dictionary_encode()
             yield file, TableBatch(columns, batch.records[keep])
 
-    def hopeless(self) -> dict[str, str]:
-        """Bodies that no pose could name, and why."""
+    def unnamed_bodies(self) -> dict[str, str]:
+        """Return bodies that were identified in no pose, with the reason."""
         return {body: why for body, why in self.refused.items() if body not in self.labelled}
 
 
@@ -146,7 +146,7 @@ def _refusal(labelling: Labelling) -> str:
 
 
 def _groups(pose: list[str], given: list[str]) -> Iterator[tuple[str, str, Index]]:
-    """Rows that are named together: those of a pose, and of a body where the file gives it."""
+    """Yield the rows identified together: of one pose, and of one body if the file gives it."""
     rows: dict[tuple[str, str], list[int]] = {}
     for row, key in enumerate(zip(pose, given, strict=True)):
         rows.setdefault(key, []).append(row)
@@ -154,7 +154,7 @@ def _groups(pose: list[str], given: list[str]) -> Iterator[tuple[str, str, Index
         yield name, body, np.array(numbers)
 
 
-def _joined(columns: list[pa.Array]) -> list[str]:
+def _joined_texts(columns: list[pa.Array]) -> list[str]:
     return [str(value) for column in columns for value in column.to_pylist()]
 
 
@@ -165,7 +165,7 @@ def _bodies(batch: TableBatch) -> pa.Array:
 
 
 def without_target(batch: TableBatch) -> Mask:
-    """Which points of a batch have no name."""
+    """Return the mask of points without a name in a batch."""
     if "target" not in batch.columns:
         return np.ones(batch.rows, dtype=bool)
     column = batch.columns["target"]

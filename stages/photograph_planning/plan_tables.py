@@ -17,7 +17,7 @@ _NARROW = np.radians(60.0)
 
 
 def stations_table(plan: PhotographPlan) -> pa.Table:
-    """The stations: where, which way the camera looks, how it is rolled about that, how many targets it sees."""
+    """Return the stations: position, viewing direction, roll about it, number of visible targets."""
     stations, view = plan.stations, plan.stations.R[:, :, 2]
     distance = np.linalg.norm(stations.centre - plan.planned.layout.middle, axis=1)
     columns: dict[str, Any] = {"station": np.arange(1, stations.count + 1)}
@@ -32,7 +32,7 @@ def stations_table(plan: PhotographPlan) -> pa.Table:
 
 
 def targets_table(plan: PhotographPlan) -> pa.Table:
-    """Per target its rays, predicted standard deviations, and what limits them."""
+    """Return per target the number of rays, predicted standard deviations and their main limit."""
     own = plan.prediction
     sigmas = 1e3 * np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2))
     columns: dict[str, Any] = {
@@ -47,7 +47,7 @@ def targets_table(plan: PhotographPlan) -> pa.Table:
 
 
 def limits_of(prediction: PredictedPrecision) -> list[str]:
-    """What each target's standard deviation comes from most: rays that are few or narrow, the camera, the scale, the
+    """Return the dominant contribution to each target's standard deviation: too few or narrow rays, camera, scale,
     noise."""
     whole = prediction.sigma**2
     camera = 1.0 - largest_sigma(prediction.with_known_camera) ** 2 / whole
@@ -68,8 +68,7 @@ def limits_of(prediction: PredictedPrecision) -> list[str]:
 
 
 def bodies_table(plan: PhotographPlan) -> pa.Table:
-    """Per body its targets' standard deviations and that of the pose that follows from them, seen from the reference
-    body."""
+    """Return per body its targets' standard deviations and that of its pose, relative to the reference body."""
     own, body = plan.prediction, np.array(plan.targets.body)
     of_points = body[own.points]
     at = plan.planned.layout.points[own.points]
@@ -93,7 +92,7 @@ def bodies_table(plan: PhotographPlan) -> pa.Table:
 
 
 def curve_table(plan: PhotographPlan) -> pa.Table:
-    """How well a number of stations does, chosen one by one."""
+    """Return the worst and the mean predicted standard deviation of targets by number of stations."""
     number, worst, mean = zip(*plan.curve, strict=True) if plan.curve else ((), (), ())
     return pa.table(
         {"stations": list(number), "worst_mm": [1e3 * v for v in worst], "mean_mm": [1e3 * v for v in mean]}
@@ -101,7 +100,7 @@ def curve_table(plan: PhotographPlan) -> pa.Table:
 
 
 def sentences(plan: PhotographPlan) -> list[str]:
-    """What a person in the laboratory takes along."""
+    """Return the plan in sentences for the person who takes the photographs."""
     own, options = plan.prediction, plan.options
     texts = [
         f"{counted(plan.stations.count, 'photograph')}, chosen from "
@@ -126,7 +125,7 @@ def sentences(plan: PhotographPlan) -> list[str]:
 
 
 def _remedy(plan: PhotographPlan) -> str:
-    """What would reach what is wanted; empty where it is reached."""
+    """Return a measure that would reach the wanted precision; empty if it is reached."""
     wanted = plan.options.target_sigma_mm
     if plan.reaches or wanted is None or plan.undetermined:
         return ""
@@ -139,7 +138,7 @@ def _remedy(plan: PhotographPlan) -> str:
 
 
 def tables(plan: PhotographPlan) -> Mapping[str, pa.Table]:
-    """All of the plan's tables, by the ending of their file's name."""
+    """Return all tables of the plan by the ending of their file name."""
     return {
         "": stations_table(plan),
         "-targets": targets_table(plan),

@@ -35,10 +35,10 @@ def planned_network(
     camera: str | None,
     noise_px: Mapping[str, float],
 ) -> tuple[PlannedNetwork, PlannedTargets, tuple[str, ...]]:
-    """The network, its targets, and what of the campaign could not be part of it; raises CampaignFaults.
+    """Return the network, its targets, and notes on parts of the campaign left out of it; raises CampaignFaults.
 
-    tables: survey, and where there are any cameras_given, scale_bars, image_targets; noise_px: that of an image
-    coordinate by camera, where the campaign states none.
+    ``tables``: survey, and if present cameras_given, scale_bars, image_targets. ``noise_px``: noise of an image
+    coordinate by camera, if the campaign declares none.
     """
     chosen, interior = _camera(tables.get("cameras_given"), camera)
     noise = settings.noise.image_px or noise_px.get(getattr(chosen, "name", ""), 0.0)
@@ -52,7 +52,7 @@ def planned_network(
 
 
 def _camera(given: pa.Table | None, wanted: str | None) -> tuple[Camera | Fault, Array]:
-    """The camera of that name, or the only one."""
+    """Return the camera of this name, or the only camera."""
     rows = [] if given is None else given.to_pylist()
     names = list(dict.fromkeys(row["camera"] for row in rows))
     if wanted not in names and (wanted is not None or len(names) != 1):
@@ -73,7 +73,8 @@ def _camera(given: pa.Table | None, wanted: str | None) -> tuple[Camera | Fault,
 def _targets(
     settings: Any, tables: Mapping[str, pa.Table], normals: pa.Table | None
 ) -> tuple[PlannedTargets, tuple[str, ...]]:
-    """The surveyed targets in one frame: that of the base of a mechanism in its middle, else that of the survey."""
+    """Return the surveyed targets in one frame: that of the base, with the platform at the reference readings, or that
+    of the survey without a mechanism."""
     rows = tables["survey"].to_pylist()
     legged = settings.mechanism.is_legged
     kept = [row for row in rows if not legged or row["body"] in _NOMINAL]
@@ -93,7 +94,7 @@ def _targets(
 
 
 def _directions(normals: pa.Table | None, known: set[tuple[str, str]]) -> dict[tuple[str, str], Array]:
-    """The unit normal of each target that the given table has, in its body's frame."""
+    """Return the unit normal of each target in the given table, in its body's frame."""
     if normals is None:
         return {}
     if lacking := [name for name in ("body", "target", *_NORMAL) if name not in normals.column_names]:
@@ -116,7 +117,7 @@ def _directions(normals: pa.Table | None, known: set[tuple[str, str]]) -> dict[t
 
 
 def _diameters(settings: Any, image_targets: pa.Table | None, rows: list[dict[str, Any]]) -> Array:
-    """The diameter (P,) of each target in m: its own, else that of all; NaN where nothing tells."""
+    """Return the diameter (P,) of each target in m: its own, otherwise the common one; NaN if unknown."""
     reported = {} if image_targets is None else {(row["body"], row["target"]): row for row in image_targets.to_pylist()}
     usual = settings.photographs.target_mm
     own = [reported.get((row["body"], row["target"]), {}).get("diameter_mm") or usual for row in rows]
@@ -124,7 +125,7 @@ def _diameters(settings: Any, image_targets: pa.Table | None, rows: list[dict[st
 
 
 def _bars(table: pa.Table | None, targets: PlannedTargets) -> tuple[Bars, tuple[str, ...]]:
-    """The scale bars between targets of the plan, and what is said of others."""
+    """Return the scale bars between targets of the plan, and notes on the others."""
     place = {f"{body}/{name}": i for i, (body, name) in enumerate(zip(targets.body, targets.name, strict=True))}
     rows = [] if table is None else [row for row in table.to_pylist() if row["serves"] == "scale"]
     kept = [row for row in rows if row["first"] in place and row["second"] in place]

@@ -13,7 +13,7 @@ from truing.arrays import Array
 from truing.report.numbers import count, listed
 from truing.stages.common.axis_columns import AxisColumns, columns_of, command_sigma
 from truing.stages.common.point_arrays import number_column
-from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, CheckResults, without
+from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, CheckResults, not_evaluated
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -38,7 +38,7 @@ _COARSE = 0.5
 
 
 def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
-    """Every check of the rows of an axis."""
+    """Return all checks of the rows of an axis."""
     table = tables["configurations"]
     columns = columns_of(settings, table)
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
@@ -60,12 +60,12 @@ def _checks(table: pa.Table, columns: AxisColumns, off: float, limits: CampaignL
 
 
 def _unit(encoder: str, column: str, columns: AxisColumns, command: Array, reading: Array) -> Check:
-    """Whether an encoder moves as far as the command: the ratio of their movements from row to row, in the middle."""
+    """Check that an encoder moves as far as the command: median ratio of their movements between successive rows."""
     both = np.isfinite(command) & np.isfinite(reading)
     moves, found = np.diff(command[both]), np.diff(reading[both])
     moved = np.abs(moves) > 1e-3 * np.ptp(command[both]) if both.any() else np.zeros(0, bool)
     if moved.sum() < _FEWEST:
-        return without("too few movements", "axis-units", encoder, f"the command moves {int(moved.sum())} times")
+        return not_evaluated("too few movements", "axis-units", encoder, f"the command moves {int(moved.sum())} times")
     ratio = float(np.median(found[moved] / moves[moved]))
     slip = next((words for at, words in _SLIPS[columns.unit].items() if abs(abs(ratio) / at - 1.0) < _OF_SLIP), "")
     sign = " with the opposite sign" if ratio < 0.0 else ""
@@ -88,13 +88,13 @@ def _unit(encoder: str, column: str, columns: AxisColumns, command: Array, readi
 def _repeated_readings(
     encoder: str, command: Array, raw: Array, poses: NDArray[np.object_], off: float, limits: CampaignLimits
 ) -> Check:
-    """Rows whose reading equals that of the row before, to the last digit, although the command moved."""
+    """Check for rows whose reading equals the previous one exactly, although the command moved."""
     steps = np.abs(np.diff(command))
     known = np.isfinite(raw[1:]) & np.isfinite(raw[:-1])
     least = max(10.0 * off, 1e-3 * float(np.ptp(command[np.isfinite(command)])))
     moved = known & (steps > least)
     if moved.sum() < _FEWEST:
-        return without(
+        return not_evaluated(
             "too few movements", "axis-standing-rows", encoder, f"the command moves {int(moved.sum())} times"
         )
     current = moved & (np.diff(raw) == 0.0)
@@ -106,7 +106,8 @@ def _repeated_readings(
 
 
 def _repeated(table: pa.Table, columns: AxisColumns, poses: NDArray[np.object_], limits: CampaignLimits) -> Check:
-    """Rows equal to an earlier one in the command and every encoder, beyond what few digits repeat by chance."""
+    """Check for rows equal to an earlier row in command and all encoders, beyond those that the resolution repeats by
+    chance."""
     raw = np.column_stack([number_column(table, name) for name in (columns.command, *columns.encoders.values())])
     whole = np.isfinite(raw).all(1)
     _, first, inverse = np.unique(raw[whole], axis=0, return_index=True, return_inverse=True)

@@ -13,10 +13,10 @@ from truing.arrays import Array, Index, Mask
 from truing.belonging.body_point_tests import (
     AsOtherBody,
     BodyPoints,
+    joined_results,
     poses_with_slips,
     relate_copies,
     relate_survey,
-    together,
 )
 from truing.belonging.load_tests import MILLIVOLT, KnownBench, relate_loads
 from truing.belonging.plausible_slips import RecordedColumn
@@ -34,7 +34,7 @@ from truing.simulation.targets import FREE_DIRECTION, FREE_LENGTH_M
 from truing.stages.common.point_arrays import number_column, pose_points, positions
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
 from truing.stages.common.sensor_elements import elastic_parts, sensor_joints
-from truing.stages.quality.check import FAIL, NOT_EVALUATED, PASS, WARN, Check, without
+from truing.stages.quality.check import FAIL, NOT_EVALUATED, PASS, WARN, Check, not_evaluated
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -55,7 +55,7 @@ _SINGULAR = 1e12  # condition of the legs' influence, from which on legs do not 
 
 
 def belonging_checks(tested: Iterable[RelationTest]) -> Iterator[Check]:
-    """Yield the check of every tested relation."""
+    """Yield one check per tested relation."""
     for one in tested:
         verdict = _VERDICTS[one.state]
         value, limit = (None, None) if verdict == NOT_EVALUATED else (one.misfit, one.limit)
@@ -63,7 +63,7 @@ def belonging_checks(tested: Iterable[RelationTest]) -> Iterator[Check]:
 
 
 def without_contradiction(checks: Iterable[Check], tested: Iterable[RelationTest]) -> Iterator[Check]:
-    """Yield checks; exchanged rows are not told of signals that do not belong to their loads as they stand."""
+    """Yield the checks; where signals contradict loads, the check for exchanged rows is not evaluated."""
     apart = any(one.relation == "signals-against-loads" and one.state == RelationState.FAILS for one in tested)
     deferred = False
     for check in checks:
@@ -71,7 +71,9 @@ def without_contradiction(checks: Iterable[Check], tested: Iterable[RelationTest
             yield check
         elif not deferred:
             deferred = True
-            yield without("belonging", "exchanged-rows", "", "signals do not belong to loads (signals-against-loads)")
+            yield not_evaluated(
+                "belonging", "exchanged-rows", "", "signals do not belong to loads (signals-against-loads)"
+            )
 
 
 def relations_of_points(
@@ -96,13 +98,14 @@ def relations_of_points(
         odd[order] |= poses_with_slips(points[name])
     return (
         _copies(bodies, around),
-        *together(tuple(map(relate_survey, points.values()))),
+        *joined_results(tuple(map(relate_survey, points.values()))),
         *_readings(bodies, around, configurations, surveyed, settings, odd),
     )
 
 
 def _file_order(configurations: pa.Table | None, around: PoseSurroundings) -> Index:
-    """The poses in the order of their file; without one, as they came."""
+    """Return the indices of the poses in the order of the configurations, or of the observations without
+    configurations."""
     if configurations is None:
         return np.arange(len(around.poses))
     pose = positions(configurations.column("pose"), around.poses)
@@ -112,7 +115,7 @@ def _file_order(configurations: pa.Table | None, around: PoseSurroundings) -> In
 def _points(
     body: BodyView, others: tuple[AsOtherBody, ...], around: PoseSurroundings, order: Index, groups: Groups
 ) -> BodyPoints:
-    """The targets that make the body's frame, poses in the order of the file."""
+    """Return the points of the targets that define the body's frame, with poses in the order of the file."""
     frame = body.frame
     seen = body.points.seen[:, frame]
     sigma = body.sigma[:, frame][seen]
@@ -131,7 +134,7 @@ def _points(
 def _as_others(
     body: BodyView, bodies: Sequence[BodyView], observed: pa.Table, around: PoseSurroundings, order: Index
 ) -> tuple[AsOtherBody, ...]:
-    """What a body's rows would be as points of each other one: by the names of targets, and by their places."""
+    """Return a body's points read as points of each other body: matched by target name, and by position in the list."""
     found = []
     for other in bodies:
         if other is not body:
@@ -159,7 +162,7 @@ def _readings(
     settings: Campaign,
     odd: Mask,
 ) -> tuple[RelationTest, ...]:
-    """Actuator readings against the poses of the platform, but for those (B,) whose points hold a slip of their own."""
+    """Return the test of actuator readings against platform poses, without poses (B,) whose points contain a slip."""
     if not settings.mechanism.is_legged:
         return (RelationTest(READINGS, RelationState.NOT_TESTED, "no-mechanism"),)
     if not {"base", "platform"} <= surveyed:
@@ -192,8 +195,8 @@ def _readings(
 
 @dataclass(frozen=True)
 class _ConfigurationRows:
-    """Rows of the configurations whose pose was measured, in the order of the file: readings (N, L) m, pose (N,), and
-    row (N,) of the table."""
+    """Rows of the configurations with a measured pose, in file order: readings (N, L) in m, pose (N,), table
+    row (N,)."""
 
     readings: Array
     pose: Index
@@ -207,7 +210,7 @@ def _in_order(configurations: pa.Table, columns: tuple[str, ...], around: PoseSu
 
 
 def _groups(configurations: pa.Table, rows: Index) -> Groups:
-    """Columns that sort the rows (N,) into a few groups, as a role, a day or a run does, with their values."""
+    """Return the columns that divide the rows (N,) into few groups, such as role, day or run, with their values."""
     found = []
     for name in configurations.column_names:
         if name not in ("pose", "time_s") and not COLUMNS["rho"].matches(name):
@@ -219,7 +222,7 @@ def _groups(configurations: pa.Table, rows: Index) -> Groups:
 
 
 def _legs(section: LeggedMechanism, p: Array) -> Legs:
-    """The legs of the description; those without a direction of their own point to where the platform was measured."""
+    """Return the nominal legs; a leg without a direction points towards the mean measured platform."""
     from truing.stages.common.nominal_mechanism import nominal_legs
 
     legs = nominal_legs(section)
@@ -230,7 +233,7 @@ def _legs(section: LeggedMechanism, p: Array) -> Legs:
 
 
 def _tolerances(section: LeggedMechanism) -> dict[str, float]:
-    """One standard deviation of the geometry, m and 1; wide open where none is declared."""
+    """Return the standard deviation of each geometry parameter, m and 1; a wide one where none is declared."""
     given = section.tolerance
     lengths = {"a": given.a_mm, "b": given.b_mm, "l": given.length_mm}
     found = {name: FREE_LENGTH_M if value is None else 1e-3 * value for name, value in lengths.items()}
@@ -238,7 +241,7 @@ def _tolerances(section: LeggedMechanism) -> dict[str, float]:
 
 
 def _drivers(around: PoseSurroundings, at: Index) -> Array:
-    """(N, C) time and temperature over their spread, where they vary."""
+    """Return time and temperature (N, C), centred and scaled to unit variance, if they vary."""
     columns = [around.time[at], *(() if around.temperature is None else (around.temperature[at],))]
     varying = [values for values in columns if len(values) and np.isfinite(values).all() and np.ptp(values) > 0.0]
     scaled = [(values - values.mean()) / values.std() for values in varying]
@@ -246,7 +249,8 @@ def _drivers(around: PoseSurroundings, at: Index) -> Array:
 
 
 def relations_of_loads(steps: RecordedSteps, seen: Array | None, settings: Campaign) -> tuple[RelationTest, ...]:
-    """The tested relations of a loading campaign; seen: rows (6, 6) of the simulated compliance that channels see."""
+    """Return the tested relations of a loading campaign; ``seen``: simulated compliance (6, 6) in terms of the
+    channels."""
     count, sensitivity = len(steps.signals), settings.signals.sensitivity_mv_per_n
     gain = leg_forces = None
     if sensitivity is not None and np.size(sensitivity) in (1, count):
@@ -259,7 +263,7 @@ def relations_of_loads(steps: RecordedSteps, seen: Array | None, settings: Campa
 
 
 def _leg_forces(section: SensorMechanism) -> Array | None:
-    """The forces (6, 6) along the legs by the loads; None where the legs do not carry every load."""
+    """Return the leg forces (6, 6) per unit load; None if the legs do not carry every load."""
     elastic = elastic_parts(section)
     if elastic is not None:
         return np.asarray(elastic.axial_forces)
@@ -268,7 +272,7 @@ def _leg_forces(section: SensorMechanism) -> Array | None:
 
 
 def _channels(settings: Campaign) -> list[RecordedColumn]:
-    """The channels with their quantities, and what makes other units of them right."""
+    """Return the interferometer channels with their quantities and plausible other units."""
     wave_um = settings.interferometer.wavelength_nm * 1e-3
     fringes = tuple(share * wave_um for share in FRINGE_SHARES)
     return [

@@ -38,9 +38,9 @@ class Check:
 
 @dataclass(frozen=True)
 class CheckResults:
-    """Checks of a campaign as they come, what they rest on in words, tested relations, and tables that they suggest.
+    """Checks of a campaign, a description of their input, tested relations and suggested tables.
 
-    ``why_not``: why nothing could be checked; empty where something was.
+    ``why_not`` is the reason why nothing could be checked; otherwise empty.
     """
 
     checks: Iterable[Check]
@@ -50,21 +50,21 @@ class CheckResults:
     why_not: str = ""
 
 
-def without(what: str, check: str, subject: str, why: str) -> Check:
-    """A check that this campaign gives nothing to judge by; neither a pass nor a failure."""
+def not_evaluated(what: str, check: str, subject: str, why: str) -> Check:
+    """Return a check without a verdict, because the campaign lacks the data for it."""
     return Check(check, subject, None, None, "", NOT_EVALUATED, f"Not evaluated ({what}): {why}.")
 
 
 def reported_check(check: Check) -> Check:
-    """A check as it is; not evaluated where too little was measured for its value to be a number."""
+    """Return the check; as not evaluated if its value is not a number because too little was measured."""
     if check.value is None or math.isfinite(check.value):
         return check
-    return without("too little was measured", check.check, check.subject, "its value is not a number")
+    return not_evaluated("too little was measured", check.check, check.subject, "its value is not a number")
 
 
 @dataclass(frozen=True)
 class Limit:
-    """What values of one check are held against, in their own unit; own: what the campaign set, in words."""
+    """Limits of one check in the unit of its values; ``own``: limits set by the campaign, in words."""
 
     check: str
     warn: float | None
@@ -73,11 +73,12 @@ class Limit:
     own: str
 
     def verdict(self, value: float) -> str:
-        """Of a value; a limit itself is still within."""
+        """Return the verdict on a value; a value equal to a limit passes."""
         return FAIL if self._trips(value, self.fail) else WARN if self._trips(value, self.warn) else PASS
 
     def row(self, subject: str, value: float, unit: str, message: str, *, counts: bool = True) -> Check:
-        """The row of a value, with the limit that its verdict rests on; ``counts``: it can trip at all."""
+        """Return the row of qa.parquet for a value, with the limit used; ``counts`` is False if the value may not trip
+        a limit."""
         verdict = self.verdict(value) if counts else PASS
         first = self.fail if self.warn is None else self.warn
         limit = self.fail if verdict == FAIL else first
@@ -89,18 +90,18 @@ class Limit:
 
 @dataclass(frozen=True)
 class CampaignLimits:
-    """The limits of a kind of campaign; given: those of its own, by check."""
+    """Limits of all checks of a kind of campaign; ``given``: those set by the campaign, by check."""
 
     kind: str
     given: Mapping[str, SetLimits] = field(default_factory=dict)
 
     @cached_property
-    def _declared(self) -> dict[str, CheckLimits]:
+    def _declared_limits(self) -> dict[str, CheckLimits]:
         return settable(self.kind)
 
     def of(self, check: str, per: float = 1.0) -> Limit:
-        """The limits of a check; per: what one of its declared unit is in that of the values."""
-        declared, own = self._declared[check], self.given.get(check, SetLimits())
+        """Return the limits of a check; ``per``: its declared unit in units of the values."""
+        declared, own = self._declared_limits[check], self.given.get(check, SetLimits())
         warn, fail = in_force(declared, own)
         texts = [
             f"{verb} {declared.words(limit)} (by default {'never' if default is None else declared.words(default)})"
@@ -118,14 +119,14 @@ class CampaignLimits:
 
 
 class InstalledCheck(DeclaredCheck, Protocol):
-    """A check of an installed package: its declaration, and the rows that it returns."""
+    """Check of an installed package: its declaration and its rows."""
 
     def checks(self, tables: Mapping[str, pa.Table], settings: Campaign, limits: CampaignLimits) -> Iterable[Check]:
-        """Rows of qa.parquet from the tables and settings that stage qa reads."""
+        """Return rows of qa.parquet from the tables and settings that stage qa reads."""
 
 
 def checks_installed(tables: Mapping[str, pa.Table], settings: Campaign) -> Iterator[Check]:
-    """The rows of all checks that installed packages add to this kind of campaign."""
+    """Yield the rows of all checks that installed packages add to this kind of campaign."""
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
     for one in installed_checks(settings.campaign.kind).values():
         yield from cast(InstalledCheck, one).checks(tables, settings, limits)

@@ -23,21 +23,21 @@ _VERBS = {"exclude": "excluded", "keep": "kept"}
 _KEYS = ("run", "step", "channel", "pose", "body", "target")
 
 
-def overruled(view: LoadingView, settings: Campaign) -> Iterator[Check]:
-    """A row per [[exclude]] and [[keep]]; one that names nothing that was read warns, for it does nothing."""
+def decision_checks(view: LoadingView, settings: Campaign) -> Iterator[Check]:
+    """Yield one row per [[exclude]] and [[keep]]; an entry that matches no reading warns."""
     for table, number, rule in _rules(settings):
         count = int(decided(view.steps, [rule], _VERBS[table]).chosen.sum())
         yield _check(table, number, rule, count, "reading")
 
 
-def overruled_points(observations: pa.Table, settings: Campaign) -> Iterator[Check]:
-    """The same of points of bodies, in any pose where none is named."""
+def point_decision_checks(observations: pa.Table, settings: Campaign) -> Iterator[Check]:
+    """Yield one row per [[exclude]] and [[keep]] on points; an entry without a pose concerns all poses."""
     for table, number, rule in _rules(settings):
         yield _check(table, number, rule, _points(observations, rule), "point")
 
 
-def assessed(found: Iterable[Check], accept: Sequence[Acceptance], progress: Progress) -> list[Check]:
-    """The checks with who accepted their verdict, and a row per [[accept]]."""
+def with_acceptances(found: Iterable[Check], accept: Sequence[Acceptance], progress: Progress) -> list[Check]:
+    """Return the checks with the person who accepted their verdict, and one row per [[accept]]."""
     checks: list[Check] = []
     for check in map(reported_check, found):
         who = next((f"{entry.signed}: {entry.reason}" for entry in accept if _covers(entry, check)), None)
@@ -47,12 +47,12 @@ def assessed(found: Iterable[Check], accept: Sequence[Acceptance], progress: Pro
 
 
 def _covers(entry: Acceptance, check: Check) -> bool:
-    """Whether an acceptance concerns a verdict; one without a subject concerns all of its check."""
+    """Return True if an acceptance concerns a verdict; without a subject it concerns all rows of its check."""
     return entry.check == check.check and entry.subject in (None, check.subject)
 
 
 def _acceptances(checks: Sequence[Check], accept: Sequence[Acceptance]) -> Iterator[Check]:
-    """A row per [[accept]]; one that concerns no verdict warns, for it does nothing."""
+    """Yield one row per [[accept]]; an entry that matches no check warns."""
     for number, entry in enumerate(accept, 1):
         rows = [check for check in checks if _covers(entry, check)]
         tripped = sum(check.verdict in (WARN, FAIL) for check in rows)
@@ -71,7 +71,7 @@ def _rules(settings: Campaign) -> Iterator[tuple[str, int, Overrule]]:
 
 
 def _points(observations: pa.Table, rule: Overrule) -> int:
-    """How many points a rule names."""
+    """Return the number of points that a rule matches."""
     found = observations
     for key in ("body", "target", "pose"):
         value = getattr(rule, key)
@@ -83,15 +83,15 @@ def _points(observations: pa.Table, rule: Overrule) -> int:
 def _check(table: str, number: int, rule: Overrule, count: int, what: str) -> Check:
     text = f"{_VERBS[table]} by {rule.signed}: {rule.reason}"
     message = (
-        f"{_named(rule)}: {count} {what}{'s' * (count > 1)} {text}."
+        f"{_rule_words(rule)}: {count} {what}{'s' * (count > 1)} {text}."
         if count
-        else f"{_named(rule)}: no {what} is so called, and none was {_VERBS[table]} by {rule.signed}."
+        else f"{_rule_words(rule)}: no {what} is so called, and none was {_VERBS[table]} by {rule.signed}."
     )
     return Check("overruled", f"{table} {number}", float(count), 1.0, "", PASS if count else WARN, message)
 
 
-def _named(rule: Overrule) -> str:
-    """What a rule names, as campaign.toml has it."""
+def _rule_words(rule: Overrule) -> str:
+    """Return the keys and values of a rule as in campaign.toml."""
     given = [f"{key} {value}" for key in _KEYS if (value := getattr(rule, key)) is not None]
     text = ", ".join(given) or "everything"
     return text[0].upper() + text[1:]

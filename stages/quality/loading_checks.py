@@ -13,15 +13,15 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Array
-from truing.quality.load_responses import answers, signal_answers, turned_round
+from truing.quality.load_responses import run_responses, sign_reversed, signal_responses
 from truing.quality.loading import ExpectedReadings, LoadingView
 from truing.report.numbers import count, percent
 from truing.stages.common.beam_rows import channel_rows
 from truing.stages.common.reading_arrays import load_steps
 from truing.stages.common.sensor_elements import declared_compliance
 from truing.stages.quality.belonging import belonging_checks, relations_of_loads, without_contradiction
-from truing.stages.quality.check import CampaignLimits, Check, CheckResults, without
-from truing.stages.quality.decisions import overruled
+from truing.stages.quality.check import CampaignLimits, Check, CheckResults, not_evaluated
+from truing.stages.quality.decisions import decision_checks
 from truing.stages.quality.position_checks import position_checks, positioning_runs
 from truing.stages.quality.reading_checks import (
     drift,
@@ -38,10 +38,10 @@ from truing.stages.quality.reading_checks import (
 from truing.stages.quality.signal_checks import signal_checks
 from truing.stages.quality.steps_and_surroundings import (
     load_range,
+    missing_readings_checks,
+    missing_steps_check,
     pauses,
-    readings_there,
     runs_complete,
-    steps_there,
     surroundings_checks,
 )
 from truing.stages.quality.time_and_temperature import time_unit
@@ -53,7 +53,7 @@ _CHANCE_CHECKS = 3  # noise, signs, exchanged rows: the failing checks that chan
 
 
 def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
-    """Every check of load steps, and of an axis' positioning runs beside them or alone."""
+    """Return all checks of load steps and of an axis' positioning runs."""
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
     runs = list(positioning_runs(tables["positions"])) if "positions" in tables else []
     of_axis = position_checks(runs, limits)
@@ -82,7 +82,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
 def _view(
     tables: Mapping[str, pa.Table], settings: Campaign, compliance: Array | None, seen: Array | None
 ) -> LoadingView:
-    """Readings and signals with what [mechanism] simulates of the readings; seen: the compliance as channels see it."""
+    """Return readings and signals with the simulated readings; ``seen``: compliance in terms of the channels."""
     steps, noise = load_steps(tables), settings.noise
     load_sigma = np.array([noise.load_n] * 3 + [noise.load_nm] * 3)
     if compliance is None or seen is None:
@@ -93,10 +93,10 @@ def _view(
 
 
 def _checks(view: LoadingView, settings: Campaign, limits: CampaignLimits) -> Iterator[Check]:
-    """Every check: of the programme, channel by channel, of the surroundings, of signals."""
+    """Yield all checks: load programme, single channels, surroundings, signals."""
     share = settings.qa.false_alarm / _CHANCE_CHECKS
-    yield from overruled(view, settings)
-    yield steps_there(view, limits)
+    yield from decision_checks(view, settings)
+    yield missing_steps_check(view, limits)
     yield runs_complete(view)
     yield pauses(view, limits)
     table = "interferometer" if view.channels else "signals"
@@ -105,18 +105,18 @@ def _checks(view: LoadingView, settings: Campaign, limits: CampaignLimits) -> It
     if view.channels:
         yield from _of_readings(view, settings, share, limits)
     else:
-        yield without("readings", "completeness", "", "the campaign holds no readings of the platform's motion")
+        yield not_evaluated("readings", "completeness", "", "the campaign holds no readings of the platform's motion")
     turned: frozenset[int] = frozenset()
     if view.steps.signals:
-        found = signal_answers(view)
+        found = signal_responses(view)
         yield from signs(view, found, "signals", 0.5 * share)
-        turned = frozenset(found.run[turned_round(found, 0.5 * share)].tolist())
+        turned = frozenset(found.run[sign_reversed(found, 0.5 * share)].tolist())
     yield from signal_checks(view, settings, turned, share)
 
 
 def _of_readings(view: LoadingView, settings: Campaign, share: float, limits: CampaignLimits) -> Iterator[Check]:
-    yield from readings_there(view, limits)
-    found = answers(view)
+    yield from missing_readings_checks(view, limits)
+    found = run_responses(view)
     yield from units(view, found)
     yield from signs(view, found, "readings", 0.5 * share)
     yield from exchanged_channels(view)
@@ -134,7 +134,7 @@ def _of_readings(view: LoadingView, settings: Campaign, share: float, limits: Ca
 
 
 def _correction_checks(view: LoadingView, corrections: pa.Table, limits: CampaignLimits) -> Iterator[Check]:
-    """One check of every channel and correction whose uncertainty is declared."""
+    """Yield one check per channel and correction with a declared uncertainty."""
     noise = {channel.name: channel.declared * channel.in_files for channel in view.channels}
     for row in corrections.to_pylist():
         name, left = row["subject"], row["sigma"]
@@ -148,7 +148,7 @@ def _correction_checks(view: LoadingView, corrections: pa.Table, limits: Campaig
 
 
 def quadrature_checks(channels: pa.Table, limits: CampaignLimits) -> Iterator[Check]:
-    """Two checks of every channel."""
+    """Yield two checks per channel: roundness of the raw signals and risk of miscounted fringes."""
     for row in channels.to_pylist():
         yield _round(row, limits)
         yield _counted(row, limits)

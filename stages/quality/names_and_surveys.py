@@ -19,7 +19,7 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.near_names import meant_by
 from truing.schemas.sections import Overrule
 from truing.stages.common.point_arrays import pose_points
-from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
+from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
 
 _NEAR = 10.0  # deviations of its mean place, as for labels that are exchanged
 _NEAR_SHARE = 0.02  # of the distance to the nearest other target
@@ -28,7 +28,7 @@ _AXES = "xyz"
 
 @dataclass(frozen=True)
 class LikelyName:
-    """A target that vanishes, and an unknown name at its place from ``from_pose`` to ``to_pose`` (ids)."""
+    """Missing target, and an unknown name at its position from ``from_pose`` to ``to_pose`` (ids)."""
 
     body: str
     called: str
@@ -42,9 +42,9 @@ class LikelyName:
 def likely_names(
     observations: pa.Table, bodies: Sequence[BodyView], around: PoseSurroundings, declared: set[tuple[str, str]]
 ) -> list[LikelyName]:
-    """Unknown names that lie at the place of a target which is not seen in any of their poses.
+    """Return unknown names at the position of a target that was observed in none of their poses.
 
-    settled: body and name of what is known to be another target.
+    ``declared``: body and name of targets that are known under another name.
     """
     found, names = [], _names(observations)
     for body in bodies:
@@ -57,7 +57,7 @@ def likely_names(
 
 
 def _names(observations: pa.Table) -> dict[str, list[str]]:
-    """The names of the targets that were seen, by body, in order of appearance."""
+    """Return the names of the observed targets by body, in order of appearance."""
     pairs = observations.select(["body", "target"]).group_by(["body", "target"], use_threads=False).aggregate([])
     out: dict[str, list[str]] = {}
     for body, target in zip(pairs.column("body").to_pylist(), pairs.column("target").to_pylist(), strict=True):
@@ -95,7 +95,7 @@ def _likely(body: BodyView, points: PosePoints, at: int) -> LikelyName | None:
 def names_known(
     observations: pa.Table, bodies: Sequence[BodyView], likely: Sequence[LikelyName], declared: set[tuple[str, str]]
 ) -> Iterator[Check]:
-    """A row per body; or per unknown name that lies where a target is missing, which warns."""
+    """Yield one row per body, or one warning per unknown name at the position of a missing target."""
     names = _names(observations)
     for body in bodies:
         here = [one for one in likely if one.body == body.name]
@@ -110,7 +110,9 @@ def names_known(
         if here:
             continue
         if not body.is_surveyed:
-            yield without("names of targets", "names-known", body.name, f"{body.name}: no survey names its targets")
+            yield not_evaluated(
+                "names of targets", "names-known", body.name, f"{body.name}: no survey names its targets"
+            )
             continue
         other = [n for n in names[body.name] if n not in body.survey.targets and (body.name, n) not in declared]
         text = f"{body.name}: all targets have names of the survey."
@@ -121,14 +123,14 @@ def names_known(
 
 
 def declared_names(relabelled: pa.Table | None) -> set[tuple[str, str]]:
-    """Body and name of the targets that something declared calls so."""
+    """Return body and name of the targets that a declaration renames."""
     if relabelled is None:
         return set()
     return set(zip(relabelled.column("body").to_pylist(), relabelled.column("target").to_pylist(), strict=True))
 
 
 def likely_table(likely: Sequence[LikelyName]) -> pa.Table:
-    """The artifact likely_names."""
+    """Return the artifact likely_names."""
     rows: list[dict[str, Any]] = [
         {
             "body": one.body,
@@ -144,9 +146,9 @@ def likely_table(likely: Sequence[LikelyName]) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["likely_names"].arrow_schema())
 
 
-def due(resurveys: pa.Table | None, body: BodyView, around: PoseSurroundings) -> Mask:
-    """(B, T) which targets should be seen: one that a later survey found elsewhere or anew holds from its pose on, and
-    the one that it was until then."""
+def expected_visible(resurveys: pa.Table | None, body: BodyView, around: PoseSurroundings) -> Mask:
+    """Return the mask (B, T) of targets that should be observed: a target at a new position from its pose on, the
+    former one until then."""
     out = np.ones(body.points.seen.shape, bool)
     place = {name: at for at, name in enumerate(body.survey.targets)}
     since = {str(pose): at for at, pose in enumerate(around.poses)}
@@ -167,9 +169,11 @@ def due(resurveys: pa.Table | None, body: BodyView, around: PoseSurroundings) ->
 
 
 def later_surveys(resurveys: pa.Table | None, exclude: Sequence[Overrule], limits: CampaignLimits) -> Iterator[Check]:
-    """A row per body and survey, or per target that moved; one whose old place still holds counts."""
+    """Yield one row per body and survey, or per moved target; only a move that is not declared counts."""
     if resurveys is None or not resurveys.num_rows:
-        yield without("a later survey", "resurvey", "", "the targets were surveyed once; survey them again at the end")
+        yield not_evaluated(
+            "a later survey", "resurvey", "", "the targets were surveyed once; survey them again at the end"
+        )
         return
     for (survey, body), rows in groupby(resurveys.to_pylist(), key=lambda row: (row["later_survey"], row["body"])):
         yield from _of_body(f"{body} survey {survey}", body, list(rows), exclude, limits)
@@ -180,7 +184,7 @@ def _of_body(
 ) -> Iterator[Check]:
     compared = [row for row in rows if row["shift_x_mm"] is not None]
     if not compared:
-        yield _untold(subject, rows)
+        yield _check_without_comparison(subject, rows)
         return
     moved = [row for row in compared if row["relocated"]]
     limit = limits.of("resurvey")
@@ -198,12 +202,12 @@ def _of_body(
         yield limit.row(subject, 0.0, "sigma", text)
 
 
-def _untold(subject: str, rows: list[dict[str, Any]]) -> Check:
-    """Of a body whose targets could not be compared one by one: something moved, or too little is there to tell."""
+def _check_without_comparison(subject: str, rows: list[dict[str, Any]]) -> Check:
+    """Return the check of a body whose targets could not be compared: too many moved, or too few define a frame."""
     status = FitStatus(rows[0]["status"])
     if status not in (FitStatus.NO_CONSENSUS, FitStatus.AMBIGUOUS):
         why = f"targets of both surveys that did not move define no frame ({status})"
-        return without("a later survey", "resurvey", subject, why)
+        return not_evaluated("a later survey", "resurvey", subject, why)
     text = f"{subject}: targets have moved, but it cannot be determined which ({status}); "
     text += "the first survey is used for all poses."
     return Check("resurvey", subject, float(len(rows)), 0.0, "1", FAIL, text)

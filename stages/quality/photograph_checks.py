@@ -17,7 +17,7 @@ from truing.report.numbers import count as counted
 from truing.report.numbers import listed
 from truing.schemas.photograph_artifacts import BENT, SHARED
 from truing.stages.common.point_arrays import number_column, text_column
-from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
+from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
 from truing.stages.quality.scale_checks import Figures, bar_lengths, figures_of, rows_of, scale, target_sizes
 
 _FEWEST_RAYS = 3
@@ -33,7 +33,7 @@ _TOLD_POINTS = 4  # as many as a sentence holds
 
 
 def photograph_checks(tables: Mapping[str, pa.Table], limits: CampaignLimits) -> Iterator[Check]:
-    """Every check of the network; none where the campaign's points do not come out of photographs."""
+    """Yield all checks of the network; none if the points do not come from photographs."""
     if "bundle_statistics" not in tables:
         return
     figures = figures_of(tables["bundle_statistics"])
@@ -98,7 +98,7 @@ def _coverage(camera: str, figures: Figures, limits: CampaignLimits) -> Check:
 
 
 def _rejected(camera: str, residuals: pa.Table, limits: CampaignLimits) -> Check:
-    """Of rays to points with a name: circles that no other image shows are no rejected rays."""
+    """Check the share of rejected rays to named points; circles that only one image shows do not count."""
     named = text_column(residuals, "point") != ""
     rejected = np.asarray(residuals.column("rejected").to_pylist(), dtype=bool) & named
     count = int(named.sum())
@@ -115,7 +115,7 @@ def _systematic(camera: str, figures: Figures, residuals: pa.Table) -> Check:
     p_value = figures["systematic residuals, p-value"].get(camera)
     mean = figures["systematic residuals, largest mean"].get(camera)
     if p_value is None or mean is None:
-        return without("residuals by region", "residuals-systematic", subject, "no ray is left")
+        return not_evaluated("residuals by region", "residuals-systematic", subject, "no ray is left")
     sigma = float(np.median(number_column(rows_of(residuals, "camera", camera), "sigma_x_px")))
     trips = p_value < _BEYOND_CHANCE and mean > _MATTERS * sigma
     text = f"Camera {camera}: the largest mean residual of a part of its format is {mean:.3f} px"
@@ -136,13 +136,13 @@ def _noise(figures: Figures, limits: CampaignLimits) -> Iterator[Check]:
 def camera_stability(
     statistics: pa.Table | None, information: pa.Table | None, images: pa.Table | None, figures: Figures
 ) -> Iterator[Check]:
-    """A row per camera: the principal distance of each image against that of most, else principal distance and point
-    of each pose against those that all poses share."""
+    """Yield one row per camera: principal distance of each image against the majority, otherwise principal distance and
+    point of each pose against the common values."""
     changed = {} if images is None else _changed(images)
     for camera, rows in changed.items():
-        yield _images_apart(camera, rows, figures)
+        yield _deviating_images_check(camera, rows, figures)
     if statistics is None or information is None or not statistics.num_rows:
-        yield without("stability of cameras", "camera-stability", "", "rays of a single pose do not show it")
+        yield not_evaluated("stability of cameras", "camera-stability", "", "rays of a single pose do not show it")
         return
     poses = list(dict.fromkeys(statistics.column("pose").to_pylist()))
     cameras = [name for name in dict.fromkeys(statistics.column("shared_number").to_pylist()) if name.endswith(" c")]
@@ -152,13 +152,13 @@ def camera_stability(
             continue
         watched = [named.removesuffix("c") + name for name in _WATCHED]
         if len(poses) < 2:
-            yield without("stability", "camera-stability", f"camera {camera}", "there is only one pose")
+            yield not_evaluated("stability", "camera-stability", f"camera {camera}", "there is only one pose")
             continue
         yield _stability(camera, poses, _scores(statistics, poses, watched), _blocks(information, poses, watched))
 
 
 def _scores(table: pa.Table, poses: list[object], watched: list[str]) -> Array:
-    """(S, 3) what the residuals of each pose say of the parameters."""
+    """Return the gradients (S, 3) of each pose's log-likelihood by the camera's parameters."""
     out = np.zeros((len(poses), len(watched)))
     rows = zip(*(table.column(name).to_pylist() for name in ("pose", "shared_number", "score")), strict=True)
     for pose, parameter, value in rows:
@@ -168,7 +168,7 @@ def _scores(table: pa.Table, poses: list[object], watched: list[str]) -> Array:
 
 
 def _blocks(table: pa.Table, poses: list[object], watched: list[str]) -> Array:
-    """(S, 3, 3) how well each pose tells them, given all else that is common."""
+    """Return each pose's information (S, 3, 3) on the camera's parameters, given all other common parameters."""
     out = np.zeros((len(poses), len(watched), len(watched)))
     names = ("pose", "shared_number", "other_number", "information")
     for pose, one, other, value in zip(*(table.column(name).to_pylist() for name in names), strict=True):
@@ -179,10 +179,10 @@ def _blocks(table: pa.Table, poses: list[object], watched: list[str]) -> Array:
 
 
 def _stability(camera: str, poses: list[object], score: Array, information: Array) -> Check:
-    """The poses' own values against their common one."""
+    """Return the check of the poses' own parameters against the common ones."""
     found = camera_deviations(score, information)
     if not found.freedom:
-        return without("stability", "camera-stability", f"camera {camera}", "fewer than two poses show it")
+        return not_evaluated("stability", "camera-stability", f"camera {camera}", "fewer than two poses show it")
     sigma = np.sqrt(np.diagonal(found.covariance_px2, axis1=1, axis2=2))
     worst = int(np.nanargmax(found.chi2))
     deviation = found.deviation_px[worst]
@@ -198,15 +198,16 @@ Row = dict[str, Any]
 
 
 def _changed(images: pa.Table) -> dict[str, list[Row]]:
-    """The images of every camera of which some have another principal distance than most."""
+    """Yield the images of each camera with some principal distances different from the majority."""
     found: dict[str, list[Row]] = {}
     for row in images.to_pylist():
         found.setdefault(row["camera"], []).append(row)
     return {camera: rows for camera, rows in found.items() if any(row["setting"] for row in rows)}
 
 
-def _images_apart(camera: str, rows: list[Row], figures: Figures) -> Check:
-    """Images that differ, by how much, what it does to points, and how to let them have a camera of their own."""
+def _deviating_images_check(camera: str, rows: list[Row], figures: Figures) -> Check:
+    """Return the check of images with another principal distance: size, effect on points, entry that gives them a
+    camera of their own."""
     apart = [row for row in rows if row["setting"]]
     p_value = figures[SHARED].get(camera, 0.0)
     moved = figures[BENT]
@@ -218,7 +219,7 @@ def _images_apart(camera: str, rows: list[Row], figures: Figures) -> Check:
     if moved:
         text += f" Points of {worst} move by {moved[worst]:.1f} standard deviations if these have a camera of their "
         text += "own."
-    text += f' Declare it: [[cameras]] name = "{camera} 2", of = "{camera}", {_chosen(apart, rows)}.'
+    text += f' Declare it: [[cameras]] name = "{camera} 2", of = "{camera}", {_setting_keys(apart, rows)}.'
     fails = not moved or moved[worst] > _MOVES_POINTS
     return Check("camera-stability", f"camera {camera}", p_value, _BEYOND_CHANCE, "1", FAIL if fails else WARN, text)
 
@@ -235,13 +236,13 @@ def _reported_settings(apart: list[Row], rows: list[Row]) -> Iterator[str]:
 
 
 def _complete_poses(own: list[Row], rows: list[Row]) -> list[object]:
-    """Poses of which all images are among these."""
+    """Return the poses all of whose images are among these."""
     count = Counter(row["pose"] for row in rows)
     return [pose for pose, number in Counter(row["pose"] for row in own).items() if number == count[pose]]
 
 
-def _chosen(apart: list[Row], rows: list[Row]) -> str:
-    """The keys of campaign.toml that choose the first setting that differs."""
+def _setting_keys(apart: list[Row], rows: list[Row]) -> str:
+    """Return the keys of campaign.toml that select the images of the first different setting."""
     own = [row for row in apart if row["setting"] == apart[0]["setting"]]
     poses = _complete_poses(own, rows)
     if len({row["pose"] for row in own}) == len(poses):
@@ -259,30 +260,30 @@ def _toml(value: object) -> str:
 
 
 def known_points(errors: pa.Table | None) -> Iterator[Check]:
-    """A row per pose with known points that are the datum."""
+    """Yield one row per pose whose known points are the datum."""
     if errors is None or not errors.num_rows:
-        yield without("known points", "known-points", "", "they do not define the datum")
+        yield not_evaluated("known points", "known-points", "", "they do not define the datum")
         return
     for pose in dict.fromkeys(errors.column("pose").to_pylist()):
-        yield _known(f"pose {pose}", rows_of(errors, "pose", pose).to_pylist())
+        yield _known_points_check(f"pose {pose}", rows_of(errors, "pose", pose).to_pylist())
 
 
-def _known(subject: str, rows: list[dict[str, Any]]) -> Check:
-    """The points of a pose, by the least p-value times how many were tested."""
+def _known_points_check(subject: str, rows: list[dict[str, Any]]) -> Check:
+    """Return the check of a pose's known points: smallest p-value times the number of tested points."""
     tested = [row for row in rows if row["p_value"] is not None]
     lost = [row["point"] for row in rows if not row["rays"]]
     wrong = sorted((row for row in tested if row["reason"]), key=_distance, reverse=True)
     if not tested and not lost:
-        return without("known points", "known-points", subject, "rays alone do not check them")
+        return not_evaluated("known points", "known-points", subject, "rays alone do not check them")
     p_value = min((row["p_value"] for row in tested), default=1.0) * max(len(tested), 1)
     text = f"{subject}: {counted(len(rows), 'known point')}"
     if wrong:
-        text += f"; {wrong[0]['reason']}: {'; '.join(map(_off, wrong[:_TOLD_POINTS]))}"
+        text += f"; {wrong[0]['reason']}: {'; '.join(map(_deviation_words, wrong[:_TOLD_POINTS]))}"
         text += f"; and {len(wrong) - _TOLD_POINTS} more" if len(wrong) > _TOLD_POINTS else ""
     text += f"; without any remaining ray, so not measured: {listed(lost)}" if lost else ""
     if not wrong and tested:
         worst = max(tested, key=_distance)
-        text += f"; the furthest is {_off(worst)}"
+        text += f"; the furthest is {_deviation_words(worst)}"
     verdict = FAIL if wrong or lost else PASS
     return Check("known-points", subject, min(p_value, 1.0), _LEVEL, "1", verdict, f"{text}.")
 
@@ -291,8 +292,8 @@ def _distance(row: dict[str, Any]) -> float:
     return float(np.linalg.norm([row["dx_mm"], row["dy_mm"], row["dz_mm"]]))
 
 
-def _off(row: dict[str, Any]) -> str:
-    """By how much, and where to, a known point is off."""
+def _deviation_words(row: dict[str, Any]) -> str:
+    """Return the deviation of a known point and its direction in words."""
     off = np.array([row["dx_mm"], row["dy_mm"], row["dz_mm"]])
     size, spread = float(np.linalg.norm(off)), [row[f"sigma_{axis}_mm"] for axis in "xyz"]
     own = "" if None in spread else f" ± {np.linalg.norm(off / max(size, 1e-12) * np.array(spread)):.2g}"

@@ -23,10 +23,10 @@ from truing.stages.common.point_arrays import number_column, pose_ids, pose_poin
 from truing.stages.common.repeats import repeated_poses
 from truing.stages.quality.belonging import belonging_checks, relations_of_points
 from truing.stages.quality.check import CampaignLimits, Check, CheckResults
-from truing.stages.quality.decisions import overruled_points
+from truing.stages.quality.decisions import point_decision_checks
 from truing.stages.quality.names_and_surveys import (
     declared_names,
-    due,
+    expected_visible,
     later_surveys,
     likely_names,
     likely_table,
@@ -78,7 +78,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
         _checks(bodies, reference, around, settings, limits, tables),
         names_known(observations, bodies, likely, declared),
         later_surveys(tables.get("resurveys"), settings.exclude, limits),
-        overruled_points(observations, settings),
+        point_decision_checks(observations, settings),
         photograph_checks(tables, limits),
     )
     statistics = tables.get("bundle_statistics")
@@ -163,7 +163,7 @@ def _checks(
     yield unobserved_poses(around, limits)
     yield from attachment_labels(bodies, _attachments(settings))
     for body in bodies:
-        yield from completeness(body, due(resurveys, body, around), limits)
+        yield from completeness(body, expected_visible(resurveys, body, around), limits)
         yield from geometry(body, limits)
         yield from gross_errors(body, limits)
         yield from exchanged_labels(body, around)

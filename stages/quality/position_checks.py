@@ -26,7 +26,7 @@ from truing.report.numbers import count as counted
 from truing.report.numbers import listed
 from truing.stages.common.belonging import subject_of
 from truing.stages.common.point_arrays import number_column
-from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
+from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
 
 WAYS = ("forward", "backward")
 _UM = 1e3  # per mm
@@ -55,33 +55,33 @@ class PositioningRun:
 
     @property
     def subject(self) -> str:
-        """What a row of qa.parquet calls the run."""
+        """Subject of the run in qa.parquet."""
         return subject_of(self.name)
 
     @property
     def deviation(self) -> Array:
-        """Position less target (P, 2, C), um."""
+        """Position minus target (P, 2, C), um."""
         return _UM * (self.position - self.target[:, None, None])
 
     @property
     def step_um(self) -> float:
-        """The step of the readings, um; 0 where they have none."""
+        """Resolution of the readings, um; 0 if none is visible."""
         return _UM * resolution(self.read)
 
     @property
     def cycle_order(self) -> Index:
-        """The order (P, 2, C) of a usual test, whatever the file is sorted by: up and down again, cycle by cycle."""
+        """Order (P, 2, C) of a usual test, independent of the file: up and down, cycle by cycle."""
         targets, _, cycles = self.position.shape
         up = np.arange(targets)
         within = np.stack([up, 2 * targets - 1 - up], axis=1)
         return np.asarray(within[..., None] + 2 * targets * np.arange(cycles))
 
     def place(self, at: Sequence[int]) -> str:
-        """One approach in words."""
+        """Return one approach in words."""
         return f"target {self.target[at[0]]:g} mm {WAYS[at[1]]} in cycle {self.cycles[at[2]]}"
 
     def places(self, where: Mask) -> str:
-        """Approaches (P, 2, C) in words: whole cycles or whole targets where they are that."""
+        """Return approaches (P, 2, C) in words: whole cycles or targets where possible."""
         cycles, targets = np.all(where, axis=(0, 1)), np.all(where, axis=(1, 2))
         if np.array_equal(where, np.broadcast_to(cycles, where.shape)):
             return f"all of cycle {listed([str(self.cycles[k]) for k in np.flatnonzero(cycles)])}"
@@ -91,7 +91,7 @@ class PositioningRun:
 
 
 def positioning_runs(positions: pa.Table) -> Iterator[PositioningRun]:
-    """The runs of the table ``positions``, whose rows are in order of run, target, direction and cycle."""
+    """Yield the runs of the table ``positions``, with rows ordered by run, target, direction and cycle."""
     names = [str(name) for name in positions.column("run").to_pylist()]
     for name in dict.fromkeys(names):
         own = positions.filter([one == name for one in names])
@@ -113,7 +113,7 @@ def positioning_runs(positions: pa.Table) -> Iterator[PositioningRun]:
 
 
 def position_checks(runs: Sequence[PositioningRun], limits: CampaignLimits) -> Iterator[Check]:
-    """Every check of every run; where positions do not follow their targets, nothing else can be judged."""
+    """Yield all checks of all runs; if positions contradict their targets, no other check is evaluated."""
     for run in runs:
         match = _matched(run)
         found = _overflow(run, match)
@@ -126,7 +126,7 @@ def position_checks(runs: Sequence[PositioningRun], limits: CampaignLimits) -> I
             continue
         yield _jumps(run, limits)
         yield _errors(run)
-        if _departs(run, match):
+        if _contradicts_targets(run, match):
             continue
         yield _directions(run)
         yield _drift(run)
@@ -138,7 +138,7 @@ def _matched(run: PositioningRun) -> TargetMatch:
     return match_targets(target[order], run.position.ravel()[order])
 
 
-def _departs(run: PositioningRun, match: TargetMatch) -> bool:
+def _contradicts_targets(run: PositioningRun, match: TargetMatch) -> bool:
     return match.is_slip or match.misfit > _NO_MATCH * float(np.ptp(run.target)) > 0.0
 
 
@@ -146,7 +146,7 @@ def _against_targets(run: PositioningRun, match: TargetMatch) -> Check:
     travel = float(np.ptp(run.target))
     if travel == 0.0:
         why = "a single target shows neither unit nor sign"
-        return without("positions against targets", "positions-against-targets", run.subject, why)
+        return not_evaluated("positions against targets", "positions-against-targets", run.subject, why)
     limit = _NO_MATCH * travel
     text = f"Run {run.name}: positions differ from their targets by {match.misfit:.3g} mm rms over {travel:g} mm."
     if match.deviations:
@@ -158,7 +158,7 @@ def _against_targets(run: PositioningRun, match: TargetMatch) -> Check:
             text += f" Equally likely: {'; or '.join(slip_words(slip) for slip in match.rivals[:_FEW])}."
     elif match.misfit > limit:
         text += " No tested recording error explains this."
-    verdict = FAIL if _departs(run, match) else WARN if match.misfit > _NOTED * travel else PASS
+    verdict = FAIL if _contradicts_targets(run, match) else WARN if match.misfit > _NOTED * travel else PASS
     return Check("positions-against-targets", run.subject, match.misfit, limit, "mm", verdict, text)
 
 
@@ -170,7 +170,7 @@ def _cycles(run: PositioningRun, limits: CampaignLimits) -> Check:
 
 def _temperature(run: PositioningRun) -> Check:
     if run.temperature_c is None or not np.isfinite(run.temperature_c).any():
-        return without("temperature of the axis", "axis-temperature", run.subject, "it was not recorded")
+        return not_evaluated("temperature of the axis", "axis-temperature", run.subject, "it was not recorded")
     found = temperatures_out_of_reach(run.temperature_c.ravel())
     worst = float(np.nanmax(np.abs(run.temperature_c)))
     text = f"Run {run.name}: the axis' temperature is {worst:.4g} °C at most"
@@ -184,7 +184,7 @@ def _overflow(run: PositioningRun, match: TargetMatch) -> Check:
     if step == 0.0 or match.is_slip:
         why = "positions are not whole multiples of a step; see position-jumps for jumps of any size"
         why = "positions do not follow their targets" if match.is_slip else why
-        return without("overflow of an encoder", "encoder-overflow", run.subject, why)
+        return not_evaluated("overflow of an encoder", "encoder-overflow", run.subject, why)
     found = overflow(run.deviation, step)
     if found is None:
         text = f"Run {run.name}: no positions differ by 2^n steps of {step:.3g} um."
@@ -195,7 +195,7 @@ def _overflow(run: PositioningRun, match: TargetMatch) -> Check:
 
 
 def _jumps(run: PositioningRun, limits: CampaignLimits) -> Check:
-    """The larger of two ratios: a step from some row on over the scatter, a gap between groups over their range."""
+    """Check for a step in the sequence of rows, over the scatter, and for a gap between groups, over their range."""
     limit = limits.of("position-jumps")
     for order, known_by in ((run.row_order, "rows"), (run.cycle_order, "cycles")):
         step = row_jump(run.deviation, order, run.step_um)
@@ -228,7 +228,7 @@ def _errors(run: PositioningRun) -> Check:
 
 def _copied(run: PositioningRun) -> Check:
     pairs, chance = copied_series(run.read)
-    still = _still(run)
+    still = _unchanged_approaches(run)
     alike = float(np.ptp(run.read, axis=2).max()) == 0.0
     count = len(pairs) if chance < _COPIED or alike else 0
     text = f"Run {run.name}: no two series of approaches are equal in every digit, and no reading is frozen."
@@ -251,8 +251,8 @@ def _series(run: PositioningRun, number: int) -> str:
     return f"{WAYS[way]} in cycle {run.cycles[cycle]}"
 
 
-def _still(run: PositioningRun) -> list[str]:
-    """Approaches that read exactly what the row before reads, which went to another target."""
+def _unchanged_approaches(run: PositioningRun) -> list[str]:
+    """Return approaches with the reading of the previous row, which had another target."""
     order = np.argsort(run.row_order, axis=None)
     at = [np.array(k)[order] for k in np.unravel_index(np.arange(run.position.size), run.position.shape)]
     read = run.read.ravel()[order]
@@ -262,7 +262,7 @@ def _still(run: PositioningRun) -> list[str]:
 
 def _directions(run: PositioningRun) -> Check:
     turned = turned_cycles(run.deviation)
-    contrary = _contrary(run)
+    contrary = _directions_are_exchanged(run)
     text = f"Run {run.name}: by the order of the rows, the axis moved forward and backward as recorded."
     if turned:
         names = listed([str(run.cycles[k]) for k in turned])
@@ -273,28 +273,28 @@ def _directions(run: PositioningRun) -> Check:
         text += "forward wherever backward is. Exchanged, the reversal changes its sign; nothing else does."
     elif not _shows_movements(run):
         why = "the order of the rows does not show how the axis moved, so an exchange in a whole run cannot be detected"
-        return without("directions", "approach-directions", run.subject, why)
+        return not_evaluated("directions", "approach-directions", run.subject, why)
     verdict = FAIL if turned else WARN if contrary else PASS
     return Check("approach-directions", run.subject, float(len(turned)), 0.0, "1", verdict, text)
 
 
-def _contrary(run: PositioningRun) -> bool:
-    """Whether rows in the order of the file go down wherever forward is written, and up wherever backward is.
+def _directions_are_exchanged(run: PositioningRun) -> bool:
+    """Return True if forward rows descend and backward rows ascend in the order of the file.
 
-    A file that is sorted by target goes one way in both, and tells nothing.
+    A file sorted by target ascends in both directions and gives no information.
     """
     forward, backward = _movements(run)
     return bool(len(forward) and len(backward) and (forward < 0).all() and (backward > 0).all())
 
 
 def _shows_movements(run: PositioningRun) -> bool:
-    """Whether most rows go up wherever forward is written, and down wherever backward is."""
+    """Return True if most forward rows ascend and most backward rows descend in the order of the file."""
     forward, backward = _movements(run)
     return bool(len(forward) and len(backward) and np.median(forward) > 0 and np.median(backward) < 0)
 
 
 def _movements(run: PositioningRun) -> tuple[Array, Array]:
-    """The signs of the steps between neighbouring rows of the file that are both forward, both backward."""
+    """Return the signs of the steps between successive rows that are both forward, and both backward."""
     order = np.argsort(run.row_order, axis=None)
     target = np.broadcast_to(run.target[:, None, None], run.position.shape).ravel()[order]
     way = np.broadcast_to(np.arange(2)[:, None], run.position.shape).ravel()[order]
@@ -305,7 +305,7 @@ def _movements(run: PositioningRun) -> tuple[Array, Array]:
 def _drift(run: PositioningRun) -> Check:
     found = cycle_drift(run.deviation)
     if found is None:
-        return without("drift", "position-drift", run.subject, "fewer than four cycles do not show a drift")
+        return not_evaluated("drift", "position-drift", run.subject, "fewer than four cycles do not show a drift")
     walks = found.p_value < _DRIFT and found.share > _STRAIGHT
     text = f"Run {run.name}: from the first cycle to the last the deviations drift by {found.walked:+.3g} um"
     text += f", {100.0 * found.share:.0f} % of their differences between cycles." if walks else ", no more than chance "

@@ -17,15 +17,15 @@ from truing.quality.load_responses import (
     Answers,
     as_others,
     beyond_simulation,
-    read_as,
+    most_similar_channels,
     same_sign,
-    turned_round,
+    sign_reversed,
     typical_size,
 )
 from truing.quality.loading import ChannelView, LoadingView, repeated_programmes
 from truing.report.numbers import count as counted
-from truing.report.numbers import handy, listed
-from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, without
+from truing.report.numbers import in_suitable_unit, listed
+from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
 from truing.stages.quality.unit_slips import unit_slip
 
 _TOLERATED = 2.0  # noise beyond that multiple of the declared, or below that part of it: the declaration is unusable
@@ -36,9 +36,9 @@ _NOTHING_TO_COMPARE = "no run whose readings can be compared with a simulation o
 
 
 def units(view: LoadingView, found: Answers) -> Iterator[Check]:
-    """Runs whose readings are a thousand times too large, or off by another factor between units."""
+    """Yield the check for runs whose readings are in another unit, such as a factor of 1000."""
     if not found.channel:
-        yield without("units", "units", "", _NOTHING_TO_COMPARE)
+        yield not_evaluated("units", "units", "", _NOTHING_TO_COMPARE)
         return
     expected = np.ones(len(found.slope)) if found.simulated else typical_size(found.slope, found.kind)
     wrong = units_mistaken(found.slope, found.sigma, expected)
@@ -58,11 +58,11 @@ def units(view: LoadingView, found: Answers) -> Iterator[Check]:
 
 
 def signs(view: LoadingView, found: Answers, of: str, share: float) -> Iterator[Check]:
-    """Runs that answer with the opposite sign; of: readings or signals."""
+    """Yield the check for runs that respond with the opposite sign; ``of``: readings or signals."""
     if not found.channel:
-        yield without("signs", "signs", of, _NOTHING_TO_COMPARE)
+        yield not_evaluated("signs", "signs", of, _NOTHING_TO_COMPARE)
         return
-    flipped = turned_round(found, share)
+    flipped = sign_reversed(found, share)
     for number in dict.fromkeys(found.run[flipped].tolist()):
         names = " ".join(found.channel[at] for at in flipped if found.run[at] == number)
         text = f"{view.run_name(number)}: {names} with the opposite sign; of the load, or of the channel?"
@@ -70,7 +70,7 @@ def signs(view: LoadingView, found: Answers, of: str, share: float) -> Iterator[
     alike, count = int(np.count_nonzero(same_sign(found, share))), len(found.slope)
     if not flipped and not alike:
         why = "no run with a clear response can be compared with another run under the same axis or with a simulation"
-        yield without("signs", "signs", of, why)
+        yield not_evaluated("signs", "signs", of, why)
     elif not flipped:
         against = "the simulation" if found.simulated else "each other"
         some = f"{count}" if alike == count else f"{alike} of {count}"
@@ -81,12 +81,12 @@ def signs(view: LoadingView, found: Answers, of: str, share: float) -> Iterator[
 
 
 def noise(channel: ChannelView, share: float) -> Check:
-    """The scatter of what follows neither loads nor time, against the declared noise."""
+    """Check the scatter that depends neither on loads nor on time against the declared noise."""
     name = f"channel {channel.name}"
     if not np.isfinite(channel.declared):
-        return without("noise", "noise", name, "no noise is declared for it")
+        return not_evaluated("noise", "noise", name, "no noise is declared for it")
     if channel.fit.dof < 4:
-        return without("noise", "noise", name, "too few readings for the number of possible inputs")
+        return not_evaluated("noise", "noise", name, "too few readings for the number of possible inputs")
     scatter = Scatter(np.array([channel.fit.chi_square]), np.array([float(channel.fit.dof)]))
     ratio = float(scatter.ratio[0])
     unusable = min(scatter.p_above(_TOLERATED)[0], scatter.p_below(1.0 / _TOLERATED)[0]) < share
@@ -101,7 +101,7 @@ def noise(channel: ChannelView, share: float) -> Check:
 
 
 def gross_errors(view: LoadingView, channel: ChannelView, limits: CampaignLimits) -> Check:
-    """Single readings far from their place."""
+    """Check for single readings far from the fitted response."""
     out = np.flatnonzero(~channel.fit.kept)
     share = len(out) / len(channel.rows)
     places = view.places(channel.rows[out])
@@ -111,7 +111,7 @@ def gross_errors(view: LoadingView, channel: ChannelView, limits: CampaignLimits
 
 
 def jumps(view: LoadingView, share: float) -> Iterator[Check]:
-    """Runs in which a channel jumps from some step on."""
+    """Check for runs in which a channel jumps at a step."""
     count = sum(len(channel.runs) for channel in view.channels)
     found = False
     for channel in view.channels:
@@ -120,7 +120,7 @@ def jumps(view: LoadingView, share: float) -> Iterator[Check]:
             size = float(channel.fit.jump_size[at] * channel.in_files)
             row = channel.rows[channel.fit.jump_row[at]]
             run = view.run_name(int(channel.runs[at]))
-            by = f"{'+' if size > 0.0 else ''}{handy(size, None, channel.unit)}"
+            by = f"{'+' if size > 0.0 else ''}{in_suitable_unit(size, None, channel.unit)}"
             text = f"{run}: {channel.name} jumps by {by} before step {view.steps.step[row]}."
             yield Check("jumps", f"{run} {channel.name}", size, 0.0, channel.unit, WARN, text)
     if not found:
@@ -128,21 +128,21 @@ def jumps(view: LoadingView, share: float) -> Iterator[Check]:
 
 
 def drift(view: LoadingView, channel: ChannelView, share: float) -> Check:
-    """The zero of a run that walks with time, beyond chance and three sigmas."""
+    """Check for a drift of a run's zero beyond chance and three sigmas."""
     value, sigma = channel.fit.drift, channel.fit.drift_sigma * channel.noise_ratio
     known = np.isfinite(sigma) & (sigma > 0.0)
     if not known.any():
-        return without("drift", "drift", f"channel {channel.name}", "no run separates time from load")
+        return not_evaluated("drift", "drift", f"channel {channel.name}", "no run separates time from load")
     z = np.where(known, np.abs(value) / np.where(known, sigma, 1.0), 0.0)
     limit = -float(ndtri(0.5 * share / known.sum()))
     worst = int(np.argmax(z))
     noise = 3.0 * channel.sigma
     walks = z[worst] > limit and abs(value[worst]) > noise
     if view.is_counted and not walks:
-        return without("drift", "drift", f"channel {channel.name}", COUNTED)
+        return not_evaluated("drift", "drift", f"channel {channel.name}", COUNTED)
     run = view.run_name(int(channel.runs[worst]))
     shown, spread, unit = value[worst] * channel.in_files, sigma[worst] * channel.in_files, channel.unit
-    by = handy(float(shown), float(spread), unit)
+    by = in_suitable_unit(float(shown), float(spread), unit)
     text = f"{channel.name}: the zero drifts by {by} over {run}, where the drift is clearest."
     verdict = WARN if walks else PASS
     return Check("drift", f"channel {channel.name}", abs(float(shown)), noise * channel.in_files, unit, verdict, text)
@@ -156,7 +156,9 @@ def repeatability(view: LoadingView, channel: ChannelView, share: float) -> Chec
     name = f"channel {channel.name}"
     groups = list(repeated_programmes(view, channel))
     if not groups or not np.isfinite(channel.declared):
-        return without("repeatability", "repeatability", name, "no two runs of the same loads, or no declared noise")
+        return not_evaluated(
+            "repeatability", "repeatability", name, "no two runs of the same loads, or no declared noise"
+        )
     scatter = Scatter(np.array([one.square for one in groups]), np.array([one.freedom for one in groups]))
     pooled = scatter.pooled
     noted = pooled.p_above(_REPEATS_NOTED)[0] < 0.5 * share
@@ -183,16 +185,16 @@ def run_zeros(view: LoadingView) -> Iterator[Check]:
         k, own = channel.place, found.start[:, channel.place] * channel.in_files
         name, unit = f"channel {channel.name}", channel.unit
         if not np.isfinite(own).any():
-            yield without("zeros of runs", "run-zeros", name, "no run begins without load")
+            yield not_evaluated("zeros of runs", "run-zeros", name, "no run begins without load")
             continue
         spread, noise = float(np.sqrt(np.nanmean(own**2))), float(np.sqrt(2.0) * sigma[k] * channel.in_files)
         text = f"{channel.name}: runs begin {spread:.2g} {unit} from zero; the noise is {noise:.2g} {unit}."
-        if found.wrong[k]:
+        if found.has_wrong_zero[k]:
             order = np.argsort(-np.abs(np.nan_to_num(own)))[: max(int(found.far[:, k].sum()), 1)]
             places = [f"{view.run_name(int(run))} {own[run]:+.3g} {unit}" for run in order]
             text += f" Largest: {listed(places)}. Was it set to zero before each run?"
             text += " Each is treated as relative to its own zero."
-        yield Check("run-zeros", name, spread, noise, unit, WARN if found.wrong[k] else PASS, text)
+        yield Check("run-zeros", name, spread, noise, unit, WARN if found.has_wrong_zero[k] else PASS, text)
 
 
 def zero_return(view: LoadingView, channel: ChannelView, share: float) -> Check:
@@ -200,9 +202,11 @@ def zero_return(view: LoadingView, channel: ChannelView, share: float) -> Check:
     steps = view.steps
     good = [channel.rows[own[channel.fit.kept[own]]] for own in channel.of_runs]
     empty = [rows[~steps.load[rows].any(axis=1)] for rows in good]
-    back = [own for own, (rows, at) in enumerate(zip(good, empty, strict=True)) if _came_back(rows, at)]
+    back = [own for own, (rows, at) in enumerate(zip(good, empty, strict=True)) if _has_load_between(rows, at)]
     if not back:
-        return without("zero return", "zero-return", f"channel {channel.name}", "no run ends without load as it began")
+        return not_evaluated(
+            "zero return", "zero-return", f"channel {channel.name}", "no run ends without load as it began"
+        )
     reading = steps.reading[:, channel.place]
     off = np.array([reading[empty[own][-1]] - reading[empty[own][0]] for own in back])
     sigma = np.sqrt(2.0) * channel.sigma * channel.noise_ratio
@@ -218,15 +222,15 @@ def zero_return(view: LoadingView, channel: ChannelView, share: float) -> Check:
     return Check("zero-return", f"channel {channel.name}", abs(value), limit * channel.in_files, unit, verdict, text)
 
 
-def _came_back(rows: Index, empty: Index) -> bool:
-    """Whether a run's first and last of its unloaded steps have a load between them."""
+def _has_load_between(rows: Index, empty: Index) -> bool:
+    """Return True if the first and the last unloaded step of a run have a load between them."""
     return len(empty) > 1 and bool(np.sum((rows > empty[0]) & (rows < empty[-1])) > len(empty) - 2)
 
 
 def exchanged_channels(view: LoadingView) -> Iterator[Check]:
     """Runs in which a channel reads what another should: of a pair both ways, or one that reads a main answer."""
     expected = view.simulated if view.simulated is not None else as_others(view)
-    reported, count = read_as(view, expected)
+    reported, count = most_similar_channels(view, expected)
     pairs = {(int(view.axis[run]), has, like) for run, has, like, _ in reported}
     wrong: dict[int, list[tuple[int, int]]] = {}
     for run, has, like, is_main in reported:
@@ -239,7 +243,7 @@ def exchanged_channels(view: LoadingView) -> Iterator[Check]:
         yield Check("channels-exchanged", f"{view.run_name(run)} {names}", float(len(found)), 0.0, "1", FAIL, text)
     if not count:
         why = "no run has channels with sufficiently different expected responses"
-        yield without("labels of channels", "channels-exchanged", "", why)
+        yield not_evaluated("labels of channels", "channels-exchanged", "", why)
     elif not wrong:
         text = f"{count} runs and channels read their own expected response, not that of another channel."
         yield Check("channels-exchanged", "", 0.0, 0.0, "1", PASS, text)

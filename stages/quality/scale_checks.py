@@ -16,7 +16,7 @@ from truing.report.numbers import count as counted
 from truing.report.numbers import listed
 from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY, LENGTH, LENGTH_SIGMA
 from truing.stages.common.point_arrays import number_column, text_column
-from truing.stages.quality.check import FAIL, NOT_EVALUATED, PASS, WARN, CampaignLimits, Check, without
+from truing.stages.quality.check import FAIL, NOT_EVALUATED, PASS, WARN, CampaignLimits, Check, not_evaluated
 
 Figures = defaultdict[str, dict[str, float]]
 
@@ -72,7 +72,7 @@ class Contradiction:
 
 
 def scale_contradiction(figures: Figures) -> Contradiction | None:
-    """What gives or checks the scale and differs from the others; None where all agree as well as lengths do."""
+    """Return the source of scale that contradicts the others; None if all agree within their uncertainty."""
     names, x, s = _statements(figures)
     if len(names) < 2:
         return None
@@ -118,7 +118,10 @@ def without_consequences(checks: Iterable[Check]) -> Iterator[Check]:
 
 
 def scale(figures: Figures, lengths: pa.Table | None, *, surveyed: bool) -> Iterator[Check]:
-    """Whether each pose has a scale, from what, and what checks it; surveyed: the shape of bodies is known."""
+    """Check that each pose has a scale; report its source and its checks.
+
+    ``surveyed``: the shape of bodies is known.
+    """
     free = list(figures["scale from none"])
     if free:
         text = f"Nothing defines the scale of {listed(free)}: all lengths there may be wrong by one factor."
@@ -141,7 +144,10 @@ def scale(figures: Figures, lengths: pa.Table | None, *, surveyed: bool) -> Iter
 
 
 def _sources(serving: dict[str, str], known: dict[str, int]) -> list[str]:
-    """What gives the scale, in words; what each bar serves as, and in how many poses each sort of thing is known."""
+    """Return the sources of the scale in words.
+
+    ``serving``: role of each bar; ``known``: number of poses by kind of known geometry.
+    """
     bars = [bar for bar, serves in serving.items() if serves == "scale" and not bar.startswith(_NO_BAR)]
     found = [f"scale bar{'s' if len(bars) > 1 else ''} {listed(bars)}"] if bars else []
     for start, words in ((FROM_SURVEY, "distances of the survey"), (FROM_MARKER, "diagonals of markers and boards")):
@@ -152,7 +158,7 @@ def _sources(serving: dict[str, str], known: dict[str, int]) -> list[str]:
 
 
 def _checked_by(serving: dict[str, str], figures: Figures, surveyed: bool) -> list[str]:
-    """What would tell a scale that is wrong; a survey does not where it gives the scale itself: all of it is wrong."""
+    """Return in words the lengths that would reveal a wrong scale; a survey that defines the scale itself cannot."""
     checks = [bar for bar, serves in serving.items() if serves == "check"]
     bars = [bar for bar, serves in serving.items() if serves == "scale" and not bar.startswith(_NO_BAR)]
     found = [f"reference length{'s' if len(checks) > 1 else ''} {listed(checks)}"] if checks else []
@@ -162,11 +168,11 @@ def _checked_by(serving: dict[str, str], figures: Figures, surveyed: bool) -> li
 
 
 def target_sizes(figures: Figures, limits: CampaignLimits) -> Iterator[Check]:
-    """How large targets are on the scale that was found, where it is told how large they are."""
+    """Yield the check of measured target sizes, on the determined scale, against stated ones."""
     sizes = figures[_SIZES]
     if not sizes:
         why = "no target has a stated size and was seen, except those that define the scale"
-        yield without("sizes of targets", "target-sizes", "", why)
+        yield not_evaluated("sizes of targets", "target-sizes", "", why)
     for kind, ratio in sizes.items():
         text = f"{kind}: they are {ratio:.3g} times as wide as stated (target_mm, marker_mm, image_targets.csv)."
         yield limits.of("target-sizes").row(kind, max(ratio, 1.0 / ratio), "times", text)
@@ -175,8 +181,8 @@ def target_sizes(figures: Figures, limits: CampaignLimits) -> Iterator[Check]:
 def bar_lengths(lengths: pa.Table | None, limits: CampaignLimits) -> Iterator[Check]:
     """Each scale bar as adjusted, distances of a survey and sizes of markers together; errors of reference lengths."""
     if lengths is None or not lengths.num_rows:
-        yield without("scale bars", "bar-lengths", "", "no pose shows both ends of any bar")
-        yield without("length errors", "length-errors", "", "no reference length checks the scale")
+        yield not_evaluated("scale bars", "bar-lengths", "", "no pose shows both ends of any bar")
+        yield not_evaluated("length errors", "length-errors", "", "no reference length checks the scale")
         return
     names = text_column(lengths, "bar").astype(str)
     ends = text_column(lengths, "first").astype(str)
@@ -185,7 +191,7 @@ def bar_lengths(lengths: pa.Table | None, limits: CampaignLimits) -> Iterator[Ch
         yield _bar(subject, lengths.filter(subjects == subject), limits)
     checking = rows_of(lengths, "serves", "check")
     if not checking.num_rows:
-        yield without("length errors", "length-errors", "", "no reference length checks the scale")
+        yield not_evaluated("length errors", "length-errors", "", "no reference length checks the scale")
         return
     found, length = _errors(checking), number_column(checking, "length_mm")
     error = 1e3 * found.error_m
@@ -214,7 +220,7 @@ def _errors(checking: pa.Table) -> LengthErrors:
 
 
 def _subject(bar: str, first: str) -> str:
-    """What a length is told under: each bar by itself, distances of the survey by body, markers together."""
+    """Return the subject of a length: each bar alone, survey distances by body, all markers together."""
     if bar.startswith(FROM_SURVEY):
         return f"survey of {first.rpartition('/')[0]}".removesuffix(" of ")
     return "markers and boards" if bar.startswith(FROM_MARKER) else f"bar {bar}"
@@ -225,7 +231,7 @@ def _bar(subject: str, rows: pa.Table, limits: CampaignLimits) -> Check:
     determined = sigma > 1e-6 * number_column(rows, "length_mm") * 1e-3
     if not determined.any():
         why = "it alone defines the scale, so its adjusted length equals the calibrated one"
-        return without("deviation of the bar", "bar-lengths", subject, why)
+        return not_evaluated("deviation of the bar", "bar-lengths", subject, why)
     over = np.where(determined, np.abs(deviation) / np.where(determined, sigma, 1.0), 0.0)
     worst = int(np.argmax(over))
     limit, name = limits.of("bar-lengths"), rows.column("bar").to_pylist()[worst]

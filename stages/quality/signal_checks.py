@@ -16,7 +16,7 @@ from truing.estimation.sensor.load_table import LoadTable, least_signal, load_ta
 from truing.quality.loading import LoadingView, predicted_by_loads, scatter_of_signal
 from truing.report.numbers import count as counted
 from truing.report.numbers import listed
-from truing.stages.quality.check import FAIL, PASS, WARN, Check, without
+from truing.stages.quality.check import FAIL, PASS, WARN, Check, not_evaluated
 from truing.stages.quality.unit_slips import FAR, unit_slip
 
 if TYPE_CHECKING:
@@ -32,14 +32,14 @@ def signal_checks(view: LoadingView, settings: Campaign, turned: frozenset[int],
     """Every check of signals against loads; turned: runs whose sign is known to be wrong, and not their rows."""
     steps = view.steps
     if not steps.signals:
-        yield without("signals", "signals", "", "the campaign holds none")
+        yield not_evaluated("signals", "signals", "", "the campaign holds none")
         return
     used = np.flatnonzero(np.isfinite(steps.signal).all(axis=1))
     for at, name in enumerate(steps.signals):
-        yield _cut(view, at, name, settings.signals.range_mv)
+        yield _saturated_samples(view, at, name, settings.signals.range_mv)
     yield _noise(view, settings.noise.signal_mv)
     if len(used) < _FEWEST:
-        yield without("calibration", "loads-span", "", "too few load steps with all signals")
+        yield not_evaluated("calibration", "loads-span", "", "too few load steps with all signals")
         return
     load, signal = steps.load[used], steps.signal[used]
     loaded = np.flatnonzero(load.any(axis=0))
@@ -52,12 +52,12 @@ def signal_checks(view: LoadingView, settings: Campaign, turned: frozenset[int],
     yield from _exchanged(view, right, len(loaded), numbers, share)
 
 
-def _cut(view: LoadingView, at: int, name: str, range_mv: float | None) -> Check:
+def _saturated_samples(view: LoadingView, at: int, name: str, range_mv: float | None) -> Check:
     """Samples at an end of the amplifier's range, which a signal meets as a wall."""
     steps = view.steps
     rows = np.flatnonzero(np.isfinite(steps.signal[:, at]))
     if not len(rows):
-        return without("never read", "saturated", f"signal {name}", "no step has a value of it")
+        return not_evaluated("never read", "saturated", f"signal {name}", "no step has a value of it")
     value = steps.signal[rows, at]
     limit = None if range_mv is None else range_mv * _MILLIVOLT
     wall = np.zeros(len(rows), dtype=bool) if limit is None else np.abs(value) >= limit * (1.0 - 1e-9)
@@ -78,11 +78,11 @@ def _noise(view: LoadingView, noise_mv: float | None) -> Check:
     """The scatter of signals that follows neither loads nor time, over the declared noise: are the two of one size?"""
     steps = view.steps
     if noise_mv is None:
-        return without("noise", "noise", "signals", "no noise is declared for them")
+        return not_evaluated("noise", "noise", "signals", "no noise is declared for them")
     ratios = [scatter_of_signal(view, at, noise_mv * _MILLIVOLT) for at in range(len(steps.signals))]
     known = [ratio for ratio in ratios if np.isfinite(ratio)]
     if not known:
-        return without("noise", "noise", "signals", "too few load steps for the number of possible inputs")
+        return not_evaluated("noise", "noise", "signals", "too few load steps for the number of possible inputs")
     ratio = float(np.median(known))
     slip = unit_slip(ratio, noise_mv, "mV")
     text = f"signals: the scatter is {ratio:.3g} times the declared noise, median of {counted(len(known), 'signal')}."
@@ -92,7 +92,7 @@ def _noise(view: LoadingView, noise_mv: float | None) -> Check:
 
 
 def _loads_span(load: Array, names: list[str]) -> Check:
-    """Whether loads tell the components of the wrench apart; which were never loaded."""
+    """Check that the loads determine all components of the wrench, and name those that were never loaded."""
     never = [name for name in LOADS if name not in names]
     if not names:
         return Check("loads-span", "", 0.0, 6.0, "1", FAIL, "No step is loaded, so nothing can be calibrated.")
@@ -112,7 +112,8 @@ def _open(seen: Observability) -> str:
 
 
 def _signals_independent(about: Array, names: tuple[str, ...], loaded: int, noise_mv: float | None) -> Check:
-    """Whether signals (N, S), about their zero, hold as many independent numbers as loads: at all, and beyond noise."""
+    """Check that signals (N, S), minus their zero, have as many independent components as loads, with and without
+    noise."""
     wanted, count = min(len(names), loaded), len(about)
     size = float(np.linalg.norm(about, axis=0).max())
     if size == 0.0:
@@ -137,7 +138,7 @@ def _exchanged(view: LoadingView, rows: Index, loaded: int, independent: int, sh
     """Rows whose loads stand in each other's place, by the signals."""
     steps = view.steps
     if loaded > independent or len(rows) < 3 * (len(steps.signals) + 1):
-        yield without(
+        yield not_evaluated(
             "exchanged rows", "exchanged-rows", "", "too few signals or rows to predict the loads of each row"
         )
         return
@@ -147,7 +148,7 @@ def _exchanged(view: LoadingView, rows: Index, loaded: int, independent: int, sh
         yield _pair(view, rows, one)
     if unseen:
         why = f"of {counted(len(rows), 'row')} so many are outliers that {unseen} pairs were not tested"
-        yield without("exchanged rows", "exchanged-rows", "other pairs", why)
+        yield not_evaluated("exchanged rows", "exchanged-rows", "other pairs", why)
     elif not found:
         yield _no_exchange_found(table, share)
 

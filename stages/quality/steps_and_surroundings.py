@@ -24,7 +24,7 @@ from truing.report.numbers import count as counted
 from truing.report.numbers import listed
 from truing.simulation.air import ciddor_index, vapour_pressure_pa
 from truing.stages.common.reading_arrays import LOAD_COLUMNS
-from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, without
+from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
 from truing.stages.quality.time_and_temperature import temperature_columns, temperature_units
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ _HUMIDITY = "relative_humidity_pct"
 _MM, _HPA, _NM = 1e-3, 1e2, 1e-9
 
 
-def steps_there(view: LoadingView, limits: CampaignLimits) -> Check:
+def missing_steps_check(view: LoadingView, limits: CampaignLimits) -> Check:
     """Numbers of steps that a run leaves out, or one of its tables; where all runs count in twos or tens, that is how
     they count."""
     steps = view.steps
@@ -66,7 +66,7 @@ def runs_complete(view: LoadingView) -> Check:
     return Check("runs-cut-short", "", float(len(names)), 0.0, "1", WARN if names else PASS, text)
 
 
-def readings_there(view: LoadingView, limits: CampaignLimits) -> Iterator[Check]:
+def missing_readings_checks(view: LoadingView, limits: CampaignLimits) -> Iterator[Check]:
     """Per channel, the share of readings missing in the runs that it was watched in."""
     steps = view.steps
     seen = np.isfinite(steps.reading)
@@ -78,7 +78,7 @@ def readings_there(view: LoadingView, limits: CampaignLimits) -> Iterator[Check]
         text = f"{channel}: {100.0 * share:.1f} % of the readings are missing in the runs that have this channel."
         yield limits.of("completeness").row(f"channel {channel}", share, "1", text)
     if never := [channel for k, channel in enumerate(CHANNELS) if not seen[:, k].any()]:
-        yield without("never read", "completeness", f"channels {' '.join(never)}", "their response stays unknown")
+        yield not_evaluated("never read", "completeness", f"channels {' '.join(never)}", "their response stays unknown")
 
 
 def pauses(view: LoadingView, limits: CampaignLimits) -> Check:
@@ -87,9 +87,9 @@ def pauses(view: LoadingView, limits: CampaignLimits) -> Check:
     within = np.flatnonzero(np.diff(steps.run) == 0)
     pause = np.diff(steps.time_s)[within]
     if view.is_counted:
-        return without("time gaps", "time-gaps", "", COUNTED)
+        return not_evaluated("time gaps", "time-gaps", "", COUNTED)
     if len(pause) < 3 or np.median(pause) <= 0.0:
-        return without("time gaps", "time-gaps", "", "too few steps with times")
+        return not_evaluated("time gaps", "time-gaps", "", "too few steps with times")
     longest, usual = int(pause.argmax()), float(np.median(pause))
     after = within[longest] + 1
     (where,) = view.places([after])
@@ -99,7 +99,7 @@ def pauses(view: LoadingView, limits: CampaignLimits) -> Check:
 
 
 def load_range(view: LoadingView, loading: Loading, limits: CampaignLimits) -> Iterator[Check]:
-    """Whether loads reach far enough into the range that the sensor is meant for."""
+    """Check that loads cover enough of the intended range of the sensor."""
     largest = np.abs(view.steps.load).max(axis=0, initial=0.0)
     enough = limits.of("load-range")
     for k, name in enumerate(LOAD_COLUMNS):
@@ -123,7 +123,7 @@ def surroundings_checks(
     for name in (*TEMPERATURES, "air_pressure_hpa"):
         what = name.rsplit("_", 1)[0].replace("_", " ")
         if name not in known or not np.isfinite(known[name]).any():
-            yield without(what, "surroundings", what, "it was not recorded")
+            yield not_evaluated(what, "surroundings", what, "it was not recorded")
             continue
         yield _likely(view, name, what)
         yield _steady(view, name, what, limits)
@@ -155,7 +155,7 @@ def _likely(view: LoadingView, name: str, what: str) -> Check:
 
 
 def _humidity(view: LoadingView) -> Iterator[Check]:
-    """A humidity of which every value is a fraction is likely one of 1, not of 100."""
+    """Warn if all humidities are at most 1: they are likely fractions, not per cent."""
     value = view.steps.covariates.get(_HUMIDITY)
     if value is None or not np.isfinite(value).any():
         return
@@ -167,7 +167,7 @@ def _humidity(view: LoadingView) -> Iterator[Check]:
 
 
 def _steady(view: LoadingView, name: str, what: str, limits: CampaignLimits) -> Check:
-    """How far a quantity walked within a run, and over the campaign."""
+    """Check the range of a quantity within runs and over the campaign."""
     value = view.steps.covariates[name]
     went = surroundings(value, view.steps.run)
     span = np.where(np.isfinite(went.span), went.span, 0.0)
@@ -187,10 +187,12 @@ def _steady(view: LoadingView, name: str, what: str, limits: CampaignLimits) -> 
 
 
 def _air(view: LoadingView, optics: Interferometer, limits: CampaignLimits) -> Check:
-    """What the change of the air since the start of each run is worth in readings, over dead path and displacement."""
+    """Check the effect on readings of changes of the air since each run's start, over dead path and displacement."""
     known = view.steps.covariates
     if not {"air_temperature_c", "air_pressure_hpa"} <= set(known):
-        return without("worth of the air", "worth-of-air", "", "temperature and pressure of the air were not recorded")
+        return not_evaluated(
+            "worth of the air", "worth-of-air", "", "temperature and pressure of the air were not recorded"
+        )
     celsius, pressure = known["air_temperature_c"], known["air_pressure_hpa"]
     humidity = np.nan_to_num(known.get("relative_humidity_pct", np.full(len(celsius), np.nan)), nan=_HUMIDITY_PCT)
     vapour = vapour_pressure_pa(celsius, 1e-2 * humidity)
@@ -209,7 +211,7 @@ def _air(view: LoadingView, optics: Interferometer, limits: CampaignLimits) -> C
         if worth.max() >= worst:
             worst, at = float(worth.max()), channel.name
     if not at:
-        return without("worth of the air", "worth-of-air", "", "no linear channel was read")
+        return not_evaluated("worth of the air", "worth-of-air", "", "no linear channel was read")
     text = f"Within a run the air changed by {1e6 * worst:.2g} um in {at} at most; readings are "
     text += "compensated in the files." if optics.compensated else "compensated by this run."
     limit = limits.of("worth-of-air", per=1e6 * noise)

@@ -13,7 +13,7 @@ from truing.estimation.quality import (
     body_shape,
     exchanged_pairs,
     find_steps,
-    isolated,
+    isolated_values,
     residual_scatter,
     successive_sigma,
 )
@@ -31,7 +31,7 @@ from truing.quality.bodies import (
 )
 from truing.report.numbers import count, listed
 from truing.stages.common.repeats import DECLARED
-from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, without
+from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
 from truing.stages.quality.unit_slips import unit_slip
 
 _EITHER_SIDE = 3  # poses before and after a step
@@ -45,7 +45,7 @@ _UNEQUAL = 1e-3
 
 
 def unobserved_poses(around: PoseSurroundings, limits: CampaignLimits) -> Check:
-    """Configurations of which no point was measured: forgotten, or named otherwise in the points."""
+    """Check for configurations without any measured point: forgotten, or with another name in the points."""
     lost = [str(pose) for pose in around.unobserved]
     share = len(lost) / max(len(lost) + len(around.poses), 1)
     text = f"No point was measured in pose {listed(lost)}." if lost else "Points were measured in every pose."
@@ -53,7 +53,7 @@ def unobserved_poses(around: PoseSurroundings, limits: CampaignLimits) -> Check:
 
 
 def attachment_labels(bodies: Sequence[BodyView], attachments: Array) -> Iterator[Check]:
-    """Targets marked as sitting at an attachment, against the nominal attachments (L, 3): is their leg the nearest?"""
+    """Check that each target on an attachment is nearest to the nominal attachment (L, 3) of its leg."""
     for body in bodies:
         if body.name != "platform" or not len(attachments):
             continue
@@ -71,7 +71,7 @@ def attachment_labels(bodies: Sequence[BodyView], attachments: Array) -> Iterato
 
 
 def completeness(body: BodyView, due: Mask, limits: CampaignLimits) -> Iterator[Check]:
-    """Targets seen per pose of those that were due (B, T), and poses without a frame."""
+    """Check the share of expected targets (B, T) that were observed, and the poses without a frame."""
     seen = body.points.seen
     missing = due & ~seen
     text = f"{body.name}: {int(missing.sum())} of {int(due.sum())} target readings are missing "
@@ -84,7 +84,7 @@ def completeness(body: BodyView, due: Mask, limits: CampaignLimits) -> Iterator[
 
 
 def geometry(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
-    """Whether the targets fix a frame: spread across a line and a plane, and no single target on which it hangs."""
+    """Check that the targets determine a frame: spread beyond a line, and no single target that it depends on."""
     points = body.survey.points[body.frame]
     if len(points) < 3:
         text = f"{body.name}: fewer than three targets."
@@ -109,9 +109,10 @@ def geometry(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
 
 
 def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
-    """Share of targets far from their place, in poses that show enough of them; a few per cent are ordinary."""
+    """Check the share of targets far from their positions, in poses with enough targets; a few per cent are
+    ordinary."""
     if why := body.why_no_places:
-        yield without("gross errors", "gross-errors", body.name, why)
+        yield not_evaluated("gross errors", "gross-errors", body.name, why)
         return
     seen, gross = int(body.points.seen[body.framed].sum()), body.gross[body.framed]
     share = float(gross.sum()) / max(seen, 1)
@@ -123,9 +124,9 @@ def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
 
 
 def exchanged_labels(body: BodyView, around: PoseSurroundings) -> Iterator[Check]:
-    """Pairs of targets that lie on each other's places."""
+    """Check for pairs of targets at each other's positions."""
     if why := body.why_no_places or ("" if body.fit.ok.any() else f"{body.name}: no pose could be determined"):
-        yield without("exchanged labels", "exchanged-labels", body.name, why)
+        yield not_evaluated("exchanged labels", "exchanged-labels", body.name, why)
         return
     source = body.survey.points
     expected = body.fit.apply(np.broadcast_to(source, body.points.points.shape))
@@ -142,14 +143,14 @@ def exchanged_labels(body: BodyView, around: PoseSurroundings) -> Iterator[Check
 
 
 def moved_targets(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Check]:
-    """Targets that sit elsewhere from some pose on, with the pose and the shift."""
+    """Check for targets that moved at a pose, with pose and shift."""
     seen = body.points.seen & body.fit.ok[:, None]
     own = np.maximum(body.sigma, successive_sigma(body.residuals, seen)[None])
-    kept = seen & ~isolated(body.residuals, own, seen, limit=4.0)
+    kept = seen & ~isolated_values(body.residuals, own, seen, limit=4.0)
     assessed = kept.sum(axis=0) >= 2 * _EITHER_SIDE
     if not assessed.any():
         why = f"{body.name}: no target was seen in three poses before and three after a step"
-        yield without("moved targets", "moved-targets", body.name, body.why_no_places or why)
+        yield not_evaluated("moved targets", "moved-targets", body.name, body.why_no_places or why)
         return
     step = find_steps(body.residuals, own, kept, _EITHER_SIDE)
     moved = np.nonzero(step.p_value < share / max(len(body.survey.targets), 1))[0]
@@ -170,10 +171,11 @@ def moved_targets(body: BodyView, around: PoseSurroundings, share: float) -> Ite
 
 
 def noise(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Check]:
-    """Estimated against declared noise per axis, of what follows neither drives, time nor temperature."""
+    """Check the estimated noise per axis, without dependence on actuators, time and temperature, against the declared
+    one."""
     good = body.good & body.frame & ~odd_poses(scatter_by_pose(body))[:, None]
     if good.sum() < 12:
-        yield without(f"noise of {body.name}", "noise", body.name, "too few readings")
+        yield not_evaluated(f"noise of {body.name}", "noise", body.name, "too few readings")
         return
     part = redundancy(body.survey.points[body.frame], good[:, body.frame])
     scatter = residual_scatter(
@@ -182,7 +184,7 @@ def noise(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Ch
     whole = scatter.pooled
     if whole.dof[0] < 1.0:
         why = "a single pose without a survey has no residual"
-        yield without(f"noise of {body.name}", "noise", body.name, why)
+        yield not_evaluated(f"noise of {body.name}", "noise", body.name, why)
         return
     declared = 1e3 * float(np.median(body.measured_sigma[good]))
     first = _noise_check(body.name, "", whole, _NOISE_TOLERATED, share / 2, around.shared)
@@ -210,11 +212,11 @@ def _noise_check(body: str, axis: str, scatter: Scatter, tolerated: float, share
 
 
 def noise_by_pose(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Check]:
-    """Poses whose residuals are larger than the body's own scatter: one is a pose to look at, many are no campaign."""
+    """Check for poses with larger residuals than the body's typical scatter."""
     scatter = scatter_by_pose(body)
     assessed = scatter.dof > 0.0
     if assessed.sum() < 3:
-        yield without(f"noise by pose of {body.name}", "noise-by-pose", body.name, "too few targets per pose")
+        yield not_evaluated(f"noise by pose of {body.name}", "noise-by-pose", body.name, "too few targets per pose")
         return
     odd = odd_poses(scatter)
     much = scatter.p_above(_POSE_NOISE_TOLERATED) < share / assessed.sum()
@@ -239,18 +241,18 @@ def repeatability(
     *,
     instrument_stood: bool = False,
 ) -> Iterator[Check]:
-    """Poses that repeat one another, groups of their numbers: their scatter against their stated uncertainty.
+    """Check the scatter of repeated poses against their stated uncertainty.
 
-    ``instrument_stood``: bodies need no other body to be seen from.
+    ``instrument_stood``: the instrument did not move, so bodies need no reference body.
     """
     if not groups:
         why = "no configuration was measured twice; measure three of them again at the end"
-        yield without("repeatability", "repeatability", "", why)
+        yield not_evaluated("repeatability", "repeatability", "", why)
         return
     seen = list(repeated_positions(bodies, instrument_stood=instrument_stood))
     if not seen:
         why = "no body is measured relative to another; put three targets on the body that stands still"
-        yield without("repeatability", "repeatability", "", why)
+        yield not_evaluated("repeatability", "repeatability", "", why)
     for one in seen:
         position = one.position
         if how == DECLARED:
@@ -263,10 +265,11 @@ def repeatability(
 
 
 def _check(name: str, scatter: Scatter, poses: Sequence[str], how: str, share: float) -> Check:
-    """The verdict of one subject, of all groups together and of each: groups that differ are never told as one."""
+    """Return the check of one subject over all groups, and of each group; groups that differ are reported
+    separately."""
     if not poses:
         why = f"no repeated pose determines the place of {name} twice; measure three poses twice"
-        return without("repeatability", "repeatability", name, why)
+        return not_evaluated("repeatability", "repeatability", name, why)
     pooled = scatter.pooled
     verdicts = [
         (pooled.p_above(times)[0] < 0.5 * share or bool((scatter.p_above(times) < 0.5 * share / len(poses)).any()))

@@ -20,7 +20,7 @@ from truing.estimation.suspect_units import (
 )
 from truing.quality.bodies import BodyView, PoseSurroundings
 from truing.report.numbers import count, duration, listed
-from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, without
+from truing.stages.quality.check import COUNTED, FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
 
 _LEAST_POSES = 8  # that tell a walk from chance
 _UNITS = {"d": "days", "h": "hours", "min": "minutes", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
@@ -28,17 +28,17 @@ _WORDS = {"K": "kelvin", "degF": "degrees Fahrenheit"}
 
 
 def base_drift(body: BodyView | None, share: float, *, frame_stays: bool) -> Iterator[Check]:
-    """A reference body that walks in the frame of the measurement.
+    """Check for a drift of the reference body in the frame of the measurement.
 
-    Not evaluated where no body is known to be one, and where the frame may change by pose: a walk is told all the
-    same, standing still is not.
+    Not evaluated without a reference body. If the frame may change by pose, a drift is reported, but its absence is not
+    confirmed.
     """
     if body is None:
-        yield without("drift of the base", "base-drift", "", "[bodies] reference names no stationary body")
+        yield not_evaluated("drift of the base", "base-drift", "", "[bodies] reference names no stationary body")
         return
     if body.good.all(axis=1).sum() < _LEAST_POSES:
         why = f"{body.name}: fewer than eight poses show all its targets"
-        yield without("drift of the base", "base-drift", body.name, why)
+        yield not_evaluated("drift of the base", "base-drift", body.name, why)
         return
     drift = find_drift(body.points.points, body.good)
     size = float(drift.span.max(initial=0.0)) * 1e3
@@ -47,7 +47,7 @@ def base_drift(body: BodyView | None, share: float, *, frame_stays: bool) -> Ite
     target = body.survey.targets[int(drift.span.argmax())] if len(drift.span) else ""
     if not walks and not frame_stays:
         why = f"{body.name}: the frame may change from pose to pose ([measurement] frame)"
-        yield without("drift of the base", "base-drift", body.name, why)
+        yield not_evaluated("drift of the base", "base-drift", body.name, why)
         return
     message = f"{body.name}: no drift in the frame of the measurement."
     if walks:
@@ -56,12 +56,12 @@ def base_drift(body: BodyView | None, share: float, *, frame_stays: bool) -> Ite
 
 
 def time_gaps(around: PoseSurroundings, limits: CampaignLimits) -> Check:
-    """A pause much longer than the usual pace: something may have changed meanwhile."""
+    """Check for a pause much longer than the usual interval, during which something may have changed."""
     steps = np.diff(around.time)
     if around.is_counted:
-        return without("time gaps", "time-gaps", "", COUNTED)
+        return not_evaluated("time gaps", "time-gaps", "", COUNTED)
     if len(steps) < 3 or np.median(steps) <= 0.0:
-        return without("time gaps", "time-gaps", "", "no times")
+        return not_evaluated("time gaps", "time-gaps", "", "no times")
     longest = int(steps.argmax())
     usual = float(np.median(steps))
     return limits.of("time-gaps", per=usual).row(
@@ -74,11 +74,12 @@ def time_gaps(around: PoseSurroundings, limits: CampaignLimits) -> Check:
 
 
 def time_unit(time: Array, run: Index | None, table: str, what: str, *, is_counted: bool) -> Check:
-    """Whether times (N,) of runs (N,), or of none, are seconds; table, what: which hold them, and what a row is."""
+    """Check that times (N,) of runs (N,), or without runs, are in seconds; ``table``, ``what``: table and name of a
+    row."""
     if is_counted:
-        return without("unit of times", "time-unit", "", COUNTED)
+        return not_evaluated("unit of times", "time-unit", "", COUNTED)
     if np.isfinite(time).sum() < FEWEST:
-        return without("unit of times", "time-unit", "", "too few rows with times")
+        return not_evaluated("unit of times", "time-unit", "", "too few rows with times")
     found = mistaken_times(time, run)
     if found is None:
         text = f"The times of {table} are plausible in seconds."
@@ -101,9 +102,9 @@ def _cure(unit: str) -> str:
 
 
 def temperature_span(around: PoseSurroundings, limits: CampaignLimits) -> Check:
-    """How far the temperature walked: what thermal effects have to work with."""
+    """Check the range of the temperature, which limits the detection of thermal effects."""
     if around.temperature is None or not np.isfinite(around.temperature).any():
-        return without("temperature", "temperature-span", "", "no temperatures were recorded")
+        return not_evaluated("temperature", "temperature-span", "", "no temperatures were recorded")
     low, high = float(np.nanmin(around.temperature)), float(np.nanmax(around.temperature))
     text = f"The temperature was {low:.2f} to {high:.2f} degrees C."
     return limits.of("temperature-span").row("", high - low, "K", text)
@@ -120,10 +121,11 @@ def temperature_units(
     rows: Sequence[str] = (),
     order: Index | None = None,
 ) -> Iterator[Check]:
-    """A row per column of temperatures (N,), held against [mechanism] reference_temperature_c, and against itself.
+    """Yield one row per column of temperatures (N,), compared with [mechanism] reference_temperature_c and within
+    itself.
 
-    rows (N,): what each row is called; order (N,): rows as they were taken. A contradiction fails: it would pass as an
-    expansion by tens or hundreds of kelvins. A reference that looks like another unit by itself warns.
+    ``rows`` (N,): names of the rows; ``order`` (N,): rows in time order. A contradiction fails, because it would act as
+    an expansion by tens or hundreds of kelvins. A reference that looks like another unit by itself warns.
     """
     columns = {name: value for name, value in recorded.items() if np.isfinite(value).any()}
     for name, value in columns.items():
@@ -135,13 +137,13 @@ def temperature_units(
     if not columns:
         alone = mistaken_unit([], reference_c)
         if alone is None:
-            yield without("unit of temperatures", "temperature-unit", "", "no temperatures were recorded")
+            yield not_evaluated("unit of temperatures", "temperature-unit", "", "no temperatures were recorded")
         else:
             yield _check("reference", np.array([reference_c]), reference_c, alone)
 
 
 def _of_part(name: str, value: Array, part: MistakenRows, reference_c: float, rows: Sequence[str]) -> Check:
-    """The check of a column of which a part is in another unit."""
+    """Return the check of a column of which a part is in another unit."""
     low, high = float(value[part.rows].min()), float(value[part.rows].max())
     read = f"{low:.5g}" if low == high else f"{low:.5g} to {high:.5g}"
     known = int(np.isfinite(value).sum())
@@ -152,13 +154,13 @@ def _of_part(name: str, value: Array, part: MistakenRows, reference_c: float, ro
 
 
 def _stretches(at: Index, names: Sequence[str]) -> list[str]:
-    """Rows (K,) by their names, those that follow one another as one."""
+    """Return rows (K,) in words; successive rows as one range."""
     parts = np.split(at, np.flatnonzero(np.diff(at) > 1) + 1)
-    called = [(_named(part[0], names), _named(part[-1], names)) for part in parts]
+    called = [(_row_name(part[0], names), _row_name(part[-1], names)) for part in parts]
     return [first if first == last else f"{first} to {last}" for first, last in called]
 
 
-def _named(row: int, names: Sequence[str]) -> str:
+def _row_name(row: int, names: Sequence[str]) -> str:
     return names[row] if names else f"row {row + 1}"
 
 

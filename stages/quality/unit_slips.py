@@ -15,9 +15,10 @@ _SIZES = {  # of other units, in the one of the key
 
 
 def unit_slip(ratio: float, declared: float, unit: str) -> str:
-    """Return the end of a message: the slip in a declared noise's unit that explains the ratio of the scatter to it.
+    """Return a suggestion as the end of a message: the unit slip in a declared noise that explains the ratio of scatter
+    to noise.
 
-    Empty where the two are of one size. ``declared`` is in the unit of its key.
+    Empty if both are of one size. ``declared`` is in the unit of its key.
     """
     if not (math.isfinite(ratio) and ratio > 0.0) or 1.0 / FAR <= ratio <= FAR:
         return ""

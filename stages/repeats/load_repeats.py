@@ -16,7 +16,14 @@ from truing.estimation.interferometry.recorded_steps import (
     RecordedSteps,
     repeated_runs,
 )
-from truing.estimation.repeatability import Squares, known_mean, lack_of_fit, left_by_lines, within_groups, within_runs
+from truing.estimation.repeatability import (
+    Squares,
+    known_mean,
+    lack_of_fit,
+    residuals_from_lines,
+    within_groups,
+    within_runs,
+)
 from truing.stages.common.overruled import without_excluded
 from truing.stages.common.point_arrays import number_column
 from truing.stages.common.reading_arrays import load_steps
@@ -29,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def repeats_of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[Rows, ...]:
-    """Rows of ``repeats`` and of ``lack_of_fit``; none where no run was repeated."""
+    """Return rows of ``repeats`` and ``lack_of_fit``; none if no run was repeated."""
     try:
         steps, _ = without_excluded(load_steps(tables), settings)
     except ValueError:
@@ -43,14 +50,14 @@ def repeats_of_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> tupl
     if names:
         signals, noise = Repeated("signal", names, ("mV",) * len(names)), settings.noise.signal_mv
         repeats.add(signals, 1e3 * steps.signal, np.full(len(names), np.nan if noise is None else noise))
-        left, squares = left_by_lines(1e3 * steps.signal, steps.load, steps.run, ~steps.held_out)
+        left, squares = residuals_from_lines(1e3 * steps.signal, steps.load, steps.run, ~steps.held_out)
         repeats.add_fit(signals, "linear in the loads", lack_of_fit(squares, within_runs(left, groups)))
     _add_diagnosis(repeats, tables, steps, readings)
     return repeats.repeats, repeats.fits
 
 
 def _add_diagnosis(repeats: Repeats, tables: Mapping[str, pa.Table], steps: RecordedSteps, readings: Repeated) -> None:
-    """Add what the simulation and the extended model leave of the readings, each run from its own zero."""
+    """Add the residuals of the readings from simulation and extended model, each run relative to its own zero."""
     errors = tables.get("reading_errors")
     if errors is None or not errors.num_rows:
         return
@@ -75,7 +82,7 @@ def _add_diagnosis(repeats: Repeats, tables: Mapping[str, pa.Table], steps: Reco
 
 
 def _numbers_found(diagnosis: pa.Table | None) -> float:
-    """How many numbers the found causes have."""
+    """Return the number of estimated parameters of all found causes."""
     if diagnosis is None:
         return 0.0
     found = [row for row in diagnosis.to_pylist() if row["verdict"] == "found"]

@@ -93,9 +93,10 @@ def _of_group(
 
 
 def _reflectors(tables: Mapping[str, pa.Table], poses: Ids) -> Iterator[tuple[str, Array, None]]:
-    """Each target of a body that has too few for a pose: its name and place (B, 3) in m, NaN where unknown.
+    """Yield each target of a body with too few targets for a pose: its name and position (B, 3) in m, NaN if
+    unknown.
 
-    Seen from the body that others are seen from; where no body has a pose, from the instrument.
+    Positions are relative to the reference body; without any pose of a body, to the instrument.
     """
     points = tables.get("observations")
     if points is None or not points.num_rows:
@@ -113,10 +114,10 @@ def _reflectors(tables: Mapping[str, pa.Table], poses: Ids) -> Iterator[tuple[st
 
 
 def _reference(table: pa.Table | None, poses: Ids) -> tuple[Array, Array] | None:
-    """Rotation (B, 3, 3) and place (B, 3) in m of the body that others are seen from, NaN where unknown; None where
-    there is no pose of a body.
+    """Return rotation (B, 3, 3) and position (B, 3) in m of the reference body, NaN if unknown; None without any pose
+    of a body.
 
-    It is the parent of other bodies, else the only body with a pose.
+    It is the parent of other bodies, otherwise the only body with a pose.
     """
     if table is None or not table.num_rows:
         return None
@@ -192,7 +193,7 @@ def _relative_poses(
 
 
 def _add_points(repeats: Repeats, table: pa.Table | None, poses: Ids, declared_mm: float | None) -> None:
-    """Add places of targets in their body's frame, a body as a whole: a rigid motion of each repeat is taken out."""
+    """Add positions of targets in their body's frame; the rigid motion of each repeat is removed."""
     if table is None or not table.num_rows:
         return
     bodies, targets = text_column(table, "body"), text_column(table, "target")
@@ -213,7 +214,7 @@ def _add_points(repeats: Repeats, table: pa.Table | None, poses: Ids, declared_m
 def _add_attachments(
     repeats: Repeats, tables: Mapping[str, pa.Table], poses: Ids, fitted: Mask, inside: Sequence[Index]
 ) -> None:
-    """Add shifts of attachments between repeats, and what the deformation models leave where they were fitted (B,)."""
+    """Add shifts of attachments between repeats, and the residuals of the deformation models in fitted poses (B,)."""
     table = tables.get("deformation")
     if table is None or not table.num_rows:
         return
@@ -247,7 +248,8 @@ def _readings(configurations: pa.Table) -> Array:
 
 
 def _deformation_left(models: pa.Table | None, shift: Array, drive: Array) -> Iterator[tuple[str, Array]]:
-    """What each deformation model leaves of the shifts (B, L) in um, with readings (B, D) of all legs in mm."""
+    """Yield the residuals of each deformation model from the shifts (B, L) in um, with readings (B, D) of all legs in
+    mm."""
     if models is None or not models.num_rows:
         return
     names = text_column(models, "model")
@@ -262,7 +264,7 @@ def _deformation_left(models: pa.Table | None, shift: Array, drive: Array) -> It
 
 
 def _add_calibrations(repeats: Repeats, tables: Mapping[str, pa.Table], poses: Ids, groups: Sequence[Index]) -> None:
-    """Add what each calibrated model leaves of the platform's poses that it was fitted to."""
+    """Add the residuals of each calibrated model from the platform poses that it was fitted to."""
     accuracy = tables.get("accuracy")
     if accuracy is None or not accuracy.num_rows or _PARTS[0] not in accuracy.column_names:
         return
@@ -287,7 +289,8 @@ def _model_names(table: pa.Table) -> NDArray[np.object_]:
 
 
 def _parameters(table: pa.Table | None) -> dict[str, float]:
-    """How many numbers the data, and not the tolerances, gave each model."""
+    """Return by model the number of parameters that the data determine, each counted by the share of its variance that
+    the data removed."""
     if table is None:
         return {}
     names, sigma, tolerance = _model_names(table), number_column(table, "sigma"), number_column(table, "tolerance")

@@ -16,7 +16,7 @@ POOLED = "all, over stated"  # subjects of one kind together, in units of their 
 
 @dataclass(frozen=True)
 class Repeated:
-    """What was repeated (pose, point, attachment, reading, signal): C subjects with their units."""
+    """Repeated quantity (pose, point, attachment, reading, signal): C subjects with their units."""
 
     kind: str
     subjects: tuple[str, ...]
@@ -25,9 +25,9 @@ class Repeated:
 
 @dataclass(frozen=True)
 class Repeats:
-    """Rows of ``repeats`` and ``lack_of_fit`` of groups that repeat one another, and how that is known.
+    """Rows of ``repeats`` and ``lack_of_fit`` from groups of repeated measurements, and the source of the grouping.
 
-    within: squares of values (B, C) about the mean of their groups.
+    ``within``: squares of values (B, C) about their group means.
     """
 
     groups: Sequence[Index]
@@ -37,9 +37,9 @@ class Repeats:
     fits: Rows = field(default_factory=lambda: Rows("lack_of_fit"))
 
     def add(self, what: Repeated, values: Array, declared: Array) -> None:
-        """Add values (B, C) in their units, with the stated sigma (C,) of one of them, NaN where none is.
+        """Add values (B, C) in their units, with the stated sigma (C,) of one value, NaN if none.
 
-        Whether one number holds for all groups is tested group by group.
+        Equality of the groups' variances is tested.
         """
         each = [self.within(values, [group]) for group in self.groups]
         alike = [equal_scatter([g.square[c] for g in each], [g.freedom[c] for g in each]) for c in range(len(declared))]
@@ -47,8 +47,8 @@ class Repeats:
         self.add_squares(what, self.within(values, self.groups), declared, p)
 
     def add_squares(self, what: Repeated, found: Squares, declared: Array, p_equal: Array | None = None) -> None:
-        """Add a row per subject that was repeated, and one of all over what is stated (C,); p_equal (C,): the
-        probability that one number holds for all groups."""
+        """Add a row per repeated subject and one for all, relative to the stated sigma (C,); ``p_equal`` (C,):
+        probability of equal variance in all groups."""
         self._add(what, found, declared, p_equal)
         stated = (found.freedom > 0) & (np.nan_to_num(declared) > 0.0)
         if stated.sum() > 1:
@@ -75,7 +75,7 @@ class Repeats:
             )
 
     def add_fit(self, what: Repeated, model: str, found: LackOfFit) -> None:
-        """Add a row per subject of which a model could be held against pure error."""
+        """Add a row per subject whose model residuals can be compared with pure error."""
         reported = np.flatnonzero(np.isfinite(found.p_value))
         if len(reported):
             self.fits.add(

@@ -66,9 +66,9 @@ _WAYS = ("forward", "backward")
 
 
 def load_deformation(tables: Mapping[str, pa.Table], settings: Campaign, why: str = "") -> Outcome:
-    """Fit the linear and the matrix compliance, one free zero per run, and hold them against the simulated one.
+    """Fit the linear and the matrix compliance, with one zero per run, and compare them with the simulated one.
 
-    ``why`` nothing may rest on the tables; empty where all may.
+    ``why``: reason to withhold results; empty if there is none.
     """
     if why := why or why_no_deformation_of_loads(tables.get("readings")):
         return Outcome.not_evaluated({name: ARTIFACTS[name].empty() for name in LEAVES}, why)
@@ -137,7 +137,7 @@ def _compared_with_simulation(
     simulated: SimulatedCompliance | None,
     compared: ComplianceComparison | None,
 ) -> dict[str, object]:
-    """The simulated entry, how many sigmas the measured one is off it, and whether that is beyond chance."""
+    """Return the simulated entry, the deviation of the measured one in sigmas, and whether it is significant."""
     from scipy.special import ndtr
 
     if simulated is None or compared is None:
@@ -195,7 +195,7 @@ def _error_rows(
 
 
 def _entries(name: str, found: Mapping[str, Compliance], simulated: SimulatedCompliance | None) -> Array:
-    """What a model says of every entry (6, 6); NaN where it says nothing."""
+    """Return the compliance entries (6, 6) of a model; zero for entries that it does not contain."""
     if name == "simulated":
         assert simulated is not None
         return simulated.entries
@@ -224,8 +224,8 @@ def _figure(fits: Mapping[str, ResponseFit], against: Mapping[str, ComplianceCom
 
 
 def axis_curve_rows(displacement: pa.Table, simulated: SimulatedCompliance | None) -> Rows:
-    """Cases whose load is along one axis alone, or none: every component that was measured (force-sensor paper,
-    figures 12-17)."""
+    """Add load cases along one axis alone, or without load, with all measured components (force-sensor paper, figures
+    12-17)."""
     load = np.nan_to_num(number_columns(displacement, LOAD_COLUMNS))
     moved = number_columns(displacement, MOVED_COLUMNS) * MOVED_SI
     sigma = np.sqrt(number_columns(displacement, [f"cov_{k}_{k}" for k in range(6)]))
@@ -259,7 +259,7 @@ def axis_curve_rows(displacement: pa.Table, simulated: SimulatedCompliance | Non
 
 
 def with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: Campaign) -> Outcome:
-    """What was made of loads, and what positioning runs of an axis say of it, but for runs that failed a check."""
+    """Return the outcome of the loads with the positioning results of an axis, without runs that failed a check."""
     if "positions" not in tables or not tables["positions"].num_rows:
         return found
     positions, withheld = tables["positions"], withheld_runs(tables)
@@ -287,9 +287,9 @@ def with_tolerances(found: Outcome, settings: Campaign) -> Outcome:
 
 
 def positioning_rows(positions: pa.Table, optics: Interferometer, withheld: Collection[str] = ()) -> Rows:
-    """Every quantity of every run, um; those of the axis with their uncertainty where it is told.
+    """Return all quantities of all runs, um; those of the axis with their uncertainty if known.
 
-    ``withheld``: subjects of runs (as quality names them) of which nothing may be stated.
+    ``withheld``: subjects (as in qa.parquet) of runs whose results are withheld.
     """
     rows = Rows("positioning")
     names = positions.column("run").to_pylist()
@@ -309,7 +309,7 @@ def positioning_rows(positions: pa.Table, optics: Interferometer, withheld: Coll
 
 
 def positioning_words(rows: pa.Table, withheld: Mapping[str, str]) -> str:
-    """The accuracy of every run in words, and why that of others is not evaluated."""
+    """Return the accuracy of each run in words, or the reason why it is not evaluated."""
     found = [
         f"{row['run']}: A {row['value']:.3g} um, B {_value(rows, row['run'], 'B'):.3g} um"
         for row in rows.to_pylist()

@@ -70,7 +70,7 @@ NETWORK = ("point_correlations", "point_sensitivities", "object_points")
 
 
 def framed_points(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...]) -> FramedPoints | None:
-    """All bodies with what the errors of the observations have in common; None where points are independent."""
+    """Return all bodies with the common errors of their observations; None if points are independent."""
     errors = point_errors(tables["observations"], *(tables.get(name) for name in NETWORK))
     if errors is None:
         return None
@@ -79,7 +79,7 @@ def framed_points(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...]) 
 
 
 def framed_bodies(tables: Mapping[str, pa.Table], poses: tuple[int | str, ...]) -> list[FramedBody]:
-    """Every body that has poses, against its survey, or against the shape that its residuals were counted from."""
+    """Return all bodies with poses, relative to their survey or to the shape that defines their residuals."""
     table = tables["poses"]
     parents = dict(zip(text_column(table, "body"), text_column(table, "parent"), strict=True))
     observed = dict.fromkeys(text_column(tables["observations"], "body"))
@@ -103,10 +103,11 @@ def _framed(tables: Mapping[str, pa.Table], name: str, parent: str, poses: tuple
     )
 
 
-def handed_on(
+def shift_uncertainty_tables(
     shifts: CorrelatedShifts, poses: tuple[int | str, ...], seen: Mask, identifier: str
 ) -> dict[str, pa.Table]:
-    """The artifacts with what the shifts seen (B, L) have in common with poses, with each other, and with all poses."""
+    """Return artifacts with the correlations of the shifts ``seen`` (B, L) with poses, with each other and between
+    poses."""
     covariances, sensitivities = Rows("shift_covariances"), Rows("shift_sensitivities")
     determined = seen & shifts.there[:, None]
     b, leg, number = np.nonzero(determined[:, :, None] & np.isfinite(shifts.with_poses))
@@ -147,7 +148,8 @@ def _shift_numbers(leg: Index) -> list[str]:
 
 
 def shifts_within_bodies(tables: Mapping[str, pa.Table], settings: Campaign, why: str = "") -> Outcome:
-    """The deformation of a mechanism's platform, or of bodies without one; ``why`` nothing may rest on the tables."""
+    """Return the deformation of a mechanism's platform, or of bodies without a mechanism; ``why``: reason to withhold
+    results."""
     mechanism, drives = settings.mechanism, settings.campaign.drives
     no_points = not (tables["observations"].num_rows if "observations" in tables else 0)
     if why := why or NO_BODIES.get(mechanism.type, ""):
@@ -166,9 +168,10 @@ def shifts_within_bodies(tables: Mapping[str, pa.Table], settings: Campaign, why
 
 
 def attachment_deformation(tables: Mapping[str, pa.Table], rest_mm: Sequence[float]) -> Outcome:
-    """Shifts of the attachments, their linear and matrix models, and what these say (telescope report, eq. 1-4).
+    """Return the shifts of the attachments, their linear and matrix models, and test results (telescope report, eq.
+    1-4).
 
-    rest_mm: readings of the actuators in the reference configuration, leg by leg.
+    ``rest_mm``: actuator readings of the reference configuration, by leg.
     """
     poses, drive, heldout = _drives(tables["configurations"], tables["residuals"], rest_mm)
     survey = survey_points(tables["survey"], "platform")
@@ -189,7 +192,7 @@ def attachment_deformation(tables: Mapping[str, pa.Table], rest_mm: Sequence[flo
         figure += f"; {_compare_with_simulation(artifacts, errors, drive, found, shifts, given)}"
     artifacts["deformation_errors"] = errors.table()
     if shifts.together is not None:
-        artifacts |= handed_on(shifts.together, poses, np.isfinite(shifts.shift), identifier)
+        artifacts |= shift_uncertainty_tables(shifts.together, poses, np.isfinite(shifts.shift), identifier)
     return Outcome(artifacts, read, left_out, figure)
 
 
@@ -216,7 +219,7 @@ def _compare_with_simulation(
 def _drives(
     configurations: pa.Table, residuals: pa.Table, rest_mm: Sequence[float]
 ) -> tuple[tuple[int | str, ...], Array, Mask]:
-    """Poses with residuals, actuator displacements (B, L) in m, and which poses are held out."""
+    """Return the poses with residuals, actuator displacements (B, L) in m, and the mask of held-out poses."""
     measured = set(pose_ids(residuals))
     poses = configurations.column("pose").to_pylist()
     rows = np.array([i for i, pose in enumerate(poses) if pose in measured], dtype=np.int64)
@@ -267,7 +270,7 @@ def _leg_model_rows(found: AttachmentModels) -> Rows:
 
 
 def _coefficient_rows(rows: Rows, name: str, fit: ResponseFit, determined: Mask, axes: str) -> None:
-    """The coefficients of a model of shifts along some axes, one after the other of each leg."""
+    """Add the coefficients of a model of shifts along some axes, leg by leg."""
     sigma, p, significant = entry_tests(fit)
     shift, column = np.nonzero(fit.free & determined[:, None])
     rows.add(
@@ -306,7 +309,7 @@ def _leg_error_rows(found: AttachmentModels, shifts: LegShifts, drive: Array) ->
 
 
 def _in_plane_rows(rows: Rows, none: ResponseFit, matrix: ResponseFit) -> None:
-    """How far attachments shift along x and y, and whether that follows the actuators."""
+    """Add the rms shift of attachments along x and y, and the test of its dependence on the actuators."""
     for name, fit in (("shift", none), ("left", matrix)):
         size = 1e6 * float(np.sqrt(np.nanmean(fit.residuals**2)))
         rows.add(model=IN_PLANE, figure=f"rms_{name}", value=size, unit="um")
@@ -315,7 +318,7 @@ def _in_plane_rows(rows: Rows, none: ResponseFit, matrix: ResponseFit) -> None:
 
 
 def _structure_rows(rows: Rows, matrix: ResponseFit) -> None:
-    """What the whole K says: rank, symmetry, coupling of pairs."""
+    """Add rank, symmetry and pair couplings of K."""
     even, rank = symmetry(matrix), significant_rank(matrix, FALSE_ALARM)
     add_figures(rows, "matrix", {"rank": rank, "asymmetry": even.relative, "symmetry_p_value": even.p_value})
     for i, j, strength, p in pair_couplings(matrix):
@@ -323,7 +326,7 @@ def _structure_rows(rows: Rows, matrix: ResponseFit) -> None:
 
 
 def _shape_rows(rows: Rows, kept: Array, attachments: Array) -> None:
-    """The buckled wheel: what of the shifts is lift, tilt and buckling, and the shape they follow most."""
+    """Add the shares of lift, tilt and buckling in the shifts, and the dominant shape."""
     whole = kept[np.isfinite(kept).all(axis=1)]
     if not len(whole):
         return
@@ -354,7 +357,7 @@ def _leg_words(shifts: LegShifts, rejected: Mask, fits: Mapping[str, ResponseFit
 
 
 def target_deformation(tables: Mapping[str, pa.Table], drives: tuple[str, ...]) -> Outcome:
-    """Fit every body's residuals to the drives; one free offset per coordinate, for the shape at rest."""
+    """Fit all bodies' residuals to the drives; one free offset per coordinate, for the shape at rest."""
     shifts, models, errors = Rows("target_deformation"), Rows("deformation_models"), Rows("deformation_errors")
     words = []
     bodies = tuple(dict.fromkeys(tables["residuals"].column("body").to_pylist()))
@@ -396,7 +399,8 @@ def _body_shifts(tables: Mapping[str, pa.Table], body: str) -> BodyShifts:
 def _drive_values(
     configurations: pa.Table, poses: tuple[int | str, ...], drives: tuple[str, ...]
 ) -> tuple[Array, Mask]:
-    """Drives (B, D), counted from their mean so that the offset is the mean shape; and which poses are held out."""
+    """Return the drives (B, D) minus their mean, so that the offset is the mean shape, and the mask of held-out
+    poses."""
     known = {pose: i for i, pose in enumerate(configurations.column("pose").to_pylist())}
     rows = np.array([known[pose] for pose in poses])
     u = number_columns(configurations, drives)[rows]

@@ -56,7 +56,7 @@ SCAN, MEASURED = "scan", "measured"
 
 
 def body_poses(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
-    """The tables of the pose stage: poses, residuals, and what errors that points have in common do to poses."""
+    """Return the tables of the pose stage: poses, residuals, and effects of common errors of the points on poses."""
     observations, survey = tables["observations"], tables.get("survey", ARTIFACTS["survey"].empty())
     poses = tuple(dict.fromkeys(pose for name in SOURCES for pose in pose_ids(tables[name])))
     network = (tables.get(name) for name in ("point_correlations", "point_sensitivities", "object_points"))
@@ -90,8 +90,8 @@ def body_poses(tables: Mapping[str, pa.Table], settings: Campaign, progress: Pro
 
 
 def _frame(bodies: Sequence[BodyPoses], settings: Campaign) -> str:
-    """What the frame of the measurement is called: that of the mechanism's base where the instrument stood still and
-    nobody measured the base."""
+    """Return the name of the measurement frame: the mechanism's base if the instrument stood still and the base was not
+    measured."""
     reference = settings.reference_body
     is_measured = any(body.name == reference for body in bodies)
     is_base = settings.is_frame_fixed and settings.mechanism.is_legged and not is_measured
@@ -106,7 +106,8 @@ def _fitted_by_targets(
     settings: Campaign,
     progress: Progress,
 ) -> list[BodyPoses]:
-    """Every body by itself; own (N, 3, 3): the covariance of each observation without what is common to all poses."""
+    """Return each body fitted alone; ``own`` (N, 3, 3): covariance of each observation without the errors common to all
+    poses."""
     names = tuple(dict.fromkeys(observations.column("body").to_pylist()))
     bodies = []
     for done, name in enumerate(names):
@@ -158,7 +159,7 @@ def _fit_of_rows(rows: pa.Table, place: Index, count: int) -> RigidFit:
 
 
 def _left_out(bodies: Sequence[BodyPoses]) -> str:
-    """How many points were kept out, with the first few by name."""
+    """Return the number of rejected points in words, with the first three names."""
     rejected = [(b, *place) for b in bodies for place in np.argwhere(b.rejected)]
     if not rejected:
         return "no point"
@@ -226,7 +227,7 @@ def _pose_columns(body: BodyPoses, method: str, base: BodyPoses | None, frame: s
 def sensitivities_table(
     bodies: Sequence[BodyPoses], reference: str | None, parameters: Sequence[str], identifier: str
 ) -> pa.Table:
-    """What one standard deviation of each parameter common to all poses does to each default pose."""
+    """Return the change of each default pose by one standard deviation of each common parameter."""
     base = next((body for body in bodies if body.name == reference), None)
     reported = [body for body in bodies if body.effects is not None]
     parts = [_effect_columns(body, None if body is base else base, parameters) for body in reported]
@@ -256,11 +257,11 @@ def covariances_table(bodies: Sequence[BodyPoses], reference: str | None, identi
     in common."""
     base = next((body for body in bodies if body.name == reference), None)
     others = [body for body in bodies if body is not base]
-    parts = [_between(body, other, base) for n, body in enumerate(others) for other in others[n + 1 :]]
+    parts = [_relative_pose_rows(body, other, base) for n, body in enumerate(others) for other in others[n + 1 :]]
     return _table("pose_covariances", [part for part in parts if part], identifier)
 
 
-def _between(body: BodyPoses, other: BodyPoses, base: BodyPoses | None) -> dict[str, Any]:
+def _relative_pose_rows(body: BodyPoses, other: BodyPoses, base: BodyPoses | None) -> dict[str, Any]:
     """Rows for one pair of bodies, of the poses in which they, and the reference, were fitted together."""
     known = body.cross.get((body.default, other.name))
     if known is None:
@@ -299,7 +300,7 @@ def _residual_columns(body: BodyPoses) -> dict[str, Any]:
 
 
 def _table(name: str, parts: list[dict[str, Any]], identifier: str) -> pa.Table:
-    """The parts one after the other, NaN as empty."""
+    """Return the parts as one table, with NaN as empty cells."""
     schema = ARTIFACTS[name].arrow_schema(identifier, ARTIFACTS[name].optional)
     if not parts:
         return schema.empty_table()
@@ -342,7 +343,8 @@ def decided_points(points: PosePoints, body: str, rules: Iterable[Overrule], ver
 
 
 def chosen_points(points: PosePoints, body: str, rule: Overrule) -> Mask:
-    """(B, T) which points of a body a rule names; an absent key stands for all, and runs have none."""
+    """Return the mask (B, T) of points of a body that a rule matches; an absent key matches all, and a run matches
+    none."""
     if rule.body not in (None, body):
         return np.zeros(points.seen.shape, bool)
     at_pose = np.array([rule.pose is None or str(rule.pose) == str(pose) for pose in points.poses], dtype=bool)

@@ -44,11 +44,11 @@ def predicted_links(text: str, second: SecondCampaign) -> Iterator[PredictionErr
     _check(extended, tree, second)
     measured, conditions, usable = _usable(second, tree)
     _check_columns(extended, conditions)
-    deviations, _ = persistent_twists(extended, conditions.chosen(usable))
+    deviations, _ = persistent_twists(extended, conditions.subset(usable))
     names = [effect.cause.id for effect in extended.effects if effect.cause.is_persistent]
     words = f"with {', '.join(dict.fromkeys(names))}" if names else "zeros and links as identified"
     for by, model, own in ((NOMINAL, "as described", None), (EXTENDED, words, deviations)):
-        errors = _errors(tree, measured, replace(conditions.chosen(usable), deviations=own), usable, second)
+        errors = _errors(tree, measured, replace(conditions.subset(usable), deviations=own), usable, second)
         for turned, (quantity, unit, si) in enumerate(_QUANTITIES):
             for link in dict.fromkeys(measured.channels.links):
                 of_link = np.array([name == link for name in measured.channels.links])

@@ -11,7 +11,7 @@ from truing.schemas.settings_text import parsed_toml
 from truing.simulation.axis.extended_model import is_axis
 from truing.simulation.bench.extended_model import is_sensor
 from truing.simulation.mechanisms.chains.extended_model import is_chain
-from truing.stages.common.belonging import withheld
+from truing.stages.common.belonging import reason_withheld
 from truing.stages.common.rows import Rows
 from truing.stages.second_campaign.compared import ARTIFACT, PredictionErrors, SecondCampaign, add_errors
 
@@ -28,7 +28,7 @@ def second_campaign_errors(
     ``calibration`` and ``model_choice``, and its signals. Raises CampaignFaults where the second campaign is of another
     machine, ValueError, saying why, where nothing of it can be predicted.
     """
-    if why := withheld(second.tables):
+    if why := reason_withheld(second.tables):
         raise ValueError(f"second campaign: {why}")
     rows, left_out = Rows(ARTIFACT), ""
     for found in _predicted(text, second, tables):

@@ -86,7 +86,7 @@ def _conditions(model: ExtendedSensor, steps: RecordedSteps) -> ReadingCondition
 
 
 def _without_zeros(missed: np.ndarray, steps: RecordedSteps) -> np.ndarray:
-    """Errors (B, 6) less the mean of their run and channel, which is the run's own zero."""
+    """Return errors (B, 6) minus the mean of their run and channel, which is the run's zero."""
     left = missed.copy()
     for run in np.unique(steps.run):
         own = steps.run == run
@@ -107,7 +107,7 @@ def predicted_by_matrix(
     if not all("signals" in held and held["signals"].num_rows for held in (tables, second.tables)):
         return
     main, beside = recorded(tables, settings), recorded_with_other_loads(tables, settings)
-    models = _chosen(tables)
+    models = _chosen_models(tables)
     for found in (one for one in (main, beside) if one is not None):
         name = models["main" if found is main else "beside"]
         text = applied_findings(tables).text if found.causes else None
@@ -119,8 +119,8 @@ def predicted_by_matrix(
         yield from _by_matrix(found, other, name, by)
 
 
-def _chosen(tables: Mapping[str, pa.Table]) -> dict[str, str]:
-    """The names of the chosen models: of the main calibration, and of the one beside it."""
+def _chosen_models(tables: Mapping[str, pa.Table]) -> dict[str, str]:
+    """Return the names of the chosen models: of the main calibration, and of the alternative one."""
     rows = tables["sensor_matrix"].to_pylist() if "sensor_matrix" in tables else []
     main = next((row["model"] for row in rows if row["chosen"] and row["matrix"] == "G_B"), None)
     if main is None:

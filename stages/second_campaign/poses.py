@@ -118,6 +118,6 @@ def _conditions(model: ExtendedModel, found: CalibrationData, second: SecondCamp
 
 
 def _causes(model: ExtendedModel) -> str:
-    """What the extended model holds, in words of the tables."""
+    """Return the causes of the extended model in words, for the tables."""
     names = dict.fromkeys(cause.id for cause in model.model.causes)
     return f"with {', '.join(names)}" if names else "no effect that lasts"

@@ -84,7 +84,7 @@ def _displacement_rows(found: PlatformPoses, out: Decided) -> Rows:
 
 
 def _residual_rows(found: PlatformPoses, whole: RecordedSteps, out: Decided, kept: Decided) -> Rows:
-    """A row per reading, those of ``whole`` that a person left out among them."""
+    """Return one row per reading, including readings of ``whole`` that a person excluded."""
     steps, curves, rows = found.steps, found.curves, Rows("reading_residuals")
     at, k = np.nonzero(np.isfinite(whole.reading))
     rejected, residual = (curves.rejected | out.readings)[at, k], curves.residual[at, k] / READING_SI[k]
@@ -114,8 +114,7 @@ def _residual_rows(found: PlatformPoses, whole: RecordedSteps, out: Decided, kep
 def _exclusion_rows(
     found: PlatformPoses, whole: RecordedSteps, geometry: BeamGeometry | None, settings: Campaign
 ) -> Rows:
-    """What a person's exclusions change: the displacements once more, of all readings; a row per [[exclude]] and
-    channel."""
+    """Return the change of the displacements by a person's exclusions; one row per [[exclude]] and channel."""
     with_all = find_poses(whole, geometry, decided(whole, settings.keep, "kept").readings)
     change = np.abs(with_all.value - found.value) / READING_SI
     over = np.abs(with_all.value - found.value) / np.sqrt(np.einsum("kii->ki", with_all.covariance))
@@ -188,7 +187,7 @@ def _figure(found: PlatformPoses) -> str:
 
 
 def _corrected(found: PlatformPoses) -> str:
-    """By how much the declared geometry of beams changed each channel, at most."""
+    """Return the largest change of each channel by the declared beam geometry, in words."""
     if found.geometry is None:
         return ""
     most = np.nanmax(np.abs(found.geometry.added / READING_SI), axis=0, initial=0.0)
@@ -197,7 +196,7 @@ def _corrected(found: PlatformPoses) -> str:
 
 
 def _by_axis(found: PlatformPoses) -> dict[str, Mask]:
-    """Which channels were read under each axis of load that was loaded by itself."""
+    """Return the mask of known components by axis of load, for axes that were loaded alone."""
     alone = found.cases.load != 0.0
     alone &= alone.sum(1, keepdims=True) == 1
     known = np.isfinite(found.value)

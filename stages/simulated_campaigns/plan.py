@@ -38,7 +38,7 @@ NEEDS = ("ray_statistics", "ray_information", "ray_effects", "configurations", "
 
 @dataclass(frozen=True)
 class _Bodies:
-    """All bodies' targets one after the other: survey with covariance, points' covariance, and which were seen."""
+    """Targets of all bodies in sequence: survey and its covariance, covariance of points, mask of observed targets."""
 
     targets: Targets
     shape: NDArray  # (K, 3) m
@@ -46,7 +46,7 @@ class _Bodies:
     cov: NDArray  # (B, K, 3, 3) m^2
     seen: NDArray  # (B, K)
 
-    def only(self, kept: NDArray) -> _Bodies:
+    def subset(self, kept: NDArray) -> _Bodies:
         """Some of the targets."""
         names, bodies = (
             tuple(name for name, keep in zip(listed, kept, strict=True) if keep)
@@ -58,10 +58,10 @@ class _Bodies:
 
 @dataclass(frozen=True)
 class CampaignPlan:
-    """A layout, and the tables that a drawn campaign of that layout fills with other numbers.
+    """Layout of a campaign, and the tables that a simulated campaign of this layout fills.
 
-    ``poses`` (B) are those that the layout counts; ``was_measured``: whether there are points. ``scene`` is what
-    causes may propose candidates from, as the diagnosis offers it to them.
+    ``poses`` (B): poses in use; ``was_measured``: whether the campaign has points; ``scene``: input for candidate
+    causes, as in the diagnosis.
     """
 
     layout: CampaignLayout
@@ -76,7 +76,7 @@ class CampaignPlan:
 
     @property
     def part_count(self) -> int:
-        """What parameters are numbered by."""
+        """Number of parts that parameters are numbered by: legs or bodies."""
         return self.layout.model.part_count
 
     def with_gross(self, share: float) -> CampaignPlan:
@@ -88,9 +88,9 @@ class CampaignPlan:
         found = draw_campaign(self.layout, effects, rng)
         targets = self.layout.model.targets
         pose = positions(self.observations.column("pose"), self.poses)
-        place = _places(self.observations, targets)
+        place = _target_indices(self.observations, targets)
         kept = (pose >= 0) & (place >= 0)
-        own = _places(self.survey, targets)
+        own = _target_indices(self.survey, targets)
         surveyed = self.survey.filter(own >= 0)
         return {
             "observations": _with_points(self.observations.filter(kept), found.points[pose[kept], place[kept]]),
@@ -100,9 +100,9 @@ class CampaignPlan:
 
 
 def bare_plan(tables: Mapping[str, pa.Table], settings: Campaign) -> CampaignPlan:
-    """The plan of an exact nominal mechanism; without observations every target is seen in every pose.
+    """Return the plan of an exact nominal mechanism; without observations all targets are visible in all poses.
 
-    Raises ValueError, saying why, where that much is not there.
+    Raises ValueError with the reason if the tables are insufficient.
     """
     legs = nominal_legs(cast("LeggedMechanism", settings.mechanism))
     legs = facing(legs, tables["poses"]) if "poses" in tables else legs
@@ -122,7 +122,7 @@ def bare_plan(tables: Mapping[str, pa.Table], settings: Campaign) -> CampaignPla
 
 
 def _with_readings(configurations: pa.Table, legs: int, settings: Campaign) -> Conditions:
-    """The conditions of all poses whose readings are known."""
+    """Return the conditions of all poses with known readings."""
     whole = pose_conditions(configurations, pose_ids(configurations), legs, settings.noise.actuator_mm * 1e-3)
     rows = np.flatnonzero(np.isfinite(whole.readings).all(1))
     if len(rows) < _FEWEST_POSES:
@@ -135,12 +135,12 @@ def _with_readings(configurations: pa.Table, legs: int, settings: Campaign) -> C
 def _nominal_model(
     legs: Legs, bodies: _Bodies, conditions: Conditions, reading_sigma: float
 ) -> tuple[MechanismModel, _Bodies]:
-    """The model of an exact mechanism, and the bodies whose targets it can place: legs need three."""
+    """Return the model of an exact mechanism, and the bodies whose targets it can position: a leg needs three."""
     on_leg = bodies.targets.body == LEG
     ridden = [
         leg for leg in range(legs.count) if legs.closure.one_body and sum(on_leg & (bodies.targets.leg == leg)) >= 3
     ]
-    bodies = bodies.only(~on_leg | np.isin(bodies.targets.leg, ridden))
+    bodies = bodies.subset(~on_leg | np.isin(bodies.targets.leg, ridden))
     unmoved, at_origin = np.tile(np.eye(3), (legs.count, 1, 1)), np.zeros((legs.count, 3))
     survey = shape_unknowns(bodies.targets, bodies.shape, bodies.shape_cov)
     known = PriorKnowledge({}, bodies.shape, survey, reading_sigma, np.array(ridden, int), unmoved, at_origin)
@@ -148,12 +148,12 @@ def _nominal_model(
 
 
 def full_plan(bare: CampaignPlan, model: MechanismModel, seen: NDArray, poses_table: pa.Table) -> CampaignPlan:
-    """The plan with all that the diagnosis knows of the campaign: tolerances, and how legs' targets sit on them.
+    """Return the plan with the prior knowledge of the diagnosis: tolerances, and positions of targets on legs.
 
-    model: the plain simulation; seen (B, K): which of its targets were seen in the poses that are fitted.
+    ``model``: plain simulation; ``seen`` (B, K): observed targets in fitted poses.
     """
-    known = {name: k for k, name in enumerate(_named(bare.layout.model.targets))}
-    order = [known[name] for name in _named(model.targets)]
+    known = {name: k for k, name in enumerate(_body_target_pairs(bare.layout.model.targets))}
+    order = [known[name] for name in _body_target_pairs(model.targets)]
     layout = CampaignLayout(
         model.at(bare.layout.model.conditions),
         bare.layout.covariance[:, order],
@@ -164,12 +164,12 @@ def full_plan(bare: CampaignPlan, model: MechanismModel, seen: NDArray, poses_ta
     return replace(bare, layout=layout, scene=scene)
 
 
-def _named(targets: Targets) -> list[tuple[str, str]]:
+def _body_target_pairs(targets: Targets) -> list[tuple[str, str]]:
     return list(zip(targets.bodies, targets.names, strict=True))
 
 
 def _all_visible(survey: pa.Table, configurations: pa.Table, noise: float) -> pa.Table:
-    """A row per pose and target, its place still to be filled."""
+    """Return a table with one row per pose and target, without coordinates."""
     poses, count = configurations.column("pose"), survey.num_rows
     pose = np.repeat(np.arange(len(poses)), count)
     target = np.tile(np.arange(count), len(poses))
@@ -195,21 +195,21 @@ def _bodies(survey: pa.Table, observations: pa.Table, poses: tuple[int | str, ..
     return _Bodies(
         targets,
         np.concatenate([own.points for *_, own in surveys]),
-        _filled(np.concatenate([own.cov for *_, own in surveys]), noise),
-        _filled(np.concatenate([points.cov for points in found], 1), noise),
+        _with_declared_noise(np.concatenate([own.cov for *_, own in surveys]), noise),
+        _with_declared_noise(np.concatenate([points.cov for points in found], 1), noise),
         np.concatenate([points.seen for points in found], 1),
     )
 
 
-def _filled(cov: NDArray, noise: float) -> NDArray:
-    """Covariances with the declared noise where none is told."""
+def _with_declared_noise(cov: NDArray, noise: float) -> NDArray:
+    """Return covariances, with the declared noise where unknown."""
     known = np.isfinite(cov).all((-1, -2)) & (np.trace(np.nan_to_num(cov), axis1=-2, axis2=-1) > 0)
     return np.where(known[..., None, None], cov, np.eye(3) * noise**2)
 
 
-def _places(table: pa.Table, targets: Targets) -> NDArray:
-    """Where each row's target stands among the layout's; -1 where it does not."""
-    known = {name: k for k, name in enumerate(_named(targets))}
+def _target_indices(table: pa.Table, targets: Targets) -> NDArray:
+    """Return the index of each row's target in the layout; -1 if absent."""
+    known = {name: k for k, name in enumerate(_body_target_pairs(targets))}
     rows = zip(table.column("body").to_pylist(), table.column("target").to_pylist(), strict=True)
     return np.array([known.get(name, -1) for name in rows], dtype=int)
 
@@ -224,9 +224,9 @@ def _with_points(table: pa.Table, points: NDArray) -> pa.Table:
 
 @dataclass(frozen=True)
 class ReadingPlan:
-    """A layout of load steps, and the tables that a drawn campaign of that layout fills with other numbers.
+    """Layout of load steps, and the tables that a simulated campaign of this layout fills.
 
-    ``scene`` is what causes may propose candidates from, as the diagnosis offers it to them.
+    ``scene``: input for candidate causes, as in the diagnosis.
     """
 
     model: BenchModel
@@ -239,7 +239,7 @@ class ReadingPlan:
 
     @property
     def part_count(self) -> int:
-        """What parameters are numbered by."""
+        """Number of parts that parameters are numbered by."""
         return self.model.part_count
 
     def with_gross(self, share: float) -> ReadingPlan:
@@ -255,12 +255,12 @@ class ReadingPlan:
             table = tables["readings"]
             rows = _rows(table, place)
             channel = np.array([CHANNELS.index(name) for name in table.column("channel").to_pylist()])
-            tables["readings"] = _with(table, "reading", found[rows, channel] / READING_SI[channel])
+            tables["readings"] = _with_column(table, "reading", found[rows, channel] / READING_SI[channel])
         if "signals" in tables:
             rows = _rows(tables["signals"], place)
             for number, name in enumerate(self.steps.signals):
                 values = found[rows, len(CHANNELS) + number] * _VOLT_MV
-                tables["signals"] = _with(tables["signals"], f"{name}_mv", values)
+                tables["signals"] = _with_column(tables["signals"], f"{name}_mv", values)
         return tables
 
 
@@ -280,18 +280,18 @@ def _rows(table: pa.Table, place: Mapping[tuple[int | str, int], int]) -> Index:
     return np.array([place[key] for key in keys])
 
 
-def _with(table: pa.Table, name: str, values: Array) -> pa.Table:
+def _with_column(table: pa.Table, name: str, values: Array) -> pa.Table:
     place = table.schema.get_field_index(name)
     return table.set_column(place, table.schema.field(place), pa.array(values))
 
 
 @dataclass(frozen=True)
 class RayPlan:
-    """The network of a run: what its rays tell of cameras, scale bars and air, and the tables that a drawn campaign
-    with the same network fills with other scores.
+    """Network of a run: ray parameters of cameras, scale bars and air, and the tables that a simulated campaign with
+    the same network fills with other scores.
 
-    Rays follow these numbers linearly, with the derivatives at the run's adjustment. ``scene`` is what causes may
-    propose candidates from, as the diagnosis offers it to them.
+    Rays depend linearly on these parameters, with the derivatives at the run's adjustment. ``scene``: input for
+    candidate causes, as in the diagnosis.
     """
 
     rays: RayPoses
@@ -304,7 +304,9 @@ class RayPlan:
     def with_gross(self, share: float) -> RayPlan:
         """The plan as it is; raises ValueError for a share of wrong rays, which an adjustment leaves none of."""
         if share > 0:
-            raise ValueError("rays that are grossly wrong are sought before causes are: --gross 0")
+            raise ValueError(
+                "--gross: expected 0, because gross errors of rays are removed before the search for causes"
+            )
         return self
 
     def drawn(self, effects: Sequence[Effect], rng: np.random.Generator) -> dict[str, pa.Table]:

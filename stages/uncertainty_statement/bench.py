@@ -15,7 +15,7 @@ from truing.estimation.sensor.budget import (
     Calibrated,
     budget_of_loads,
     budget_of_matrix,
-    calibrated_again,
+    recalibrated,
     rms_of_held_out,
 )
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source
@@ -36,7 +36,7 @@ _LOAD_UNITS = ("N", "N", "N", "N m", "N m", "N m")
 
 
 def state_compliance(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
-    """State every entry that the readings tell, by the model in which every load may act on every component."""
+    """State each entry that the readings determine, by the matrix model."""
     table = tables.get("compliance")
     if table is None or not table.num_rows:
         if settings.campaign.kind == "interferometer" and "positions" not in tables:
@@ -65,7 +65,7 @@ def state_compliance(statement: Statement, tables: Mapping[str, pa.Table], setti
 
 
 def _corrected(tables: Mapping[str, pa.Table]) -> Array:
-    """What corrections leave uncertain of each component (6,), as a share of its largest reading."""
+    """Return the remaining uncertainty of corrections per component (6,), relative to its largest reading."""
     share = np.zeros(len(CHANNELS))
     if "reading_corrections" not in tables:
         return share
@@ -91,14 +91,14 @@ def _omit(statement: Statement, tables: Mapping[str, pa.Table], settings: Campai
 
 
 def state_sensor(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
-    """State the entries of G_B, the loads that one reading at full range tells, and errors of held-out loads."""
-    name = _chosen(tables)
+    """State the entries of G_B, the loads from one reading at full range, and errors of held-out loads."""
+    name = _chosen_model(tables)
     if name is None:
         if settings.campaign.kind == "interferometer" and "positions" not in tables:
             statement.not_evaluated("G_B", "all", "no signals were calibrated")
         return
     try:
-        made = calibrated_again(recorded(tables, settings), name, settings.noise.signal_mv is not None)
+        made = recalibrated(recorded(tables, settings), name, settings.noise.signal_mv is not None)
     except (ValueError, np.linalg.LinAlgError) as why:
         statement.not_evaluated("G_B", "all", f"the calibration cannot be made once more: {why}")
         return
@@ -119,7 +119,7 @@ def state_sensor(statement: Statement, tables: Mapping[str, pa.Table], settings:
         statement.omitted("G_B", f"size of {cause}", "loads are taken as the diagnosis has them, its size as exact")
 
 
-def _chosen(tables: Mapping[str, pa.Table]) -> str | None:
+def _chosen_model(tables: Mapping[str, pa.Table]) -> str | None:
     table = tables.get("sensor_matrix")
     rows = [] if table is None else table.to_pylist()
     return next((row["model"] for row in rows if row["chosen"] and row["matrix"] == "G_B"), None)
@@ -152,7 +152,7 @@ def _state_leg_matrix(statement: Statement, made: Calibrated, settings: Campaign
 
 
 def _state_loads(statement: Statement, made: Calibrated, ranges: Array) -> None:
-    """State each load at its full range, as one reading of the signals tells it."""
+    """State each load at its full range, determined from one reading of the signals."""
     axes = np.flatnonzero(np.isfinite(ranges))
     value, budget = budget_of_loads(made, np.diag(ranges)[axes], axes)
     names, units = [made.table.load_names[k] for k in axes], [_LOAD_UNITS[k] for k in axes]
@@ -161,7 +161,7 @@ def _state_loads(statement: Statement, made: Calibrated, ranges: Array) -> None:
 
 
 def _state_held_out(statement: Statement, made: Calibrated) -> None:
-    """State the rms error of loads whose case the calibration has not seen."""
+    """State the rms error of loads whose case was not used in the calibration."""
     found = rms_of_held_out(made)
     if found is None:
         statement.not_evaluated("accuracy", "all", "there is one load case alone, and none to hold out")

@@ -25,7 +25,7 @@ DEFORMATION = "platform-deformation"
 
 
 def state_causes(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
-    """State every parameter of every cause that was found."""
+    """State each parameter of each found cause."""
     table = tables.get("diagnosis")
     if table is None or not table.num_rows:
         statement.not_evaluated("cause", "all", "the diagnosis was not evaluated")
@@ -67,7 +67,7 @@ def _state_cause(statement: Statement, row: dict[str, Any], parts: Parts) -> Non
 
 
 def _budget_of_cause(parts: Mapping[Source, float], whole: float) -> Budget:
-    """The budget of one number; what its sigma has beyond its parts is of its own kind."""
+    """Return the budget of one parameter; variance beyond the named sources is a source of its own."""
     total = float(np.linalg.norm(list(parts.values()))) if parts else 0.0
     if not total > 0.0:
         return Budget((_WHOLE,), np.array([[whole]]))
@@ -78,13 +78,13 @@ def _budget_of_cause(parts: Mapping[Source, float], whole: float) -> Budget:
 
 
 def found_causes(tables: Mapping[str, pa.Table]) -> dict[str, str]:
-    """The causes that were found, in words, with their ids."""
+    """Return the found causes in words, by id."""
     table = tables.get("diagnosis")
     rows = [row for row in table.to_pylist() if row["verdict"] == "found"] if table is not None else []
     return {f"{row['cause']} {row['subject'] or ''}".strip(): row["cause"] for row in rows}
 
 
 def of_instrument(cause: str) -> bool:
-    """Whether a cause, by its id, changes what is recorded of points, and so every pose of them."""
+    """Return True if a cause, by id, changes the recorded points and so all poses."""
     known = (catalogue() | catalogue_of_photographed_points() | catalogue_of_rays()).get(cause)
     return known is not None and known.step is Step.INSTRUMENT

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pyarrow as pa
 
-from truing.calibration.knowledge import answered_again, budget_of_answer
+from truing.calibration.knowledge import budget_of_answer, refitted_calibration
 from truing.estimation.interferometry.iso230 import positioning_uncertainty
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source, budget, root_mean_square
 from truing.stages.common.calibration_data import assemble
@@ -61,17 +61,17 @@ def state_calibration(statement: Statement, tables: Mapping[str, pa.Table], sett
             statement.omitted("calibration", name, NOT_HELD)
 
 
-def _chosen(tables: Mapping[str, pa.Table]) -> list[tuple[str, str]]:
-    """Model and deformation of the calibration that is chosen."""
+def _chosen_calibration(tables: Mapping[str, pa.Table]) -> list[tuple[str, str]]:
+    """Return model and deformation of the chosen calibration."""
     rows = tables["model_choice"].to_pylist() if "model_choice" in tables else []
     wanted = ("errors-in-variables", "chosen", 1.0)
     return [(r["model"], r["deformation"]) for r in rows if (r["estimator"], r["figure"], r["value"]) == wanted]
 
 
 def _main(tables: Mapping[str, pa.Table]) -> list[tuple[str, str]]:
-    """Model and deformation of the calibration that is quoted: the extended model where findings are applied."""
+    """Return model and deformation of the reported calibration: the extended model if findings are applied."""
     rows = tables["model_choice"].to_pylist() if "model_choice" in tables else []
-    return [(r["model"], r["deformation"]) for r in rows if r["figure"] == "main"] or _chosen(tables)
+    return [(r["model"], r["deformation"]) for r in rows if r["figure"] == "main"] or _chosen_calibration(tables)
 
 
 def _name(parameter: str, leg: int | None, effect: str | None) -> str:
@@ -82,10 +82,10 @@ def _name(parameter: str, leg: int | None, effect: str | None) -> str:
 def _budget(
     tables: Mapping[str, pa.Table], settings: Campaign, key: tuple[str, str], rows: list[dict[str, Any]]
 ) -> Budget | None:
-    """The budget of the numbers in the units of the tables; None where the calibration cannot be made once more."""
+    """Return the budget of the parameters in table units; None if the calibration cannot be repeated."""
     stood = {(row["parameter"], row["leg"]): row["identified"] for row in rows}
     try:
-        answered = answered_again(assemble(tables, settings), key, stood)
+        answered = refitted_calibration(assemble(tables, settings), key, stood)
         if answered is None:
             return None
         found = budget_of_answer(answered)
@@ -96,7 +96,7 @@ def _budget(
 
 
 def state_accuracy(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:
-    """State the rms error of every calibration that is quoted: the chosen one, and the extended model."""
+    """State the rms error of the chosen calibration and of the extended model."""
     table = tables.get("accuracy")
     if table is None or not table.num_rows:
         if settings.mechanism.is_legged:
@@ -120,7 +120,7 @@ def state_accuracy(statement: Statement, tables: Mapping[str, pa.Table], setting
 def _quoted(tables: Mapping[str, pa.Table]) -> list[tuple[str, str]]:
     models, deformations = (tables["accuracy"].column(name).to_pylist() for name in ("model", "deformation"))
     keys = dict.fromkeys(zip(models, deformations, strict=True))
-    return [*_chosen(tables), *(key for key in keys if key[0] == "extended")]
+    return [*_chosen_calibration(tables), *(key for key in keys if key[0] == "extended")]
 
 
 def state_positioning(statement: Statement, tables: Mapping[str, pa.Table], settings: Campaign) -> None:

@@ -15,6 +15,7 @@ from truing.estimation.covariance import relative
 from truing.estimation.rigid_poses.body_poses import body_parts
 from truing.estimation.rotation import left_jacobian_so3, log_so3
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source
+from truing.simulation.photographs.ray_poses import BAR
 from truing.stages.common.calibration_data import body_poses
 from truing.stages.common.point_arrays import (
     default_motions,
@@ -25,6 +26,7 @@ from truing.stages.common.point_arrays import (
     survey_points,
 )
 from truing.stages.common.point_errors import common_correlation
+from truing.stages.common.ray_statistics import subject_and_name
 from truing.stages.uncertainty_statement.causes import found_causes, of_instrument
 from truing.stages.uncertainty_statement.statement import Statement
 
@@ -97,7 +99,7 @@ def _state(
 
 
 def _total(tables: Mapping[str, pa.Table], found: PosesWithCovariance) -> Parts:
-    """The covariance as it is, where its parts are not told."""
+    """Return the total covariance as the only source, if its parts are unknown."""
     known = "observations" in tables and tables["observations"].column("sigma_x_mm").null_count == 0
     return {Source("points and shape of the body, estimated together", "B" if known else "A"): found.covariance}
 
@@ -105,8 +107,8 @@ def _total(tables: Mapping[str, pa.Table], found: PosesWithCovariance) -> Parts:
 def _parts(
     tables: Mapping[str, pa.Table], body: str, parent: str, poses: tuple[int | str, ...], found: PosesWithCovariance
 ) -> Parts | None:
-    """What the points and the surveys of a body, and of the one it is seen from, give to its poses; None where the
-    poses are not those of a fit to surveys with declared noise."""
+    """Return the contributions of points and surveys of a body and of its reference to the covariance of its poses;
+    None unless the poses come from a fit to surveys with declared noise."""
     own = _of_body(tables, body, poses)
     if own is None:
         return None
@@ -127,7 +129,8 @@ def _parts(
 
 
 def _of_body(tables: Mapping[str, pa.Table], body: str, poses: tuple[int | str, ...]) -> Parts | None:
-    """Covariances (B, 6, 6) of a body in the measurement by its points, its survey, and the scatter beyond them."""
+    """Return covariances (B, 6, 6) of a body in the measurement frame, from its points, its survey, and scatter beyond
+    them."""
     if "survey" not in tables or "observations" not in tables:
         return None
     survey = survey_points(tables["survey"], body)
@@ -137,7 +140,8 @@ def _of_body(tables: Mapping[str, pa.Table], body: str, poses: tuple[int | str, 
 def parts_of_network(
     tables: Mapping[str, pa.Table], body: str, poses: tuple[int | str, ...], covariance: Array
 ) -> Mapping[Source, Array] | None:
-    """The parts (B, 6, 6) of a body's covariance in m and rad; None where its points are not of photographs."""
+    """Return the parts (B, 6, 6) of a body's covariance in m and rad; None if its points do not come from
+    photographs."""
     effects = tables.get("pose_sensitivities")
     if effects is None or not effects.num_rows:
         return None
@@ -149,7 +153,7 @@ def parts_of_network(
     place = positions(rows.column("pose"), poses), positions(rows.column("parameter"), parameters)
     by[place[0], :, place[1]] = number_columns(rows, _EFFECTS) * _TO_SI
     correlation = common_correlation(tables.get("camera_correlations"), parameters)
-    bar = np.array([name.startswith("bar ") for name in parameters], dtype=bool)
+    bar = np.array([subject_and_name(name)[0] == BAR for name in parameters], dtype=bool)
     common = by @ correlation @ np.swapaxes(by, 1, 2)
     by_bars = by[:, :, bar] @ correlation[np.ix_(bar, bar)] @ np.swapaxes(by[:, :, bar], 1, 2)
     parts = {CAMERAS: common - by_bars, OWN: covariance - common}
@@ -157,6 +161,6 @@ def parts_of_network(
 
 
 def has_scale(tables: Mapping[str, pa.Table]) -> bool:
-    """Whether scale bars stand behind the poses, and their uncertainty in the budgets."""
+    """Return True if scale bars define the scale, so that their uncertainty is in the budgets."""
     lengths = tables.get("scale_bar_lengths")
     return lengths is not None and "scale" in lengths.column("serves").to_pylist()

@@ -16,7 +16,7 @@ _MANY = 1e9  # degrees of freedom that make no difference to infinitely many
 
 @dataclass
 class Statement:
-    """Rows of ``uncertainty`` and ``uncertainty_budget``; subject and quantity tell results of a kind apart."""
+    """Rows of ``uncertainty`` and ``uncertainty_budget``, identified by subject and quantity."""
 
     stated: Rows = field(default_factory=lambda: Rows("uncertainty"))
     parts: Rows = field(default_factory=lambda: Rows("uncertainty_budget"))
@@ -31,13 +31,14 @@ class Statement:
         budget: Budget,
         interval: Array | None = None,
     ) -> None:
-        """State N results with their budgets; interval (N,): expanded uncertainties that no Student's law gives."""
+        """State N results with their budgets; ``interval`` (N,): expanded uncertainties not from Student's
+        distribution."""
         count = len(quantity)
         names = {
             "result": result,
-            "subject": _each(subject, count),
+            "subject": _one_per_result(subject, count),
             "quantity": list(quantity),
-            "unit": _each(unit, count),
+            "unit": _one_per_result(unit, count),
         }
         expanded = budget.expanded if interval is None else interval
         standard = budget.standard
@@ -63,13 +64,13 @@ class Statement:
             )
 
     def not_evaluated(self, result: str, quantity: str, why: str, subject: str | None = None) -> None:
-        """Say of a kind of result, or of one, that no uncertainty is stated, and why."""
+        """Record that no uncertainty is stated for a kind of result or a single one, with the reason."""
         self.stated.add(result=result, subject=subject, quantity=quantity, stated=False, reason=why)
 
     def omitted(self, result: str, source: str, why: str) -> None:
-        """Say what is no part of the budgets of a kind of result, and why."""
+        """Record a source that the budgets of a kind of result omit, with the reason."""
         self.parts.add(result=result, quantity="all", input_source=source, evaluation="not evaluated", reason=why)
 
 
-def _each(given: Sequence[str] | str, count: int) -> list[str]:
+def _one_per_result(given: Sequence[str] | str, count: int) -> list[str]:
     return [given] * count if isinstance(given, str) else list(given)

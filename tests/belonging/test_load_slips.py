@@ -28,7 +28,7 @@ from truing.belonging.plausible_slips import RecordedColumn
 from truing.belonging.relation import DISPLACEMENT_UNITS, ROTATION_UNITS, RelationState, SlipKind
 from truing.belonging.row_order import row_slips
 from truing.belonging.signal_tests import SignalSteps
-from truing.stages.common.belonging import withheld
+from truing.stages.common.belonging import reason_withheld
 
 SAMPLE = PROJECT / "sample_data" / "force-sensor"
 RELATIONS = ("loads-against-readings", "signals-against-loads", "copied-runs")
@@ -93,7 +93,7 @@ def test_what_rests_on_a_failed_relation_is_not_evaluated_until_a_person_accepts
     accept = '[[accept]]\ncheck = "loads-against-readings"\nby = "M. Keller"\nreason = "a scaled model"\n'
     (tmp_path / "c" / "campaign.toml").write_text(campaign_toml(more=accept))
     tables = run_line(tmp_path / "c", "ingest", "qa")[0]
-    assert not withheld(tables)
+    assert not reason_withheld(tables)
 
 
 def _loaded(change, *, repeats: int = 3) -> SignalSteps:

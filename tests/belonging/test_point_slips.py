@@ -21,7 +21,7 @@ from tests.stages.line import run_line
 from truing.belonging.relation import SlipKind
 from truing.pipeline.command_line import app
 from truing.pipeline.problems import ExitCode
-from truing.stages.common.belonging import withheld
+from truing.stages.common.belonging import reason_withheld
 from truing.stages.declaration import Outcome
 
 # Two machines, with effects in them that a good campaign may have: the slip has to be found beside these.
@@ -59,7 +59,7 @@ def _slips(rows: list[dict]) -> list[dict]:
 def test_good_campaigns_with_effects_in_them_belong_together(files: Files, tmp_path: Path) -> None:
     made, _ = _checked(files, tmp_path / "c")
     assert {row["state"] for row in made["belonging"].to_pylist()} == {"ok"}
-    assert not withheld(made)
+    assert not reason_withheld(made)
 
 
 @pytest.mark.parametrize("slip", SEEN_LATER, ids=lambda slip: slip.name)
@@ -75,7 +75,7 @@ def test_a_slip_fails_its_relation_under_its_own_name(files: Files, slip: PointS
     own = [row for row in failed if row["relation"] == slip.relation]
     assert own
     assert any(name.startswith(slip.relation) for name in said["qa"].failed_checks)
-    assert withheld(made)
+    assert reason_withheld(made)
     if slip.kind:
         kinds = {one["kind"] for one in _slips(own)}
         # what moves all rows by one is also an exchange of each with the next
@@ -183,7 +183,7 @@ def test_numbers_in_steps_above_the_declared_noise_are_a_warning(files: Files, s
     assert [(row["state"], row["reason_code"]) for row in rows] == [("attention", "rounded")]
     assert {(one["kind"], round(one["offset"], 6)) for one in _slips(rows)} == {("rounded", 0.13)}
     assert rows[0]["misfit"] == pytest.approx(0.13 / np.sqrt(12.0))
-    assert not withheld(made)
+    assert not reason_withheld(made)
 
 
 def test_steps_below_the_declared_noise_pass(files: Files, tmp_path: Path) -> None:

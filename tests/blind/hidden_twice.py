@@ -26,7 +26,7 @@ from truing.schemas.campaign import Campaign as Settings
 from truing.simulation.cause import Effect
 from truing.stages import pose
 from truing.stages.diagnosis.search import assembled_data
-from truing.stages.power import completed
+from truing.stages.power import complete_plan
 from truing.stages.simulated_campaigns.plan import CampaignPlan, bare_plan
 
 _PLAN, _GENERATOR, _POWER = 0, 1, 2  # what is drawn from a seed, apart
@@ -65,7 +65,7 @@ class Ground:
     def plan(self) -> CampaignPlan:
         """The layout as `truing power` knows it, from a campaign in which nothing is hidden."""
         tables, settings = self._plain
-        return completed(bare_plan(tables, settings), assembled_data(tables, settings), tables["poses"])
+        return complete_plan(bare_plan(tables, settings), assembled_data(tables, settings), tables["poses"])
 
     @cached_property
     def _moves(self) -> list[tuple[int, str, Array]]:

@@ -29,7 +29,7 @@ from truing.simulation.mechanisms.causes.deformation import LinearPlatformDeform
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
 from truing.stages import pose
 from truing.stages.diagnosis.search import assembled_data
-from truing.stages.power import completed
+from truing.stages.power import complete_plan
 from truing.stages.simulated_campaigns.plan import CampaignPlan, bare_plan
 
 CAMPAIGNS = 4
@@ -53,7 +53,7 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def plan(folders: Path) -> tuple[CampaignPlan, Campaign]:
     folder = write_campaign(draw_campaign(LAYOUT, MOVES, [], np.random.default_rng(2)), folders / "plain", 2)
     tables, settings = run_line(folder, "ingest", "pose")[0], settings_of(folder)
-    return completed(bare_plan(tables, settings), assembled_data(tables, settings), tables["poses"]), settings
+    return complete_plan(bare_plan(tables, settings), assembled_data(tables, settings), tables["poses"]), settings
 
 
 def _signal(tables: dict[str, pa.Table], settings: Campaign, cause: Any) -> float:

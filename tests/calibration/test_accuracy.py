@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.calibration.accuracy import Decision, deciding, error_of_95_percent
+from truing.calibration.accuracy import Decision, deciding_pose_count, error_of_95_percent
 
 TRIALS, POSES, MACHINE, NOISE = 2000, 30, 3.0, 1.0
 TRUE = 1.959964 * MACHINE
@@ -56,7 +56,7 @@ def _undecided(spare: int = 0) -> tuple[np.ndarray, float, Decision]:
     assert found is not None
     limit = 0.8 * found.upper
     assert found.lower < found.value < limit
-    decision = deciding(errors, np.full(8, NOISE**2), limit, spare)
+    decision = deciding_pose_count(errors, np.full(8, NOISE**2), limit, spare)
     assert decision is not None
     return errors, limit, decision
 
@@ -97,7 +97,7 @@ def test_a_requirement_decided_or_at_its_limit_asks_for_no_further_poses() -> No
     errors, variances = np.array([1.0, -2.0, 0.5]), np.zeros(3)
     found = error_of_95_percent(errors, variances)
     assert found is not None
-    assert deciding(errors, variances, 2.0 * found.upper) is None
-    assert deciding(errors, variances, 0.5 * found.lower) is None
-    assert deciding(np.full(3, np.nan), variances, 1.0) is None
-    assert deciding(errors, variances, found.value) == Decision(3)
+    assert deciding_pose_count(errors, variances, 2.0 * found.upper) is None
+    assert deciding_pose_count(errors, variances, 0.5 * found.lower) is None
+    assert deciding_pose_count(np.full(3, np.nan), variances, 1.0) is None
+    assert deciding_pose_count(errors, variances, found.value) == Decision(3)

@@ -12,7 +12,7 @@ from tests.tolerance import assert_close
 from truing.calibration.accuracy import machine_errors
 from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform, PosesWithCovariance, under_load
 from truing.calibration.calibration_question import Case, question
-from truing.calibration.fits import answer
+from truing.calibration.fits import fit_question
 from truing.estimation.rotation import exp_so3
 from truing.simulation.mechanisms.structures.stiffness_model import StiffnessModel, compliance
 from truing.simulation.mechanisms.structures.structure import poses_at
@@ -61,7 +61,7 @@ def test_known_loads_leave_noise_and_unknown_ones_do_not() -> None:
     ratio = {}
     for name, load in (("known", _LOAD), ("unknown", None)):
         data = _data(load)
-        ratio[name] = answer(question(data, data.measured, case), robust=False).noise_ratio
+        ratio[name] = fit_question(question(data, data.measured, case), robust=False).noise_ratio
     assert 0.75 < ratio["known"] < 1.25  # about 200 degrees of freedom: within five standard deviations
     assert ratio["unknown"] > 3.0
 
@@ -69,7 +69,7 @@ def test_known_loads_leave_noise_and_unknown_ones_do_not() -> None:
 def test_poses_chosen_keep_their_own_loads() -> None:
     measured = _data(_LOAD).measured
     rows = np.arange(_POSES) % 3 == 0
-    assert_close(under_load(flexure_telescope(), measured.chosen(rows)).load, _LOAD[rows], atol=0.0)
+    assert_close(under_load(flexure_telescope(), measured.subset(rows)).load, _LOAD[rows], atol=0.0)
     errors = machine_errors(_MODEL, flexure_telescope(), measured, 0.0)
     assert np.sqrt(np.mean(errors.error[:, :3] ** 2)) < 1.5 * _P
 

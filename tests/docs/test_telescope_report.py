@@ -153,7 +153,7 @@ def test_all_of_K_is_worth_more_in_orientation_than_in_position():
 
 def test_both_methods_find_the_same_single_minimum():
     found = starts("6a", 0.01, count=8)
-    assert all(minima.agree for minima in found.minima.values())
+    assert all(minima.is_unique for minima in found.minima.values())
     assert found.between < 1e-6
 
 

@@ -9,7 +9,7 @@ from truing.estimation.quality import (
     exchanged_pairs,
     find_drift,
     find_steps,
-    isolated,
+    isolated_values,
     repeated_groups,
     residual_scatter,
     successive_sigma,
@@ -91,7 +91,7 @@ def test_isolated_values_are_not_steps():
     _, values, sigma = _residuals(5)
     values[7, 2] += 1e-3
     values[20:, 3] += 1e-3
-    far = isolated(values, sigma, np.ones((46, 10), bool))
+    far = isolated_values(values, sigma, np.ones((46, 10), bool))
     assert {(int(a), int(b)) for a, b in np.argwhere(far)} == {(7, 2)}
 
 

@@ -11,10 +11,10 @@ from truing.estimation.repeatability import (
     Squares,
     equal_scatter,
     lack_of_fit,
-    left_by_lines,
     orientation_repeatability,
     position_repeatability,
     position_sigma,
+    residuals_from_lines,
     within_groups,
     within_runs,
 )
@@ -136,7 +136,7 @@ def test_zeros_of_runs_and_lines_in_drives_leave_the_noise_with_its_freedom():
     values = noise + 50.0 * rng.standard_normal(runs)[run, None] + drives @ rng.normal(size=(2, DRAWS))
     values[3] = np.nan
     fitted = run != 3
-    left, found = left_by_lines(values, drives, run, fitted)
+    left, found = residuals_from_lines(values, drives, run, fitted)
     assert np.isnan(left[3]).all()
     assert np.isnan(left[~fitted]).all()
     assert (found.freedom == 3 * steps - 1 - 3 - 2).all()

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truing.estimation.response import (
+    consistent_responses,
     entry_p_values,
     fit_response,
     gain_p_value,
     holm_significant,
-    keep_consistent,
     pair_couplings,
     ring_shape,
     significant_rank,
@@ -105,7 +105,7 @@ def test_gross_errors_are_found_and_nothing_else_loses():
     wrong = [(3, 1), (10, 4), (11, 0), (11, 2), (30, 5)]
     for row, leg in wrong:
         y[row, leg] += 1e-3 * (-1) ** row
-    kept = keep_consistent(u, y, cov, offset_cov=survey, false_rejections=0.01)
+    kept = consistent_responses(u, y, cov, offset_cov=survey, false_rejections=0.01)
     assert {(int(a), int(b)) for a, b in np.argwhere(~kept)} == set(wrong)
 
 
@@ -116,9 +116,9 @@ def test_poses_held_out_of_a_saturated_fit_are_judged_by_what_it_knows():
     for seed in range(60):
         u, _, y, cov, survey = _campaign(seed, poses=12)
         fitted = np.arange(12) < 7
-        rejected += int((~keep_consistent(u, y, cov, offset_cov=survey, fitted=fitted)).sum())
+        rejected += int((~consistent_responses(u, y, cov, offset_cov=survey, fitted=fitted)).sum())
         y[10, 3] += 1e-2
-        found += not keep_consistent(u, y, cov, offset_cov=survey, fitted=fitted)[10, 3]
+        found += not consistent_responses(u, y, cov, offset_cov=survey, fitted=fitted)[10, 3]
     assert rejected <= 12  # 0.05 expected per table: Poisson of 3
     assert found >= 55
 
@@ -126,7 +126,7 @@ def test_poses_held_out_of_a_saturated_fit_are_judged_by_what_it_knows():
 @pytest.mark.slow
 def test_good_values_are_rejected_as_rarely_as_stated():
     rejected = sum(
-        int((~keep_consistent(u, y, cov, offset_cov=s)).sum()) for u, _, y, cov, s in map(_campaign, range(60))
+        int((~consistent_responses(u, y, cov, offset_cov=s)).sum()) for u, _, y, cov, s in map(_campaign, range(60))
     )
     # 0.05 expected per table of 240 values, fewer since residuals are smaller than errors: 60 tables, Poisson of 3
     assert rejected <= 12
@@ -170,7 +170,7 @@ def test_shapes_that_disagree_are_refused():
     u, _, y, cov, _ = _campaign(0)
     with pytest.raises(ValueError, match=r"expected \(N, D\), \(N, L\)"):
         fit_response(u, y, cov[:, :3, :3])
-    with pytest.raises(ValueError, match="one drive per response"):
+    with pytest.raises(ValueError, match="expected as many drives as responses"):
         fit_response(u[:, :4], y, cov, form="linear")
 
 

@@ -10,7 +10,7 @@ import pytest
 from tests.formats.reading import read, written
 from tests.sentences import assert_says
 from truing.formats import file_search
-from truing.formats.faultlog import discreet
+from truing.formats.faultlog import shareable_value
 from truing.formats.file_search import TooManyEntries, find_files
 from truing.schemas.settings_text import read_settings_text
 
@@ -129,7 +129,7 @@ def test_nothing_of_a_file_outside_is_shown_but_numbers(campaign, path, keys):
 
 @pytest.mark.parametrize("value", ["1,5", "-3.2e-5", "nan", "1.234,5", "12 columns", "", None, "1 234,5"])
 def test_numbers_of_a_file_outside_are_shown(value):
-    assert discreet(value) == value
+    assert shareable_value(value) == value
 
 
 def test_cells_of_a_table_in_the_folder_are_shown(campaign):

@@ -104,5 +104,5 @@ def test_runs_do_not_remember_what_came_before_them() -> None:
 
 def test_a_column_that_counts_the_same_time_is_no_input_of_its_own() -> None:
     time, groups = np.arange(12.0), np.repeat([0, 1], 6)
-    assert attribution._same(time - 6.0 * groups, time, groups)
-    assert not attribution._same(time**2, time, groups)
+    assert attribution._equal_but_for_constants(time - 6.0 * groups, time, groups)
+    assert not attribution._equal_but_for_constants(time**2, time, groups)

@@ -62,7 +62,7 @@ def test_one_of_two_confounded_numbers_is_named_as_changed_with_the_other_as_alt
     assert all(len(one) == 1 and one[0] in (6, 7) for one in named)
     found = campaigns(designs, rng, change)
     (named,) = found.changed()
-    assert found.instead((named,)) == ((13 - named,),)
+    assert found.alternatives_to((named,)) == ((13 - named,),)
 
 
 def test_another_machine_is_said_to_be_one():

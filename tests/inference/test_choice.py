@@ -28,7 +28,7 @@ def _cause(name: str, catalogued: bool) -> Any:
     return SimpleNamespace(
         key=name,
         catalogued=catalogued,
-        alike=lambda legs: (),
+        like_sized=lambda legs: (),
         one_sided=lambda legs: (0,) if name.startswith("gap") else (),
         is_higher_order=name.startswith("further"),
         subject=name.partition(" of ")[2] or name,

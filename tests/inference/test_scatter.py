@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tests.tolerance import assert_between
 from truing.inference.model import ScatterCandidate
-from truing.inference.scatter import InputResiduals, likeliest, nearby, scattering, unbiased
+from truing.inference.scatter import InputResiduals, likeliest_scatter, overlapping_candidates, scattering, unbiased
 
 EPOCHS, INPUTS, NOISE = 40, 6, 3.0
 LEVEL = 0.01
@@ -46,7 +46,7 @@ def test_the_group_that_scatters_and_its_size_are_found() -> None:
         residuals = _fit(rng, np.where(true.own, 30.0, 1.0))
         found = scattering(residuals, candidates, LEVEL)
         assert found is not None
-        assert found[0] in nearby(candidates, true)
+        assert found[0] in overlapping_candidates(candidates, true)
         factor, share = residuals.factor(true.own)
         pulls.append((factor / 30.0 - 1.0) / max(share, 1.0 / np.sqrt(2.0 * true.own.sum())))
     assert_between(float(np.mean(pulls)), -3.0 / np.sqrt(40), 3.0 / np.sqrt(40), what="mean pull of the factor")
@@ -56,7 +56,7 @@ def test_the_likeliest_scatter_allows_for_the_uncertainty_of_each_input() -> Non
     rng, candidates = np.random.default_rng(3), _candidates()
     residuals = _fit(rng, np.ones((EPOCHS, INPUTS)))
     true = candidates[12]
-    assert likeliest(residuals, candidates, np.where(true.own, 30.0, 1.0)) is true
+    assert likeliest_scatter(residuals, candidates, np.where(true.own, 30.0, 1.0)) is true
 
 
 def _estimated(rng: np.random.Generator, own: NDArray, size: float) -> tuple[float, float]:

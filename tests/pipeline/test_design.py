@@ -182,7 +182,7 @@ def test_a_set_that_cannot_be_extended_is_refused_in_a_line(rows: str, words: st
 
 
 REFUSED: list[tuple[dict[str, Any], list[object], str]] = [
-    ({"workspace": None}, [], "column workspace: expected limits of pose and readings that bound every displacement"),
+    ({"workspace": None}, [], "column workspace: expected pose and reading limits that bound the platform"),
     ({"workspace": {"x_mm": 1.0}}, [], "rho_mm, or, without --within actuators, all of x_mm y_mm z_mm rx_deg"),
     ({"mechanism": None}, [], "column mechanism.type: found 'none'; expected a mechanism whose configurations"),
     ({"mechanism": {"type": "ups", "legs": hexapod(4)}}, [], "column mechanism.legs: found '4'; expected six legs"),
@@ -214,7 +214,7 @@ def test_settings_and_options_that_cannot_be_designed_are_a_fault(
         ),
         ("rho1_min_mm\n\n", "expected rows of forbidden regions"),
         ("rho1_min_mm\nabc\n", "column rho1_min_mm: expected numbers"),
-        ("rho1_max_mm\n20.0\n", "expected forbidden regions that leave room for configurations"),
+        ("rho1_max_mm\n20.0\n", "expected forbidden regions that do not cover the whole workspace"),
     ],
 )
 def test_forbidden_regions_that_are_none_are_refused(text: str, words: str, tmp_path: Path) -> None:

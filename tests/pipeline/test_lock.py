@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from truing.pipeline.problems import EnvironmentProblem
-from truing.pipeline.run_folder import PRIVATE, hold, occupied
+from truing.pipeline.run_folder import PRIVATE, hold, locked_folder
 
 
 def test_the_second_is_told_who_holds_it(tmp_path: Path) -> None:
@@ -29,12 +29,12 @@ def test_a_lock_file_without_a_living_holder_holds_nobody_up(tmp_path: Path) -> 
 
 def test_a_folder_that_received_nothing_vanishes_with_the_parents_it_brought(tmp_path: Path) -> None:
     (tmp_path / "runs").mkdir()
-    with occupied(tmp_path / "runs" / "a" / "b"):
+    with locked_folder(tmp_path / "runs" / "a" / "b"):
         assert (tmp_path / "runs" / "a" / "b" / PRIVATE / "lock").exists()
     assert [path.name for path in tmp_path.rglob("*")] == ["runs"]
 
 
 def test_a_folder_that_received_something_stays(tmp_path: Path) -> None:
-    with occupied(tmp_path / "a"):
+    with locked_folder(tmp_path / "a"):
         (tmp_path / "a" / PRIVATE / "ledger.json").write_text("{}")
     assert (tmp_path / "a" / PRIVATE / "ledger.json").exists()

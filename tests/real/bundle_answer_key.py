@@ -121,7 +121,7 @@ def read(shape: TableShape) -> dict[str, list[Any]]:
     log = FaultLog()
     files = CampaignFiles(data_folder() / FOLDER, read_campaign(document))
     batches = [batch.columns for _, batch in read_table(files, shape, log)]
-    log.throw()
+    log.raise_faults()
     return {name: [value for batch in batches for value in batch[name].to_pylist()] for name in batches[0]}
 
 

@@ -12,7 +12,7 @@ import pandas as pd
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.report.diagnosis.adequacy import shortcoming
 from truing.report.wordings.nonparametric_wordings import columns_words
-from truing.schemas.covariates import named
+from truing.schemas.covariates import names_in
 
 _MM = ["x_mm", "y_mm", "z_mm"]
 _EDGE = 25  # poses at either end that tell where a target began and ended
@@ -53,7 +53,7 @@ def _finding(row: pd.Series) -> dict[str, Any]:
 
 def _followed(row: pd.Series) -> str:
     """The inputs that predict residuals of the model without causes, and the largest share of squares."""
-    return f"{columns_words(named(row['follows']))} {100.0 * row['share_predicted']:.0f} %"
+    return f"{columns_words(names_in(row['follows']))} {100.0 * row['share_predicted']:.0f} %"
 
 
 def _first_sentence(text: str) -> str:

@@ -41,7 +41,7 @@ def test_a_table_without_a_load_along_z_says_so(real_data):
 
 def test_no_direction_of_loading_can_be_left_out_of_the_first_file(real_data):
     table = sensor_facts.six_axis_tables(real_data)["file 1"]
-    with pytest.raises(UndeterminedCalibrationError, match=r"without case 1 nothing determines it.*mx is zero"):
+    with pytest.raises(UndeterminedCalibrationError, match=r"without case 1.*mx is zero"):
         hold_out(table, sensor_facts.LINEAR)
 
 

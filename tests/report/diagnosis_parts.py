@@ -8,7 +8,7 @@ from truing.report.diagnosis.adequacy import adequacy
 from truing.report.diagnosis.assessed_causes import accepted_of, assessed_causes
 from truing.report.diagnosis.detectable_sizes import hidden
 from truing.report.diagnosis.evidence import evidence
-from truing.report.diagnosis.gain import gained
+from truing.report.diagnosis.gain import gain_section
 from truing.report.diagnosis.next_measurements import requested_measurements
 from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.diagnosis.section import diagnosis, sizes
@@ -20,7 +20,7 @@ Frames = dict[str, pd.DataFrame]
 PARTS = {
     "adequacy": adequacy,
     "evidence": lambda tables: evidence(assessed_causes(tables)),
-    "gain": lambda tables: gained(assessed_causes(tables), tables),
+    "gain": lambda tables: gain_section(assessed_causes(tables), tables),
     "sizes": lambda tables: sizes(accepted_of(assessed_causes(tables)), tables),
     "pulls": pulls,
     "hidden": lambda tables: hidden(assessed_causes(tables), tables),

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from truing.report.numbers import (
     count,
     duration,
-    handy,
+    in_suitable_unit,
     p_value,
     plain,
     printed,
@@ -127,10 +127,10 @@ def test_counts_and_times():
 
 
 def test_thousands_of_micrometres_are_told_in_millimetres_with_their_uncertainty():
-    assert handy(5331.0, 1602.0, "um") == "5.3 ± 1.6 mm"
-    assert handy(-118.0, 250.0, "um") == "-120 ± 250 um"
-    assert handy(-14.73, 9.31, "arcsec") == "-14.7 ± 9.3 arcsec"
-    assert handy(-11402.0, None, "um") == "-11.4 mm"
+    assert in_suitable_unit(5331.0, 1602.0, "um") == "5.3 ± 1.6 mm"
+    assert in_suitable_unit(-118.0, 250.0, "um") == "-120 ± 250 um"
+    assert in_suitable_unit(-14.73, 9.31, "arcsec") == "-14.7 ± 9.3 arcsec"
+    assert in_suitable_unit(-11402.0, None, "um") == "-11.4 mm"
 
 
 def test_two_decimals_are_three_digits_where_they_would_tell_nothing():

@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import truing
+from tests.faults import assert_fault, faults_of
 from truing.estimation.uncertainty_budget import NOT_HELD
 from truing.pipeline import recorded_runs
 from truing.pipeline.command_line import app
@@ -170,8 +171,8 @@ def test_other_campaigns_and_failed_checks_are_refused(
         certificate_files(none, campaign)
     file = campaign / "campaign.toml"
     file.write_text(file.read_text().replace('name = "telescope"', 'name = "another"'))
-    with pytest.raises(CampaignFaults, match="the campaign telescope"):
-        certificate_files(run, campaign)
+    faults = faults_of(lambda: certificate_files(run, campaign))
+    assert_fault(faults, file="--campaign", value="another", expected="the campaign telescope")
 
 
 def test_results_that_are_off_by_a_cause_they_do_not_hold_are_not_certified(run: truing.Run) -> None:

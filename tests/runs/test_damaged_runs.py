@@ -66,8 +66,8 @@ DAMAGES: dict[str, tuple[Callable[[Path], object], str]] = {
         _telling(schema_version="99", software_version="9.9"),
         "version 99 of its schema, by truing",
     ),
-    "without origin": (_telling(digest=""), "qa.parquet: expected to be told of its origin"),
-    "of nonsense": (_telling(units="[", schema_version="x"), "qa.parquet: expected to be told of its origin"),
+    "without origin": (_telling(digest=""), "qa.parquet: found no complete provenance"),
+    "of nonsense": (_telling(units="[", schema_version="x"), "qa.parquet: found no complete provenance"),
     "its model cut short": (_cut("model.toml"), f"model.toml: {_WRITTEN}"),
     "its model another text": (
         _copied(lambda run: (run / "model.toml").write_text("model = 3\n")),

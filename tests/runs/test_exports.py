@@ -19,7 +19,7 @@ import truing
 from truing.pipeline.command_line import app
 from truing.pipeline.problems import ExitCode
 from truing.runs.exports import tables as workbook_module
-from truing.runs.exports.controller import cautions, controller
+from truing.runs.exports.controller import controller, reasons_for_caution
 from truing.runs.exports.summary import summary
 from truing.runs.exports.tables import text_tables, workbook
 
@@ -123,18 +123,18 @@ def test_a_controller_is_told_which_numbers_are_no_physics(run: truing.Run) -> N
     pulls.loc[(pulls["leg"] == 5) & (pulls["parameter"] == "a_x"), "identifiable"] = False
     diagnosis = run["diagnosis"].head(1).assign(cause="actuator-gain", subject="leg3", verdict="suspected")
     adequacy = run["adequacy"].head(1).assign(state="fails")
-    assert cautions({"pulls": pulls, "diagnosis": diagnosis, "adequacy": adequacy}) == {
+    assert reasons_for_caution({"pulls": pulls, "diagnosis": diagnosis, "adequacy": adequacy}) == {
         ("leg2", "length"): "far-from-nominal",
         ("leg5", "a_x"): "not-determined",
         ("actuator-gain leg3", ""): "suspected",
         ("model", ""): "inadequate",
     }
-    assert cautions({"pulls": pulls.assign(pull_after=1.9, identifiable=True)}) == {}
+    assert reasons_for_caution({"pulls": pulls.assign(pull_after=1.9, identifiable=True)}) == {}
 
 
 def test_cautions_stand_beside_their_numbers(run: truing.Run) -> None:
     files = dict(controller(run))
-    expected = cautions(run)
+    expected = reasons_for_caution(run)
     told = tomllib.loads(files["controller.toml"].decode()).get("caution", [])
     assert {(one["of"], one.get("name", "")): one["reason_code"] for one in told} == expected
     table = pd.read_csv(io.BytesIO(files["controller.csv"]), keep_default_na=False)

@@ -8,7 +8,7 @@ import pyarrow as pa
 import pytest
 
 from truing.schemas.faults import CampaignFaults
-from truing.schemas.memory import raise_shortage, shortage
+from truing.schemas.memory import raise_shortage, shortage_in_chain
 
 
 @pytest.mark.parametrize(
@@ -25,12 +25,12 @@ from truing.schemas.memory import raise_shortage, shortage
     ids=repr,
 )
 def test_want_of_memory_is_recognised_also_behind_another_error(error: Exception) -> None:
-    assert shortage(error) is error
+    assert shortage_in_chain(error) is error
     with pytest.raises(MemoryError):
         raise_shortage(error)
     hidden = CampaignFaults([])
     hidden.__context__ = error  # as of one raised while the other was handled
-    assert shortage(hidden) is error
+    assert shortage_in_chain(hidden) is error
 
 
 @pytest.mark.parametrize(
@@ -45,5 +45,5 @@ def test_want_of_memory_is_recognised_also_behind_another_error(error: Exception
     ids=repr,
 )
 def test_other_trouble_is_no_want_of_memory(error: Exception) -> None:
-    assert shortage(error) is None
+    assert shortage_in_chain(error) is None
     raise_shortage(error)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from truing.schemas.near_names import meant, meant_by, nearest, similar_names
+from truing.schemas.near_names import did_you_mean, meant_by, nearest_name, similar_names
 
 
 @pytest.mark.parametrize(("name", "known"), [("p1", "P01"), ("P 01", "P01"), ("platform", "Platform"), ("p_1", "P1")])
 def test_a_name_spelled_otherwise_is_the_one_that_is_meant(name: str, known: str) -> None:
-    assert nearest(name, ["P11", "other", known]) == known
+    assert nearest_name(name, ["P11", "other", known]) == known
     assert list(similar_names([name, "other", known])) == [[name, known]]
 
 
@@ -20,5 +20,5 @@ def test_names_with_other_numbers_are_other_names(name: str, known: str) -> None
 
 
 def test_a_mistyped_letter_is_told_and_whose_it_is_where_there_are_several() -> None:
-    assert meant("platfrom", ["base", "platform"]) == "; did you mean platform?"
+    assert did_you_mean("platfrom", ["base", "platform"]) == "; did you mean platform?"
     assert meant_by(["other", "p7"], ["P07"]) == "; did you mean P07 by p7?"

@@ -8,7 +8,7 @@ import pytest
 from tests.simulation.mechanisms.telescope import sample_model
 from truing.simulation.bench.causes.beams import CosineError
 from truing.simulation.catalogue import catalogue
-from truing.simulation.detection_trials import EffectKind, concerned, effect_kinds, reported_size
+from truing.simulation.detection_trials import EffectKind, effect_kinds, reported_size, subject_class
 from truing.simulation.mechanisms.point_causes import PointScene
 
 LEGS = 6
@@ -36,7 +36,7 @@ def test_an_effect_has_the_size_that_was_asked_for(found: list[EffectKind], size
         effect = sort.draw(size, LEGS, rng)
         scale = np.array([parameter.scale for parameter in effect.cause.parameters(LEGS)])
         assert np.sqrt(np.mean((effect.values / scale) ** 2)) == pytest.approx(size)
-        assert concerned(effect.cause.subject) == sort.concerns
+        assert subject_class(effect.cause.subject) == sort.concerns
 
 
 @pytest.mark.parametrize(
@@ -75,4 +75,4 @@ def test_a_single_leg_is_told_with_its_number_and_a_phase_is_no_size(found: list
     [("", "the whole"), ("leg3", "one leg"), ("target P07", "one target"), ("leg1 leg4", None), ("targets A B", None)],
 )
 def test_a_subject_names_the_leg_body_or_target_it_concerns(subject: str, concerns: str | None) -> None:
-    assert concerned(subject) == concerns
+    assert subject_class(subject) == concerns

@@ -14,6 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.blind.generator.axis import AxisCampaign, AxisLayout, Hidden, record, write
+from tests.faults import assert_fault, faults_of
 from tests.tolerance import assert_close
 from truing.pipeline.command_line import app
 from truing.schemas.campaign import read_campaign
@@ -120,8 +121,8 @@ def test_what_follows_a_column_without_a_name_is_told_and_predicted_from_that_co
     found = [(row["cause"], row["subject"], row["follows"]) for row in rows if row["verdict"] == "found"]
     assert found == [("unexplained", "instrument", "temperature_c")]
     model = (tmp_path / "run" / "model.toml").read_text(encoding="utf-8")
-    with pytest.raises(CampaignFaults, match="temperature_c"):
-        predict(model, pa.table({"pose": [1], "command_deg": [10.0]}), "there.csv")
+    bare = pa.table({"pose": [1], "command_deg": [10.0]})
+    assert_fault(faults_of(lambda: predict(model, bare, "there.csv")), file="there.csv", column="temperature_c")
     inputs = pa.table({"pose": [1, 2], "command_deg": [10.0, 10.0], "temperature_c": [18.0, 22.0]})
     told = predict(model, inputs, "there.csv").to_pandas()
     told = told[told["encoder"] == "measured"]

@@ -10,7 +10,7 @@ import pyarrow as pa
 import truing
 from truing.inference.blocks import BlockKind
 from truing.report.page import all_of
-from truing.stages.common.blocks import chosen, groupings_of, labels_of, repeats_of
+from truing.stages.common.blocks import groupings_of, labels_of, repeats_of, selected_groupings
 
 POSES = ("a", "b", "c", "d", "e")
 TABLE = pa.table(
@@ -60,7 +60,7 @@ def test_only_what_is_known_groups_epochs() -> None:
     full = groupings_of(inputs, np.array([0.0, 1.0, 9e4, 9e4]), np.array([[1.0], [1.0], [-1.0], [1.0]]))
     assert full[BlockKind.DAY].tolist() == [0, 0, 1, 1]
     assert full[BlockKind.DIRECTION].tolist() == [1, 1, 0, 1]
-    assert chosen(full, np.array([False, True, True, False]))[BlockKind.DAY].tolist() == [0, 1]
+    assert selected_groupings(full, np.array([False, True, True, False]))[BlockKind.DAY].tolist() == [0, 1]
 
 
 def test_the_sample_tells_where_its_finding_pays(sample_run: Path) -> None:

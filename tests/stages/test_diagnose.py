@@ -20,12 +20,12 @@ from tests.blind.generator.folder import truth_path, write_campaign
 from tests.blind.generator.layout import DataFaults, Layout, Noise, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
 from tests.blind.generator.strange import CrossCoupling
+from tests.faults import assert_fault, faults_of
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import read_campaign
-from truing.schemas.faults import CampaignFaults
 from truing.simulation.catalogue import catalogue
 from truing.stages import diagnose
 from truing.stages.predict import predict
@@ -280,12 +280,12 @@ def test_without_survey_or_readings_it_is_not_evaluated() -> None:
 
 
 def test_a_prediction_needs_readings_of_every_leg(linear: Diagnosed) -> None:
-    with pytest.raises(CampaignFaults, match="rho6_mm"):
-        predict(linear.model, linear.configurations.drop_columns(["rho6_mm"]), "inputs.csv")
+    five = linear.configurations.drop_columns(["rho6_mm"])
+    assert_fault(faults_of(lambda: predict(linear.model, five, "inputs.csv")), file="inputs.csv", column="rho6_mm")
     broken = linear.configurations.to_pydict()
     broken["rho2_mm"][3] = None
-    with pytest.raises(CampaignFaults, match=r"inputs.csv, row 5, column rho2_mm"):
-        predict(linear.model, pa.table(broken), "inputs.csv")
+    faults = faults_of(lambda: predict(linear.model, pa.table(broken), "inputs.csv"))
+    assert_fault(faults, file="inputs.csv", row=5, column="rho2_mm")
 
 
 def test_without_targets_at_attachments_it_still_looks(tmp_path: Path) -> None:

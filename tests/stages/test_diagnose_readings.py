@@ -25,7 +25,7 @@ from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
 from truing.simulation.bench.extended_model import predict_readings, read_sensor, write_sensor
 from truing.simulation.bench.known_readings import ReadingConditions
-from truing.stages.common.belonging import withheld
+from truing.stages.common.belonging import reason_withheld
 from truing.stages.common.reading_arrays import load_steps
 from truing.stages.diagnosis.reading_points import reading_model
 from truing.stages.predict import predict
@@ -132,7 +132,7 @@ def test_uncertainty_of_a_prediction_is_that_of_the_compliance_and_the_effect(ta
     """Against draws of both from their joint covariance, each through the model itself."""
     extended, steps = read_sensor(str(tables["model"])), load_steps(tables)
     rows = np.flatnonzero((steps.load[:, 2] > 0) & (steps.load[:, 2] == steps.load[:, 2].max()))[:1]
-    there = steps.chosen(np.isin(np.arange(len(steps.run)), rows))
+    there = steps.subset(np.isin(np.arange(len(steps.run)), rows))
     conditions = ReadingConditions(there.run, there.step, there.time_s, there.load, {})
     found = predict_readings(extended, conditions)
     sigma = np.sqrt(np.diag(extended.covariance))
@@ -204,7 +204,7 @@ def test_numbers_in_another_unit_are_given_no_cause_unless_a_person_says_so(tmp_
     assert any(row["check"] == "units" and row["subject"] == "run 3 dz" for row in made["qa"].to_pylist())
     assert not made["diagnosis"].num_rows
     rows = [{**row, "accepted": "M. Keller: known"} for row in made["qa"].to_pylist()]
-    assert not withheld({"qa": pa.Table.from_pylist(rows)})
+    assert not reason_withheld({"qa": pa.Table.from_pylist(rows)})
 
 
 def test_runs_that_were_not_set_to_zero_are_given_no_cause(tmp_path: Path) -> None:

@@ -104,7 +104,7 @@ def test_several_at_a_time_leave_the_same_rays_in_the_same_order(folder, monkeyp
     def each(work, pieces, progress):
         handed_out.extend(map(str, pieces))
         assert pickle.loads(pickle.dumps(pieces)) == list(pieces)
-        return run._each(work, pieces, progress)
+        return run._ordered_results(work, pieces, progress)
 
     found = call_stage("images", {}, alone.settings, alone.source, each)
     assert handed_out == ["images/1/p1.png", "images/1/p2.png", "images/2/p1.png"]

@@ -27,15 +27,15 @@ from truing.simulation.detection_trials import (
     EffectKind,
     EffectSize,
     Trial,
-    answer,
     curve,
     false_alarms,
+    trial_answer,
     trials,
 )
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
 from truing.stages import pose
 from truing.stages.diagnosis.mechanism_points import assemble
-from truing.stages.power import completed
+from truing.stages.power import complete_plan
 from truing.stages.simulated_campaigns.plan import CampaignPlan, bare_plan
 from truing.stages.simulated_campaigns.tables import rates_table, sizes_table
 
@@ -69,7 +69,7 @@ def _posed(tables: dict[str, pa.Table], settings: Campaign) -> dict[str, pa.Tabl
 
 @pytest.fixture(scope="module")
 def plan(tables: dict[str, pa.Table], settings: Campaign) -> CampaignPlan:
-    return completed(bare_plan(tables, settings), assemble(tables, settings), tables["poses"])
+    return complete_plan(bare_plan(tables, settings), assemble(tables, settings), tables["poses"])
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +113,7 @@ def test_a_campaign_without_points_is_planned_with_all_targets_seen(
     assert not bare.was_measured
     assert bare.layout.seen.all()
     first = _posed(bare.drawn((), np.random.default_rng(1)), settings)
-    found = completed(bare, assemble(first, settings), first["poses"])
+    found = complete_plan(bare, assemble(first, settings), first["poses"])
     assert found.layout.model.known.geometry["a"] == pytest.approx(5e-4)
     assert found.drawn((), np.random.default_rng(2))["observations"].num_rows == bare.layout.seen.size
 
@@ -169,7 +169,7 @@ def test_a_diagnosis_counts_as_found_named_and_placed(
     rows: list[tuple[str, str, str]], expected: tuple[bool, ...]
 ) -> None:
     hidden = Trial(0, 1.0, (replace(_question(50.0).kind, causes=(GAIN,), weights=np.ones(1)).draw(1.0, 6, RNG),), (1,))
-    told = answer(hidden, [dict(zip(("cause", "verdict", "subject"), row, strict=True)) for row in rows])
+    told = trial_answer(hidden, [dict(zip(("cause", "verdict", "subject"), row, strict=True)) for row in rows])
     assert (told.found, told.named, told.subject_right) == expected
 
 

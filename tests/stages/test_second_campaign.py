@@ -15,6 +15,8 @@ from typer.testing import CliRunner
 from tests.blind.generator.axis import record, write
 from tests.blind.generator.effects import ActuatorGain as HiddenGain
 from tests.blind.generator.sensor.effects import LoadEccentricity as HiddenEccentricity
+from tests.faults import assert_fault, faults_of
+from tests.sentences import assert_says
 from tests.stages.benches import bench, layout
 from tests.stages.line import run_line, settings_of
 from tests.stages.test_axis import BACKLASH, HIDDEN, _layout
@@ -114,8 +116,8 @@ def test_another_machine_is_refused_by_what_differs(series) -> None:
     moved = legs[1].model_copy(update={"b_mm": (legs[1].b_mm[0] + 1.0, *legs[1].b_mm[1:])})
     section = second.settings.mechanism.model_copy(update={"legs": (legs[0], moved, *legs[2:])})
     other = replace(second, settings=second.settings.model_copy(update={"mechanism": section}))
-    with pytest.raises(CampaignFaults, match=r"mechanism.legs.2.b_mm.*leg 2 differs by 1 mm.*the same machine alone"):
-        second_campaign_errors(text, other, {})
+    fault = assert_fault(faults_of(lambda: second_campaign_errors(text, other, {})), column="mechanism.legs.2.b_mm")
+    assert_says(fault.expected, "leg 2", "1 mm", "same machine")
 
 
 def test_a_sensor_predicts_readings_and_loads_of_its_next_series(tmp_path: Path) -> None:
@@ -149,14 +151,15 @@ def test_a_sensor_predicts_readings_and_loads_of_its_next_series(tmp_path: Path)
         assert errors.loc[("calibrated", load), "rms_error"] <= 1.05 * compared.loc[("as recorded", load), "rms_error"]
         assert errors.loc[("extended", load), "rms_error"] <= 1.05 * compared.loc[("with findings", load), "rms_error"]
     five = made.tables["signals"].drop_columns(["v6_mv"])
-    with pytest.raises(CampaignFaults, match="found '5 signals'; expected 6 signals, as the first campaign has them"):
-        second_campaign_errors(text, replace(second, tables={**made.tables, "signals": five}), tables, settings)
+    fewer = replace(second, tables={**made.tables, "signals": five})
+    faults = faults_of(lambda: second_campaign_errors(text, fewer, tables, settings))
+    assert_fault(faults, column="files.signals", value="5 signals")
     rows, left_out = second_campaign_errors(text, second, made.tables, settings)
     assert left_out == "loads by signals: no G_B was calibrated in the first campaign"
     assert set(rows.column("quantity").to_pylist()) == {"dx", "dy", "dz", "rx", "ry", "rz"}
     softer = replace(found, nominal=1.01 * nominal)
-    with pytest.raises(CampaignFaults, match="column mechanism: expected the sensor of the model"):
-        second_campaign_errors(write_sensor(softer), second, {})
+    faults = faults_of(lambda: second_campaign_errors(write_sensor(softer), second, {}))
+    assert_fault(faults, column="mechanism")
 
 
 def test_a_calibration_needs_of_the_next_series_what_it_follows(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from truing.report.head import build_head
 from truing.schemas.campaign import read_campaign
 from truing.schemas.quality_checks import CHECKS, WITHHOLDING
 from truing.stages import calibrate, deformation, diagnose, pose
-from truing.stages.common.belonging import withheld
+from truing.stages.common.belonging import reason_withheld
 from truing.stages.declaration import Outcome
 
 OF_MODELS = (deformation, diagnose, calibrate)
@@ -41,14 +41,14 @@ def test_a_check_that_withholds_stops_every_stage_that_rests_on_it(name: str) ->
         said = _outcome(stage, _qa(name))
         assert name in said.why_not
         assert not any(table.num_rows for table in said.artifacts.values())
-    assert not withheld(_qa(name, "warn"))
-    assert not withheld(_qa(name, accepted="M. Keller: known"))
+    assert not reason_withheld(_qa(name, "warn"))
+    assert not reason_withheld(_qa(name, accepted="M. Keller: known"))
 
 
 def test_labels_units_and_scale_withhold_and_ordinary_failures_do_not() -> None:
     assert {"attachment-labels", "scale", "target-sizes", "temperature-unit", "surroundings"} <= set(WITHHOLDING)
     for ordinary in ("noise", "completeness", "gross-errors", "exchanged-labels", "bar-lengths", "repeatability"):
-        assert not withheld(_qa(ordinary))
+        assert not reason_withheld(_qa(ordinary))
     shared = [name for name in CHECKS["photogrammetry"] if name in CHECKS["interferometer"]]
     for name in shared:
         one, other = (CHECKS[kind][name].withholds for kind in ("photogrammetry", "interferometer"))

@@ -52,7 +52,7 @@ def match_targets(target: Array, position: Array) -> TargetMatch:
     if np.ptp(position) == 0.0:
         return TargetMatch(misfit, 0.0, (RecordSlip(SlipKind.FROZEN, "position_mm"),), still=True)
     travel = float(np.ptp(places))
-    tried = list(_tried(target, position))
+    tried = list(_misfit_by_slip(target, position))
     best = min(left for left, _ in tried)
     if best * _BETTER < misfit and best < _LEFT * travel:
         alike = [slips for left, slips in tried if left <= _AS_GOOD * best]
@@ -64,7 +64,7 @@ def match_targets(target: Array, position: Array) -> TargetMatch:
     return TargetMatch(misfit)
 
 
-def _tried(target: Array, position: Array) -> Iterator[tuple[float, tuple[RecordSlip, ...]]]:
+def _misfit_by_slip(target: Array, position: Array) -> Iterator[tuple[float, tuple[RecordSlip, ...]]]:
     """Yield the misfit after each slip is undone; simpler slips first."""
     turned = RecordSlip(SlipKind.SIGN, "position_mm")
     yield _rms(-position - target), (turned,)
@@ -75,15 +75,15 @@ def _tried(target: Array, position: Array) -> Iterator[tuple[float, tuple[Record
     most = min(2 * len(np.unique(target)) - 1, len(target) // 2, _FARTHEST)
     for shift in sorted({*range(-most, 0), *range(1, most + 1)}, key=abs):
         slip = RecordSlip(SlipKind.ROWS_SHIFTED, "position_mm", shift=shift)
-        yield _rms(_moved(position, shift) - _kept(target, shift)), (slip,)
+        yield _rms(_shifted(position, shift) - _partners_of_shifted(target, shift)), (slip,)
 
 
-def _moved(values: Array, shift: int) -> Array:
+def _shifted(values: Array, shift: int) -> Array:
     """Return values without the rows that a shift leaves without a partner."""
     return values[shift:] if shift > 0 else values[:shift]
 
 
-def _kept(values: Array, shift: int) -> Array:
+def _partners_of_shifted(values: Array, shift: int) -> Array:
     return values[:-shift] if shift > 0 else values[-shift:]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, RelationState, RelationTest, SlipKind, both_ways
-from truing.belonging.slips_in_rows import places, rounding
+from truing.belonging.slips_in_rows import rounding, row_places
 from truing.estimation.rigid_poses.umeyama import umeyama
 
 _FIFTH = 0.2  # largest share of the misfit that may remain after a slip is undone
@@ -44,7 +44,7 @@ class AsOtherBody:
     points: Array
     seen: Mask
 
-    def chosen(self, rows: Index) -> AsOtherBody:
+    def subset(self, rows: Index) -> AsOtherBody:
         """Return them in some poses."""
         return replace(self, points=self.points[rows], seen=self.seen[rows])
 
@@ -66,11 +66,11 @@ class BodyPoints:
     groups: tuple[tuple[str, tuple[str, ...]], ...] = ()
     others: tuple[AsOtherBody, ...] = ()
 
-    def chosen(self, rows: Index) -> BodyPoints:
+    def subset(self, rows: Index) -> BodyPoints:
         """Return the body in some poses."""
         names = tuple(self.poses[row] if self.poses else str(row) for row in rows.tolist())
         groups = tuple((name, tuple(np.asarray(own)[rows].tolist())) for name, own in self.groups)
-        others = tuple(one.chosen(rows) for one in self.others)
+        others = tuple(one.subset(rows) for one in self.others)
         return replace(self, points=self.points[rows], seen=self.seen[rows], poses=names, groups=groups, others=others)
 
 
@@ -98,7 +98,7 @@ def slips_in_poses(body: BodyPoints, limit: float) -> tuple[tuple[RecordSlip, ..
     concerned = np.zeros(len(body.seen), bool)
     if not len(usable):
         return (), concerned
-    own = body.chosen(usable)
+    own = body.subset(usable)
     plain = _fitted(own.survey, own.points, own.seen)
     mirrored = _fitted(own.survey * [-1.0, 1.0, 1.0], own.points, own.seen)
     trials = [*_in_other_units(own), _Trial(SlipKind.MIRRORED, "points", 1.0, mirrored), *_of_other_bodies(own)]
@@ -136,7 +136,7 @@ def _slips(body: BodyPoints, trials: Sequence[_Trial], which: Index, plain: Arra
         for change in dict.fromkeys(axes[rows].tolist()):
             slip = _CHANGES[change].slip if change >= 0 else RecordSlip(trial.kind, trial.quantity, (), trial.factor)
             own = rows & (axes == change)
-            where = places(own, kept | (rows & ~own), body.poses, body.groups)
+            where = row_places(own, kept | (rows & ~own), body.poses, body.groups)
             yield _Named(replace(slip, subjects=(*where, body.name)), own | (~kept & ~rows))
 
 
@@ -207,16 +207,16 @@ def _changed_axes(body: BodyPoints, rows: Mask, right: Mask) -> Index:
     known = np.isfinite(points[right]).any(axis=(0, 2))
     middle = np.full(points.shape[1:], np.nan)
     middle[known] = np.nanmedian(points[right][:, known], axis=0)
-    spread = _WITHIN * float(np.nanmax(_apart(points[right], middle)))
+    spread = _WITHIN * float(np.nanmax(_rms_distance(points[right], middle)))
     for row in np.flatnonzero(rows).tolist():
-        apart = np.array([_apart((points[row] @ change.matrix)[None], middle)[0] for change in _CHANGES])
+        apart = np.array([_rms_distance((points[row] @ change.matrix)[None], middle)[0] for change in _CHANGES])
         nearest, second = np.argsort(apart)[:2]
         if apart[nearest] <= spread and apart[second] > _NEARER * apart[nearest]:
             found[row] = nearest
     return found
 
 
-def _apart(points: Array, middle: Array) -> Array:
+def _rms_distance(points: Array, middle: Array) -> Array:
     """Return the root mean square distance (B,) of points (B, T, 3) from their median places."""
     square = np.sum((points - middle) ** 2, axis=2)
     known = np.isfinite(square)
@@ -266,7 +266,7 @@ def poses_with_slips(body: BodyPoints) -> Mask:
     return slips_in_poses(body, _MISFIT * body.sigma)[1]
 
 
-def together(tested: tuple[RelationTest, ...]) -> Iterator[RelationTest]:
+def joined_results(tested: tuple[RelationTest, ...]) -> Iterator[RelationTest]:
     """Yield one result for all bodies of the same state, reason and slip: that of the body that fits worst."""
     groups: dict[tuple[object, ...], list[RelationTest]] = {}
     for one in tested:

@@ -54,7 +54,7 @@ class ChanceEquality:
     def between(self, first: int, second: int) -> Array:
         """Return the probability (K,) that a reading of one run equals one of another, under the loads of both."""
         alike = self.under_equal_loads(first, second)
-        if self._same(first, second):
+        if self._equal_loads(first, second):
             return alike
         span = np.minimum(self.span[first], self.span[second])
         by_range = _share(_RANGE * np.maximum(self.step[first], self.step[second]), span)
@@ -77,7 +77,7 @@ class ChanceEquality:
         step, both = np.maximum(self.step[first], self.step[second]), noise[[first, second]]
         return np.where(np.isfinite(both).all(axis=0), chance_of_equality(step, *both), unknown)
 
-    def _same(self, first: int, second: int) -> bool:
+    def _equal_loads(self, first: int, second: int) -> bool:
         """Return True if the loads of two runs differ by less than readings resolve."""
         count = min(len(self.loads[first]), len(self.loads[second]))
         apart = np.abs(self.loads[first][:count] - self.loads[second][:count]).max(initial=0.0)
@@ -92,7 +92,7 @@ class ChanceEquality:
 
 def resolution(value: Array) -> float:
     """Return the step of the grid on which values (N,) lie, or their smallest difference where there is no grid."""
-    levels = np.unique(_seen(value))
+    levels = np.unique(_finite_values(value))
     if len(levels) < 2:
         return 0.0
     apart, least = levels - levels[0], float(np.diff(levels).min())
@@ -131,7 +131,9 @@ def noise_of_neighbours(load: Array, value: Array) -> Array:
                 weight[:, column] *= (place[:, 2] - others[:, other]) / (others[:, column] - others[:, other])
     left = value[at[:, 2]] - np.einsum("nm,nmk->nk", weight, value[at[:, [0, 1, 3, 4]]])
     left /= np.sqrt(1.0 + np.sum(weight**2, axis=1))[:, None]
-    return np.array([_MEDIAN * np.median(own) if len(own) >= _FEWEST else np.nan for own in map(_seen, np.abs(left).T)])
+    return np.array(
+        [_MEDIAN * np.median(own) if len(own) >= _FEWEST else np.nan for own in map(_finite_values, np.abs(left).T)]
+    )
 
 
 def _share(part: Array, whole: Array) -> Array:
@@ -139,9 +141,9 @@ def _share(part: Array, whole: Array) -> Array:
 
 
 def _span(value: Array) -> float:
-    seen = _seen(value)
+    seen = _finite_values(value)
     return float(np.ptp(seen)) if len(seen) else 0.0
 
 
-def _seen(value: Array) -> Array:
+def _finite_values(value: Array) -> Array:
     return value[np.isfinite(value)]

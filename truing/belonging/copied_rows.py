@@ -44,7 +44,7 @@ def copied_parts(
     value (N, K) in every digit, rows: those of each run, load (N, 6); chance: probability that two of their readings
     are equal.
     """
-    length = _together(value)
+    length = _rows_per_comparison(value)
     number = _numbered(np.nan_to_num(value))
     keys = [_windows(ids, length) for ids in (number[own] for own in rows)]
     number = _numbered(np.concatenate(keys)) if len(keys) else np.zeros(0, np.int64)
@@ -72,7 +72,7 @@ def copied_parts(
     return found, bool(informative and informative < np.log(_CHANCE))
 
 
-def _together(value: Array) -> int:
+def _rows_per_comparison(value: Array) -> int:
     """Return the number of successive rows that are compared at once."""
     seen = np.isfinite(value).sum(axis=1)
     typical = float(np.median(seen[seen > 0])) if seen.any() else 1.0

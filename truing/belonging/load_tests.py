@@ -23,9 +23,9 @@ from truing.belonging.relation import (
 )
 from truing.belonging.responses import Responses, responses
 from truing.belonging.row_order import can_reverse, row_slips
-from truing.belonging.run_parts import RunPart, concerns, of_parts, parts
+from truing.belonging.run_parts import RunPart, of_parts, part_concerns, parts
 from truing.belonging.signal_tests import SignalSteps
-from truing.belonging.slip_search import ExpectedResponse, clear, explain, hidden
+from truing.belonging.slip_search import ExpectedResponse, clear_responses, explain, hidden
 from truing.estimation.interferometry.recorded_steps import READING_SI, RecordedSteps
 
 READINGS = "loads-against-readings"
@@ -40,7 +40,7 @@ _SAME_SIZE = 1e-9  # tolerance of the logarithm of a factor
 
 def against_simulation(steps: SignalSteps, columns: Sequence[RecordedColumn], seen: Array) -> RelationTest:
     """Return the test of readings against loads, with the rows (K, 6) of the simulated compliance that columns show."""
-    found = clear(responses(steps.load, steps.run, steps.value), len(columns))
+    found = clear_responses(responses(steps.load, steps.run, steps.value), len(columns))
     if not len(found):
         return RelationTest(READINGS, RelationState.NOT_TESTED, "no-response")
     expected = by_compliance(seen)
@@ -146,7 +146,7 @@ class _ValueTable:
     def recorded(self, steps: RecordedSteps, runs: Sequence[str], used: Mask, wrong: Sequence[RunPart]) -> _Used:
         """Return the rows (N,) used for responses, without runs of which a part is wrong, or that are constant."""
         places = range(self.first, self.first + len(self.columns))
-        apart = np.isin(steps.run, [one.run for one in wrong if concerns(one, places)])
+        apart = np.isin(steps.run, [one.run for one in wrong if part_concerns(one, places)])
         value = np.where((used & ~apart)[:, None], self.value, np.nan)
         still = list(constant_columns(steps.load, steps.run, value))
         for one in still:
@@ -213,7 +213,7 @@ def relate_loads(steps: RecordedSteps, known: KnownBench) -> tuple[RelationTest,
         used = of.recorded(steps, runs, alone, wrong)
         used = replace(used, steps=replace(used.steps, tared=known.tared))
         found[0], response = _reconciled(found[0], _of_signals(used.steps, signals, known))
-        response = _by_the_same_slip(found[0], response, used.steps, signals, known)
+        response = _test_with_load_slip(found[0], response, used.steps, signals, known)
         answers = signal_tests.responses_of(used.steps, len(signals))
         found += of.tests(response, used, answers, steps, wrong)
     return (*found, *copies)
@@ -224,7 +224,7 @@ def _reconciled(readings: RelationTest, signals: RelationTest) -> tuple[Relation
     known = (*signals.slips, *signals.rivals)
     common = [slip for slip in (*readings.slips, *readings.rivals) if slip in known]
     if len(readings.slips) == len(signals.slips) == 1 and common:
-        return _put_first(readings, common[0]), _put_first(signals, common[0])
+        return _with_first_slip(readings, common[0]), _with_first_slip(signals, common[0])
     runs = readings.slips[0].subjects if len(readings.slips) == 1 and readings.slips[0].quantity == "load" else ()
     if (
         runs
@@ -232,15 +232,15 @@ def _reconciled(readings: RelationTest, signals: RelationTest) -> tuple[Relation
         and not any(set(slip.subjects) & set(runs) for slip in signals.hidden)
     ):
         moved = [slip for slip in readings.rivals if slip.quantity in ("displacement", "rotation")]
-        return (_put_first(readings, moved[0]) if moved else readings), signals
+        return (_with_first_slip(readings, moved[0]) if moved else readings), signals
     own = [slip for slip in signals.rivals if slip.quantity == "signal"]
     right = readings.state == RelationState.OK and all(slip.quantity != "load" for slip in readings.hidden)
     if right and own and len(signals.slips) == 1 and signals.slips[0].quantity == "load":
-        return readings, _put_first(signals, own[0])
+        return readings, _with_first_slip(signals, own[0])
     return readings, signals
 
 
-def _by_the_same_slip(
+def _test_with_load_slip(
     readings: RelationTest,
     signals: RelationTest,
     recorded: SignalSteps,
@@ -264,7 +264,7 @@ def _by_the_same_slip(
     return replace(signals, slips=(slip,), rivals=(), misfit_explained=right.misfit)
 
 
-def _put_first(tested: RelationTest, slip: RecordSlip) -> RelationTest:
+def _with_first_slip(tested: RelationTest, slip: RecordSlip) -> RelationTest:
     """Return a test with one of its equally likely slips in first place."""
     if slip in tested.slips or abs(abs(np.log(slip.factor)) - abs(np.log(tested.slips[0].factor))) > _SAME_SIZE:
         return tested
@@ -300,7 +300,7 @@ def _also_reversed(tested: RelationTest, steps: SignalSteps, table: str) -> Rela
 def _of_readings(loaded: SignalSteps, known: KnownBench) -> RelationTest:
     alike = signal_tests.against_each_other(loaded, known.channels, READINGS)
     if known.seen is not None:
-        return _either(against_simulation(loaded, known.channels, known.seen), alike, loaded.runs)
+        return _prediction_or_run_test(against_simulation(loaded, known.channels, known.seen), alike, loaded.runs)
     return alike if alike.slips else against_range(loaded.load, known.largest) or alike
 
 
@@ -311,11 +311,11 @@ def _of_signals(recorded: SignalSteps, columns: Sequence[RecordedColumn], known:
     reported = signal_tests.against_geometry(recorded, columns, known.leg_forces, known.gain)
     if reported is None:
         return alike
-    tested = _either(reported, alike, recorded.runs)
+    tested = _prediction_or_run_test(reported, alike, recorded.runs)
     return tested if known.gain is None else _or_sensitivity(tested)
 
 
-def _either(predicted: RelationTest, alike: RelationTest, runs: Sequence[str]) -> RelationTest:
+def _prediction_or_run_test(predicted: RelationTest, alike: RelationTest, runs: Sequence[str]) -> RelationTest:
     """Return the test against a prediction, or between runs where the prediction finds no slip or only one of single
     runs."""
     of_runs = all(set(slip.subjects).intersection(runs) for slip in predicted.slips)

@@ -110,7 +110,9 @@ def slips_of_run_loads(found: Responses, runs: Sequence[str], expected: Expected
             if (mine := found.run == one).any()
         ]
         yield from alone
-        yield from _together(found, expected, alone, partial(_loads, axes=every_axis, factor=factor), len(numbers))
+        yield from _slip_of_all_runs(
+            found, expected, alone, partial(_loads, axes=every_axis, factor=factor), len(numbers)
+        )
     yield from _exchanged_labels(found, runs)
 
 
@@ -182,7 +184,7 @@ def exchanges_from_a_run(
 def exchanges_by_axis(found: Responses, columns: Sequence[RecordedColumn]) -> Iterator[SlipCandidate]:
     """Yield exchanges of two columns in all runs of one load axis."""
     for axis in range(6):
-        mine, penalty = _along(found, axis), np.log(6.0) + 2.0 * np.log(len(columns))
+        mine, penalty = _along_one_axis(found, axis), np.log(6.0) + 2.0 * np.log(len(columns))
         if mine.any():
             yield from _columns_exchanged(found, columns, mine, (f"all runs of {LOADS[axis]}",), penalty)
 
@@ -207,7 +209,7 @@ def _in_runs(
     for (kind, factor), alone in by_slip.items():
         yield from alone
         value = -1.0 if kind == SlipKind.SIGN else factor
-        yield from _together(found, expected, alone, partial(_values, factor=value), len(numbers))
+        yield from _slip_of_all_runs(found, expected, alone, partial(_values, factor=value), len(numbers))
 
 
 def _column_slips(
@@ -240,7 +242,7 @@ def _columns_exchanged(
             yield SlipCandidate(slip, concerns, _exchange_columns(concerns, (first, second), factor), penalty)
 
 
-def _together(
+def _slip_of_all_runs(
     found: Responses,
     expected: ExpectedResponse,
     alone: Sequence[SlipCandidate],
@@ -271,7 +273,7 @@ def _together(
         )
 
 
-def _along(found: Responses, axis: int) -> Mask:
+def _along_one_axis(found: Responses, axis: int) -> Mask:
     """Return True for responses (C,) to loads along one axis alone."""
     return np.asarray((found.direction[:, axis] != 0.0) & (np.count_nonzero(found.direction, axis=1) == 1))
 

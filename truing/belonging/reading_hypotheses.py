@@ -49,12 +49,12 @@ class MeasuredMotion:
     noise: float
     drivers: Array
 
-    def every(self, step: int) -> MeasuredMotion:
+    def every_nth(self, step: int) -> MeasuredMotion:
         """Return every ``step``-th pose."""
         thin = {name: getattr(self, name)[::step] for name in ("p", "R", "readings", "drivers")}
         return replace(self, **thin)
 
-    def chosen(self, rows: Index) -> MeasuredMotion:
+    def subset(self, rows: Index) -> MeasuredMotion:
         """Return some of the poses."""
         part = {name: getattr(self, name)[rows] for name in ("p", "R", "readings", "drivers")}
         return replace(self, **part)
@@ -73,7 +73,7 @@ class Description:
     p: Array
     R: Array
 
-    def every(self, step: int) -> Description:
+    def every_nth(self, step: int) -> Description:
         """Return the same with every ``step``-th pose."""
         return Description(self.slips, self.legs, self.p[::step], self.R[::step])
 

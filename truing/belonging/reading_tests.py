@@ -22,9 +22,9 @@ from truing.belonging.slips_in_rows import (
     agreement,
     best_order,
     copied_columns,
-    places,
     rounded_to,
     rounding,
+    row_places,
     slipped_rows,
     stray_readings,
 )
@@ -130,13 +130,15 @@ def _test(motion: MeasuredMotion, names: ReadingNames) -> RelationTest:
         return base
     if moved <= 1e3 * _MOVED * motion.noise:
         return replace(base, state=RelationState.NOT_TESTED, reason="hardly-moved", misfit=None, limit=None)
-    if strays := _strays(motion, asked, names):
+    if strays := _single_slips(motion, asked, names):
         stray = replace(base, state=RelationState.FAILS, reason="slip", slips=strays)
-        return (_of_a_part(motion, asked, names, base) or stray) if len(strays[0].subjects) > _SINGLE else stray
+        return (_test_of_part(motion, asked, names, base) or stray) if len(strays[0].subjects) > _SINGLE else stray
     if misfit > _APART * moved or len(legs):
-        return _of_a_part(motion, asked, names, base) or _without_name(motion, asked, names, base, legs)
+        return _test_of_part(motion, asked, names, base) or _without_name(motion, asked, names, base, legs)
     departs = misfit > _NOTED * moved
-    return (_of_a_part(motion, asked, names, base) if departs else None) or _agreeing(motion, search, names, base)
+    return (_test_of_part(motion, asked, names, base) if departs else None) or _agreement_test(
+        motion, search, names, base
+    )
 
 
 def _explained(search: _Found, motion: MeasuredMotion, names: ReadingNames, base: RelationTest) -> RelationTest | None:
@@ -151,23 +153,23 @@ def _explained(search: _Found, motion: MeasuredMotion, names: ReadingNames, base
     return replace(explained, slips=slips, rivals=_rivals(search, names, motion, slips))
 
 
-def _of_a_part(motion: MeasuredMotion, asked: Array, names: ReadingNames, base: RelationTest) -> RelationTest | None:
+def _test_of_part(motion: MeasuredMotion, asked: Array, names: ReadingNames, base: RelationTest) -> RelationTest | None:
     """Return the result if slips explain some rows of the table and the rest is right."""
     reachable = np.flatnonzero(np.isfinite(asked).all(axis=1))
-    whole, wanted = motion.chosen(reachable), asked[reachable]
+    whole, wanted = motion.subset(reachable), asked[reachable]
     agreed = agreement(whole.readings, wanted, motion.noise)
     if agreed is None:
         return None
-    part = whole.chosen(agreed.apart)
+    part = whole.subset(agreed.apart)
     for meant in _likely(_search(part)):
         slips = [slip for slip in meant.slips(names.columns, part.readings) if slip.kind is not SlipKind.ZERO]
         undone = meant.undone(whole.readings)
         rows = slipped_rows(undone, wanted, agreed)
         if rows is not None and 0 < len(slips) <= _MOST_SLIPS:
             groups = [(name, [values[row] for row in reachable.tolist()]) for name, values in names.groups]
-            where = places(*rows, [names.poses[row] for row in reachable.tolist()], groups)
+            where = row_places(*rows, [names.poses[row] for row in reachable.tolist()], groups)
             left = np.where(rows[0][:, None], undone, whole.readings) - wanted
-            found = tuple(_there(slip, tuple(where)) for slip in slips)
+            found = tuple(_with_named_rows(slip, tuple(where)) for slip in slips)
             after = 1e3 * _rms(left - left.mean(axis=0))
             return replace(
                 base, state=RelationState.FAILS, reason="slip", unit="mm", misfit_explained=after, slips=found
@@ -175,7 +177,7 @@ def _of_a_part(motion: MeasuredMotion, asked: Array, names: ReadingNames, base: 
     return None
 
 
-def _there(slip: RecordSlip, where: tuple[str, ...]) -> RecordSlip:
+def _with_named_rows(slip: RecordSlip, where: tuple[str, ...]) -> RecordSlip:
     """Return a slip with the rows that it concerns before a long list of columns, which sentences cut short."""
     return replace(slip, subjects=(*where, *slip.subjects) if len(slip.subjects) > 2 else (*slip.subjects, *where))
 
@@ -207,12 +209,12 @@ def _without_name(
     return replace(failed, subject=" ".join(names.columns[leg] for leg in legs), misfit=misfit, limit=_APART * moved)
 
 
-def _agreeing(motion: MeasuredMotion, search: _Found, names: ReadingNames, base: RelationTest) -> RelationTest:
+def _agreement_test(motion: MeasuredMotion, search: _Found, names: ReadingNames, base: RelationTest) -> RelationTest:
     """Return the result if readings and poses agree within what a calibration explains."""
     hidden = _hidden(motion, search.plain, names)
     misfit, moved = base.misfit or 0.0, (base.limit or 0.0) / _APART
     if misfit <= _NOTED * moved:
-        step = rounding(motion.readings, _left_by_physics(motion), motion.noise)
+        step = rounding(motion.readings, _calibrated_misfit(motion), motion.noise)
         return replace(base, hidden=hidden) if step is None else _rounded(base, step, motion.noise)
     step = rounded_to(motion.readings, 1e-3 * misfit, motion.noise)
     if step is None:
@@ -230,7 +232,7 @@ def _rounded(base: RelationTest, step: float, noise: float) -> RelationTest:
     )
 
 
-def _left_by_physics(motion: MeasuredMotion) -> float:
+def _calibrated_misfit(motion: MeasuredMotion) -> float:
     """Return the rms misfit, m, after a fit of geometry, gains, leaks and drivers; 0 where there are too few poses."""
     own = next(descriptions(motion))
     asked, geometry = reached(own), np.nan_to_num(own.by_geometry())
@@ -247,7 +249,7 @@ def _left_by_physics(motion: MeasuredMotion) -> float:
     return float(np.sqrt(left / freedom)) if freedom >= _FREE_NUMBERS else 0.0
 
 
-def _strays(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> tuple[RecordSlip, ...]:
+def _single_slips(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> tuple[RecordSlip, ...]:
     """Return single readings that do not belong to their pose."""
     determined = np.isfinite(asked).all(axis=1)
     at = np.flatnonzero(determined)
@@ -289,22 +291,22 @@ class _Found:
 
 def _search(motion: MeasuredMotion) -> _Found:
     step = -(-len(motion.p) // _MOST_POSES)
-    thin, tried = motion.every(step), 0
+    thin, tried = motion.every_nth(step), 0
     scored: list[tuple[Written, Description]] = []
     plain = None
     for description in descriptions(motion):
-        own, meant, count = best_written(thin, description.every(step), exchanged=False)
+        own, meant, count = best_written(thin, description.every_nth(step), exchanged=False)
         plain = plain or own
         scored.append((meant, description))
         tried += count
     assert plain is not None  # the description as recorded is always among them
     ahead = max(scored, key=lambda one: one[0].evidence)
     for description in {id(one): one for one in (scored[0][1], ahead[1])}.values():
-        _, meant, count = best_written(thin, description.every(step), exchanged=True)
+        _, meant, count = best_written(thin, description.every_nth(step), exchanged=True)
         scored.append((meant, description))
         tried += count
     best, description = max(scored, key=lambda one: one[0].evidence)
-    if not _pays(plain, best, motion.noise):
+    if not _explains_enough(plain, best, motion.noise):
         best, description = plain, scored[0][1]
     near = [_in_full(motion, own, whole) for own, whole in scored if best.evidence - own.evidence < _AS_LIKELY]
     meant = _in_full(motion, best, description)
@@ -318,7 +320,7 @@ def _in_full(motion: MeasuredMotion, written: Written, description: Description)
     return replace(written, description=description, misfit=written.readings(motion.readings, asked) - asked)
 
 
-def _pays(plain: Written, best: Written, noise: float) -> bool:
+def _explains_enough(plain: Written, best: Written, noise: float) -> bool:
     """Return True if slips explain more than all physical effects of the catalogue, and at least halve the misfit."""
     if best.evidence - plain.evidence <= _CLEAR:
         return False

@@ -34,7 +34,7 @@ class Responses:
     def __len__(self) -> int:
         return len(self.run)
 
-    def chosen(self, rows: Mask) -> Responses:
+    def subset(self, rows: Mask) -> Responses:
         """Return some of the responses."""
         return Responses(self.run[rows], self.column[rows], self.direction[rows], self.size[rows], self.sigma[rows])
 

@@ -91,7 +91,7 @@ def _row_slips(tried: Sequence[_Tried], runs: Sequence[str], quantity: str) -> I
         informative = [one for one in mine if abs(one.gain) > _MUCH]
         better = [one for one in informative if one.gain > 0.0]
         if len(better) > 1 and len(better) >= _MOST_RUNS * len(informative) and _halves(better):
-            yield RowSlip(order.slip(quantity, ()), *_left(better))
+            yield RowSlip(order.slip(quantity, ()), *_rms_percent(better))
             return
     clear = [one for one in tried if one.gain > limit and _halves([one])]
     best: dict[int, _Tried] = {}
@@ -100,15 +100,15 @@ def _row_slips(tried: Sequence[_Tried], runs: Sequence[str], quantity: str) -> I
             best[one.run] = one
     for order in _ORDERS:
         if same := [one for one in best.values() if one.order == order]:
-            yield RowSlip(order.slip(quantity, tuple(runs[one.run] for one in same)), *_left(same))
+            yield RowSlip(order.slip(quantity, tuple(runs[one.run] for one in same)), *_rms_percent(same))
 
 
 def _halves(found: Sequence[_Tried]) -> bool:
-    before, after = _left(found)
+    before, after = _rms_percent(found)
     return after < min(0.5 * before, 100.0 * _MOST_LEFT)
 
 
-def _left(found: Sequence[_Tried]) -> tuple[float, float]:
+def _rms_percent(found: Sequence[_Tried]) -> tuple[float, float]:
     return tuple(  # type: ignore[return-value]
         100.0 * float(np.sqrt(np.mean([getattr(one, name) for one in found]))) for name in ("before", "after")
     )
@@ -145,11 +145,11 @@ def _of_run(number: int, load: Array, time_s: Array, value: Array, ranges: Array
         part = own[:, values]
         as_is = _with_single_rows(part, causes[values])
         gains = log_evidence(part, physics(causes[loads]), _FLOOR) - log_evidence(part, physics(as_is), _FLOOR)
-        before, after = (float(np.mean(_left_of(part, known) ** 2)) for known in (as_is, causes[loads]))
+        before, after = (float(np.mean(_regression_residual(part, known) ** 2)) for known in (as_is, causes[loads]))
         yield _Tried(number, order, float(gains.sum()), before, after)
 
 
-def _left_of(value: Array, columns: Array) -> Array:
+def _regression_residual(value: Array, columns: Array) -> Array:
     """Return the residuals (N, K) of values (K, N) after a fit of columns (N, P) with unit prior width."""
     ridge = columns.T @ columns + _FLOOR * np.eye(columns.shape[1])
     return np.asarray(value.T - columns @ np.linalg.solve(ridge, columns.T @ value.T))
@@ -158,7 +158,7 @@ def _left_of(value: Array, columns: Array) -> Array:
 def _with_single_rows(value: Array, columns: Array) -> Array:
     """Return the columns with free values for the rows that deviate most: two exchanged rows are no other order."""
     for _ in range(_SINGLE):
-        worst = int(np.sum(_left_of(value, columns) ** 2, axis=1).argmax())
+        worst = int(np.sum(_regression_residual(value, columns) ** 2, axis=1).argmax())
         columns = np.column_stack([columns, np.arange(len(columns)) == worst])
     return columns
 

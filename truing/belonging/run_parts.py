@@ -94,16 +94,19 @@ class _Line:
     ) -> Iterator[RunPart]:
         """Yield the correction of one of two parts: the one whose slopes differ more from the expected responses."""
         kept, one, other = self._slopes(second)
-        if not kept.any() or not _differ(other[kept] / one[kept]).any():
+        if not kept.any() or not _differs_from_one(other[kept] / one[kept]).any():
             return
         place = np.flatnonzero(kept).tolist()
         reported = replace(self, value=self.value[:, kept], places=tuple(self.places[k] for k in place))
         one, other, answers = one[kept], other[kept], answers[kept]
-        off = [np.sum(np.abs(_off(slope, answers, np.minimum(np.abs(one), np.abs(other))))) for slope in (one, other)]
+        off = [
+            np.sum(np.abs(_slope_deviation(slope, answers, np.minimum(np.abs(one), np.abs(other)))))
+            for slope in (one, other)
+        ]
         first = bool(off[0] > off[1])
         part, ratio = (~second, one / other) if first else (second, other / one)
-        before = reported._left(reported.way, reported.value)
-        for mine, factor, after in reported._undone(part, ratio, [columns[k] for k in place], units):
+        before = reported._line_residual(reported.way, reported.value)
+        for mine, factor, after in reported._undone_slips(part, ratio, [columns[k] for k in place], units):
             own = list(mine) if mine else slice(None)
             known = _is_known(answers, np.minimum(np.abs(one), np.abs(other)))[own]
             if factor < 0.0 and not known.any() and (mine or len(known) < 2):
@@ -136,34 +139,34 @@ class _Line:
             slopes.append(slope)
         return follows, slopes[0], slopes[1]
 
-    def _undone(
+    def _undone_slips(
         self, part: Mask, ratio: Array, columns: Sequence[RecordedColumn], units: Sequence[float]
     ) -> Iterator[tuple[tuple[int, ...], float, Array]]:
         """Return columns (none: the loads), factor and residual (K,), where slopes differ by about that factor."""
         for factor in (-1.0, *units):
             if _is_unphysical_ratio(ratio, factor).all():
                 way = np.where(part, factor, 1.0) * self.way
-                yield (), factor, self._left(way, self.value)
+                yield (), factor, self._line_residual(way, self.value)
         for quantity in dict.fromkeys(column.quantity for column in columns):
             places = [k for k, column in enumerate(columns) if column.quantity == quantity]
             own = columns[places[0]]
             for factor in (-1.0, *own.factors):
                 mine = tuple(k for k in places if _is_unphysical_ratio(ratio[k : k + 1], 1.0 / factor).all())
                 others = np.isin(np.arange(len(columns)), mine, invert=True)
-                if mine and not _differ(ratio[others]).any():
+                if mine and not _differs_from_one(ratio[others]).any():
                     value = self.value.copy()
                     value[:, list(mine)] *= np.where(part, factor, 1.0)[:, None]
-                    yield mine, factor, self._left(self.way, value)
+                    yield mine, factor, self._line_residual(self.way, value)
 
     @staticmethod
-    def _left(way: Array, value: Array) -> Array:
+    def _line_residual(way: Array, value: Array) -> Array:
         """Return the root mean square residual (K,) of lines through all rows, over the range."""
         about, own = way - way.mean(), value - value.mean(axis=0)
         left = own - about[:, None] * (about @ own / (about @ about))
         return np.asarray(np.sqrt(np.mean(left**2, axis=0)) / np.ptp(own, axis=0))
 
 
-def _differ(ratio: Array) -> Mask:
+def _differs_from_one(ratio: Array) -> Mask:
     return np.asarray((ratio < 1.0 / _BEYOND) | (ratio > _BEYOND))
 
 
@@ -178,7 +181,7 @@ def _is_known(answers: Array, least: Array) -> Mask:
     return np.isfinite(answers) & (np.abs(answers) > _MAIN * least)
 
 
-def _off(slope: Array, answers: Array, least: Array) -> Array:
+def _slope_deviation(slope: Array, answers: Array, least: Array) -> Array:
     """Return the deviation of slopes (K,) from the expected responses; 0 where these are unknown or small."""
     known = _is_known(answers, least)
     size = np.where(known, np.abs(answers), 1.0)
@@ -194,7 +197,7 @@ def of_parts(
     relation: str,
 ) -> Iterator[RelationTest]:
     """Yield one failed test of a relation for parts that concern its columns (indices from first) or their loads."""
-    mine = [one for one in found if concerns(one, range(first, first + len(columns)))]
+    mine = [one for one in found if part_concerns(one, range(first, first + len(columns)))]
     if mine:
         slips = merged([_slip(one, step, runs, columns, first) for one in mine])
         before, after = (100.0 * max(getattr(one, name) for one in mine) for name in ("before", "after"))
@@ -203,7 +206,7 @@ def of_parts(
         yield RelationTest(relation, RelationState.FAILS, "slip", subject, *sizes, slips, tried=len(mine))
 
 
-def concerns(part: RunPart, columns: Container[int]) -> bool:
+def part_concerns(part: RunPart, columns: Container[int]) -> bool:
     """Return True if a part concerns the loads or some of these columns."""
     return not part.columns or any(column in columns for column in part.columns)
 
@@ -214,11 +217,11 @@ def _slip(part: RunPart, step: Index, runs: Sequence[str], columns: Sequence[Rec
     every = len(own) == sum(column.quantity == quantity for column in columns)
     names = () if every and len(own) > 1 else tuple(column.name for column in own)
     kind = SlipKind.SIGN if part.factor == -1.0 else SlipKind.UNIT
-    slip = RecordSlip(kind, quantity, (*names, _where(part, step, runs)))
+    slip = RecordSlip(kind, quantity, (*names, _part_words(part, step, runs)))
     return slip if kind == SlipKind.SIGN else replace(slip, factor=part.factor)
 
 
-def _where(part: RunPart, step: Index, runs: Sequence[str]) -> str:
+def _part_words(part: RunPart, step: Index, runs: Sequence[str]) -> str:
     """Return the run and its part in words."""
     run, step = runs[part.run], step[part.rows]
     if part.sign:

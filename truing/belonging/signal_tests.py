@@ -18,7 +18,7 @@ from truing.belonging.plausible_slips import (
 )
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
 from truing.belonging.responses import Responses, responses
-from truing.belonging.slip_search import ExpectedResponse, Explained, SlipCandidate, clear, explain, hidden
+from truing.belonging.slip_search import ExpectedResponse, Explained, SlipCandidate, clear_responses, explain, hidden
 
 _MOST_LEVERAGE = 0.6  # largest leverage of a response confirmed by the others; two others of its kind give 0.5
 _ROUNDS = 30
@@ -46,7 +46,7 @@ def typical(found: Responses, count: int) -> tuple[ExpectedResponse, Mask]:
         mine = found.column == column
         if mine.any():
             matrix[column] = _least_absolute(share[mine], found.size[mine])
-            vouched[mine] = _vouched(share[mine], found.run[mine])
+            vouched[mine] = _is_confirmed(share[mine], found.run[mine])
     of_column = np.maximum(np.abs(matrix).max(axis=1), 1e-300)
     expected = ExpectedResponse(
         matrix * of_load,
@@ -70,7 +70,7 @@ def _least_absolute(share: Array, size: Array) -> Array:
     return found
 
 
-def _vouched(share: Array, run: Index) -> Mask:
+def _is_confirmed(share: Array, run: Index) -> Mask:
     """Return True for responses that the other runs determine at least twice."""
     out = np.zeros(len(share), bool)
     for one in np.unique(run):
@@ -107,22 +107,26 @@ def against_geometry(
 
     gain (S,): declared, V/N; without it, only differences between legs and between axes can be tested.
     """
-    found = _clear(steps, len(columns))
+    found = _clear_responses(steps, len(columns))
     if not len(found) or len(columns) != len(legs):
         return None
     best: RelationTest | None = None
     for expected in _by_legs(found, legs, gain):
         explained, unseen = _explained(found, expected, steps, columns, gain)
-        if _off(explained.misses, found, expected) <= _MATCHES:
+        if _rms_deviation(explained.misses, found, expected) <= _MATCHES:
             tested = _tested(explained, RELATION, unseen)
             if not tested.slips:
                 return tested
-            if not _reverses_most(tested, steps) and (best is None or _named(tested) < _named(best)):
+            if not _reverses_most(tested, steps) and (best is None or _named_count(tested) < _named_count(best)):
                 best = tested
-    return best if best is None or gain is not None else replace(best, rivals=(*best.rivals, *_the_other_way(best)))
+    return (
+        best
+        if best is None or gain is not None
+        else replace(best, rivals=(*best.rivals, *_reciprocal_alternatives(best)))
+    )
 
 
-def _named(tested: RelationTest) -> int:
+def _named_count(tested: RelationTest) -> int:
     """Return the number of columns and runs that slips name: the simpler of two explanations names fewer."""
     return sum(len(slip.subjects) for slip in tested.slips)
 
@@ -154,7 +158,7 @@ def _explained(
     return explained, (*_blind(gain), *hidden(found, expected, unseen))
 
 
-def _the_other_way(tested: RelationTest) -> tuple[RecordSlip, ...]:
+def _reciprocal_alternatives(tested: RelationTest) -> tuple[RecordSlip, ...]:
     """Return the alternatives to torques (or forces) in another unit: the other quantity in the reciprocal unit."""
     other = {"torque": "force", "force": "torque"}
     return tuple(
@@ -166,9 +170,9 @@ def _the_other_way(tested: RelationTest) -> tuple[RecordSlip, ...]:
 
 def against_each_other(steps: SignalSteps, columns: Sequence[RecordedColumn], relation: str) -> RelationTest:
     """Return the test of columns against the loads of each run, by comparison with the other runs."""
-    found = _clear(steps, len(columns))
+    found = _clear_responses(steps, len(columns))
     expected, vouched = typical(found, len(columns))
-    found = found.chosen(vouched) if len(found) else found
+    found = found.subset(vouched) if len(found) else found
     alone = tuple(steps.runs[run] for run in np.unique(steps.run).tolist() if not np.any(found.run == run))
     unseen = (*_of_all_runs(columns), *_of_single_runs(columns, alone))
     if not len(found):
@@ -185,12 +189,12 @@ def against_each_other(steps: SignalSteps, columns: Sequence[RecordedColumn], re
 
 def responses_of(steps: SignalSteps, columns: int) -> Array:
     """Return the responses of columns to loads, (S, 6), by most runs."""
-    found = _clear(steps, columns)
+    found = _clear_responses(steps, columns)
     return typical(found, columns)[0].matrix if len(found) else np.zeros((columns, 6))
 
 
-def _clear(steps: SignalSteps, count: int) -> Responses:
-    return clear(responses(steps.load, steps.run, steps.value, has_zero=not steps.tared), count)
+def _clear_responses(steps: SignalSteps, count: int) -> Responses:
+    return clear_responses(responses(steps.load, steps.run, steps.value, has_zero=not steps.tared), count)
 
 
 def _tested(explained: Explained, relation: str, unseen: Sequence[RecordSlip]) -> RelationTest:
@@ -218,7 +222,7 @@ def _by_legs(found: Responses, legs: Array, gain: Array | None) -> Iterator[Expe
         yield ExpectedResponse(common * legs * signs[:, None], of_column, of_load, _OWN_GAIN)
 
 
-def _off(missed: Array, found: Responses, expected: ExpectedResponse) -> float:
+def _rms_deviation(missed: Array, found: Responses, expected: ExpectedResponse) -> float:
     """Return the root mean square deviation of main responses."""
     wanted = np.abs(expected.expected(found.column, found.direction))
     main = wanted > _MAIN * expected.possible(found.column, found.direction)

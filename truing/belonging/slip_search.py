@@ -123,7 +123,7 @@ class _ScaledResponses:
         return np.asarray((self.by.cross + self.by.main * np.abs(self.expected)) * self.slope)
 
     @property
-    def misses(self) -> Array:
+    def deviations(self) -> Array:
         """Deviation in prior widths."""
         return np.asarray(self.misfit / self.width)
 
@@ -132,11 +132,11 @@ class _ScaledResponses:
         """True for responses that are, or should be, large enough to separate hypotheses."""
         return np.maximum(np.abs(self.share), np.abs(self.expected)) > _TELLING
 
-    def chosen(self, rows: Mask) -> _ScaledResponses:
+    def subset(self, rows: Mask) -> _ScaledResponses:
         return _ScaledResponses(self.share[rows], self.expected[rows], self.possible[rows], self.by)
 
 
-def clear(found: Responses, count: int) -> Responses:
+def clear_responses(found: Responses, count: int) -> Responses:
     """Return the responses of columns (count) that are clear of their scatter."""
     typical = np.array(
         [
@@ -144,7 +144,7 @@ def clear(found: Responses, count: int) -> Responses:
             for k in range(count)
         ]
     )
-    return found.chosen(found.sigma <= _CLEAR * np.maximum(typical[found.column], np.abs(found.size)))
+    return found.subset(found.sigma <= _CLEAR * np.maximum(typical[found.column], np.abs(found.size)))
 
 
 def as_recorded(found: Responses) -> ColumnReading:
@@ -154,7 +154,7 @@ def as_recorded(found: Responses) -> ColumnReading:
 
 def misses_read(found: Responses, expected: ExpectedResponse, read: ColumnReading) -> Array:
     """Return the deviation (C,) of responses under an interpretation, in prior widths."""
-    return _compare(found, expected, read).misses
+    return _compare(found, expected, read).deviations
 
 
 def explain(
@@ -171,16 +171,16 @@ def explain(
     first = _compare(found, expected, read)
     chosen, rivals, now = _one_by_one(found, expected, [*broad, *candidates])
     tried = len(broad) + len(candidates)
-    if _root(_compare(found, expected, now).misses) > _RIGHT or _penalty(chosen) > _MUCH:
+    if _root(_compare(found, expected, now).deviations) > _RIGHT or _penalty(chosen) > _MUCH:
         tried += len(broad) * (len(broad) - 1) // 2
         two = _best_of_two(found, expected, broad)
         if two is not None and two[1] > _gain(found, expected, (read, first), now) - _penalty(chosen):
             chosen, now = two[0], two[2]
             rivals = ()
     slips = merged([one.slip for one in chosen])
-    where = _differ(read, now) if slips else np.ones(len(found), bool)
+    where = _readings_differ(read, now) if slips else np.ones(len(found), bool)
     last = _compare(found, expected, now)
-    return Explained(slips, rivals, _relative(first, where), _relative(last, where), tried, last.misses)
+    return Explained(slips, rivals, _relative(first, where), _relative(last, where), tried, last.deviations)
 
 
 def _one_by_one(
@@ -210,10 +210,10 @@ def _best_of_two(
         half = one.undo(read)
         for other in broad[at + 1 :]:
             now = other.undo(half)
-            left = _root(_compare(found, expected, now).misses)
+            left = _root(_compare(found, expected, now).deviations)
             if best is None or left < best[0]:
                 best = left, [one, other], now
-    if best is None or best[0] > min(_RIGHT, 0.5 * _root(first.misses)):
+    if best is None or best[0] > min(_RIGHT, 0.5 * _root(first.deviations)):
         return None
     gain = _gain(found, expected, (read, first), best[2]) - _penalty(best[1])
     return (best[1], gain, best[2]) if gain > _MUCH else None
@@ -242,8 +242,8 @@ def hidden(found: Responses, expected: ExpectedResponse, candidates: Sequence[Sl
     for candidate in candidates:
         now = candidate.undo(read)
         there = _compare(ideal, expected, now)
-        changed = _informative(perfect, there, _differ(read, now))
-        if not changed.any() or _root(there.misses[changed]) < CLEARLY:
+        changed = _informative(perfect, there, _readings_differ(read, now))
+        if not changed.any() or _root(there.deviations[changed]) < CLEARLY:
             out.append(candidate.slip)
     broad = {slip for slip in out if not slip.subjects}
     return tuple(slip for slip in out if not slip.subjects or replace(slip, subjects=()) not in broad)
@@ -255,7 +255,7 @@ def _compare(found: Responses, expected: ExpectedResponse, read: ColumnReading) 
     return _ScaledResponses(found.size * read.factor / possible, wanted / possible, possible, expected)
 
 
-def _differ(one: ColumnReading, other: ColumnReading) -> Mask:
+def _readings_differ(one: ColumnReading, other: ColumnReading) -> Mask:
     return np.asarray(
         (one.factor != other.factor) | (one.column != other.column) | np.any(one.direction != other.direction, axis=1)
     )
@@ -298,16 +298,16 @@ def _halving(
 ) -> Iterator[tuple[float, SlipCandidate, ColumnReading]]:
     """Yield candidates that at least halve the misfit of what they concern, down to the size of physical effects. Each
     with the deviation of all responses and the interpretation with it."""
-    before = np.abs(here.misses)
+    before = np.abs(here.deviations)
     for candidate in candidates:
         if np.max(before[candidate.concerns], initial=0.0) < CLEARLY:
             continue
         now = candidate.undo(read)
         there = _compare(found, expected, now)
-        changed = _informative(here, there, _differ(read, now))
+        changed = _informative(here, there, _readings_differ(read, now))
         if not changed.any() or _root(before[changed]) < CLEARLY:
             continue
-        after = there.misses
+        after = there.deviations
         if _root(after[changed]) <= min(_RIGHT, 0.5 * _root(before[changed])):
             yield _root(after), candidate, now
 
@@ -337,7 +337,7 @@ def _gain(
 def _evidence(read: ColumnReading, compared: _ScaledResponses, expected: ExpectedResponse, rows: Mask) -> float:
     """Return the log evidence of the recorded sizes of some responses, with physical causes of plausible size free."""
     read = ColumnReading(read.direction[rows], read.column[rows], read.factor[rows])
-    compared = compared.chosen(rows)
+    compared = compared.subset(rows)
     slope = compared.slope
     axis = np.argmax(np.abs(read.direction * expected.of_load), axis=1)
     own = _BESIDE * compared.width * np.where(compared.expected < 0.0, -1.0, 1.0)

@@ -98,7 +98,9 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
 
 
-def places(slipped: Mask, kept: Mask, poses: Sequence[str], groups: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
+def row_places(
+    slipped: Mask, kept: Mask, poses: Sequence[str], groups: Sequence[tuple[str, Sequence[str]]]
+) -> list[str]:
     """Return the places of rows (B,) in words: a group, a few stretches, a regular pattern, or each by its name.
 
     groups: name of a column and its value in each row.
@@ -171,20 +173,20 @@ def best_order(readings: Array, asked: Array, noise: float) -> RowOrder:
     simple = max(shifted, key=lambda order: order.gain, default=None)
     free = _exchanged(readings, asked, noise)
     if simple is not None and simple.gain > _CLEAR:
-        left, least = (_left(order, readings, asked) for order in (simple, free))
+        left, least = (_median_misfit(order, readings, asked) for order in (simple, free))
         if left <= _NEARLY * least:
             return simple
     return free if free.gain > _CLEAR else RowOrder(np.arange(len(readings)), 0.0)
 
 
-def _left(order: RowOrder, readings: Array, asked: Array) -> float:
+def _median_misfit(order: RowOrder, readings: Array, asked: Array) -> float:
     """Return the median misfit, m, of an order, about the median of each leg."""
     kept = order.rows >= 0
     misfit = readings[order.rows[kept]] - asked[kept]
     return float(np.median(np.abs(misfit - np.median(misfit, axis=0))))
 
 
-def _about(values: Array, rows: Index) -> Array:
+def _minus_mean(values: Array, rows: Index) -> Array:
     return values[rows] - np.mean(values[rows], axis=0)
 
 
@@ -200,8 +202,8 @@ def _shifted(readings: Array, asked: Array, noise: float, shift: int) -> RowOrde
     poses = np.arange(max(0, -shift), count - max(0, shift))
     rows = np.full(count, -1, np.int64)
     rows[poses] = poses + shift
-    kept = _log_likelihood(_about(readings, poses) - _about(asked, poses), noise)
-    moved = _log_likelihood(_about(readings, poses + shift) - _about(asked, poses), noise)
+    kept = _log_likelihood(_minus_mean(readings, poses) - _minus_mean(asked, poses), noise)
+    moved = _log_likelihood(_minus_mean(readings, poses + shift) - _minus_mean(asked, poses), noise)
     return RowOrder(rows, moved - kept - np.log(len(_SHIFTS)), shift)
 
 

@@ -172,7 +172,7 @@ def errors_at(found: ExtendedModel, conditions: Conditions, measured: MeasuredPl
     rows = np.flatnonzero(_has_all_inputs(found, conditions))
     if len(rows):
         poses = predict_poses(found, some_of(conditions, rows), recorded=True)
-        platform = measured.platform.chosen(rows)
+        platform = measured.platform.subset(rows)
         turned = log_so3(platform.R @ np.swapaxes(poses.R, -1, -2))
         away = np.concatenate([platform.p - poses.p, turned], -1)
         error[rows] = np.where(poses.converged[:, None], away, np.nan)
@@ -294,7 +294,7 @@ def error_of_95_percent(errors: NDArray, variances: NDArray) -> Interval | None:
     return _interval_of_mean(mean, min(float(np.mean(variances[reported])), mean), count)
 
 
-def deciding(errors: NDArray, variances: NDArray, limit: float, spare: int = 0) -> Decision | None:
+def deciding_pose_count(errors: NDArray, variances: NDArray, limit: float, spare: int = 0) -> Decision | None:
     """Return the number of poses that decide whether 95 % of errors are below a limit, if further errors are as large.
 
     errors, variances: as in `error_of_95_percent`; limit in their unit; spare: measured poses that no longer count once

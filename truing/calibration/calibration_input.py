@@ -24,7 +24,7 @@ class PosesWithCovariance:
     R: NDArray
     covariance: NDArray
 
-    def chosen(self, rows: NDArray) -> PosesWithCovariance:
+    def subset(self, rows: NDArray) -> PosesWithCovariance:
         """Return some of the poses."""
         return PosesWithCovariance(self.p[rows], self.R[rows], self.covariance[rows])
 
@@ -45,7 +45,7 @@ class SurveyShifts:
     shift: NDArray
     sigma: NDArray
 
-    def chosen(self, rows: NDArray) -> SurveyShifts:
+    def subset(self, rows: NDArray) -> SurveyShifts:
         """Return the shifts of some poses."""
         return SurveyShifts(self.shift[rows], self.sigma[rows])
 
@@ -68,17 +68,17 @@ class MeasuredPlatform:
     network: NetworkErrors | None = None
     load: NDArray | None = None  # wrench on the platform (B, 6), base axes, N and N m; None: none is known
 
-    def chosen(self, rows: NDArray) -> MeasuredPlatform:
+    def subset(self, rows: NDArray) -> MeasuredPlatform:
         """Return some of the poses, by mask (B,)."""
         return MeasuredPlatform(
             tuple(pose for pose, kept in zip(self.poses, rows, strict=True) if kept),
             self.roles[rows],
-            self.base.chosen(rows),
-            self.platform.chosen(rows),
+            self.base.subset(rows),
+            self.platform.subset(rows),
             self.rho[rows],
-            {leg: poses.chosen(rows) for leg, poses in self.legs.items()},
-            self.shifts and self.shifts.chosen(rows),
-            self.network and self.network.chosen(rows),
+            {leg: poses.subset(rows) for leg, poses in self.legs.items()},
+            self.shifts and self.shifts.subset(rows),
+            self.network and self.network.subset(rows),
             None if self.load is None else self.load[rows],
         )
 

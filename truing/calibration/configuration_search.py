@@ -96,7 +96,7 @@ class DesignProblem:
         regressors = self.regressors
         reached = poses_at(regressors.structure, regressors.machine, rho)
         if not reached.converged.all():
-            raise ValueError("readings that the mechanism can reach")
+            raise ValueError("readings at which the mechanism can be assembled")
         return Placed(reached.p, reached.R, rho)
 
 
@@ -195,7 +195,7 @@ class Bounded:
         return self.upper - self.bound.upper
 
     @property
-    def climbed(self) -> int:
+    def ascended(self) -> int:
         """Number of candidates found by gradient ascent."""
         return len(self.x) - self.corners - self.dense
 
@@ -232,7 +232,7 @@ def choose(
         return _by_exchange(problem, candidates, poses, given, rng)
     start = _drawn(problem, poses, rng)
     if method == "direct":
-        return _moved(problem, start, given, _ITERATIONS)
+        return _ascended(problem, start, given, _ITERATIONS)
     if method == "ioops":
         pool = np.concatenate([start, candidates.x])
         return pool[ioops(problem.rows_at(pool), np.arange(poses), given).chosen]
@@ -245,7 +245,7 @@ def _drawn(problem: DesignProblem, count: int, rng: np.random.Generator) -> NDAr
     return x[np.argsort(~problem.reached(x), kind="stable")[:count]]
 
 
-def _moved(problem: DesignProblem, x: NDArray, given: NDArray | None, iterations: int) -> NDArray:
+def _ascended(problem: DesignProblem, x: NDArray, given: NDArray | None, iterations: int) -> NDArray:
     """Return configurations improved along the gradient, or unchanged if one would become unreachable."""
     found = optimise_directly(problem.region, problem.rows_and_changes, x, given, iterations)
     return found.x if problem.reached(found.x).all() else x
@@ -265,7 +265,7 @@ def _by_exchange(
     found = [exchange(rows, s, given) for s in starts if np.isfinite(sum_log_det(information_of(rows[s], given)))]
     best = max(found, key=lambda selection: selection.log_det)
     start = candidates.x[pool[best.chosen]]
-    moved = _moved(problem, start, given, _POLISH)
+    moved = _ascended(problem, start, given, _POLISH)
     gained = sum_log_det(information_of(problem.rows_at(moved), given)) > best.log_det
     return moved if gained else start
 
@@ -282,7 +282,7 @@ def verification(problem: DesignProblem, x: NDArray, count: int, rng: np.random.
     inside = problem.region.pulled_in(np.einsum("nk,nki->ni", shares, x[picked]))
     inside = inside[problem.region.allowed(inside) & problem.reached(inside)]
     if len(inside) < count:
-        raise ValueError("room within the hull of the chosen poses")
+        raise ValueError("enough reachable poses outside forbidden regions, between the chosen poses")
     near = np.full(len(inside), np.inf)
     for one in x:  # pose by pose: all distances at once would not fit in memory
         near = np.minimum(near, np.linalg.norm(inside - one, axis=-1))

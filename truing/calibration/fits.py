@@ -99,14 +99,14 @@ def maximum_likelihood(
     data: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: NDArray
 ) -> MachineCalibration:
     """Return the calibration by errors in variables over the poses kept (B,), with tolerances and surveys as prior."""
-    used = fitted.chosen(kept)
+    used = fitted.subset(kept)
     calibration_question = question(data, used, case)
-    fit = answer(calibration_question, robust=False)
+    fit = fit_question(calibration_question, robust=False)
     # All models are compared on the same data: poses, readings, and the deformation from the targets.
     evidence, count = _log_evidence(fit, calibration_question.prior), calibration_question.count
     if (more := with_targets(calibration_question, data, used, case)) is not None:
-        fit = answer(more, fit.values[:count], robust=False)
-    found = _enlarged(data, fit, calibration_question)
+        fit = fit_question(more, fit.values[:count], robust=False)
+    found = _enlarged_covariance(data, fit, calibration_question)
     tolerance = (more or calibration_question).tolerance
     known = np.where(np.isfinite(tolerance), tolerance, widest(calibration_question.problem.parameters))
     last = len(fit.values) - calibration_question.common
@@ -124,14 +124,16 @@ def maximum_likelihood(
         tolerance,
         np.sqrt(np.diag(found)) < _IDENTIFIABLE * known,
         kept,
-        fit.judgement.chi_square,
-        float(fit.judgement.freedom),
+        fit.leave_one_out.chi_square,
+        float(fit.leave_one_out.freedom),
         evidence,
         _end_of_fit(fit.status),
     )
 
 
-def _enlarged(data: CalibrationData, fit: ErrorsInVariablesFit, calibration_question: CalibrationQuestion) -> NDArray:
+def _enlarged_covariance(
+    data: CalibrationData, fit: ErrorsInVariablesFit, calibration_question: CalibrationQuestion
+) -> NDArray:
     """Return the covariance (P, P) of the machine's parameters, enlarged where more noise was found than declared. The
     survey of the attachments is part of the prior, but was taken by the same instrument, so it is enlarged as well."""
     excess = max(fit.noise_ratio, 1.0)
@@ -148,7 +150,7 @@ def _enlarged(data: CalibrationData, fit: ErrorsInVariablesFit, calibration_ques
     return np.linalg.inv(information)[: calibration_question.count, : calibration_question.count]
 
 
-def answer(
+def fit_question(
     calibration_question: CalibrationQuestion, start: NDArray | None = None, *, robust: bool
 ) -> ErrorsInVariablesFit:
     """Return the fit of a question, started from the machine's parameters (P,) in ``start`` or from the
@@ -173,7 +175,7 @@ def _log_evidence(fit: ErrorsInVariablesFit, prior: Prior) -> float:
 
 def implicit(data: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: NDArray) -> MachineCalibration:
     """Return the calibration by unweighted least squares on the closures over the poses kept (B,), as in the report."""
-    problem = problem_of(case, _implicit_set(data, fitted.chosen(kept), case), fitted.chosen(kept))
+    problem = problem_of(case, _implicit_set(data, fitted.subset(kept), case), fitted.subset(kept))
     nominal = problem.parameters.values(case.nominal)
     still = np.zeros((int(kept.sum()), problem.deviations))
 
@@ -192,9 +194,9 @@ def implicit(data: CalibrationData, fitted: MeasuredPlatform, case: Case, kept: 
     # A fit without convergence, or without degrees of freedom, has no uncertainty.
     variance = np.sum(at.value**2) / freedom if ended == "ok" else np.nan
     covariance = solution.covariance[0] * variance
-    used = fitted.chosen(kept)
+    used = fitted.subset(kept)
     declared = _propagated(solution.covariance[0], at, own_covariance(used, data.reading_sigma))
-    moved = _moved(solution.covariance[0], at, common_effects(used))
+    moved = _common_error_derivatives(solution.covariance[0], at, common_effects(used))
     declared = declared + moved @ moved.T
     tolerance = tolerances(data, case, problem.parameters)
     return MachineCalibration(
@@ -225,7 +227,7 @@ def _propagated(inverse: NDArray, at: PoseEquations, noise: NDArray) -> NDArray:
     return inverse @ reported @ inverse
 
 
-def _moved(inverse: NDArray, at: PoseEquations, effects: NDArray) -> NDArray:
+def _common_error_derivatives(inverse: NDArray, at: PoseEquations, effects: NDArray) -> NDArray:
     """Return the derivatives (P, K) of an unweighted fit by common errors, whose effects on the platform
     are (B, 6, K)."""
     spread = at.by_deviation[..., :6] @ effects

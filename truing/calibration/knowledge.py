@@ -22,7 +22,7 @@ from truing.calibration.calibration_question import (
     widest,
     with_targets,
 )
-from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration, answer
+from truing.calibration.fits import MAXIMUM_LIKELIHOOD, MachineCalibration, fit_question
 from truing.calibration.model_cases import screened_poses
 from truing.estimation.design.absorption import Absorption, absorb
 from truing.estimation.design.observability import Observability, observe
@@ -100,7 +100,7 @@ def observe_model(dataset: CalibrationData, fitted: MeasuredPlatform, chosen: Ma
     bent = np.array([is_deformation(entry) for entry in chosen.parameters.entries])
     scales, units = _scales(dataset.tolerance, chosen.parameters), chosen.parameters.units
     seen = _with_shifts_known(_with_common_known(seen, calibration_question), calibration_question)
-    jacobian = _without(seen, calibration_question.count) * units
+    jacobian = _orthogonal_to_others(seen, calibration_question.count) * units
     return observe(jacobian, np.where(bent, _PLAUSIBLE_KAPPA, scales) / units, chosen.parameters.labels)
 
 
@@ -125,7 +125,7 @@ def _with_shifts_known(jacobian: NDArray, calibration_question: CalibrationQuest
     return np.concatenate([jacobian, known])
 
 
-def _without(jacobian: NDArray, count: int) -> NDArray:
+def _orthogonal_to_others(jacobian: NDArray, count: int) -> NDArray:
     """Return the first ``count`` columns without their projection on the other columns, which are unknown."""
     if count == jacobian.shape[1]:
         return jacobian
@@ -242,7 +242,7 @@ class RefittedCalibration:
     fit: ErrorsInVariablesFit
 
 
-def answered_again(
+def refitted_calibration(
     dataset: CalibrationData, key: tuple[str, str], stood: Mapping[tuple[str, int | None], float]
 ) -> RefittedCalibration | None:
     """Return the maximum-likelihood calibration of a model (structure, deformation), refitted from its result.
@@ -254,10 +254,10 @@ def answered_again(
     if case is None:
         return None
     clean = screened_poses(dataset, dataset.measured.roles != "verification", every)
-    calibration_question = _full_question(dataset, clean.measured.chosen(clean.kept), case)
+    calibration_question = _full_question(dataset, clean.measured.subset(clean.kept), case)
     own = calibration_question.problem.parameters
     start = np.array([stood[entry.name, entry.leg_number] for entry in own.entries], float) * own.units
-    fit = answer(calibration_question, start, robust=False)
+    fit = fit_question(calibration_question, start, robust=False)
     return RefittedCalibration(dataset, calibration_question, fit) if fit.ok else None
 
 
@@ -277,7 +277,7 @@ def budget_of_answer(answered: RefittedCalibration) -> dict[Source, Array]:
     found = linear_estimate(at.by_values, noise, prior, at.by_deviation)
     if ratio == 1.0:
         return found
-    beyond = Source("scatter of the closing beyond the declared noise", "A", float(fit.judgement.freedom))
+    beyond = Source("scatter of the closing beyond the declared noise", "A", float(fit.leave_one_out.freedom))
     total = np.zeros_like(found[TARGETS])
     for source in (TARGETS, READINGS, *surveyed):
         split = beyond_declared({source: found[source]}, source, ratio, beyond)

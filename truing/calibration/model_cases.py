@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from truing.calibration.accuracy import AssessedCalibration, misfit, pose_errors
 from truing.calibration.calibration_input import CalibrationData, MeasuredPlatform, PosesWithCovariance
 from truing.calibration.calibration_question import Case, nothing_open, question, with_targets
-from truing.calibration.fits import MachineCalibration, answer, implicit, maximum_likelihood
+from truing.calibration.fits import MachineCalibration, fit_question, implicit, maximum_likelihood
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
 from truing.simulation.mechanisms.legs.kinematics import upper_joints
 
@@ -42,7 +42,7 @@ class ScreenedPoses:
     legs_out: tuple[OffLeg, ...] = ()
 
     @property
-    def poses_out(self) -> list[int | str]:
+    def rejected_poses(self) -> list[int | str]:
         """Poses that disagree with all others: their weight in a robust fit is 0."""
         return [pose for pose, agrees in zip(self.measured.poses, self.kept, strict=True) if not agrees]
 
@@ -53,10 +53,10 @@ def screened(data: CalibrationData, fitted: MeasuredPlatform, case: Case) -> Scr
     Mismeasured poses are rare: if many disagree, the model is wrong and all poses are kept.
     """
     calibration_question = question(data, fitted, case)
-    fit = answer(calibration_question, robust=True)
+    fit = fit_question(calibration_question, robust=True)
     measured, legs = _without_bad_legs(calibration_question.problem, fit.values, fitted)
     if (more := with_targets(calibration_question, data, measured, case)) is not None:
-        fit = answer(more, fit.values[: calibration_question.count], robust=True)
+        fit = fit_question(more, fit.values[: calibration_question.count], robust=True)
     kept = fit.weight > 0
     return ScreenedPoses(measured, kept if np.mean(~kept) <= _MOST_BAD_POSES else np.ones_like(kept), legs)
 
@@ -73,14 +73,14 @@ def _without_bad_legs(
     joints = (machine.legs.closure.lower(machine.legs, rho), upper)
     good, out = dict(measured.legs), []
     for leg, found in measured.legs.items():
-        away = _away(found, *(joint[:, leg] for joint in joints))
+        away = _joint_deviation(found, *(joint[:, leg] for joint in joints))
         off = away > OFF
         good[leg] = replace(found, p=np.where(off[:, None], np.nan, found.p))
         out += [OffLeg(measured.poses[n], leg, float(away[n])) for n in np.flatnonzero(off)]
     return replace(measured, legs=good), tuple(out)
 
 
-def _away(found: PosesWithCovariance, lower: NDArray, upper: NDArray) -> NDArray:
+def _joint_deviation(found: PosesWithCovariance, lower: NDArray, upper: NDArray) -> NDArray:
     """Return the deviation (B,) of the joints (B, 3) from their usual places on the leg, in robust standard
     deviations."""
     places = [np.einsum("bji,bj->bi", found.R, joint - found.p) for joint in (lower, upper)]
@@ -117,7 +117,7 @@ class CalibrationsByEstimator:
 
 def screened_poses(data: CalibrationData, fitted: NDArray, every: Sequence[Case]) -> ScreenedPoses:
     """Return the poses to be fitted, screened with rigid legs and the richest model of deformation."""
-    used = data.measured.chosen(fitted)
+    used = data.measured.subset(fitted)
     richest = [case for case in every if case.structure.name == every[0].structure.name][-1]
     everything = ScreenedPoses(used, np.ones(len(used.poses), bool))
     try:
@@ -152,7 +152,7 @@ def assessed_calibration(
     """Return a calibration with its errors at all poses, where readings determine them, and its misfit at held-out
     poses."""
     measured, legs = data.measured, data.machine.legs.count
-    held = measured.chosen(~fitted)
+    held = measured.subset(~fitted)
     squares = misfit(calibration, held, data.reading_sigma) if len(held.poses) else np.zeros(0)
     errors = pose_errors(calibration, measured, data.reading_sigma, fitted) if legs >= LEAST_LEGS else None
     return AssessedCalibration(calibration, errors, squares, legs)

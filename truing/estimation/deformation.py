@@ -9,7 +9,7 @@ import numpy as np
 
 from truing.arrays import Array, Mask
 from truing.estimation.measured_numbers import pose_numbers
-from truing.estimation.response import ResponseFit, fit_models, fit_response, gain_p_value, keep_consistent
+from truing.estimation.response import ResponseFit, consistent_responses, fit_models, fit_response, gain_p_value
 from truing.estimation.rigid_poses.body_frames import residual_covariance
 from truing.estimation.rigid_poses.joint_frames import (
     FramedPoints,
@@ -92,7 +92,7 @@ def correlated_shifts(framed: FramedPoints, per_leg: Array, axes: Sequence[int] 
         return None
     usual, cov = by_survey[there].mean(axis=0), np.concatenate([body.cov_source for body in bodies])
     of_survey = np.einsum("lni,nij,mnj->lm", usual, cov, usual)
-    own, alike = apart(whole, effects, there, framed.correlation)
+    own, alike = pose_and_common_parts(whole, effects, there, framed.correlation)
     varied = by_survey[there] - usual
     own[there] += np.einsum("blni,nij,bmnj->blm", varied, cov, varied, optimize=True)
     numbers = tuple(str(number) for name in names for number in pose_numbers(name))
@@ -136,7 +136,7 @@ def correlated_residuals(framed: FramedPoints) -> Callable[[str, tuple[str, ...]
             there[p] = True
         if not there.any():
             return whole, there
-        own, _ = apart(whole, effects, there, correlation)
+        own, _ = pose_and_common_parts(whole, effects, there, correlation)
         varied = by_shape[there] - by_shape[there].mean(axis=0)
         own[there] += varied @ np.swapaxes(varied, 1, 2)
         return _without_rounding(own), there
@@ -161,7 +161,7 @@ def _mean(by_survey: Sequence[Array], cov: Array) -> Array:
     return np.asarray(np.einsum("pni,nij,qnj->pq", mean, cov, mean, optimize=True))
 
 
-def apart(whole: Array, effects: Array, there: Mask, correlation: Array) -> tuple[Array, Array]:
+def pose_and_common_parts(whole: Array, effects: Array, there: Mask, correlation: Array) -> tuple[Array, Array]:
     """Split covariances (B, L, L) into a part that differs between poses and a part (L, L) common to all poses.
 
     effects (B, L, K): effects of errors common to all poses; their mean over poses is the common part.
@@ -324,7 +324,7 @@ def _consistent_attachments(drive: Array, shifts: LegShifts, fitted: Mask) -> Ma
     """Return the attachments (B, L) whose shifts along z and across it agree with a matrix model of each direction. The
     noise along z is used across, too: a gross error is many times either."""
     directions = (shifts.shift, shifts.across[:, :, 0], shifts.across[:, :, 1])
-    kept = [keep_consistent(drive, y, shifts.noise, offset_cov=shifts.survey, fitted=fitted) for y in directions]
+    kept = [consistent_responses(drive, y, shifts.noise, offset_cov=shifts.survey, fitted=fitted) for y in directions]
     return np.logical_and.reduce(kept)
 
 
@@ -396,5 +396,5 @@ def _mean_shape(points: Array, seen: Mask, rotation: Array, shift: Array) -> Arr
 def target_models(found: BodyShifts, u: Array, fitted: Mask) -> dict[str, ResponseFit]:
     """Return the models of a body's shifts by drives u (B, D), none and matrix, over the poses fitted (B,)."""
     y, cov = found.flat[fitted], found.noise[fitted]
-    kept = keep_consistent(u[fitted], y, cov)
+    kept = consistent_responses(u[fitted], y, cov)
     return fit_models(u[fitted], np.where(kept, y, np.nan), cov, ("none", "matrix"))

@@ -31,7 +31,7 @@ class NetworkErrors:
     covariance: NDArray
     effects: NDArray
 
-    def chosen(self, rows: NDArray) -> NetworkErrors:
+    def subset(self, rows: NDArray) -> NetworkErrors:
         """Return the errors of some poses."""
         return NetworkErrors(self.numbers, self.covariance[rows], self.effects[rows])
 

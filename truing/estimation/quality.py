@@ -55,11 +55,11 @@ def residual_scatter(residuals: Array, sigma: Array, redundancy: Array, covariat
     kept = redundancy > 0.0
     design = np.column_stack([np.ones(len(covariates)), covariates])
     weight = kept / np.where(kept, sigma, 1.0) ** 2
-    left, share = _regress_out(np.where(kept, residuals, 0.0), weight, design)
+    left, share = _regression_residuals(np.where(kept, residuals, 0.0), weight, design)
     return Scatter((weight * left**2).sum(axis=(0, 1)), (redundancy * share).sum(axis=(0, 1)))
 
 
-def _regress_out(values: Array, weight: Array, design: Array) -> tuple[Array, Array]:
+def _regression_residuals(values: Array, weight: Array, design: Array) -> tuple[Array, Array]:
     """Return residuals (B, T, 3) of a weighted regression of each coordinate on the design, and the share of each
     value's own error in them."""
     normal = np.einsum("bi,bta,bj->taij", design, weight, design, optimize=True)
@@ -202,7 +202,7 @@ def successive_sigma(values: Array, kept: Mask) -> Array:
     return sigma
 
 
-def isolated(values: Array, sigma: Array, kept: Mask, limit: float = 10.0) -> Mask:
+def isolated_values(values: Array, sigma: Array, kept: Mask, limit: float = 10.0) -> Mask:
     """Return the mask (B, T) of values further than ``limit`` deviations from the running median of five neighbours in
     time."""
     far = np.zeros(kept.shape, bool)

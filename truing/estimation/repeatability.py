@@ -73,7 +73,7 @@ def within_runs(values: ArrayLike, groups: Sequence[Index]) -> Squares:
     return Squares(square, freedom)
 
 
-def left_by_lines(values: Array, drives: Array, run: Index, fitted: Mask) -> tuple[Array, Squares]:
+def residuals_from_lines(values: Array, drives: Array, run: Index, fitted: Mask) -> tuple[Array, Squares]:
     """Return the residuals of values (B, C) from a zero per run (B,) and a line in every drive (B, D), over rows fitted
     (B,).
 

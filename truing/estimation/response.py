@@ -92,7 +92,7 @@ def fit_response(
     if y.shape[0] != n or cov.shape != (n, width, width):
         raise ValueError(f"found u {u.shape}, y {y.shape} and cov {cov.shape}, expected (N, D), (N, L) and (N, L, L)")
     if form == "linear" and d != width:
-        raise ValueError(f"linear model: found {width} responses and {d} drives, expected one drive per response")
+        raise ValueError(f"linear model: found {width} responses and {d} drives, expected as many drives as responses")
     group = np.zeros(n, np.int64) if group is None else np.asarray(group)
     if width > 1 and _separate(cov, np.isfinite(y), offset_cov):
         return _component_by_component(u, y, cov, form, offset_cov, group)
@@ -252,7 +252,7 @@ def _leave_one_out(design: Array, covariance: Array, weight: Array, residuals: A
     return np.einsum("nlk,nk->nl", np.linalg.pinv(rest, rcond=1e-9), residuals)
 
 
-def keep_consistent(
+def consistent_responses(
     u: Array,
     y: Array,
     cov: Array,

@@ -75,7 +75,7 @@ def mistaken_unit(value_c: ArrayLike, reference_c: float) -> MistakenUnit | None
     value = np.asarray(value_c, float)
     value = value[np.isfinite(value)]
     if not len(value):
-        return _of_reference_alone(reference_c)
+        return _mistaken_reference(reference_c)
     reference = np.array(reference_c)
     kelvin = _are_kelvin(value, reference)
     is_warming = (~kelvin & (np.abs(value - reference) > _NEAR_K)).any()  # a furnace reaches 300 degC gradually
@@ -88,7 +88,7 @@ def mistaken_unit(value_c: ArrayLike, reference_c: float) -> MistakenUnit | None
         return MistakenUnit("degF", False, True, len(value), float(np.median(fahrenheit_in_celsius(value))))
     if _are_fahrenheit(reference, value).all():
         return MistakenUnit("degF", True, True, 1, float(fahrenheit_in_celsius(reference_c)))
-    return _of_reference_alone(reference_c) if (np.abs(value - reference_c) < _NEAR_F).all() else None
+    return _mistaken_reference(reference_c) if (np.abs(value - reference_c) < _NEAR_F).all() else None
 
 
 def _are_kelvin(value: Array, other: Array) -> Mask:
@@ -101,7 +101,7 @@ def _are_fahrenheit(value: Array, other: Array) -> Mask:
     return np.asarray(near & (value - other > _FAR_F))
 
 
-def _of_reference_alone(reference_c: float) -> MistakenUnit | None:
+def _mistaken_reference(reference_c: float) -> MistakenUnit | None:
     """Return the likely unit of a reference without values to compare with."""
     for unit, (low, high), celsius in (
         ("K", _LIKELY_K, kelvin_in_celsius),
@@ -205,13 +205,13 @@ def mistaken_times(time: Array, run: Index | None = None) -> MistakenTimes | Non
     if typical < _FASTEST_S and _are_days(low, high) and not (is_even and _is_rate(typical)):
         return MistakenTimes("d", typical)
     if typical < _FASTEST_S and not is_even:
-        return _likeliest(typical, ("d", "h", "min"))
+        return _likeliest_unit(typical, ("d", "h", "min"))
     if typical > _SLOWEST_S and not _is_by_the_clock(typical, is_even) and not _is_by_day(time):
-        return _likeliest(typical, ("ms", "us", "ns"))
+        return _likeliest_unit(typical, ("ms", "us", "ns"))
     return None
 
 
-def _likeliest(pace: float, units: tuple[str, ...]) -> MistakenTimes | None:
+def _likeliest_unit(pace: float, units: tuple[str, ...]) -> MistakenTimes | None:
     """Return the unit in which a pace is closest to the usual one, among the plausible units."""
     likely = [unit for unit in units if _LIKELY_S[0] <= pace * SECONDS[unit] <= _LIKELY_S[1]]
     likely.sort(key=lambda unit: abs(np.log(pace * SECONDS[unit] / _USUAL_S)))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index
 from truing.formats.compression import open_plain
-from truing.formats.file_search import companions, format_suffix
+from truing.formats.file_search import companion_files, format_suffix
 from truing.formats.interior_orientation import Row, camera_row, from_millimetres
 from truing.formats.raw import RawBatch, Unusable, Wanted, finite_numbers, integer_columns, one_batch
 from truing.formats.source import RawFile
@@ -42,7 +42,7 @@ class AiconCamera:
 def read_phc(raw: RawFile, path: Path, wanted: Wanted) -> Iterator[RawBatch]:
     """Yield the image points of a .phc file, in px; raises Unusable for a missing .ior or .eor file and for damaged
     ones."""
-    beside = {format_suffix(one): one for one in companions(raw.path)}
+    beside = {format_suffix(one): one for one in companion_files(raw.path)}
     if ".ior" not in beside:
         raise Unusable("an .ior file of the same name next to it, whose pixel size converts mm to px")
     cameras = {str(camera.row["camera"]): camera for camera in _cameras(_lines(beside[".ior"], beside[".ior"].name))}

@@ -148,7 +148,7 @@ def head_lines(path: Path) -> list[tuple[list[str], int]]:
     return found
 
 
-def announced(words: list[str], kind: str, line: int) -> int:
+def announced_number(words: list[str], kind: str, line: int) -> int:
     """Return the only number of a header line; raises Unusable without one."""
     if len(words) != 1 or not words[0].isascii() or not words[0].isdigit():
         raise Unusable(f"an undamaged {kind} file, which announces a number here", row=line, value=" ".join(words)[:40])
@@ -177,7 +177,7 @@ def ply_layout(path: Path) -> CloudLayout:
         if words[:1] == ["format"] and words[1:2] and words[1] in _PLY_FORMS and words[2:] == ["1.0"] and not form:
             form = words[1]
         elif words[:1] == ["element"] and len(words) == 3 and form:
-            elements.append(PlyElement(words[1], announced(words[2:], "PLY", line), ()))
+            elements.append(PlyElement(words[1], announced_number(words[2:], "PLY", line), ()))
         elif words[:1] == ["property"] and elements:
             elements[-1] = _with_property(elements[-1], words[1:], _PLY_FORMS[form], line)
         elif words and words[0] not in _PASSED_OVER:
@@ -215,20 +215,20 @@ def _layout_of_ply(form: str, elements: list[PlyElement], begin: int, lines: int
 
 def ply_vertices(layout: CloudLayout, data: NDArray[np.uint8]) -> NDArray[np.void]:
     """Return the vertices of a binary file; raises Unusable if its size differs from the announced one."""
-    begin = _passed(layout.before, data, layout.begin, layout.points)
+    begin = _byte_after(layout.before, data, layout.begin, layout.points)
     end = begin + layout.points * layout.record.itemsize
     if end > len(data):
         held = max(len(data) - begin, 0) // layout.record.itemsize
         raise Unusable(
             f"{_WHOLE_PLY}: {layout.points} vertices, as its header announces: export it anew", value=f"{held} vertices"
         )
-    rest = data[_passed(layout.after, data, end, layout.points) :]
+    rest = data[_byte_after(layout.after, data, end, layout.points) :]
     if rest[:3].tobytes().strip(_LINE_ENDS):
         raise Unusable(f"{_WHOLE_PLY}, which ends where its header says", value=f"{len(rest)} more bytes")
     return data[begin:end].view(layout.record)
 
 
-def _passed(elements: Sequence[PlyElement], data: NDArray[np.uint8], at: int, vertices: int) -> int:
+def _byte_after(elements: Sequence[PlyElement], data: NDArray[np.uint8], at: int, vertices: int) -> int:
     """Return the byte after some elements of a binary file."""
     for element in elements:
         if element.record is not None:
@@ -308,8 +308,12 @@ def _layout_of_pcd(reported: dict[str, tuple[int, list[str]]], begin: int, lines
     for key in ("FIELDS", "SIZE", "TYPE", "WIDTH", "HEIGHT"):
         if key not in reported:
             raise Unusable(f"{_WHOLE_PCD}, whose header has a line {key}")
-    width, height = (announced(reported[key][1], "PCD", reported[key][0]) for key in ("WIDTH", "HEIGHT"))
-    points = announced(reported["POINTS"][1], "PCD", reported["POINTS"][0]) if "POINTS" in reported else width * height
+    width, height = (announced_number(reported[key][1], "PCD", reported[key][0]) for key in ("WIDTH", "HEIGHT"))
+    points = (
+        announced_number(reported["POINTS"][1], "PCD", reported["POINTS"][0])
+        if "POINTS" in reported
+        else width * height
+    )
     if points != width * height:
         raise Unusable(f"{_WHOLE_PCD}: as many POINTS as WIDTH times HEIGHT, {width * height}", value=str(points))
     if not points:
@@ -330,7 +334,9 @@ def _record(reported: dict[str, tuple[int, list[str]]]) -> np.dtype:
             raise Unusable(
                 f"{_WHOLE_PCD}: types F of 4 or 8 bytes, I or U of 1, 2, 4 or 8", value=f"{kind} {size}"[:40]
             )
-        number = announced([count], "PCD", reported["COUNT"][0] if "COUNT" in reported else reported["FIELDS"][0])
+        number = announced_number(
+            [count], "PCD", reported["COUNT"][0] if "COUNT" in reported else reported["FIELDS"][0]
+        )
         if not 1 <= number <= _MOST_PER_POINT:
             raise Unusable(f"{_WHOLE_PCD}: a COUNT of 1 to {_MOST_PER_POINT}", value=count[:40])
         fields.append((name, np.dtype(f"<{kind.lower()}{size}"), number))
@@ -346,11 +352,11 @@ def pcd_points(layout: CloudLayout, data: NDArray[np.uint8]) -> NDArray[np.void]
     if len(held) < size:
         expected = f"{_WHOLE_PCD}: {layout.points} points, as its header announces: export it anew"
         raise Unusable(expected, value=f"{len(held) // layout.record.itemsize} points")
-    _refuse_more(held[size:])
+    _refuse_trailing_data(held[size:])
     return held[:size].view(layout.record)
 
 
-def _refuse_more(rest: NDArray[np.uint8]) -> None:
+def _refuse_trailing_data(rest: NDArray[np.uint8]) -> None:
     """Refuse data after the points, except zeros, which pad a page of memory."""
     if rest.any() and rest.tobytes()[:3].strip(b"\r\n"):
         raise Unusable(f"{_WHOLE_PCD}, which ends where its header says", value=f"{len(rest)} more bytes")
@@ -365,7 +371,7 @@ def _decompressed(layout: CloudLayout, held: NDArray[np.uint8]) -> NDArray[np.ui
         raise Unusable(f"{_WHOLE_PCD}: {announced_size}: export it anew", value=f"{size} bytes")
     if packed > len(held) - 8 or size > _LARGEST_RATIO * packed:
         raise Unusable(f"{_WHOLE_PCD}: {packed} bytes of compressed points", value=f"{len(held) - 8} bytes")
-    _refuse_more(held[8 + packed :])
+    _refuse_trailing_data(held[8 + packed :])
     plain = lzf_decompressed(held[8 : 8 + packed].tobytes(), size)
     if plain is None:
         raise Unusable(f"{_WHOLE_PCD}; its compressed points are damaged")

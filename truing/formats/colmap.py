@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Index
-from truing.formats.file_search import companions
+from truing.formats.file_search import companion_files
 from truing.formats.interior_orientation import CORNER, Row, camera_row, from_pinhole
 from truing.formats.raw import RawBatch, Unusable, Wanted, finite_numbers, integer_columns, one_batch
 
@@ -143,7 +143,7 @@ class _Bytes:
     def take(self, layout: str) -> tuple[Any, ...]:
         size = struct.calcsize(layout)
         if self.at + size > len(self.content):
-            raise self._ends("values")
+            raise self._truncated_file("values")
         self.at += size
         return struct.unpack_from(layout, self.content, self.at - size)
 
@@ -159,12 +159,12 @@ class _Bytes:
 
     def room_for(self, count: int, size: int, what: str) -> None:
         if count * size > len(self.content) - self.at:
-            raise self._ends(f"{count} {what}")
+            raise self._truncated_file(f"{count} {what}")
 
     def text(self) -> str:
         end = self.content.find(b"\0", self.at, self.at + _LONGEST_NAME)
         if end < 0:
-            raise self._ends("a name")
+            raise self._truncated_file("a name")
         found, self.at = self.content[self.at : end], end + 1
         return found.decode(errors="replace")
 
@@ -174,7 +174,7 @@ class _Bytes:
         self.at += count * layout.itemsize
         return found
 
-    def _ends(self, what: str) -> Unusable:
+    def _truncated_file(self, what: str) -> Unusable:
         left = len(self.content) - self.at
         return Unusable(
             f"an undamaged file of a COLMAP model: {what} from byte {self.at} on", value=f"{left} bytes left"
@@ -284,7 +284,7 @@ def read_network(points_file: Path) -> ColmapNetwork | None:
 
     Raises Unusable if one of the files is damaged.
     """
-    beside = {path.name.lower().split(".")[0]: path for path in companions(points_file)}
+    beside = {path.name.lower().split(".")[0]: path for path in companion_files(points_file)}
     if not {"cameras", "images"} <= beside.keys():
         return None
     cameras, images = read_cameras(beside["cameras"]), read_images(beside["images"])
@@ -334,19 +334,19 @@ def read_colmap(path: Path, wanted: Wanted, table: str, raw: Path, estimate: Est
     if table == "image_points":
         images = read_images(path)
         lines = [image.line for image in images for _ in image.point]
-        yield from one_batch(_rays(images), wanted, lines=_known(lines))
+        yield from one_batch(_rays(images), wanted, lines=_text_lines(lines))
     elif table == "cameras":
         cameras = read_cameras(path)
         rows, lines = [camera_of(camera) for camera in cameras], [camera.line for camera in cameras]
         columns = {name: [row[name] for row in rows] for name in (rows[0] if rows else {"camera": 0})}
-        yield from one_batch(columns, wanted, lines=_known(lines))
+        yield from one_batch(columns, wanted, lines=_text_lines(lines))
     else:
         points = read_points(path)
         lines = [point.line for point in points]
-        yield from one_batch({**_points(points), **_spread(raw, estimate)}, wanted, lines=_known(lines))
+        yield from one_batch({**_points(points), **_spread(raw, estimate)}, wanted, lines=_text_lines(lines))
 
 
-def _known(lines: list[int | None]) -> list[int] | None:
+def _text_lines(lines: list[int | None]) -> list[int] | None:
     """Return the lines of a text file; None for a binary file."""
     known = [line for line in lines if line is not None]
     return known if len(known) == len(lines) else None

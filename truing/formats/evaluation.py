@@ -39,7 +39,7 @@ _EXACT = 2**53  # float64 holds integers exactly up to here
 _ANYTHING = ".+"  # `select` of a column that must not be empty
 
 
-def as_meant(values: pa.Array, meant: RawValue) -> pa.Array:
+def converted_numbers(values: pa.Array, meant: RawValue) -> pa.Array:
     """Return numbers (N,) of a raw column converted as the mapping says, in its unit; null stays null."""
     if meant.is_plain:
         return values
@@ -191,7 +191,7 @@ class _Work:
 
     def is_of_use(self, name: str) -> bool:
         """Return False for a column that was not requested and mostly holds no numbers."""
-        if name not in self.plan.unasked:
+        if name not in self.plan.unnamed_covariates:
             return True
         values, bad = self.notation.parse(self._raw(name).cast("string"))
         return int(np.count_nonzero(bad)) <= len(values) - values.null_count
@@ -214,7 +214,7 @@ class _Work:
         if isinstance(origin, RowNumber):
             return as_dictionary(strings(origin.of(self.batch.records).tolist()))
         if isinstance(origin, Joined):
-            return self._joined(origin)
+            return self._joined_dictionary(origin)
         if isinstance(origin, PatternGroup):
             return self._group(origin)
         return as_dictionary(self._unnamed(name))
@@ -233,7 +233,7 @@ class _Work:
             return pa.array(np.full(self.batch.rows, origin.value))
         return self.texts(name)
 
-    def _joined(self, origin: Joined) -> pa.DictionaryArray:
+    def _joined_dictionary(self, origin: Joined) -> pa.DictionaryArray:
         parts = [self.texts(column).cast("string").to_pylist() for column in origin.columns]
         joined = [joined_by(origin.template, row) for row in zip(*parts, strict=True)]
         return as_dictionary(strings(joined))
@@ -289,7 +289,7 @@ class _Work:
     # -- numbers ------------------------------------------------------------------------------------------
 
     def _scaled(self, name: str, column: Column) -> pa.Array:
-        values = as_meant(self._numbers(name, column), self.plan.entry.value(name))
+        values = converted_numbers(self._numbers(name, column), self.plan.entry.value(name))
         factor, offset = self.plan.scale(name)
         shift = self.plan.entry.offset.get(name, 0)
         if (factor, offset, shift) != (1.0, 0.0, 0):

@@ -39,7 +39,7 @@ class CellFaults:
     ) -> CellFaults:
         """Return the faults at the rows of a mask; ``values``: content of these cells."""
         rows = np.flatnonzero(mask)
-        cells = tuple((int(records[row]), _shown(values, int(row))) for row in rows[:SHOWN])
+        cells = tuple((int(records[row]), _cell_text(values, int(row))) for row in rows[:SHOWN])
         return cls(expected, column, cells, len(rows))
 
     def changed(self, change: Callable[[int, str | None], tuple[int, str | None]]) -> CellFaults:
@@ -47,7 +47,7 @@ class CellFaults:
         return replace(self, cells=tuple(change(*cell) for cell in self.cells))
 
 
-def _shown(values: pa.Array | None, row: int) -> str | None:
+def _cell_text(values: pa.Array | None, row: int) -> str | None:
     if values is None:
         return None
     value = values[row].as_py()
@@ -86,7 +86,7 @@ class FaultLog:
         if fault not in same_kind:
             same_kind.append(fault)
 
-    def lacks(self, key: str, what: str, file: str) -> None:
+    def add_missing(self, key: str, what: str, file: str) -> None:
         """Report a value that neither the rows of a file nor ``key`` of campaign.toml give; once for all files."""
         self._lacking.setdefault((key, what), {})[file] = None
 
@@ -102,8 +102,8 @@ class FaultLog:
 
     def faults(self) -> tuple[Fault, ...]:
         """Return all faults, by file and kind, limited with a count."""
-        plain = [fault for faults in self._plain.values() for fault in _capped(faults, len(faults))]
-        plain += [_lack(key, what, list(files)) for (key, what), files in self._lacking.items()]
+        plain = [fault for faults in self._plain.values() for fault in _with_count_of_rest(faults, len(faults))]
+        plain += [_missing_value_fault(key, what, list(files)) for (key, what), files in self._lacking.items()]
         return (*plain, *(fault for file in self._locate for fault in self._of_file(file)))
 
     def _of_file(self, file: str) -> list[Fault]:
@@ -113,29 +113,29 @@ class FaultLog:
         return [
             fault
             for kind in kinds
-            for fault in _capped([replace(f, row=row.get(record)) for record, f in kind.first], kind.count)
+            for fault in _with_count_of_rest([replace(f, row=row.get(record)) for record, f in kind.first], kind.count)
         ]
 
-    def throw(self) -> None:
+    def raise_faults(self) -> None:
         """Raise CampaignFaults if there is any fault."""
         if self:
             raise CampaignFaults(self.faults())
 
 
-def _lack(key: str, what: str, files: list[str]) -> Fault:
+def _missing_value_fault(key: str, what: str, files: list[str]) -> Fault:
     others = len(files) - 1
     more = f", nor {'does another file' if others == 1 else f'do {others} other files'}" if others else ""
     return Fault("campaign.toml", f"{what}, which {files[0]} does not give in every row{more}", column=key)
 
 
-def _capped(faults: list[Fault], count: int) -> list[Fault]:
+def _with_count_of_rest(faults: list[Fault], count: int) -> list[Fault]:
     shown = faults[:SHOWN]
     if count > len(shown):
         shown[-1] = replace(shown[-1], more=count - len(shown))
     return shown
 
 
-def discreet(value: str | None) -> str | None:
+def shareable_value(value: str | None) -> str | None:
     """Return a value from a file outside the campaign's folder in a form that may be shown."""
     if value is None or _NUMBER.fullmatch(value) or _COUNT.fullmatch(value):
         return value
@@ -144,4 +144,4 @@ def discreet(value: str | None) -> str | None:
 
 def discreet_cells(faults: CellFaults) -> CellFaults:
     """Return faults of cells without their text."""
-    return faults.changed(lambda record, value: (record, discreet(value)))
+    return faults.changed(lambda record, value: (record, shareable_value(value)))

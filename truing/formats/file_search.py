@@ -133,7 +133,7 @@ def _natural(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name)]
 
 
-def companions(path: Path) -> tuple[Path, ...]:
+def companion_files(path: Path) -> tuple[Path, ...]:
     """Return the files read together with one: of the same name with another ending, else the only one with that
     ending."""
     stem, ending = _parts(path)

@@ -149,7 +149,7 @@ def by_format(file_format: str, name: str) -> Guess | None:
     }.get(file_format)
 
 
-def by_look(lines: Sequence[str]) -> Guess | None:
+def guess_by_first_lines(lines: Sequence[str]) -> Guess | None:
     """Return a guess for a text whose first lines identify the program."""
     head = "\n".join(lines[:12])
     for model, mark in (("cameras", "# Camera list"), ("images", "# Image list"), ("points3d", "# 3D point list")):

@@ -81,7 +81,7 @@ def read_head(path: Path, sensor_width_mm: float | None = None) -> ImageHeader:
         focal_mm=_number(exif.get(_FOCAL)),
         principal_distance_px=distance,
         principal_distance_from=told_by,
-        taken_at=_taken_at(exif.get(_TAKEN) or tags.get(_WHEN), exif.get(_SPLIT_SECOND)),
+        taken_at=_time_of_exposure(exif.get(_TAKEN) or tags.get(_WHEN), exif.get(_SPLIT_SECOND)),
         turned=_TURNED.get(int(_number(tags.get(_ORIENTATION)) or 1), ""),
     )
 
@@ -182,7 +182,7 @@ def _text(value: Any) -> str:
     return " ".join("".join(c if c.isprintable() else " " for c in value).split())[:80]
 
 
-def _taken_at(value: Any, split_second: Any) -> str | None:
+def _time_of_exposure(value: Any, split_second: Any) -> str | None:
     match = re.fullmatch(r"(\d{4}):(\d\d):(\d\d) (\d\d:\d\d:\d\d)", _text(value))
     if match is None or match[1] == "0000":
         return None
@@ -227,7 +227,7 @@ def _deep(path: Path) -> NDArray[np.uint16]:
                 warnings.simplefilter("ignore")
                 with Image.open(path, formats=("PNG",)) as image:
                     image.verify()
-        with _quiet(cv2):
+        with _silenced(cv2):
             pixels = cv2.imdecode(content, cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
         if pixels is None or pixels.dtype != np.uint16:
             raise Unusable(_DAMAGED)
@@ -238,7 +238,7 @@ def _deep(path: Path) -> NDArray[np.uint16]:
 
 
 @contextmanager
-def _quiet(cv2: Any) -> Iterator[None]:
+def _silenced(cv2: Any) -> Iterator[None]:
     """Suppress OpenCV's messages about a file; faults report them."""
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)

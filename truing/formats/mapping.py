@@ -139,11 +139,11 @@ class MappingPlan:
         if name in self.spread:
             return Spread(name)
         reference = entry.reference(name)
-        if isinstance(reference, str) and reference != name and self._is_made(reference):
+        if isinstance(reference, str) and reference != name and self._is_constructed(reference):
             return self.origin(reference)
         return self._raw(reference)
 
-    def _is_made(self, name: str) -> bool:
+    def _is_constructed(self, name: str) -> bool:
         entry = self.entry
         made = (entry.constants, self.from_name, self.groups, self.numbered, entry.join, self.spread)
         return any(name in names for names in made)
@@ -161,7 +161,7 @@ class MappingPlan:
     def columns(self) -> dict[str, Column]:
         """The table's columns that this file gives, with their definitions."""
         given = [name for name in self.shape.known(self._nameable) if self.origin(name) is not None]
-        return {name: column for name in (*given, *self._carried(given)) if (column := self.shape.column(name))}
+        return {name: column for name in (*given, *self._covariate_names(given)) if (column := self.shape.column(name))}
 
     @cached_property
     def _nameable(self) -> tuple[str, ...]:
@@ -170,7 +170,7 @@ class MappingPlan:
         return tuple(dict.fromkeys((*made, *self.all_names)))
 
     @cached_property
-    def unasked(self) -> frozenset[str]:
+    def unnamed_covariates(self) -> frozenset[str]:
         """Covariates that the mapping does not name: included if they are numbers."""
         entry = self.entry
         arrays = [name for names in entry.arrays.values() for name in names]
@@ -178,7 +178,7 @@ class MappingPlan:
         carried = set(self.columns) - set(self.shape.known(self._nameable))
         return frozenset(carried - asked - set(arrays))
 
-    def _carried(self, given: list[str]) -> Iterator[str]:
+    def _covariate_names(self, given: list[str]) -> Iterator[str]:
         """Yield the covariates: columns of the mapping beyond the contract, and the file's other columns."""
         if not self.shape.covariates:
             return
@@ -203,13 +203,13 @@ class MappingPlan:
             cell = self._array_position(position)
             found[cell] = "number" if cell == position else "text"
         for name, column in self.columns.items():
-            self._need(name, self._kind(name, column), found, ())
+            self._require_columns(name, self._kind(name, column), found, ())
         for name in (*self.entry.select, *self.entry.split):  # they select the rows to read
-            self._need(name, "text", found, ())
+            self._require_columns(name, "text", found, ())
         return found
 
     def _kind(self, name: str, column: Column) -> Kind:
-        if name in self.entry.split or name in self.unasked:
+        if name in self.entry.split or name in self.unnamed_covariates:
             return "text"
         if column.kind == "identifier":
             return "text" if self.poses_as_text else "identifier"
@@ -218,7 +218,7 @@ class MappingPlan:
             return "text"
         return "seconds" if column.unit == "s" else "number"
 
-    def _need(self, name: str, kind: Kind, found: dict[int, Kind], within: tuple[str, ...]) -> None:
+    def _require_columns(self, name: str, kind: Kind, found: dict[int, Kind], within: tuple[str, ...]) -> None:
         if name in within:
             self.misfits.append(Misfit("a column that is not made of itself", column=name))
             return
@@ -232,7 +232,7 @@ class MappingPlan:
         for column in made_of(origin):
             if self.origin(column) is None:
                 self.misfits.append(self._missing_column(column))
-            self._need(column, "text", found, (*within, name))
+            self._require_columns(column, "text", found, (*within, name))
 
     def _array_position(self, position: int) -> int:
         """Return the position to read for a column: that of the cell with several numbers, if it is in one."""
@@ -287,7 +287,11 @@ class MappingPlan:
         them."""
         for name in self.columns:
             reference = self.entry.reference(name)
-            if name in self.unasked or not isinstance(reference, str) or not isinstance(self.origin(name), RawColumn):
+            if (
+                name in self.unnamed_covariates
+                or not isinstance(reference, str)
+                or not isinstance(self.origin(name), RawColumn)
+            ):
                 continue
             if (count := self.names.count(reference)) > 1:
                 yield Misfit(
@@ -377,10 +381,10 @@ def _contradicted_columns(plan: MappingPlan) -> Iterator[Misfit]:
     """Yield columns whose raw name gives another unit than the mapping, or another kind of uncertainty."""
     for name, column in plan.columns.items():
         raw = plan.raw_name(name)
-        if name in plan.preset or name in plan.unasked or raw == name:
+        if name in plan.preset or name in plan.unnamed_covariates or raw == name:
             continue
         unit = unit_in_brackets(raw)
-        if unit is not None and column.unit and not plan.is_given_unit(name) and _differs(unit, column.unit):
+        if unit is not None and column.unit and not plan.is_given_unit(name) and _units_differ(unit, column.unit):
             yield Misfit(f'its unit, as {raw} is not in {column.unit}: units = {{ {name} = "{unit}" }}', column=name)
         text = expanded(raw) if is_uncertainty(name) else None
         if text is not None and plan.entry.value(name).coverage is None:
@@ -388,7 +392,7 @@ def _contradicted_columns(plan: MappingPlan) -> Iterator[Misfit]:
             yield Misfit(f"one standard deviation, or the coverage factor of {raw} ({text.why}): {cure}", column=name)
 
 
-def _differs(unit: str, wanted: str) -> bool:
+def _units_differ(unit: str, wanted: str) -> bool:
     """Whether two units of one dimension differ."""
     try:
         return conversion(unit, wanted) != (1.0, 0.0)

@@ -65,13 +65,13 @@ def open_variables(path: Path) -> Iterator[Mapping[str, Variable]]:
         with _open_hdf5(path) as found:
             yield found
         return
-    yield _older(path)
+    yield _read_before_7_3(path)
 
 
 # -- up to version 7 --------------------------------------------------------------------------------------
 
 
-def _older(path: Path) -> dict[str, Variable]:
+def _read_before_7_3(path: Path) -> dict[str, Variable]:
     from scipy.io import loadmat
 
     held = _content(path)
@@ -276,7 +276,7 @@ def blocks_of(variables: Mapping[str, Variable], entry: FileMapping) -> list[Blo
     """Return the variables that a mapping names, or the only numeric one, in blocks of equal numbers of rows."""
     named = (entry.variable,) if isinstance(entry.variable, str) else entry.variable or _only_one(variables)
     alone = len(named) == 1
-    blocks = [_block(name, _found(variables, name), alone, entry.transpose) for name in named]
+    blocks = [_block(name, _variable(variables, name), alone, entry.transpose) for name in named]
     lengths = {block.rows for block in blocks}
     if len(lengths) > 1:
         sizes = ", ".join(f"{block.variable} {block.rows}" for block in blocks)
@@ -287,7 +287,7 @@ def blocks_of(variables: Mapping[str, Variable], entry: FileMapping) -> list[Blo
     return blocks
 
 
-def _found(variables: Mapping[str, Variable], name: str) -> Variable:
+def _variable(variables: Mapping[str, Variable], name: str) -> Variable:
     value = variables.get(name)
     if value is None:
         within = [other for other in variables if other.startswith(f"{name}.")]

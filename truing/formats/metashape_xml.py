@@ -93,7 +93,7 @@ def _camera(sensor: ElementTree.Element, lines: Lines) -> Row | None:
         raise Unusable(
             "a camera of type frame", row=lines[calibration], column="type", value=f"{name}: {calibration.get('type')}"
         )
-    value = {key: _child(calibration, key, lines) for key in _CALIBRATION}
+    value = {key: _child_number(calibration, key, lines) for key in _CALIBRATION}
     f = value["f"]
     if f <= 0.0 or value["k4"]:
         found_f = f"{name}: f = {f}, k4 = {value['k4']}"
@@ -107,7 +107,7 @@ def _camera(sensor: ElementTree.Element, lines: Lines) -> Row | None:
     return {**camera_row(str(sensor.get("id")), (width, height), ten, pixel_um=pixel_um), "free": _FREE}
 
 
-def _child(calibration: ElementTree.Element, name: str, lines: Lines) -> float:
+def _child_number(calibration: ElementTree.Element, name: str, lines: Lines) -> float:
     child = calibration.find(name)
     if child is None:
         return 0.0

@@ -122,7 +122,7 @@ def pose_columns(names: Sequence[str], values: Array) -> Poses | None:
     for before, place in places.items():
         for rank, (kind, families) in enumerate(_FAMILIES.items()):
             turned = _groups(names, families).get(before)
-            if turned is None or (kind == "quaternion" and not _is_unit(_of(names, turned, values))):
+            if turned is None or (kind == "quaternion" and not _is_unit(_selected_columns(names, turned, values))):
                 continue
             found = (_COMMANDED.search(before) is not None, rank, kind, place, turned)
             best = min(best or found, found, key=lambda one: one[:2])
@@ -133,7 +133,7 @@ def _mapped(kind: str, place: tuple[str, ...], turned: tuple[str, ...], names: S
     columns: dict[str, Any] = dict(zip(_PLACE, place, strict=True))
     notes = [f"poses: {', '.join((*place, *turned))}"]
     units: dict[str, str] = {}
-    angles = _of(names, turned, values)
+    angles = _selected_columns(names, turned, values)
     reported = {bare_and_unit(name)[1] for name in turned}
     largest = float(np.nanmax(np.abs(angles))) if np.isfinite(angles).any() else 0.0
     in_degrees = reported == {"deg"} or (reported == {None} and largest > 2.0 * np.pi)
@@ -152,7 +152,7 @@ def _mapped(kind: str, place: tuple[str, ...], turned: tuple[str, ...], names: S
     unit = bare_and_unit(place[0])[1]
     mapping: dict[str, Any] = {"columns": columns, **({} if unit in (None, "mm") else {"unit": unit})}
     if unit is None:
-        notes.append(_range_words(_of(names, place, values)))
+        notes.append(_range_words(_selected_columns(names, place, values)))
     spread, coverage, more = _spreads(names, place, turned, kind)
     columns |= spread
     if "unit" in mapping:  # uncertainties may have another unit than the coordinates
@@ -223,7 +223,7 @@ def _groups(names: Sequence[str], families: Sequence[tuple[str, ...]]) -> dict[s
     return found
 
 
-def _of(names: Sequence[str], some: Sequence[str], values: Array) -> Array:
+def _selected_columns(names: Sequence[str], some: Sequence[str], values: Array) -> Array:
     return values[:, [list(names).index(name) for name in some]]
 
 

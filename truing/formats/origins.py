@@ -77,16 +77,16 @@ class RowCount:
         rows = 0
         held: RawBatch | None = None
         for batch in batches:
-            rows = max([rows, *(_last(batch))])
+            rows = max([rows, *(_implied_rows(batch))])
             if self._per == 1:
                 yield batch
                 continue
-            held, whole = self._cut(batch if held is None else _joined(held, batch))
+            held, whole = self._split_last_record(batch if held is None else _joined_batches(held, batch))
             yield whole
         if rows % self._whole:
             raise Unusable(f"a multiple of {self._whole} rows, as they belong together", value=f"{rows} rows")
 
-    def _cut(self, batch: RawBatch) -> tuple[RawBatch, RawBatch]:
+    def _split_last_record(self, batch: RawBatch) -> tuple[RawBatch, RawBatch]:
         """Return the rows of the last record, which may be incomplete, and the records before it."""
         group = batch.records // self._per
         before = group < (group[-1] if len(group) else 0)
@@ -95,9 +95,9 @@ class RowCount:
         rest = RawBatch(
             {place: values.filter(~before) for place, values in batch.columns.items()}, batch.records[~before]
         )
-        return rest, self._laid(batch, before)
+        return rest, self._rows_joined_to_records(batch, before)
 
-    def _laid(self, batch: RawBatch, chosen: np.ndarray) -> RawBatch:
+    def _rows_joined_to_records(self, batch: RawBatch, chosen: np.ndarray) -> RawBatch:
         groups, counts = np.unique(batch.records[chosen] // self._per, return_counts=True)
         whole = groups[counts == self._per]  # incomplete groups had a faulty row, which is reported
         rows = np.flatnonzero(chosen & np.isin(batch.records // self._per, whole)).reshape(-1, self._per)
@@ -115,14 +115,14 @@ def side_by_side_names(width: int, rows: int) -> tuple[str, ...]:
     return tuple(str(place + 1) for place in range(width * rows))
 
 
-def _last(batch: RawBatch) -> Iterator[int]:
+def _implied_rows(batch: RawBatch) -> Iterator[int]:
     """Yield the number of rows that a batch implies."""
     if len(batch.records):
         yield int(batch.records[-1]) + 1
     yield from (row + 1 for fault in batch.faults for row, _ in fault.cells)
 
 
-def _joined(first: RawBatch, second: RawBatch) -> RawBatch:
+def _joined_batches(first: RawBatch, second: RawBatch) -> RawBatch:
     """Return two batches as one; a column that is numeric in only one of them becomes text."""
     columns = {place: _one_after_other(values, second.columns[place]) for place, values in first.columns.items()}
     records = np.concatenate([first.records, second.records])

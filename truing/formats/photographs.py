@@ -14,7 +14,7 @@ from truing.formats.faultlog import FaultLog
 from truing.formats.image_files import ImageHeader, read_head
 from truing.formats.patterns import TooSlow, bounded
 from truing.formats.raw import Unusable
-from truing.formats.source import PICTURES, CampaignFiles, RawFile, SkippedFile, passed_over, why_not_read
+from truing.formats.source import PICTURES, CampaignFiles, RawFile, SkippedFile, skipped_files, why_not_read
 from truing.schemas.faults import Fault
 from truing.schemas.mapping import FileMapping
 
@@ -66,10 +66,10 @@ def list_photographs(source: CampaignFiles, sensor_width_mm: float | None, log: 
                 seen.add(raw)
                 if (one := _photograph(raw, pattern, entry, sensor_width_mm, log)) is not None:
                     found.found.append(one)
-    for other in passed_over(source.folder, source.folders_of_photographs, {raw.name for raw in seen}):
+    for other in skipped_files(source.folder, source.folders_of_photographs, {raw.name for raw in seen}):
         _note_unread(other, found, log)
     _check_names(found.found, log)
-    found.found = _cameras_apart(_without_copies(found, log))
+    found.found = _with_camera_names(_without_copies(found, log))
     return found
 
 
@@ -206,7 +206,7 @@ def _fingerprint(raw: RawFile) -> tuple[int, bytes]:
         return size, file.read(_FINGERPRINT)
 
 
-def _cameras_apart(found: list[Photograph]) -> list[Photograph]:
+def _with_camera_names(found: list[Photograph]) -> list[Photograph]:
     """Return the photographs with one camera name per format and focal length."""
     formats: dict[str, set[tuple[int, int]]] = defaultdict(set)
     focal: dict[str, set[float | None]] = defaultdict(set)

@@ -59,7 +59,7 @@ def _read_text(stream: IO[bytes], layout: CloudLayout, entry: FileMapping, wante
     width = len(layout.names)
     found: list[Mapping[int, Kind] | None] = []
 
-    def as_announced(names: tuple[str, ...], unit: str | None) -> Mapping[int, Kind] | None:
+    def kinds_of_columns(names: tuple[str, ...], unit: str | None) -> Mapping[int, Kind] | None:
         if names != layout.names:
             expected = f"{width} numbers in every row, as the header announces"
             raise Unusable(expected, row=as_delimited.skip_lines + 1, value=f"{len(names)} numbers")
@@ -67,13 +67,13 @@ def _read_text(stream: IO[bytes], layout: CloudLayout, entry: FileMapping, wante
         return found[0]
 
     rows = _RowStream(stream, as_delimited.skip_lines, layout.points)
-    yield from read_delimited(rows, as_delimited, as_announced)  # type: ignore[arg-type]
+    yield from read_delimited(rows, as_delimited, kinds_of_columns)  # type: ignore[arg-type]
     if found == [None]:
         return
     if rows.held != layout.points:
         expected = f"{layout.points} points, as the header announces, each in a line with a line feed: export it anew"
         raise Unusable(expected, value=f"{rows.held} points")
-    _check_beyond(rows.beyond(), layout)
+    _check_beyond(rows.remaining_lines(), layout)
 
 
 def _check_beyond(lines: Iterator[bytes], layout: CloudLayout) -> None:
@@ -117,6 +117,6 @@ class _RowStream:
             self._rest = lines[taken:]
         return found.getvalue()
 
-    def beyond(self) -> Iterator[bytes]:
+    def remaining_lines(self) -> Iterator[bytes]:
         """Yield the remaining lines, except blank ones."""
         return (line for line in chain(self._rest, self._stream) if line.strip())

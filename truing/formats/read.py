@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 from truing.formats.compression import DAMAGED, Refused, open_plain, plain_path
 from truing.formats.delimited import read_delimited, separator_of
 from truing.formats.evaluation import TableBatch, evaluate
-from truing.formats.faultlog import FaultLog, discreet, discreet_cells
+from truing.formats.faultlog import FaultLog, discreet_cells, shareable_value
 from truing.formats.mapping import MappingPlan
 from truing.formats.origins import RowCount, is_side_by_side
 from truing.formats.patterns import TooSlow
@@ -149,7 +149,7 @@ def read_table(
             yield from _read_file(raw, entry, shape, log, poses_as_text, source)
 
 
-def ahead(items: Iterator[T]) -> Iterator[T]:
+def prefetched(items: Iterator[T]) -> Iterator[T]:
     """Yield the same items, with the next one prepared in a thread while the last one is used."""
     with ThreadPoolExecutor(1) as pool:
         coming = pool.submit(next, items, None)
@@ -202,10 +202,10 @@ def _read_file(
                 log.cells(raw.name, discreet_cells(faults) if outside else faults, rows.locate)
             yield rows, found
     except Unusable as error:
-        value = discreet(error.value) if outside else error.value
+        value = shareable_value(error.value) if outside else error.value
         log.add(Fault(raw.name, error.expected, error.row, error.column, value))
     except TooSlow as error:
-        key, value = f"files.{shape.name}.{error.key}", discreet(error.text) if outside else error.text
+        key, value = f"files.{shape.name}.{error.key}", shareable_value(error.text) if outside else error.text
         log.add(Fault("campaign.toml", error.expected, column=key, value=value))
     except (*DAMAGED, UnicodeError, OpenQuotation, EndlessLine, OSError) as error:
         log.add(_damage(raw.name, error, completed))

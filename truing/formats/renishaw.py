@@ -38,7 +38,7 @@ def read_rtl(path: Path, wanted: Wanted, entry: FileMapping) -> Iterator[RawBatc
         return
     targets = _targets(lines)
     approaches = list(_approaches(lines, len(targets)))
-    ways = _ways(approaches, targets)
+    ways = _approach_of_pass(approaches, targets)
     at = np.array([targets[a.number - 1] for a in approaches])
     off = np.array([a.deviation for a in approaches])
     values = (
@@ -97,7 +97,7 @@ def _approaches(lines: list[str], targets: int) -> Iterator[_Approach]:
         yield _Approach(number, int(row[1]), int(row[2]), _number(row[3], number))
 
 
-def _ways(approaches: list[_Approach], targets: list[float]) -> dict[int, tuple[str, int]]:
+def _approach_of_pass(approaches: list[_Approach], targets: list[float]) -> dict[int, tuple[str, int]]:
     """Return direction and cycle of each pass: targets ascend or descend; cycles count per direction."""
     if not approaches:
         raise Unusable("at least one line of deviations")

@@ -42,7 +42,7 @@ class CollectedRows:
             row -= len(records)
         raise IndexError(row)
 
-    def sound(self, *columns: str) -> Mask:
+    def without_faults(self, *columns: str) -> Mask:
         """Return the mask of rows (N,) without faults in these cells when read, which can be compared with others."""
         determined = [self.faulty[name] for name in columns if name in self.faulty]
         return ~np.logical_or.reduce(determined) if determined else np.ones(len(self.table), dtype=bool)
@@ -50,7 +50,7 @@ class CollectedRows:
     def fault(self, log: FaultLog, wrong: Mask, column: str, expected: str) -> None:
         """Report a fault in every row of a mask, except for cells that were faulty when read: one fault per cell."""
         values = self.table.column(column).combine_chunks() if column in self.table.column_names else None
-        for row in np.flatnonzero(wrong & self.sound(column)):
+        for row in np.flatnonzero(wrong & self.without_faults(column)):
             file, record = self._origin(int(row))
             value = None if values is None else values[int(row)].as_py()
             cell = (record, None if values is None else "" if value is None else str(value))

@@ -103,14 +103,14 @@ class TableShape:
     def column(self, name: str) -> Column | None:
         """Return the definition of a column of this table or of a covariate; None for other names."""
         known = _defined(name)
-        if known is not None and self._has(known, name):
+        if known is not None and self._allows(known, name):
             return replace(known, nullable=True) if name in self.may_be_empty else known
         return Column(name, "real", "covariate", _carried_unit(name), nullable=True) if self.covariates else None
 
     def is_covariate(self, name: str) -> bool:
         """Whether a column would be included as a covariate, and is not one of this table's own."""
         known = _defined(name)
-        return self.covariates and not (known is not None and self._has(known, name))
+        return self.covariates and not (known is not None and self._allows(known, name))
 
     def is_set_apart(self, name: str) -> bool:
         """Whether a covariate has the name of a column that the run creates; it is then stored under another
@@ -120,7 +120,7 @@ class TableShape:
         is_of_others = made is not None and name in made.optional  # columns of tables of another mechanism
         return (is_added or is_of_others or is_marked(name)) and self.is_covariate(name)
 
-    def _has(self, known: Column, name: str) -> bool:
+    def _allows(self, known: Column, name: str) -> bool:
         return name in (*self.required, *self.optional) or (self.family is not None and known.name == self.family)
 
     def known(self, names: tuple[str, ...]) -> Iterator[str]:

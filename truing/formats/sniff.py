@@ -19,8 +19,8 @@ from truing.formats.guess import (
     Guess,
     adjusted_points,
     by_format,
-    by_look,
     coded_alone,
+    guess_by_first_lines,
     is_id,
     is_rig_file,
     metashape,
@@ -166,7 +166,7 @@ def _sniff_text(path: Path) -> Guess:
     lines = [line for line in text.splitlines() if line.strip()]
     if lines and is_rig_file("", lines[0]):
         return Guess(notes=(OF_RIGS,), known=True)
-    if (network := by_look(lines)) is not None:
+    if (network := guess_by_first_lines(lines)) is not None:
         return network
     if (known := metashape(lines)) is not None:
         return known if encoding == "utf-8" else replace(known, mapping={"encoding": encoding, **known.mapping})
@@ -308,7 +308,7 @@ def _columns(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
         bare, unit = bare_and_unit(name)
         if unit is not None and find_column(name) is not None:
             continue  # has the contract's name: target_mm is no target
-        known = _meant(bare) or _meant(name)
+        known = _probable_column(bare) or _probable_column(name)
         if known is None or name == known or known in columns or known in names or not may_be(unit, find_column(known)):
             continue
         columns[known] = name
@@ -331,17 +331,19 @@ def _columns(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
     else:
         whole = None
     left = {
-        name: unit for name, unit in units.items() if unit != (whole if whole and name.endswith("_mm") else _own(name))
+        name: unit
+        for name, unit in units.items()
+        if unit != (whole if whole and name.endswith("_mm") else _unit_suffix(name))
     }
     return mapping | ({"units": left} if left else {}), notes
 
 
-def _own(column: str) -> str | None:
+def _unit_suffix(column: str) -> str | None:
     """Return the unit at the end of a column's name."""
     return column.rsplit("_", 1)[-1] if "_" in column else None
 
 
-def _meant(bare: str) -> str | None:
+def _probable_column(bare: str) -> str | None:
     """Return the contract's column that a name without its unit seems to mean."""
     if reading := _READING.fullmatch(bare.lower()):
         return f"rho{reading[1]}_mm"

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
-from truing.formats.file_search import TooManyEntries, companions, find_files, format_suffix
+from truing.formats.file_search import TooManyEntries, companion_files, find_files, format_suffix
 from truing.schemas.settings_text import NOTHING_SPECIAL
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def raw_files(folder: Path, document: Mapping[str, Any], tables: tuple[str, ...]
     if tables is None or "points" in tables:
         patterns += _files_of_mechanism(document)
     named_files = {folder / name for pattern in patterns for name in _expand(folder, pattern)}
-    return tuple(sorted(named_files.union(*map(companions, named_files))))
+    return tuple(sorted(named_files.union(*map(companion_files, named_files))))
 
 
 def _mapped(document: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -249,18 +249,18 @@ class SkippedFile:
         return PurePosixPath(self.name).parent.as_posix()
 
 
-def passed_over(root: Path, folders: Collection[str], read: Collection[str]) -> Iterator[SkippedFile]:
+def skipped_files(root: Path, folders: Collection[str], read: Collection[str]) -> Iterator[SkippedFile]:
     """Yield all files in folders (names below ``root``) of photographs that are not read.
 
     A picture in another format next to a read one of the same name is that camera's raw data, and is not missing.
     """
     stems = {os.path.splitext(name)[0] for name in read}
-    for name in _below(root, folders):
+    for name in _files_below(root, folders):
         if name not in read and not PurePosixPath(name).name.startswith("."):
             yield why_not_read(root / name, name, stems)
 
 
-def _below(root: Path, folders: Collection[str]) -> Iterator[str]:
+def _files_below(root: Path, folders: Collection[str]) -> Iterator[str]:
     for folder in dict.fromkeys(folders):
         top = (root / folder).as_posix()
         for place, inner, files in os.walk(top, followlinks=True):

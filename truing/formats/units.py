@@ -123,14 +123,14 @@ def _counted(unit: str) -> tuple[str, float, float]:
     """Return dimension, factor and offset of a unit, or of a multiple of it with a leading number."""
     number, _, bare = unit.strip().partition(" ")
     if not bare or _NUMBER.fullmatch(number) is None:
-        return _known(unit)
-    dimension, factor, offset = _known(bare)
+        return _parsed_unit(unit)
+    dimension, factor, offset = _parsed_unit(bare)
     if offset or not 0.0 < float(number) < math.inf:
         raise UnknownUnit("a unit, or a positive number of a unit that begins at zero, such as 0.618 nm")
     return dimension, float(number) * factor, 0.0
 
 
-def _known(unit: str) -> tuple[str, float, float]:
+def _parsed_unit(unit: str) -> tuple[str, float, float]:
     name = _SPELT.get(unit.strip(), unit.strip())
     if name not in _UNITS:
         close = difflib.get_close_matches(name, _UNITS, n=1)

@@ -118,7 +118,7 @@ def sheet_of(book: Workbook, entry: FileMapping) -> str:
         if entry.sheet not in names:
             raise Unusable(f"one of its sheets: {_listed(names)}", column="sheet", value=entry.sheet)
         return entry.sheet
-    held = [name for name in _visible(book) if _holds_anything(book, name)]
+    held = [name for name in _visible(book) if _has_content(book, name)]
     if not held:
         raise Unusable("a visible sheet that holds anything", value=_listed(names))
     if len(held) > 1:
@@ -130,7 +130,7 @@ def _visible(book: Workbook) -> list[str]:
     return [sheet.title for sheet in book.worksheets if sheet.sheet_state == "visible"]
 
 
-def _holds_anything(book: Workbook, name: str) -> bool:
+def _has_content(book: Workbook, name: str) -> bool:
     sheet = book[name]
     sheet.reset_dimensions()
     return any(cell is not None for row in sheet.iter_rows(max_row=_MOST_ROWS, values_only=True) for cell in row)
@@ -181,13 +181,13 @@ def _check_size(path: Path) -> None:
 
 def _records(path: Path, book: Workbook, name: str, entry: FileMapping) -> Iterator[_Record]:
     """Yield the non-empty rows of a sheet, from ``skip_lines`` on; vertically merged cells are filled."""
-    has_formulas, merged = _look(path, book, name)
+    has_formulas, merged = _sheet_structure(path, book, name)
     if not has_formulas:
         rows = ((row, cells, ()) for row, cells in _rows(book, name))
-        yield from _filled(rows, merged, entry.skip_lines)
+        yield from _with_merged_cells(rows, merged, entry.skip_lines)
         return
     with _opened(path, formulas=True) as other:
-        yield from _filled(_with_formulas(_rows(book, name), _rows(other, name)), merged, entry.skip_lines)
+        yield from _with_merged_cells(_with_formulas(_rows(book, name), _rows(other, name)), merged, entry.skip_lines)
 
 
 def _rows(book: Workbook, name: str) -> Iterator[tuple[int, Row]]:
@@ -211,7 +211,7 @@ def _with_formulas(
         yield row, cells, without
 
 
-def _filled(
+def _with_merged_cells(
     rows: Iterator[tuple[int, Row, tuple[int, ...]]], merged: dict[int, list[tuple[int, int]]], skip: int
 ) -> Iterator[_Record]:
     held: dict[int, tuple[int, Cell]] = {}  # column: last row of its block, and its common value
@@ -230,7 +230,7 @@ def _filled(
             yield _Record(row, cells, uncomputed)
 
 
-def _look(path: Path, book: Workbook, name: str) -> tuple[bool, dict[int, list[tuple[int, int]]]]:
+def _sheet_structure(path: Path, book: Workbook, name: str) -> tuple[bool, dict[int, list[tuple[int, int]]]]:
     """Whether a sheet holds formulas, and its vertically merged cells: by first row, column and last row."""
     from openpyxl.utils import column_index_from_string
 

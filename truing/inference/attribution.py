@@ -74,13 +74,13 @@ def attributed(fitted: FittedModel[CauseT], level: float) -> tuple[Attributed, .
         at = one.epochs
         if (key := at.tobytes()) not in known:
             own = {name: values[at] for name, values in columns.items() if np.ptp(values[at]) > 0.0}
-            known[key] = _Spectra(own, _InTime(_own(order, at), _own(groups, at)))
+            known[key] = _Spectra(own, _InTime(_at_epochs(order, at), _at_epochs(groups, at)))
         for inputs, share, p_value in _sets_of_inputs(one.rows, known[key], level / len(tried)):
             found.append(Attributed(one.channels, inputs, share, min(1.0, max(p_value * len(tried), LEAST_P))))
     return tuple(_merged(found))
 
 
-def _own(values: Array | Integers | None, at: Mask) -> Array | None:
+def _at_epochs(values: Array | Integers | None, at: Mask) -> Array | None:
     return None if values is None else np.asarray(values, float)[at]
 
 
@@ -102,12 +102,16 @@ def _columns(fitted: FittedModel[CauseT], groups: Integers | None) -> dict[str, 
     for name, values in {**scene.covariates, **scene.inputs}.items():
         if np.ndim(values) == 1 and np.asarray(values).dtype.kind in "fiu" and name != _ORDER:
             own = np.asarray(values, float)
-            if np.isfinite(own).all() and np.ptp(own) > 0.0 and not any(_same(own, o, groups) for o in found.values()):
+            if (
+                np.isfinite(own).all()
+                and np.ptp(own) > 0.0
+                and not any(_equal_but_for_constants(own, o, groups) for o in found.values())
+            ):
                 found[name] = own
     return found
 
 
-def _same(first: Array, second: Array, groups: Integers | None) -> bool:
+def _equal_but_for_constants(first: Array, second: Array, groups: Integers | None) -> bool:
     """Return True if two columns (B,) differ only by a constant in each group."""
     apart = _centred((first - second)[:, None], groups)
     return bool(np.abs(apart).max() < 1e-9 * max(np.ptp(first), np.ptp(second)))

@@ -77,7 +77,7 @@ class NumberComparison:
         covariance = np.linalg.inv(own.T @ own)
         return covariance @ (own.T @ away), np.sqrt(np.diag(covariance))
 
-    def instead(self, changed: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
+    def alternatives_to(self, changed: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
         """Return for each changed number the numbers whose change in its place explains the difference as well."""
         return tuple(self._rivals([i for i in changed if i != place], place) for place in changed)
 
@@ -125,7 +125,7 @@ def compare(
     root = np.linalg.cholesky(shared)
     left, directions = np.linalg.eigh(root.T @ covariance_now @ root)
     observable = directions[:, 1.0 - left > _LEAST_GAIN].T @ root.T
-    covariance, covariance_now = _within(covariance, root), _within(covariance_now, root)
+    covariance, covariance_now = _limited_to_prior(covariance, root), _limited_to_prior(covariance_now, root)
     crossed = covariance @ shared @ covariance_now
     spread = covariance + covariance_now - crossed - crossed.T + apart
     return NumberComparison(
@@ -133,7 +133,7 @@ def compare(
     )
 
 
-def _within(covariance: Array, root: Array) -> Array:
+def _limited_to_prior(covariance: Array, root: Array) -> Array:
     """Return a covariance (n, n) limited to be smaller than the prior's, whose information is root root'. A covariance
     that was scaled up for the noise can exceed the prior where the data hold almost no information; the difference
     would then have a negative variance."""

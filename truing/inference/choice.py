@@ -48,11 +48,11 @@ def choose(
     probable. Where a pair explains what a single candidate would absorb, it is the first of the pair. Its rivals are
     then those that do as well in its place. Kinds in ``refused`` are ignored, also as a standard for the others.
     """
-    rivals = _equals(current, level, refused)
+    rivals = _equivalent_candidates(current, level, refused)
     if not rivals:
         return None
     pair = current.best_pair if pairs else None
-    if pair is not None and pair.first.kind not in refused and _leads(current, pair.first, level):
+    if pair is not None and pair.first.kind not in refused and _is_acceptable_first(current, pair.first, level):
         also = tuple(own for own in pair.rivals if is_real(current, own[0], level))
         return CandidateChoice(pair.first, also, pair.probability, True, _other_subjects(current, pair.first))
     unnamed = [c for c in rivals if not c.cause.catalogued]
@@ -105,14 +105,14 @@ def is_worth_reporting(rival: CauseCandidate[CauseT], lead: float) -> bool:
     return rival.cause.catalogued or lead >= 0.0
 
 
-def _equals(current: Round[CauseT], level: float, refused: set[str]) -> list[CauseCandidate[CauseT]]:
+def _equivalent_candidates(current: Round[CauseT], level: float, refused: set[str]) -> list[CauseCandidate[CauseT]]:
     """Return the best candidates of the kinds that hold up and are within a factor 20 of the best in evidence."""
-    real = [c for c in current.best.values() if c.kind not in refused and _holds_up(current, c, level)]
+    real = [c for c in current.best.values() if c.kind not in refused and _is_acceptable(current, c, level)]
     best = max((current.posterior(c) for c in real), default=0.0)
     return [c for c in real if current.posterior(c) >= best - np.log(RIVAL_FACTOR)]
 
 
-def _holds_up(current: Round[CauseT], candidate: CauseCandidate[CauseT], level: float) -> bool:
+def _is_acceptable(current: Round[CauseT], candidate: CauseCandidate[CauseT], level: float) -> bool:
     """Return True if a candidate is real and, if catalogued, is not just a remainder of a nonparametric effect in the
     model.
 
@@ -132,11 +132,11 @@ def _holds_up(current: Round[CauseT], candidate: CauseCandidate[CauseT], level: 
     return current.posterior(candidate) >= least and not current.is_remainder(candidate)
 
 
-def _leads(current: Round[CauseT], first: CauseCandidate[CauseT], level: float) -> bool:
+def _is_acceptable_first(current: Round[CauseT], first: CauseCandidate[CauseT], level: float) -> bool:
     """Return True if the first of a pair may be accepted; if the model holds nonparametric effects, as if it came
     alone."""
     if any(is_nonparametric_of_subject(cause) for cause in current.fitted.causes):
-        return _holds_up(current, first, level)
+        return _is_acceptable(current, first, level)
     return is_real(current, first, level)
 
 

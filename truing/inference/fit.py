@@ -84,12 +84,12 @@ class _Past:
         self.taken.append(step)
         self.explained.append(whitened.explained)
         if len(self.places) > _QUICK and self.explained[-1] > _SLOW * self.explained[-2]:
-            better = self._better(whitened)
+            better = self._accelerated_step(whitened)
             yield better, whitened.local_step(better)
         for halved in range(_MOST_HALVINGS):
             yield 0.5**halved * step, 0.5**halved * of_local
 
-    def _better(self, whitened: Whitened) -> Array:
+    def _accelerated_step(self, whitened: Whitened) -> Array:
         """Return the accelerated step (G,): it leads to where linear extrapolation makes the next step smallest."""
         places, steps = (np.array(own[-_HISTORY - 1 :]) for own in (self.places, self.taken))
         moved, changed = np.diff(places, axis=0).T, np.diff(steps, axis=0).T
@@ -119,11 +119,11 @@ def linearise(
     by_local = np.concatenate([measured.whitener @ frames.columns(arms), turned @ found.by_local], -1)
     epochs, height = len(arms), arms.shape[1] * arms.shape[2]
     kept = columns_of(np.any(found.by_shared, (1, 2))) if compact else None
-    slopes = found.by_shared if kept is None else _kept(found.by_shared, kept[0])
+    slopes = found.by_shared if kept is None else _column_derivatives(found.by_shared, kept[0])
     return LinearisedModel(
         residual=(measured.whitener @ gap[..., None]).reshape(epochs, -1),
         by_local=by_local.reshape(epochs, height, by_local.shape[-1]),
-        by_shared=_turned(turned, slopes).reshape(epochs, height, -1 if by_shared else 0),
+        by_shared=_rotated_slopes(turned, slopes).reshape(epochs, height, -1 if by_shared else 0),
         local_value=np.concatenate([np.zeros((epochs, frames.size)), local], 1),
         shared_value=shared,
         extra_residual=found.known_residual,
@@ -136,13 +136,13 @@ def linearise(
     )
 
 
-def _kept(slopes: Array, columns: Integers) -> Array:
+def _column_derivatives(slopes: Array, columns: Integers) -> Array:
     """Return derivatives (B, K, d, C) of the columns (B, C) of each epoch, from those of all, (B, K, d, G); zero for
     column G."""
     own = np.take_along_axis(slopes, np.minimum(columns, slopes.shape[-1] - 1)[:, None, None], 3)
     return np.asarray(own * (columns < slopes.shape[-1])[:, None, None])
 
 
-def _turned(turned: Array, slopes: Array) -> Array:
+def _rotated_slopes(turned: Array, slopes: Array) -> Array:
     """Return slopes (B, K, d, G) multiplied by matrices (B, K, d, d), elementwise where observations are numbers."""
     return turned * slopes if turned.shape[-1] == 1 else turned @ slopes

@@ -46,8 +46,8 @@ from truing.inference.scatter import (
     InputResiduals,
     drivers_of,
     input_residuals,
-    likeliest,
-    nearby,
+    likeliest_scatter,
+    overlapping_candidates,
     scattering,
     unbiased,
 )
@@ -349,8 +349,8 @@ class Fitter(Generic[CauseT]):
         start = self._input_factor
         self._restore_screened()
         wide = self._with_widened_inputs(fitted, candidate.own, start * self._ratios[0])
-        near = nearby([one for one in _scatters(fitted, kinds) if one.of_inputs], candidate)
-        best = likeliest(residuals_of_inputs(wide), near, self._input_factor)
+        near = overlapping_candidates([one for one in _scatters(fitted, kinds) if one.of_inputs], candidate)
+        best = likeliest_scatter(residuals_of_inputs(wide), near, self._input_factor)
         if best is not candidate:
             first = float(self._input_factor[candidate.own].max())
             self._input_factor = start
@@ -405,7 +405,7 @@ class Fitter(Generic[CauseT]):
         sigmas = self.model.input_scale * factor * np.ones(own.shape)
         return float(np.mean(sigmas[own] ** 2))
 
-    def weigh(self, fitted: FittedModel[CauseT], found: NoiseDependence) -> NoiseDependence:
+    def with_noise_dependence(self, fitted: FittedModel[CauseT], found: NoiseDependence) -> NoiseDependence:
         """Weight observations by a noise dependence; return the dependence with its ratio estimated anew.
 
         If a cause makes the noise larger, screened observations are restored first: they may be part of that noise.

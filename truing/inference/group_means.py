@@ -54,13 +54,13 @@ def epoch_residuals(whitened: Whitened, measured: Observations, frames: Frames, 
     rest = whitened.rest[rows].reshape(epochs, height, 1)
     present = whitened.present[rows].reshape(epochs, height)
     basis = whitened.basis[rows].reshape(epochs, height, -1)
-    local = np.sum((_turned(turn, whitened.local_basis, inputs, count * size)) ** 2, -1)
-    seen = _chosen(present, inputs, count * size)
+    local = np.sum((_rotated_rows(turn, whitened.local_basis, inputs, count * size)) ** 2, -1)
+    seen = _observed_and_inputs(present, inputs, count * size)
     return EpochResiduals(
-        np.where(seen, _turned(turn, rest, inputs, count * size)[..., 0], 0.0),
+        np.where(seen, _rotated_rows(turn, rest, inputs, count * size)[..., 0], 0.0),
         seen,
         np.where(seen, 1.0 - local, 0.0),
-        np.where(seen[..., None], _turned(turn, basis, inputs, count * size), 0.0),
+        np.where(seen[..., None], _rotated_rows(turn, basis, inputs, count * size), 0.0),
     )
 
 
@@ -71,7 +71,7 @@ def _rotations(matrices: Array) -> Array:
     return np.asarray(np.swapaxes(left @ right, -1, -2))
 
 
-def _turned(turn: Array, rows: Array, inputs: slice, observed: int) -> Array:
+def _rotated_rows(turn: Array, rows: Array, inputs: slice, observed: int) -> Array:
     """Return rows (B, H, P) of observations, rotated, followed by those of inputs."""
     epochs, count, size = turn.shape[:3]
     own = rows[:, :observed].reshape(epochs, count, size, rows.shape[-1])
@@ -80,7 +80,7 @@ def _turned(turn: Array, rows: Array, inputs: slice, observed: int) -> Array:
     return np.concatenate([own.reshape(epochs, observed, -1), of_inputs], 1)
 
 
-def _chosen(rows: Mask, inputs: slice, observed: int) -> Mask:
+def _observed_and_inputs(rows: Mask, inputs: slice, observed: int) -> Mask:
     return np.concatenate([rows[:, :observed], rows[:, observed + inputs.start : observed + inputs.stop]], 1)
 
 

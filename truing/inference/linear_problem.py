@@ -123,7 +123,7 @@ class Whitened:
         return self._gram
 
     @cached_property
-    def _along(self) -> Array:
+    def _basis_components(self) -> Array:
         """Parts (G,) of the residual along the basis."""
         return _solved(self._factor, self._of_columns(self.residual), transposed=True)
 
@@ -173,7 +173,7 @@ class Whitened:
         local = np.einsum(
             "bmh,bm->bh", self.local_basis, _with_priors(self.problem.residual, -self.problem.local_value)
         )
-        return float(np.sum(local**2) + np.sum(self._along**2))
+        return float(np.sum(local**2) + np.sum(self._basis_components**2))
 
     @cached_property
     def leverage(self) -> Array:
@@ -198,7 +198,7 @@ class Whitened:
 
     def step(self) -> tuple[Array, Array]:
         """Return the least-squares step of the shared (G,) and local (B, H) unknowns, in prior sigmas."""
-        shared = _solved(self._factor, self._along)
+        shared = _solved(self._factor, self._basis_components)
         return shared, self.local_step(shared)
 
     def local_step(self, shared: Array) -> Array:

@@ -61,7 +61,7 @@ class CauseLike(Protocol):
     def parameters(self, parts: int, /) -> Sequence[ParameterLike]:
         """Return the parameters for a number of like parts."""
 
-    def alike(self, parts: int, /) -> Sequence[int]:
+    def like_sized(self, parts: int, /) -> Sequence[int]:
         """Return the positions of parameters of like size."""
 
     def one_sided(self, parts: int, /) -> Sequence[int]:

@@ -343,7 +343,7 @@ def _log_moments(size: int) -> tuple[float, float]:
 def _slope(logs: Array, known: Mask, driver: Driver, spread: float) -> tuple[float, float]:
     """Return the slope of the logarithms (B, K) along a driver, and its standard deviation. The variance of the
     logarithms is taken to be at least ``spread``."""
-    y, x = _within(logs, known, driver.within), _within(driver.values, known, driver.within)
+    y, x = _minus_group_means(logs, known, driver.within), _minus_group_means(driver.values, known, driver.within)
     size = float(np.sum(x**2))
     if size <= 1e-12 * max(float(np.sum(driver.values[known] ** 2)), 1e-300):
         return 0.0, math.inf
@@ -373,7 +373,7 @@ def _gain(score: tuple[float, float], driver: Driver) -> float:
     return math.copysign(strength**2 / 2.0, strength) - (_LEAD if driver.cause is not None else 0.0)
 
 
-def _within(values: Array, known: Mask, groups: Integers) -> Array:
+def _minus_group_means(values: Array, known: Mask, groups: Integers) -> Array:
     """Return values (B, K) without the mean of their group of channels; zero where not known."""
     left = np.where(known, values, 0.0)
     number = np.unique(groups, return_inverse=True)[1]
@@ -393,7 +393,7 @@ def larger_where(driver: Driver, rest: Array, p_value: float) -> NoiseDependence
 
 
 def _noise_dependence(driver: Driver, score: tuple[float, float], known: Mask, p_value: float) -> NoiseDependence:
-    x = _within(driver.values, known, driver.within)
+    x = _minus_group_means(driver.values, known, driver.within)
     away = np.where(np.isfinite(driver.values), driver.values, 0.0) - driver.values[known].mean()
     reach = 0.5 * float(np.ptp(x[known]))
     ratio = math.exp(abs(score[0]) * reach)

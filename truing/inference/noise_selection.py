@@ -67,7 +67,7 @@ class NoiseSelection(Generic[CauseT]):
         """Weight observations by a noise dependence; a cause of it is doubted if residuals there may be correlated."""
         own, rest = found.driver.values > 0.5, self.fitter.known_residuals(fitted)
         is_noise = found.driver.cause is None or is_unordered(rest, own, fitted, _SURELY_NOISE)
-        return replace(self.fitter.weigh(fitted, found), doubt="" if is_noise else Reason.UNNAMED)
+        return replace(self.fitter.with_noise_dependence(fitted, found), doubt="" if is_noise else Reason.UNNAMED)
 
     def dependences(self, final: FittedModel[CauseT], kinds: Sequence[CauseT], most: int) -> list[NoiseDependence]:
         """Return up to ``most`` dependences of the noise, one after the other.

@@ -64,10 +64,10 @@ class PredictionError(Generic[CauseT]):
         """True for observations (B, K) that were measured."""
         return self.measured.seen
 
-    def less(self, columns: Array) -> PredictionError[CauseT]:
+    def after_step(self, columns: Array) -> PredictionError[CauseT]:
         """Return the error after the prediction moves by whitened columns (B, M) and each epoch is fitted anew."""
         moved = self.whitened.reshape(columns.shape) - columns
-        left = _freed(moved[..., None], self.by_fitted, self.measured, self.model.zero_groups)[..., 0]
+        left = _without_epoch_unknowns(moved[..., None], self.by_fitted, self.measured, self.model.zero_groups)[..., 0]
         return replace(self, gap=_unwhitened(self.measured, left), whitened=left.reshape(self.whitened.shape))
 
     def growth_over(self, other: PredictionError[CauseT]) -> float:
@@ -154,7 +154,11 @@ def prediction_error(
     at = linearise(model.predict, measured, frames, shared, local, by_shared)
     fitted = at.by_local[..., kept]
     zero_groups = model.zero_groups
-    rest = at.residual if zero_groups is None else _freed(at.residual[..., None], fitted, measured, zero_groups)[..., 0]
+    rest = (
+        at.residual
+        if zero_groups is None
+        else _without_epoch_unknowns(at.residual[..., None], fitted, measured, zero_groups)[..., 0]
+    )
     whitened, gap = rest.reshape(measured.values.shape), _unwhitened(measured, rest)
     return PredictionError(gap, measured, whitened, frames, local, at.by_shared, fitted, model, shared)
 
@@ -219,14 +223,14 @@ def noise_floor(model: Model[CauseT], fit: Fit, measured: Observations, rng: np.
     left = noise - problem.moved(error)
     inputs = np.concatenate([np.zeros(fit.frames.size, bool), ~model.unpredicted])
     left -= problem.by_local[..., inputs] @ prior[:, inputs]
-    freed = _freed(left, problem.by_local[..., ~inputs], measured, model.zero_groups)
+    freed = _without_epoch_unknowns(left, problem.by_local[..., ~inputs], measured, model.zero_groups)
     gap = np.linalg.solve(_square(measured), freed.reshape(*measured.values.shape, _FLOOR_DRAWS))
     seen = measured.seen.sum(0)
     square = np.sum(np.mean(gap**2, (2, 3)) * measured.seen, 0) / np.maximum(seen, 1)
     return NoiseFloor(square, seen)
 
 
-def _freed(rows: Array, columns: Array, measured: Observations, zero_groups: Integers | None) -> Array:
+def _without_epoch_unknowns(rows: Array, columns: Array, measured: Observations, zero_groups: Integers | None) -> Array:
     """Return whitened rows (B, M, D) without the projection on each epoch's columns (B, M, h), or on the
     zeros of runs."""
     if zero_groups is None:

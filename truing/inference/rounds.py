@@ -129,10 +129,10 @@ class Round(Generic[CauseT]):
 
     def scale_holds(self, candidate: CauseCandidate[CauseT], rivals: Sequence[CauseCandidate[CauseT]]) -> bool:
         """Return True if a candidate stays the most probable when plausible scales are tripled."""
-        own = self._stretched(candidate)
-        return all(own >= self._stretched(rival) for rival in rivals)
+        own = self._log_odds_at_triple_scale(candidate)
+        return all(own >= self._log_odds_at_triple_scale(rival) for rival in rivals)
 
-    def _stretched(self, candidate: CauseCandidate[CauseT]) -> float:
+    def _log_odds_at_triple_scale(self, candidate: CauseCandidate[CauseT]) -> float:
         """Return a candidate's log posterior odds with plausible scales tripled."""
         score = self.scores[candidate.key]
         if not candidate.signature.rank:
@@ -171,9 +171,9 @@ class Round(Generic[CauseT]):
         unnamed = [candidate for candidate in pair if not candidate.cause.catalogued]
         if len(unnamed) != 1 or not is_nonparametric_of_subject(unnamed[0].cause):
             return -np.inf
-        return self._with_rest(unnamed[0]) + float(np.log(RIVAL_FACTOR))
+        return self._log_odds_with_addition(unnamed[0]) + float(np.log(RIVAL_FACTOR))
 
-    def _with_rest(self, form: CauseCandidate[CauseT]) -> float:
+    def _log_odds_with_addition(self, form: CauseCandidate[CauseT]) -> float:
         """Return the log odds of a nonparametric effect with the best addition among nonparametric effects of its
         subject."""
         if form.key not in self._rests:
@@ -295,7 +295,7 @@ def _index_pairs(tried: Sequence[CauseCandidate[CauseT]]) -> list[tuple[int, int
     return [
         (i, j)
         for i, j in combinations(range(len(tried)), 2)
-        if tried[i].kind != tried[j].kind or _apart(tried[i], tried[j])
+        if tried[i].kind != tried[j].kind or _share_no_pathway(tried[i], tried[j])
     ]
 
 
@@ -304,7 +304,7 @@ def _unnamed(candidates: Iterable[CauseCandidate[CauseT]]) -> int:
     return sum(not candidate.cause.catalogued for candidate in candidates)
 
 
-def _apart(first: CauseCandidate[CauseT], second: CauseCandidate[CauseT]) -> bool:
+def _share_no_pathway(first: CauseCandidate[CauseT], second: CauseCandidate[CauseT]) -> bool:
     """Return True if two candidates share no pathway, as two single channels do."""
     return not np.isin(first.signature.index, second.signature.index).any()
 
@@ -366,7 +366,7 @@ def log_evidence_of(
     ones."""
     own, (total, freedom) = candidate.signature, total_of(fitted)
     independent = float(log_evidence(parts, own.strengths, total, freedom, stretch))
-    members = candidate.cause.alike(fitted.model.part_count)
+    members = candidate.cause.like_sized(fitted.model.part_count)
     if not members:
         return independent
     scores = own.loadings @ (parts * own.strengths)

@@ -119,10 +119,10 @@ def scattering(
     found = noise_dependence(residuals.standardised, drivers_of(candidates), level)
     if found is None:
         return None
-    return likeliest(residuals, candidates), found.p_value
+    return likeliest_scatter(residuals, candidates), found.p_value
 
 
-def likeliest(
+def likeliest_scatter(
     residuals: InputResiduals, candidates: Sequence[ScatterCandidate[CauseT]], factor: Array | float = 1.0
 ) -> ScatterCandidate[CauseT]:
     """Return the candidate with the largest likelihood of a separate variance; the fit widened prior sigmas by factors
@@ -131,7 +131,7 @@ def likeliest(
     return candidates[int(np.argmax([variance_gain(square, candidate.own) for candidate in candidates]))]
 
 
-def nearby(
+def overlapping_candidates(
     candidates: Sequence[ScatterCandidate[CauseT]], candidate: ScatterCandidate[CauseT]
 ) -> list[ScatterCandidate[CauseT]]:
     """Return the candidate first, then all that share at least half of their inputs with it."""

@@ -39,7 +39,7 @@ def gross_errors(
     """
     if zero_groups is not None:
         return _by_run(rest, seen, axes, order, zero_groups)
-    far = _far(rest, seen)
+    far = _is_beyond_limit(rest, seen)
     if axes is None or order is None or not far.any():
         return far
     known = seen & (np.abs(np.linalg.det(axes)) > 0)
@@ -77,7 +77,7 @@ def _by_run(rest: Array, seen: Mask, axes: Array | None, order: Array | Integers
     return wrong
 
 
-def _far(rest: Array, seen: Mask) -> Mask:
+def _is_beyond_limit(rest: Array, seen: Mask) -> Mask:
     length, limit = lengths(rest, seen)
     return np.asarray(np.nan_to_num(length) > limit)
 
@@ -110,11 +110,11 @@ def alone_in_time(values: Array, order: Array | Integers, suspect: Mask, least: 
     for channel in range(values.shape[1]):
         rows = in_time[known[in_time, channel]]
         own, doubted = values[rows, channel], suspect[rows, channel]
-        alone[rows, channel] = doubted if len(rows) <= _NEIGHBOURS else _alone(own, doubted, least)
+        alone[rows, channel] = doubted if len(rows) <= _NEIGHBOURS else _is_isolated(own, doubted, least)
     return alone
 
 
-def _alone(own: Array, doubted: Mask, least: float) -> Mask:
+def _is_isolated(own: Array, doubted: Mask, least: float) -> Mask:
     """Return True for a channel's observations (N, d), in time order, that agree with no neighbours."""
     from scipy.special import chdtri
 

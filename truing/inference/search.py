@@ -100,7 +100,7 @@ class Search(Generic[CauseT]):
     def groups(self) -> tuple[CandidateGroup, ...]:
         """Groups of comparable candidates, then one group for every family of channels."""
         found: dict[tuple[str, int], list[float]] = {}
-        for candidate in self._seen:
+        for candidate in self._visible_candidates:
             own = candidate.signature
             found.setdefault((candidate.kind, own.rank), []).append(own.input_share)
         listed = [CandidateGroup(kind, rank, float(np.mean(shares))) for (kind, rank), shares in found.items()]
@@ -108,7 +108,7 @@ class Search(Generic[CauseT]):
         return tuple(listed)
 
     @cached_property
-    def _seen(self) -> list[CauseCandidate[CauseT]]:
+    def _visible_candidates(self) -> list[CauseCandidate[CauseT]]:
         return [candidate for candidate in self.candidates if candidate.signature.rank]
 
     @cached_property
@@ -116,21 +116,24 @@ class Search(Generic[CauseT]):
         """Candidates by pathways and rank r: their place, their stacked unit designs (r * n, B * C), and their numbers
         (n,). Designs are sorted by direction first."""
         by_index: dict[bytes, dict[int, list[int]]] = {}
-        for number, candidate in enumerate(self._seen):
+        for number, candidate in enumerate(self._visible_candidates):
             own = candidate.signature
             by_index.setdefault(own.index.tobytes(), {}).setdefault(own.rank, []).append(number)
         return [
-            (_place(self._seen[next(iter(ranks.values()))[0]].signature.index), [self._bank(n) for n in ranks.values()])
+            (
+                _index_or_slice(self._visible_candidates[next(iter(ranks.values()))[0]].signature.index),
+                [self._bank(n) for n in ranks.values()],
+            )
             for ranks in by_index.values()
         ]
 
     def _bank(self, numbers: list[int]) -> tuple[Array, list[int]]:
-        designs = np.stack([self._seen[n].signature.unit_design.T.astype(np.float32) for n in numbers], 1)
+        designs = np.stack([self._visible_candidates[n].signature.unit_design.T.astype(np.float32) for n in numbers], 1)
         return designs.reshape(-1, designs.shape[-1]), numbers
 
     def squares(self, along: Array) -> Array:
         """Return the reduction of the sum of squares by each candidate that can be seen, (D, candidates)."""
-        found = np.empty((len(along), len(self._seen)))
+        found = np.empty((len(along), len(self._visible_candidates)))
         for place, banks in self._banks:
             own = along[:, :, place].reshape(len(along), -1)
             for designs, numbers in banks:
@@ -160,7 +163,7 @@ class Search(Generic[CauseT]):
     @cached_property
     def _members(self) -> list[list[int]]:
         found: dict[tuple[str, int], list[int]] = {}
-        for number, candidate in enumerate(self._seen):
+        for number, candidate in enumerate(self._visible_candidates):
             found.setdefault((candidate.kind, candidate.signature.rank), []).append(number)
         return list(found.values())
 
@@ -216,14 +219,14 @@ class Search(Generic[CauseT]):
         """Directions (N, r) of the single candidate with the smallest p."""
         along = self.pathways.along(self.pathways.whitened.rest[None])
         squares, found = self.squares(along)[0], []
-        for number, candidate in enumerate(self._seen):
+        for number, candidate in enumerate(self._visible_candidates):
             group = CandidateGroup(candidate.kind, candidate.signature.rank, candidate.signature.input_share)
             noise = self.noise.without(float(squares[number]), group.rank, group.input_share)
             found.append(float(f_test(squares[number], group, noise, self.noise)))
         if not found:
             return np.zeros((len(self.pathways.whitened.rest), 0))
         best = min(range(len(found)), key=lambda number: (found[number], -squares[number]))
-        return self._seen[best].signature.rows(self.pathways)
+        return self._visible_candidates[best].signature.rows(self.pathways)
 
     @cached_property
     def _flipped_level(self) -> float:
@@ -231,7 +234,7 @@ class Search(Generic[CauseT]):
         return float(np.mean(self._standard[tested] ** 2))
 
 
-def _place(index: Integers) -> Integers | slice:
+def _index_or_slice(index: Integers) -> Integers | slice:
     """Return pathway indices (n,) as a slice where they are contiguous, which avoids a copy."""
     return slice(index[0], index[-1] + 1) if np.all(np.diff(index) == 1) else index
 

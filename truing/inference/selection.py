@@ -38,9 +38,9 @@ from truing.inference.verdicts import (
     SUSPECTED,
     Reason,
     Verdict,
-    certain,
     first_order,
     fitted,
+    verdict_on_known_cause,
 )
 
 # Shares of the declared false-alarm rate: search for causes, noise larger than declared, noise that depends on
@@ -200,7 +200,7 @@ class CauseSelection(Generic[CauseT]):
         # What inputs predict is no scatter, though it may pass for one.
         is_named &= bool(searched.kept) or not attributions
         doubt = Reason.INADEQUATE if not holds else None if is_named else Reason.UNNAMED
-        verdicts = [self._doubted(verdict, final, doubt, outdone) for verdict in verdicts]
+        verdicts = [self._checked_verdict(verdict, final, doubt, outdone) for verdict in verdicts]
         is_sure = doubt is None and all(verdict.verdict != SUSPECTED for verdict in verdicts)
         left = "" if is_sure else doubt or Reason.UNNAMED  # residuals of a doubtful model hold more than noise
         return CauseDiagnosis(
@@ -217,12 +217,12 @@ class CauseSelection(Generic[CauseT]):
             searched.end,
             tuple(replace(scatter, doubt=left) for scatter in scatters),
             fitter.held_out,
-            self._unasked(kinds, searched),
+            self._untestable_kinds(kinds, searched),
             tuple(fitter.blocks or ()),
             attributions,
         )
 
-    def _unasked(self, kinds: Sequence[CauseT], searched: _Searched[CauseT]) -> tuple[CauseT, ...]:
+    def _untestable_kinds(self, kinds: Sequence[CauseT], searched: _Searched[CauseT]) -> tuple[CauseT, ...]:
         """Return the kinds of cause without any candidate in this campaign, neither of an effect nor of scatter."""
         known = {*searched.rounds[0].best, *(cause.id for cause in self._given)}
         scene = searched.plain.scene
@@ -282,7 +282,7 @@ class CauseSelection(Generic[CauseT]):
                 kept.append(replace(step, before=before, after=final))
         return replace(searched, kept=kept, final=final)
 
-    def _doubted(
+    def _checked_verdict(
         self, verdict: Verdict[CauseT], final: FittedModel[CauseT], doubt: Reason | None, outdone: set[str]
     ) -> Verdict[CauseT]:
         """Return a verdict after checks on the final model: a found cause that fails one is only suspected.
@@ -345,7 +345,7 @@ class CauseSelection(Generic[CauseT]):
         """Return one verdict per kind of cause, and one per further subject that was found. ``refuted``: verdicts on
         accepted causes that the final model no longer holds."""
         final, held_out = searched.final, self._fitter.held_out
-        verdicts = [certain(cause, searched.plain, held_out) for cause in self._given]
+        verdicts = [verdict_on_known_cause(cause, searched.plain, held_out) for cause in self._given]
         for step in searched.kept:
             plain = first_order(step.round, step.candidate, FOUND, held_out)
             reported = fitted(plain, step.cause, step.before, step.after, final)

@@ -139,7 +139,9 @@ def fitted(
     )
 
 
-def certain(cause: CauseT, plain: FittedModel[CauseT], held_out: Epochs[ConditionsLike] | None) -> Verdict[CauseT]:
+def verdict_on_known_cause(
+    cause: CauseT, plain: FittedModel[CauseT], held_out: Epochs[ConditionsLike] | None
+) -> Verdict[CauseT]:
     """Return the verdict on a cause that was known before any search and is part of the plain model."""
     others = tuple(other for other in plain.causes if other is not cause)
     model = plain.model.with_causes(others)
@@ -176,7 +178,7 @@ def after_first_step(
     """Return the error on calibration epochs after a first-order step to a candidate's parameters (P,), in plausible
     scales."""
     step = _shared_step(fitted, own, values)
-    return _moved(fitted.error, fitted.measured, cause, values, step)
+    return _shifted_error(fitted.error, fitted.measured, cause, values, step)
 
 
 def held_out_after_first_step(
@@ -185,7 +187,7 @@ def held_out_after_first_step(
     """Return the same on held-out epochs, None where there are none."""
     if held_out is None or fitted.held_out is None:
         return None
-    return _moved(fitted.held_out, held_out.measured, cause, values, _shared_step(fitted, own, values))
+    return _shifted_error(fitted.held_out, held_out.measured, cause, values, _shared_step(fitted, own, values))
 
 
 def _shared_step(fitted: FittedModel[CauseT], own: Signature, values: Array) -> Array:
@@ -193,12 +195,12 @@ def _shared_step(fitted: FittedModel[CauseT], own: Signature, values: Array) -> 
     return -fitted.fit.whitened.from_basis(own.explained @ values)
 
 
-def _moved(
+def _shifted_error(
     error: PredictionError[CauseT], measured: Observations, cause: CauseT, values: Array, step: Array
 ) -> PredictionError[CauseT]:
     motion = _motion(error, cause) @ values
     columns = whitened_columns(measured, error.frames, motion[..., None])[..., 0]
-    return error.less(columns + error.by_shared @ step)
+    return error.after_step(columns + error.by_shared @ step)
 
 
 def _motion(error: PredictionError[CauseT], cause: CauseT) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from truing.arrays import Array, Mask
 from truing.estimation.quality import Scatter
-from truing.estimation.response import keep_consistent
+from truing.estimation.response import consistent_responses
 from truing.estimation.rigid_poses.points import PosePoints, SurveyPoints
 from truing.estimation.rigid_poses.rigid import RigidFit
 from truing.estimation.rigid_poses.robust import consensus
@@ -110,7 +110,7 @@ def _gross_attachments(residuals: Array, sigma: Array, seen: Mask, covariates: A
         if rows.sum() < covariates.shape[1] + 4:
             continue
         cov = sigma[rows, target][:, :, None] ** 2 * np.eye(3)
-        kept = keep_consistent(covariates[rows], residuals[rows, target], 9.0 * cov)
+        kept = consistent_responses(covariates[rows], residuals[rows, target], 9.0 * cov)
         gross[rows, target] = ~kept.all(axis=1)
     return gross
 

@@ -48,7 +48,7 @@ def _collected(found: list[_Answer], *, simulated: bool) -> Answers:
     )
 
 
-def answers(view: LoadingView) -> Answers:
+def run_responses(view: LoadingView) -> Answers:
     """Return the answers of all runs and channels that are clear enough to be compared."""
     found = []
     for channel in view.channels:
@@ -60,7 +60,7 @@ def answers(view: LoadingView) -> Answers:
     return _collected(found, simulated=view.simulated is not None)
 
 
-def signal_answers(view: LoadingView) -> Answers:
+def signal_responses(view: LoadingView) -> Answers:
     """Return the answers of signals to the loads of runs under one axis; a kind is an axis and a signal."""
     steps, found = view.steps, []
     for run in np.flatnonzero(view.loaded_alone).tolist():
@@ -112,7 +112,7 @@ def typical_size(value: Array, kind: Index) -> Array:
     return out
 
 
-def turned_round(found: Answers, share: float) -> list[int]:
+def sign_reversed(found: Answers, share: float) -> list[int]:
     """Return the answers with the opposite sign to the simulated one, or to most of their kind."""
     slope, sigma, kind, count = found.slope, found.sigma, found.kind, len(found.slope)
     if found.simulated:  # each by itself, because all of them may have the wrong sign
@@ -130,7 +130,9 @@ def same_sign(found: Answers, share: float) -> Mask:
     return sure & (np.bincount(groups, sure)[groups] > 1)
 
 
-def read_as(view: LoadingView, expected: ExpectedReadings) -> tuple[list[tuple[int, int, int, bool]], int]:
+def most_similar_channels(
+    view: LoadingView, expected: ExpectedReadings
+) -> tuple[list[tuple[int, int, int, bool]], int]:
     """Return run, channel, the channel that it reads like, and if that one's answer is larger; and the number of tests.
 
     A test is a run and channel with at least one other channel whose answer differs clearly.

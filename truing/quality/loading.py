@@ -117,7 +117,7 @@ class LoadingView:
         return tuple(self._channel(k, seen[:, k], around) for k in range(6) if seen[:, k].sum() >= _FEWEST)
 
     def _channel(self, k: int, seen: Mask, around: Array) -> ChannelView:
-        steps = self.steps.chosen(seen)
+        steps = self.steps.subset(seen)
         runs, run = np.unique(steps.run, return_inverse=True)
         groups = response_columns(steps.load, run, steps.time_s, around[seen])
         reading, sigma = steps.reading[:, k], steps.sigma[:, k]
@@ -187,7 +187,7 @@ def scatter_of_signal(view: LoadingView, at: int, sigma: float) -> float:
     there = np.isfinite(view.steps.signal[:, at])
     if there.sum() < _FEWEST_STEPS:
         return float("nan")
-    steps = view.steps.chosen(there)
+    steps = view.steps.subset(there)
     run = np.unique(steps.run, return_inverse=True)[1]
     groups = response_columns(steps.load, run, steps.time_s, np.zeros((len(run), 0)))
     declared = np.full(len(run), sigma)

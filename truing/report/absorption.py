@@ -12,8 +12,8 @@ from plotly.subplots import make_subplots
 from truing.report.calibration.calibrations import Key
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, label, panel_grid, style
 from truing.report.numbers import count, plain, with_uncertainty
-from truing.report.parameter_names import kind_of, name_of, shown_in
-from truing.report.tables import Tables, filled
+from truing.report.parameter_names import kind_of, name_of, print_unit
+from truing.report.tables import Tables, table_or_none
 
 _EFFECTS = {
     "platform-deformation-linear": "the linear deformation of the platform",
@@ -34,11 +34,11 @@ _SYMBOLS = ("circle", "x", "triangle-up", "diamond")
 
 def absorbed_by(tables: Tables, key: Key) -> pd.DataFrame | None:
     """Return the absorption by a calibration's model of the structure, with tolerances of the parameters."""
-    table = filled(tables, "absorption")
+    table = table_or_none(tables, "absorption")
     if table is None:
         return None
     own = table[table["model"] == key[0]] if (table["model"] == key[0]).any() else table
-    fitted = filled(tables, "calibration")
+    fitted = table_or_none(tables, "calibration")
     if fitted is None or "tolerance" not in fitted:
         return own.assign(tolerance=float("nan"))
     names = ["model", "deformation", "leg", "parameter"]
@@ -85,7 +85,7 @@ def _size(rows: pd.DataFrame) -> Any:
     return np.abs(rows["predicted"] / scale).to_numpy(dtype=float)
 
 
-def swallowed(absorbed: pd.DataFrame | None) -> str:
+def most_shifted_words(absorbed: pd.DataFrame | None) -> str:
     """Return in words the parameters that the effect with the largest bias shifts most; empty where none is known.
 
     Only significant shifts of at least a tolerance are named.
@@ -105,7 +105,7 @@ def swallowed(absorbed: pd.DataFrame | None) -> str:
 
 def _bias(r: Any) -> str:
     """``u_x of leg 6 by about -298 mrad (149 times its tolerance; the fit gave -135 ± 35 mrad)``."""
-    factor, unit = shown_in(r.parameter, r.unit)
+    factor, unit = print_unit(r.parameter, r.unit)
     beside = []
     if r.tolerance == r.tolerance:
         beside.append(f"{r.size:.0f} times its tolerance" if r.size >= 9.5 else f"{r.size:.1f} times its tolerance")
@@ -159,7 +159,7 @@ def absorption_map(absorbed: pd.DataFrame) -> go.Figure:
 def _kinds(rows: pd.DataFrame) -> list[str]:
     """Return kind and unit of every row's parameter: ``a_x (mm)``."""
     kinds = [
-        (kind_of(name, leg), shown_in(name, unit)[1])
+        (kind_of(name, leg), print_unit(name, unit)[1])
         for name, leg, unit in zip(rows["parameter"], rows["leg"], rows["unit"], strict=True)
     ]
     return [f"{kind} ({unit})" if unit else kind for kind, unit in kinds]
@@ -170,7 +170,7 @@ def _columns(rows: pd.DataFrame) -> list[str]:
 
 
 def _printed(rows: pd.DataFrame, column: str) -> Any:
-    factors = [shown_in(name, unit)[0] for name, unit in zip(rows["parameter"], rows["unit"], strict=True)]
+    factors = [print_unit(name, unit)[0] for name, unit in zip(rows["parameter"], rows["unit"], strict=True)]
     return rows[column].to_numpy(dtype=float) * factors
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import pandas as pd
 import plotly.graph_objects as go
 
-from truing.report.figure_style import BLUE, GREEN, ORANGE, RED, common_look, panel_grid, style
+from truing.report.figure_style import BLUE, GREEN, ORANGE, RED, figure_template, panel_grid, style
 from truing.report.numbers import count as counted
 from truing.report.numbers import percent, plain, sign
 from truing.report.page import Listing, PageHead, ReportSection
@@ -98,7 +98,7 @@ def accuracy_head(campaign: str, frames: Mapping[str, pd.DataFrame]) -> PageHead
     return PageHead(f"{campaign}: accuracy from the actuators", tuple(zip(marks, words, strict=True)), tiles)
 
 
-@common_look()
+@figure_template()
 def accuracy_sections(frames: Mapping[str, pd.DataFrame]) -> list[ReportSection]:
     """Return the sections on components, legs, and the map."""
     worst, legs, found = frames["worst"], frames["legs"], frames["map"]

@@ -10,7 +10,7 @@ from plotly.subplots import make_subplots
 from truing.report.figure_style import BLUE, ORANGE, style
 from truing.report.numbers import count, rough, sign
 from truing.report.page import Listing, ReportSection
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables, table_or_none
 
 _NAMES = {"motor": "encoder at the motor", "load": "encoder at the load", "measured": "outside instrument"}
 _WAYS = ((1, BLUE, "triangle-right", "coming up"), (-1, ORANGE, "triangle-left", "coming down"))
@@ -23,7 +23,7 @@ _CAPTION = (
 def axis(tables: Tables) -> ReportSection | None:
     """Return the section of an axis with errors by the command alone and by the extended model; None
     without an axis."""
-    errors = filled(tables, "axis_errors")
+    errors = table_or_none(tables, "axis_errors")
     if errors is None:
         return None
     encoders = list(dict.fromkeys(errors["encoder"]))

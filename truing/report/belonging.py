@@ -134,10 +134,10 @@ def message(tested: RelationTest) -> str:
         words = "; ".join(map(slip_words, tested.slips))
         return f"{sides} belong together, but: {words}. This causes an error of {error}; the declared noise is {noise}."
     if tested.slips and tested.state == RelationState.FAILS:
-        return f"{sides} do not belong together{_size(tested)}. {_meant(tested)}"
+        return f"{sides} do not belong together{_size(tested)}. {_meant_words(tested)}"
     text = f"{sides} {_REASONS[tested.reason]}{_size(tested)}."
     if tested.slips:
-        return f"{text} {_meant(tested)}"
+        return f"{text} {_meant_words(tested)}"
     if tested.tried and tested.state in (RelationState.OK, RelationState.ATTENTION, RelationState.FAILS):
         text += f" Tested recording errors: {tested.tried}."
     if tested.hidden:
@@ -152,7 +152,7 @@ def _size(tested: RelationTest) -> str:
     return f" (rms misfit {two_decimals(tested.misfit)} {tested.unit}{limit})"
 
 
-def _meant(tested: RelationTest) -> str:
+def _meant_words(tested: RelationTest) -> str:
     after = (
         ""
         if tested.misfit_explained is None
@@ -168,7 +168,7 @@ def slip_words(slip: RecordSlip) -> str:
     return _WORDS[slip.kind](slip)
 
 
-def _of(slip: RecordSlip) -> str:
+def _slip_subject(slip: RecordSlip) -> str:
     return f"{slip.quantity} {listed(slip.subjects)}".strip()
 
 
@@ -180,18 +180,19 @@ def listed(names: Sequence[str], most: int = _MOST, sep: str = ", ") -> str:
 
 def _unit(slip: RecordSlip) -> str:
     if slip.factor == 1.0:
-        return f"{_of(slip)} in another unit"
+        return f"{_slip_subject(slip)} in another unit"
     own = slip.quantity if slip.quantity in _FACTORS else slip.dimension
     dimension = next((of for ending, of in _ENDINGS if slip.quantity.endswith(ending)), own)
     known = _FACTORS.get(dimension, {})
     named = [name for factor, name in known.items() if abs(slip.factor / factor - 1.0) < _SAME_FACTOR]
     what = f" ({named[0]})" if named else ""
-    return f"{_of(slip)} {'in another unit' if named else 'off by a factor'}: multiply by {slip.factor:.7g}{what}"
+    fault = "in another unit" if named else "off by a factor"
+    return f"{_slip_subject(slip)} {fault}: multiply by {slip.factor:.7g}{what}"
 
 
 def _zero(slip: RecordSlip) -> str:
     by = f": add {slip.offset:.4g}" if slip.offset else ""
-    return f"{_of(slip)} with another zero{by}"
+    return f"{_slip_subject(slip)} with another zero{by}"
 
 
 def _copied(slip: RecordSlip) -> str:
@@ -207,19 +208,23 @@ def _copied(slip: RecordSlip) -> str:
 _MIRROR = "mirrored (left-handed frame, one axis with the opposite sign, or two axes exchanged)"
 _WORDS = {
     SlipKind.UNIT: _unit,
-    SlipKind.SIGN: lambda slip: f"{_of(slip)} with the opposite sign",
+    SlipKind.SIGN: lambda slip: f"{_slip_subject(slip)} with the opposite sign",
     SlipKind.ZERO: _zero,
     SlipKind.COLUMNS: lambda slip: f"{slip.quantity} exchanged: {listed(slip.subjects)}",
-    SlipKind.ROWS_SHIFTED: lambda slip: f"{_of(slip)} shifted by {slip.shift:+d} rows",
+    SlipKind.ROWS_SHIFTED: lambda slip: f"{_slip_subject(slip)} shifted by {slip.shift:+d} rows",
     SlipKind.ROWS_EXCHANGED: lambda slip: f"{slip.quantity} with exchanged rows: {listed(slip.subjects)}",
-    SlipKind.MIRRORED: lambda slip: f"{_of(slip)} {_MIRROR}",
+    SlipKind.MIRRORED: lambda slip: f"{_slip_subject(slip)} {_MIRROR}",
     SlipKind.PARTS_EXCHANGED: lambda slip: f"{slip.quantity} exchanged: {listed(slip.subjects)}",
-    SlipKind.DIRECTION: lambda slip: f"{_of(slip)} pointing the opposite way",
-    SlipKind.FROZEN: lambda slip: f"{_of(slip)} frozen: the value does not change while the machine moves",
-    SlipKind.STRAY: lambda slip: f"{_of(slip)} far from the pose: a misread digit, or a value from another row",
-    SlipKind.ROUNDED: lambda slip: f"{_of(slip)} recorded in steps of {slip.offset:.4g} mm, much larger than the noise",
+    SlipKind.DIRECTION: lambda slip: f"{_slip_subject(slip)} pointing the opposite way",
+    SlipKind.FROZEN: lambda slip: f"{_slip_subject(slip)} frozen: the value does not change while the machine moves",
+    SlipKind.STRAY: lambda slip: (
+        f"{_slip_subject(slip)} far from the pose: a misread digit, or a value from another row"
+    ),
+    SlipKind.ROUNDED: lambda slip: (
+        f"{_slip_subject(slip)} recorded in steps of {slip.offset:.4g} mm, much larger than the noise"
+    ),
     SlipKind.COPIED: _copied,
-    SlipKind.FRINGES: lambda slip: f"{_of(slip)} counted in fringes: multiply by {slip.factor:.7g} µm",
+    SlipKind.FRINGES: lambda slip: f"{_slip_subject(slip)} counted in fringes: multiply by {slip.factor:.7g} µm",
     SlipKind.MISLABELLED: lambda slip: f"{slip.quantity} recorded: {listed(slip.subjects)}",
-    SlipKind.REVERSED: lambda slip: f"{_of(slip)} in reversed order, the last row first",
+    SlipKind.REVERSED: lambda slip: f"{_slip_subject(slip)} in reversed order, the last row first",
 }

@@ -15,7 +15,7 @@ from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, st
 from truing.report.numbers import count, listed, plain, rough, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.scene.view import scene_axes
-from truing.report.tables import XYZ, Tables, filled
+from truing.report.tables import XYZ, Tables, table_or_none
 
 FAR = 3.0  # pull from which a number is farther from nominal than its tolerance explains
 _ORIGIN, _AXIS = ["ox_mm", "oy_mm", "oz_mm"], ["ax", "ay", "az"]
@@ -44,25 +44,27 @@ _MAP = (
 def chain(tables: Tables) -> ReportSection | None:
     """Return the section of a chain: the arm, its numbers, errors over the workspace and by series; None without
     a chain."""
-    joints = filled(tables, "joints")
+    joints = table_or_none(tables, "joints")
     if joints is None:
         return None
-    nodes, places = filled(tables, "chain_nodes"), filled(tables, "chain_tip")
-    numbers, prediction = filled(tables, "chain_parameters"), filled(tables, "prediction")
+    nodes, places = table_or_none(tables, "chain_nodes"), table_or_none(tables, "chain_tip")
+    numbers, prediction = table_or_none(tables, "chain_parameters"), table_or_none(tables, "prediction")
     figures: list[tuple[go.Figure, str]] = []
     if nodes is not None:
-        figures.append((_arm(nodes, filled(tables, "survey")), _ARM))
+        figures.append((_arm(nodes, table_or_none(tables, "survey")), _ARM))
     if nodes is not None and places is not None and prediction is not None:
         shown = places.merge(prediction, on="pose")
         figures.append((_map(shown, str(nodes.loc[nodes["is_tip"], "link"].iloc[0])), _MAP))
     listings = [_listing(numbers)] if numbers is not None else []
-    series = filled(tables, "series_errors")
+    series = table_or_none(tables, "series_errors")
     listings += [_by_series(series)] if series is not None else []
     see = (("gain", "Errors of each pose, before and after"),) if prediction is not None else ()
-    return ReportSection("chain", "Chain", _lead(joints, numbers), tuple(figures), tuple(listings), see=see)
+    return ReportSection(
+        "chain", "Chain", _opening_sentences(joints, numbers), tuple(figures), tuple(listings), see=see
+    )
 
 
-def _lead(joints: pd.DataFrame, numbers: pd.DataFrame | None) -> str:
+def _opening_sentences(joints: pd.DataFrame, numbers: pd.DataFrame | None) -> str:
     read = joints[joints["input"] >= 0]
     what = f"An open chain of {count(len(read), 'joint')} on {joints['link'].iloc[0]}."
     if numbers is None:

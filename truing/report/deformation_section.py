@@ -21,7 +21,7 @@ from truing.report.scene.scenes import pose_scene
 from truing.report.scene.view import picture
 from truing.report.section_verdict import SectionVerdict
 from truing.report.simulated_section import simulated_entries, simulated_map, simulated_sentence, simulated_test
-from truing.report.tables import Tables, cell, filled
+from truing.report.tables import Tables, cell, table_or_none
 from truing.schemas.verdict import ReasonCode
 
 _KEYS = ["body", "target", "axis"]
@@ -37,7 +37,7 @@ def deformation(tables: Tables) -> ReportSection | None:
     """Return the section with deformation picture, shifts against their drives, and models."""
     if "deformation" not in tables:
         return None
-    modelled = filled(tables, "deformation_errors") is not None
+    modelled = table_or_none(tables, "deformation_errors") is not None
     shown = [*_picture(tables), *_legs(tables), *in_plane_maps(tables), *simulated_map(tables), *_targets(tables)]
     if not modelled:
         why = why_no_deformation(tables)
@@ -55,7 +55,7 @@ def deformation(tables: Tables) -> ReportSection | None:
 
 def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """Return the verdict on a body: rigid or deformed by the drives, a result either way."""
-    if filled(tables, "deformation_errors") is None or "deformation" not in tables:
+    if table_or_none(tables, "deformation_errors") is None or "deformation" not in tables:
         return None
     rigid, text = _tests(tables)[0], _sentence(tables)
     if rigid.holds is None:
@@ -97,7 +97,7 @@ def _legwise(tables: Tables) -> tuple[Listing, ...]:
 
 
 def _picture(tables: Tables) -> Drawn:
-    shape, residuals = filled(tables, "shape"), filled(tables, "residuals")
+    shape, residuals = table_or_none(tables, "shape"), table_or_none(tables, "residuals")
     if shape is None or residuals is None:
         return []
     part = _without_gross_attachments(residuals, shape, tables.get("deformation"))
@@ -139,7 +139,7 @@ def _without_gross_attachments(
 
 
 def _legs(tables: Tables) -> Drawn:
-    shifts, models = filled(tables, "deformation"), filled(tables, "deformation_models")
+    shifts, models = table_or_none(tables, "deformation"), table_or_none(tables, "deformation_models")
     if shifts is None or models is None:
         return []
     words = "Points farther from the line than their bars show the effect of the other actuators."
@@ -151,13 +151,18 @@ def _legs(tables: Tables) -> Drawn:
 
 
 def _targets(tables: Tables) -> Drawn:
-    shifts, models = filled(tables, "target_deformation"), filled(tables, "deformation_models")
+    shifts, models = table_or_none(tables, "target_deformation"), table_or_none(tables, "deformation_models")
     if shifts is None or models is None or "drive" not in models or "configurations" not in tables:
         return []
-    return [_against(shifts, models, tables["configurations"], str(d)) for d in models["drive"].dropna().unique()]
+    return [
+        _difference_from_zero(shifts, models, tables["configurations"], str(d))
+        for d in models["drive"].dropna().unique()
+    ]
 
 
-def _against(shifts: pd.DataFrame, models: pd.DataFrame, readings: pd.DataFrame, drive: str) -> tuple[object, str]:
+def _difference_from_zero(
+    shifts: pd.DataFrame, models: pd.DataFrame, readings: pd.DataFrame, drive: str
+) -> tuple[object, str]:
     own = models[models["drive"] == drive].assign(z=lambda t: (t["coefficient"] / t["sigma"]).abs())
     top = own.nlargest(_COORDINATES_SHOWN, "z", keep="first")
     chosen = shifts.merge(top[_KEYS], on=_KEYS)
@@ -166,7 +171,7 @@ def _against(shifts: pd.DataFrame, models: pd.DataFrame, readings: pd.DataFrame,
     return figure, f"{clear} of {len(own)} coordinates change with it beyond chance."
 
 
-def _better(p: float) -> str:
+def _significance_words(p: float) -> str:
     return f"{'fits' if p < _UNLIKELY else 'does not fit'} significantly better"
 
 
@@ -182,10 +187,10 @@ def _sentence(tables: Tables) -> str:
     words = []
     if ("matrix", "p_value_over_linear") in facts:
         p = float(facts[("matrix", "p_value_over_linear")])
-        words.append(f"The matrix model {_better(p)} than the linear one (p {p_equals(p)}).")
+        words.append(f"The matrix model {_significance_words(p)} than the linear one (p {p_equals(p)}).")
     elif ("linear", "p_value_over_none") in facts:
         p = float(facts.xs(("linear", "p_value_over_none")).min())
-        words.append(f"The linear model {_better(p)} than no deformation (p {p_equals(p)}).")
+        words.append(f"The linear model {_significance_words(p)} than no deformation (p {p_equals(p)}).")
     if ("matrix", "rank") in facts:
         words.append(f"K has {count(int(facts[('matrix', 'rank')]), 'independent shape')} above noise.")
     if ("none", "share_buckle") in facts:

@@ -8,7 +8,7 @@ import pandas as pd
 
 from truing.report.numbers import count, p_value, plain, quantity, with_uncertainty
 from truing.report.page import Listing, ReportSection
-from truing.report.tables import Tables, cell, filled
+from truing.report.tables import Tables, cell, table_or_none
 
 _AXES = "xyz"
 _OPEN = 24
@@ -26,18 +26,22 @@ def during(tables: Tables) -> ReportSection | None:
         "pose_repeatability": _by_pose,
         "lack_of_fit": _fits,
     }
-    known = [(tell, table) for name, tell in reported.items() if (table := filled(tables, name)) is not None]
+    known = [(tell, table) for name, tell in reported.items() if (table := table_or_none(tables, name)) is not None]
     if not known:
         return None
     listings = tuple(listing for tell, table in known for listing in tell(table))
     return ReportSection(
-        "during", "During the campaign", _lead(tables), listings=listings, statements=tuple(_statements(tables))
+        "during",
+        "During the campaign",
+        _opening_sentences(tables),
+        listings=listings,
+        statements=tuple(_statements(tables)),
     )
 
 
-def _lead(tables: Tables) -> str:
+def _opening_sentences(tables: Tables) -> str:
     words = []
-    surveys, names, repeats = (filled(tables, name) for name in ("resurveys", "relabelled", "repeats"))
+    surveys, names, repeats = (table_or_none(tables, name) for name in ("resurveys", "relabelled", "repeats"))
     if surveys is not None:
         moved = int(surveys["relocated"].sum())
         number = count(surveys["later_survey"].nunique(), "later survey")
@@ -54,17 +58,17 @@ def _lead(tables: Tables) -> str:
 def _statements(tables: Tables) -> list[tuple[str, str]]:
     """Return the statements that need attention."""
     texts = []
-    names = filled(tables, "likely_names")
+    names = table_or_none(tables, "likely_names")
     if names is not None:
         which = ", ".join(f"{r.called} at {r.target}" for r in names.head(8).itertuples())
         texts.append(("warn", f"Points with unknown names lie at missing targets: {which}. Nothing was renamed."))
-    surveys = filled(tables, "resurveys")
+    surveys = table_or_none(tables, "resurveys")
     if surveys is not None:
         lost = surveys[surveys["relocated"] & surveys["holds_as"].isna()]
         if len(lost):
             which = ", ".join(f"{r.body} {r.target}" for r in lost.head(8).itertuples())
             texts.append(("warn", f"Targets moved, but campaign.toml does not declare from which pose on: {which}."))
-    apart = _apart(filled(tables, "repeats"))
+    apart = _repeats_that_differ(table_or_none(tables, "repeats"))
     if apart:
         which = ", ".join(list(apart.values())[:8])
         texts.append(
@@ -130,7 +134,7 @@ def _quoted(text: str) -> str:
     return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in plain_text) + '"'
 
 
-def _apart(table: pd.DataFrame | None) -> dict[int, str]:
+def _repeats_that_differ(table: pd.DataFrame | None) -> dict[int, str]:
     """Return, by row label, the subjects of repeats whose groups scatter significantly differently."""
     if table is None or "p_equal" not in table:
         return {}
@@ -153,7 +157,7 @@ def _by_pose(table: pd.DataFrame) -> list[Listing]:
 
 def _repeats(table: pd.DataFrame) -> list[Listing]:
     rows = []
-    differ = _apart(table)
+    differ = _repeats_that_differ(table)
     marks = tuple("warn" if at in differ else "" for at in table.index.tolist())
     for r in table.itertuples():
         stated = r.declared_sigma if r.declared_sigma == r.declared_sigma else None

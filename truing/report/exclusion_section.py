@@ -9,7 +9,7 @@ import pandas as pd
 
 from truing.report.numbers import count, plain, quantity
 from truing.report.page import Listing, ReportSection
-from truing.report.tables import SHIFT, Tables, cell, each, filled
+from truing.report.tables import SHIFT, Tables, cell, each_row, table_or_none
 
 # Longer listings are folded.
 _OPEN = 40
@@ -20,12 +20,14 @@ def excluded(tables: Tables) -> ReportSection:
     reported = (_decisions, _effects, _rows_of_files, _points_by_target, _points, _readings, _no_part, _attachments)
     listings = [listing for tell in (*reported, _of_models, _scans) if (listing := tell(tables)).rows]
     lead = "Nothing was left out in this run."
-    return ReportSection("excluded", "Left out", _lead(tables) if listings else lead, listings=tuple(listings))
+    return ReportSection(
+        "excluded", "Left out", _opening_sentences(tables) if listings else lead, listings=tuple(listings)
+    )
 
 
-def _lead(tables: Tables) -> str:
-    files, residuals = filled(tables, "exclusions"), filled(tables, "residuals")
-    words, readings = [], filled(tables, "reading_residuals")
+def _opening_sentences(tables: Tables) -> str:
+    files, residuals = table_or_none(tables, "exclusions"), table_or_none(tables, "residuals")
+    words, readings = [], table_or_none(tables, "reading_residuals")
     if files is not None:
         words.append(f"{count(int(files['rows'].sum()), 'row')} of the raw files")
     for table, noun in ((residuals, "object point"), (readings, "reading")):
@@ -35,7 +37,7 @@ def _lead(tables: Tables) -> str:
     if not words:
         return "All of it:"
     names = ("diagnosis_left_out", "calibration_left_out")
-    further = sum(len(table) for name in names if (table := filled(tables, name)) is not None)
+    further = sum(len(table) for name in names if (table := table_or_none(tables, name)) is not None)
     besides = f" Diagnosis and calibration left out {count(further, 'further gross error')}." if further else ""
     return f"Left out of files and poses, each with its reason: {' and '.join(words)}.{besides}"
 
@@ -58,7 +60,7 @@ def _effects(tables: Tables) -> Listing:
             quantity(r.largest_change, r.unit),
             plain(r.over_sigma),
         )
-        for r in each(tables, "exclusion_effects")
+        for r in each_row(tables, "exclusion_effects")
     )
     heads = (
         "entry",
@@ -82,23 +84,23 @@ def _decisions(tables: Tables) -> Listing:
         ("reading_residuals", "run ", "run", "channel", "step"),
     )
     for name, start, *keys, noun in (points, readings):
-        if (table := filled(tables, name)) is not None:
+        if (table := table_or_none(tables, name)) is not None:
             for (reason, *of), part in table[_by_person(table)].groupby(["reason", *keys], sort=False):
-                where = f"{count(len(part), noun)}: {_named(part[noun])}"
+                where = f"{count(len(part), noun)}: {_pose_names(part[noun])}"
                 rows.append((reason, f"{start}{' '.join(map(str, of))}", where))
-    for r in each(tables, "qa"):
+    for r in each_row(tables, "qa"):
         if by := cell(getattr(r, "accepted", None)):
             rows.append((f"accepted by {by}", f"{r.check} {cell(r.subject)}".strip(), f"{r.verdict}: {r.message}"))
     heads = ("decision, by whom, and why", "of what", "where")
     return Listing(heads, tuple(rows), caption="Decided by a person", folded=len(rows) > _OPEN)
 
 
-def _named(poses: pd.Series) -> str:
+def _pose_names(poses: pd.Series) -> str:
     return ", ".join(str(p) for p in poses.iloc[:8]) + (" …" if len(poses) > 8 else "")
 
 
 def _rows_of_files(tables: Tables) -> Listing:
-    files = each(tables, "exclusions")
+    files = each_row(tables, "exclusions")
     rows = tuple((r.stage, cell(r.subject), cell(r.reason), f"{r.rows:,}", cell(r.by)) for r in files)
     heads = ("stage", "subject", "reason", "rows", "by")
     return Listing(heads, rows, (), "Rows of raw files", len(rows) > _OPEN, "exclusions.parquet")
@@ -106,7 +108,7 @@ def _rows_of_files(tables: Tables) -> Listing:
 
 def _by_rule(tables: Tables, name: str) -> pd.DataFrame:
     """Return the rejected residuals that no person decided on; without columns where the run has none."""
-    table = filled(tables, name)
+    table = table_or_none(tables, name)
     return pd.DataFrame() if table is None else table[table["rejected"] & ~_by_person(table)]
 
 
@@ -123,7 +125,7 @@ def _points_by_target(tables: Tables) -> Listing:
 
 def _points(tables: Tables) -> Listing:
     rows = tuple(
-        (str(r.pose), r.body, r.target, quantity(math.hypot(*_shift(r)), "mm"), _off(r), cell(r.reason))
+        (str(r.pose), r.body, r.target, quantity(math.hypot(*_shift(r)), "mm"), _pose_shift_words(r), cell(r.reason))
         for r in _by_rule(tables, "residuals").itertuples()
     )
     heads = ("pose", "body", "target", "off by", "x, y, z (mm)", "reason")
@@ -135,7 +137,7 @@ def _shift(r: object) -> list[float]:
     return [getattr(r, column) for column in SHIFT]
 
 
-def _off(r: object) -> str:
+def _pose_shift_words(r: object) -> str:
     shift = _shift(r)
     return "no pose to compare with" if any(s != s for s in shift) else ", ".join(f"{s:+.3f}" for s in shift)
 
@@ -143,7 +145,7 @@ def _off(r: object) -> str:
 def _readings(tables: Tables) -> Listing:
     """Return the readings of a loaded platform that were excluded as gross errors."""
     rows = tuple(
-        (str(r.run), str(r.step), r.channel, _far(r.residual, r.unit), cell(r.reason))
+        (str(r.run), str(r.step), r.channel, _reading_deviation(r.residual, r.unit), cell(r.reason))
         for r in _by_rule(tables, "reading_residuals").itertuples()
     )
     heads = ("run", "step", "channel", "off by", "reason")
@@ -151,7 +153,7 @@ def _readings(tables: Tables) -> Listing:
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "reading_residuals.parquet")
 
 
-def _far(residual: float, unit: str) -> str:
+def _reading_deviation(residual: float, unit: str) -> str:
     """Return the deviation of a reading; a dash for exclusions by a person."""
     return quantity(residual, unit) if residual == residual else "–"
 
@@ -159,7 +161,7 @@ def _far(residual: float, unit: str) -> str:
 def _no_part(tables: Tables) -> Listing:
     """Return points without gross error that take no part in a pose, counted by body and reason."""
     rows: list[tuple[str, ...]] = []
-    if (residuals := filled(tables, "residuals")) is not None:
+    if (residuals := table_or_none(tables, "residuals")) is not None:
         idle = residuals[~residuals["rejected"] & residuals["reason"].notna() & ~_by_person(residuals)]
         rows = [(body, why, f"{n:,}") for (body, why), n in idle.groupby(["body", "reason"], sort=False).size().items()]
     return Listing(("body", "why", "points"), tuple(rows), caption="Points not used in a pose for another reason")
@@ -167,7 +169,7 @@ def _no_part(tables: Tables) -> Listing:
 
 def _scans(tables: Tables) -> Listing:
     """Return dense scans that gave no pose, with the remarks of the registration."""
-    out = [r for r in each(tables, "scans") if r.status != "ok"]
+    out = [r for r in each_row(tables, "scans") if r.status != "ok"]
     rows = tuple((str(r.pose), r.body, r.status, cell(r.message)) for r in out)
     caption = f"{count(len(rows), 'dense scan')} that gave no pose"
     return Listing(("pose", "body", "status", "why"), rows, (), caption, len(rows) > _OPEN, "scans.parquet")
@@ -176,9 +178,9 @@ def _scans(tables: Tables) -> Listing:
 def _of_models(tables: Tables) -> Listing:
     """Return further exclusions by diagnosis and calibration, one by one."""
     rows = tuple(
-        (stage, r.subject, _where(r), cell(r.reason), quantity(r.value, r.unit), quantity(r.limit, r.unit))
+        (stage, r.subject, _row_subject(r), cell(r.reason), quantity(r.value, r.unit), quantity(r.limit, r.unit))
         for stage in ("diagnosis", "calibration")
-        for r in each(tables, f"{stage}_left_out")
+        for r in each_row(tables, f"{stage}_left_out")
     )
     heads = ("stage", "subject", "where", "reason", "value", "limit")
     caption = (
@@ -188,13 +190,13 @@ def _of_models(tables: Tables) -> Listing:
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, held_by)
 
 
-def _where(r: Any) -> str:
+def _row_subject(r: Any) -> str:
     """Return the pose, or the run and step."""
     return f"pose {r.pose}" if hasattr(r, "pose") else f"run {r.run}, step {r.step}"
 
 
 def _attachments(tables: Tables) -> Listing:
-    out = [r for r in each(tables, "deformation") if getattr(r, "rejected", False)]
+    out = [r for r in each_row(tables, "deformation") if getattr(r, "rejected", False)]
     rows = tuple((str(r.pose), f"leg {r.leg}", quantity(r.delta_bz_um, "um"), cell(r.reason)) for r in out)
     heads = ("pose", "attachment", "shift along z", "reason")
     caption = f"{count(len(rows), 'shift')} of attachments left out of the deformation models"

@@ -25,7 +25,7 @@ _TEMPLATE = "plotly_white"
 
 
 @contextmanager
-def common_look() -> Iterator[None]:
+def figure_template() -> Iterator[None]:
     """Make plotly start each figure with the project's template, inside this context.
 
     A template that is set later is validated value by value, which takes as long as the rest of a figure.

@@ -9,7 +9,7 @@ from truing.report.diagnosis.words import diagnosis_details
 from truing.report.numbers import quantity
 from truing.report.page import PageHead, Verdict
 from truing.report.section_verdict import SectionVerdict, verdict_rows
-from truing.report.tables import Tables, filled, in_channel_order, is_bench, load_steps, signal_names
+from truing.report.tables import Tables, in_channel_order, is_bench, load_steps, signal_names, table_or_none
 from truing.report.verdict import with_verdict
 from truing.schemas.verdict import CAMPAIGN, ReasonCode
 
@@ -55,7 +55,7 @@ def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
             lines.append((one.mark, one.explanation))
         if one.section == "diagnosis":
             lines += details
-    return [*lines, *choice_verdicts(tables), *_together(others)]
+    return [*lines, *choice_verdicts(tables), *_passed_sections(others)]
 
 
 _URGENCY = {RelationState.FAILS: 0, RelationState.ATTENTION: 1, RelationState.OK: 2, RelationState.NOT_TESTED: 3}
@@ -74,14 +74,14 @@ def _has_line(one: SectionVerdict) -> bool:
     return one.section in _OWN_LINE and one.reason_code not in _SILENT
 
 
-def _together(others: list[SectionVerdict]) -> list[Verdict]:
+def _passed_sections(others: list[SectionVerdict]) -> list[Verdict]:
     named = [_TOGETHER[one.section] for one in others if one.section in _TOGETHER and one.state == RelationState.OK]
     return [("pass", f"Also tested: {', '.join(named)}.")] if named else []
 
 
 def _tiles(tables: Tables) -> list[tuple[str, str]]:
     tiles = []
-    points, residuals = (filled(tables, name) for name in ("observations", "residuals"))
+    points, residuals = (table_or_none(tables, name) for name in ("observations", "residuals"))
     if points is not None:
         tiles += [("poses", f"{points['pose'].nunique():,}"), ("object points", f"{len(points):,}")]
     tiles += _bench_tiles(tables)
@@ -93,7 +93,7 @@ def _tiles(tables: Tables) -> list[tuple[str, str]]:
 
 def _bench_tiles(tables: Tables) -> list[tuple[str, str]]:
     """Return the numbers of runs, load steps, readings and signals."""
-    steps, readings, signals = load_steps(tables), filled(tables, "readings"), signal_names(tables)
+    steps, readings, signals = load_steps(tables), table_or_none(tables, "readings"), signal_names(tables)
     if not len(steps):
         return []
     tiles = [("runs", f"{steps['run'].nunique():,}"), ("load steps", f"{len(steps):,}")]
@@ -106,7 +106,7 @@ def _bench_tiles(tables: Tables) -> list[tuple[str, str]]:
 def _model_tiles(tables: Tables) -> list[tuple[str, str]]:
     """Return tiles of the movements and the residuals of each model; for a bench, before any model and
     after the best."""
-    errors = filled(tables, "deformation_errors")
+    errors = table_or_none(tables, "deformation_errors")
     if errors is None:
         return []
     subject = errors["subject"] if "subject" in errors else errors["leg"]
@@ -121,7 +121,7 @@ def _model_tiles(tables: Tables) -> list[tuple[str, str]]:
 
 def _positioning_tiles(tables: Tables) -> list[tuple[str, str]]:
     """Return accuracy and reversal of the first few positioned axes."""
-    rows = filled(tables, "positioning")
+    rows = table_or_none(tables, "positioning")
     if rows is None:
         return []
     own = rows[rows["subject"].isna() & rows["figure"].isin(list(_OF_AXES))]

@@ -11,7 +11,7 @@ from truing.report.coefficient_map import coefficient_map
 from truing.report.model_tests import REJECTED, ModelTest, by_p
 from truing.report.numbers import p_equals, quantity
 from truing.report.page import Drawn, Listing
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables, table_or_none
 
 _UNLIKELY = 0.01  # p-value below which attachments shift in the plane
 _MODEL = "in-plane"  # the model of shifts along x and y
@@ -67,7 +67,7 @@ def in_plane_test(facts: Facts) -> list[ModelTest]:
 
 def in_plane_maps(tables: Tables) -> Drawn:
     """Return the maps of K along x and y, where an entry differs from zero."""
-    models = filled(tables, "deformation_models")
+    models = table_or_none(tables, "deformation_models")
     if models is None or "axis" not in models:
         return []
     own = models[models["model"] == _MODEL]
@@ -79,7 +79,7 @@ def in_plane_maps(tables: Tables) -> Drawn:
 
 def directions(tables: Tables) -> tuple[Listing, ...]:
     """Return the rms shift of every attachment along z, x and y of the platform, with the rms of its sigma."""
-    shifts = filled(tables, "deformation")
+    shifts = table_or_none(tables, "deformation")
     if shifts is None or "delta_bx_um" not in shifts:
         return ()
     kept = shifts[~shifts["rejected"]] if "rejected" in shifts else shifts

@@ -9,14 +9,14 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.report import absorption
-from truing.report.absorption import absorbed_by, agreement, swallowed
-from truing.report.calibration.calibrations import Key, called, rows_of, shown_calibration
+from truing.report.absorption import absorbed_by, agreement, most_shifted_words
+from truing.report.calibration.calibrations import Key, calibration_name, displayed_calibration, rows_of
 from truing.report.figure_style import label, style
 from truing.report.numbers import plain, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
-from truing.report.parameter_names import kind_of, name_of, shown_in, symbols
+from truing.report.parameter_names import kind_of, name_of, print_unit, symbols
 from truing.report.reasons import why_not_known
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables, table_or_none
 
 _TITLE = "What can be known"
 _INDICES = ("condition", "O1", "O2", "O3", "O4", "O5")
@@ -31,16 +31,16 @@ def knowledge(tables: Tables) -> ReportSection | None:
     """Return the section with rank, unidentifiable combinations, uncertainty of each parameter, and absorption map."""
     if "observability" not in tables:
         return None
-    observed = filled(tables, "observability")
+    observed = table_or_none(tables, "observability")
     if observed is None:
         return ReportSection("knowledge", _TITLE, why_not_known(tables), state="not evaluated")
-    fitted = filled(tables, "calibration")
-    key = shown_calibration(tables, fitted if fitted is not None else observed)
+    fitted = table_or_none(tables, "calibration")
+    key = displayed_calibration(tables, fitted if fitted is not None else observed)
     absorbed = absorbed_by(tables, key)
-    text = " ".join(words for words in (_rank(observed, key), swallowed(absorbed)) if words)
+    text = " ".join(words for words in (_rank(observed, key), most_shifted_words(absorbed)) if words)
     listings = [*_observability(observed, key), *([_absorbed(absorbed)] if absorbed is not None else [])]
     shown = tuple(listing for listing in listings if listing.rows)
-    return ReportSection("knowledge", _TITLE, text, (*_known(tables, key), *_absorption(absorbed)), shown)
+    return ReportSection("knowledge", _TITLE, text, (*_known_parameters(tables, key), *_absorption(absorbed)), shown)
 
 
 def _observability(observed: pd.DataFrame, key: Key) -> list[Listing]:
@@ -48,7 +48,9 @@ def _observability(observed: pd.DataFrame, key: Key) -> list[Listing]:
     return [
         _indices(legs, whole, key),
         _combinations(legs, "Parameters that poses and readings cannot distinguish, leg by leg"),
-        _combinations(whole, f"Parameters that all measurements cannot distinguish in {called(key)}", folded=True),
+        _combinations(
+            whole, f"Parameters that all measurements cannot distinguish in {calibration_name(key)}", folded=True
+        ),
         _sigmas(legs),
     ]
 
@@ -81,8 +83,10 @@ def _rank(observed: pd.DataFrame, key: Key) -> str:
         asked, rank = int(facts["parameters"]), int(facts["rank"])
         part = f"all {asked}" if rank == asked else f"{rank} of the {asked}"
         rest = "" if rank == asked else "; only tolerances limit the others"
-        texts.append(f"All measurements, targets included, determine {part} parameters of {called(key)}{rest}.")
-    return " ".join(texts) or f"Observability of {called(key)}."
+        texts.append(
+            f"All measurements, targets included, determine {part} parameters of {calibration_name(key)}{rest}."
+        )
+    return " ".join(texts) or f"Observability of {calibration_name(key)}."
 
 
 def _largest_set_text(legs: pd.DataFrame) -> str:
@@ -130,7 +134,7 @@ def _indices(legs: pd.DataFrame, whole: pd.DataFrame, key: Key) -> Listing:
     """Return rank, condition and the indices O1 to O5 of each leg and of the chosen model."""
     parts = [(f"leg {int(leg)}", own) for leg, own in legs.groupby("leg", sort=True)] if len(legs) else []
     if len(whole):
-        parts.append((called(key), whole))
+        parts.append((calibration_name(key), whole))
     rows = tuple(_index_row(name, own) for name, own in parts)
     caption = "Observability of each leg by poses and readings alone, and of the chosen model by all measurements"
     heads = ("of", "numbers", "rank", "a largest identifiable set", *_INDICES)
@@ -164,8 +168,8 @@ def _sigmas(legs: pd.DataFrame) -> Listing:
     return Listing(("number", *(f"leg {int(leg)}" for leg in numbers)), rows, caption=caption, folded=True)
 
 
-def _known(tables: Tables, key: Key) -> Drawn:
-    fitted = filled(tables, "calibration")
+def _known_parameters(tables: Tables, key: Key) -> Drawn:
+    fitted = table_or_none(tables, "calibration")
     if fitted is None or "tolerance" not in fitted:
         return []
     own = rows_of(fitted, key)
@@ -196,7 +200,7 @@ def _absorbed(absorbed: pd.DataFrame) -> Listing:
 
 
 def _absorbed_row(r: Any) -> tuple[str, ...]:
-    factor, unit = shown_in(r.parameter, r.unit)
+    factor, unit = print_unit(r.parameter, r.unit)
     observed = with_uncertainty(factor * r.observed, factor * r.sigma)
     name = name_of(r.parameter, r.leg)
     return r.effect, r.deformation, r.estimator, name, plain(factor * r.predicted), observed, unit
@@ -232,7 +236,7 @@ def _knowledge_map(own: pd.DataFrame, key: Key) -> go.Figure:
             hovertemplate="%{y} of %{x}: %{z:.3f} tolerances<extra></extra>",
         )
     )
-    subtitle = f"Standard deviation after the calibration over the tolerance before it, {label(called(key))}"
+    subtitle = f"Standard deviation after the calibration over the tolerance before it, {label(calibration_name(key))}"
     style(figure, "How well each parameter is known", subtitle, 170 + _ROW * len(kinds))
     figure.update_xaxes(type="category", side="top", showgrid=False)
     figure.update_yaxes(type="category", autorange="reversed", automargin=True, showgrid=False)

@@ -24,11 +24,11 @@ from truing.report.tables import (
     Tables,
     axes_of,
     cell,
-    filled,
     in_channel_order,
     is_unloading,
     load_steps,
     signal_names,
+    table_or_none,
 )
 
 _OPEN = 12
@@ -47,22 +47,22 @@ _WHAT = {"air": "refractive index of the air", "material": "temperature of the m
 
 def measured(tables: Tables) -> ReportSection | None:
     """Return the section on bodies and targets with their visibility, or on the loads of a bench; None for an axis."""
-    if filled(tables, "axis_errors") is not None:
+    if table_or_none(tables, "axis_errors") is not None:
         return None
-    points = filled(tables, "observations")
-    if points is None and filled(tables, "scans") is not None:
+    points = table_or_none(tables, "observations")
+    if points is None and table_or_none(tables, "scans") is not None:
         return _measured_scans(tables)
     if points is None:
-        poses = filled(tables, "poses")
+        poses = table_or_none(tables, "poses")
         given = None if poses is None else poses[poses["default"] & (poses["method"] == "measured")]
         return measured_loads(tables) if given is None or given.empty else _measured_poses(tables, given)
-    survey, known = filled(tables, "survey"), _known_targets(tables, points)
+    survey, known = table_or_none(tables, "survey"), _known_targets(tables, points)
     listings = [_bodies(points, survey, known)]
-    if filled(tables, "configurations") is not None:
+    if table_or_none(tables, "configurations") is not None:
         listings.append(_ranges(tables["configurations"]))
-    listings.append(_targets(points, survey, filled(tables, "residuals")))
+    listings.append(_targets(points, survey, table_or_none(tables, "residuals")))
     picture = (pose_figures.visible_share(points, known), "A dark column is a pose in which few targets were measured.")
-    if filled(tables, "scans") is not None:
+    if table_or_none(tables, "scans") is not None:
         listings.append(_scans(tables["scans"]))
     shown = tuple(listing for listing in listings if listing.rows)
     return ReportSection("measured", "Measured", _campaign_sentence(tables), (picture,), shown)
@@ -71,7 +71,7 @@ def measured(tables: Tables) -> ReportSection | None:
 def _known_targets(tables: Tables, points: pd.DataFrame) -> pd.Series:
     """Return the number of targets by body, in the order of the points: all that were surveyed or ever seen."""
     names = points[["body", "target"]].drop_duplicates()
-    survey = filled(tables, "survey")
+    survey = table_or_none(tables, "survey")
     if survey is not None:
         names = names.merge(survey[["body", "target"]], how="outer").drop_duplicates()
     return names.groupby("body")["target"].nunique().reindex(_in_order(points, names))
@@ -154,7 +154,7 @@ def _measured_poses(tables: Tables, given: pd.DataFrame) -> ReportSection:
     """Return poses that an instrument measured directly, with the columns recorded with them."""
     rows = tuple((str(body), f"{len(part):,}") for body, part in given.groupby("body", sort=False))
     listings = [Listing(("body", "poses"), rows, caption="Bodies whose poses were measured")]
-    if (conf := filled(tables, "configurations")) is not None and _ranges(conf).rows:
+    if (conf := table_or_none(tables, "configurations")) is not None and _ranges(conf).rows:
         listings.append(_ranges(conf))
     text = f"{_campaign_sentence(tables)} Poses were measured as such, without targets: {len(given):,} of them."
     return ReportSection("measured", "Measured", text, listings=tuple(listings))
@@ -178,7 +178,7 @@ def _scans(scans: pd.DataFrame) -> Listing:
 
 
 def _campaign_sentence(tables: Tables) -> str:
-    conf = filled(tables, "configurations")
+    conf = table_or_none(tables, "configurations")
     if conf is None:
         return "No table of configurations: poses are in the order of the files."
     roles = ", ".join(f"{n:,} {role}" for role, n in conf["role"].value_counts().items())
@@ -202,7 +202,7 @@ def measured_loads(tables: Tables) -> ReportSection:
     """Return the section on runs, steps, loads, channels and surroundings of a bench."""
     steps = load_steps(tables)
     if not len(steps):
-        if (approaches := filled(tables, "positions")) is not None:
+        if (approaches := table_or_none(tables, "positions")) is not None:
             runs = count(approaches["run"].nunique(), "run")
             places = count(approaches["target_mm"].nunique(), "target")
             text = f"{count(len(approaches), 'approach')} of an axis to {places}, in {runs}: see Positioning."
@@ -224,17 +224,17 @@ def measured_loads(tables: Tables) -> ReportSection:
         _runs(steps, read, tables),
     )
     shown = tuple(listing for listing in listings if listing.rows)
-    return ReportSection("measured", "Measured", _lead(steps, read, tables), tuple(figures), shown)
+    return ReportSection("measured", "Measured", _opening_sentences(steps, read, tables), tuple(figures), shown)
 
 
 def _read(tables: Tables) -> pd.DataFrame:
     """Return run, step and channel of every reading of the interferometer."""
-    readings = filled(tables, "readings")
+    readings = table_or_none(tables, "readings")
     columns = ["run", "step", "channel"]
     return pd.DataFrame(columns=columns) if readings is None else readings[columns]
 
 
-def _lead(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> str:
+def _opening_sentences(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> str:
     runs = steps["run"].nunique()
     text = f"{count(len(steps), 'load step')} in {count(runs, 'run')}"
     times = steps["time_s"].dropna()
@@ -283,7 +283,7 @@ def _loads_in_time(steps: pd.DataFrame) -> go.Figure:
     for row, kind in enumerate(kinds, 1):
         for axis in (a for a in axes_of(steps) if a[0] == kind):
             own = hint[hint[axis].ne(0.0).groupby(hint["run"]).transform("any")]
-            x, y, words = _broken(own, axis)
+            x, y, words = _broken_line(own, axis)
             line = {"color": _COLOURS[axis[1]], "width": 1}
             trace = go.Scatter(
                 x=x,
@@ -304,7 +304,7 @@ def _loads_in_time(steps: pd.DataFrame) -> go.Figure:
     return figure
 
 
-def _broken(own: pd.DataFrame, axis: str) -> tuple[list[float], list[float], list[str]]:
+def _broken_line(own: pd.DataFrame, axis: str) -> tuple[list[float], list[float], list[str]]:
     """Return points of a line with a break after each run, and their words."""
     x: list[float] = []
     y: list[float] = []
@@ -362,7 +362,7 @@ def _load_row(steps: pd.DataFrame, axis: str) -> tuple[str, ...]:
 def _channels(tables: Tables, read: pd.DataFrame) -> Listing:
     """Return range and noise of a single reading of each channel."""
     rows = []
-    readings, signal_noise = filled(tables, "readings"), _signal_noise(tables)
+    readings, signal_noise = table_or_none(tables, "readings"), _signal_noise(tables)
     estimated = _by_ellipse(tables)
     if readings is not None:
         for channel in in_channel_order(read["channel"].unique()):
@@ -371,7 +371,7 @@ def _channels(tables: Tables, read: pd.DataFrame) -> Listing:
             span = (quantity(own["reading"].min(), unit), quantity(own["reading"].max(), unit))
             noise = _noise(own["sigma"], unit, estimated=channel in estimated)
             rows.append((channel, str(own["run"].nunique()), f"{len(own):,}", *span, noise))
-    signals = filled(tables, "signals")
+    signals = table_or_none(tables, "signals")
     for name in signal_names(tables):
         own = signals[["run", f"{name}_mv"]].dropna() if signals is not None else None
         if own is not None and len(own):
@@ -395,7 +395,7 @@ def _noise(sigma: pd.Series, unit: str, *, estimated: bool) -> str:
 
 def _by_ellipse(tables: Tables) -> set[str]:
     """Return the channels whose sigma comes from the residuals of raw signals about their ellipse."""
-    raw = filled(tables, "quadrature")
+    raw = table_or_none(tables, "quadrature")
     if raw is None or "sigma_source" not in raw:
         return set()
     return set(raw.loc[raw["sigma_source"].eq("ellipse"), "channel"])
@@ -403,7 +403,7 @@ def _by_ellipse(tables: Tables) -> set[str]:
 
 def _signal_noise(tables: Tables) -> str:
     """Return the sigma of the signals from [noise]; no table holds it, so a page made from tables alone lacks it."""
-    declared = filled(tables, "declared_noise")
+    declared = table_or_none(tables, "declared_noise")
     if declared is None:
         return "[noise] signal_mv"
     size = declared["signal_mv"].iloc[0]
@@ -412,8 +412,8 @@ def _signal_noise(tables: Tables) -> str:
 
 def _surroundings(tables: Tables) -> Listing:
     """Return the ranges of the surroundings and of further recorded columns."""
-    table = filled(tables, "readings")
-    table = filled(tables, "signals") if table is None else table
+    table = table_or_none(tables, "readings")
+    table = table_or_none(tables, "signals") if table is None else table
     rows = []
     columns = [] if table is None else [str(c) for c in table.columns if str(c) not in _NO_SURROUNDINGS]
     for column in columns:
@@ -444,7 +444,7 @@ def _run_row(run: object, own: pd.DataFrame, channels: Any) -> tuple[str, ...]:
 
 def corrections(tables: Tables, *, of_axis: bool = False) -> Listing:
     """Return the size and uncertainty of each correction, by channel or for a positioned axis."""
-    table = filled(tables, "reading_corrections")
+    table = table_or_none(tables, "reading_corrections")
     reported = [] if table is None else [row for row in table.itertuples() if (row.subject == "axis") == of_axis]
     rows = tuple(
         (

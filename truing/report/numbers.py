@@ -75,7 +75,7 @@ def quantity(value: float | None, unit: str) -> str:
     return f"{plain(value)} {sign(unit)}".strip()
 
 
-def handy(value: float, sigma: float | None, unit: str) -> str:
+def in_suitable_unit(value: float, sigma: float | None, unit: str) -> str:
     """Return a value with its uncertainty in a suitable unit: ``5.3 ± 1.6 mm``."""
     low, high, handier, factor = _HANDIER.get(unit, (math.inf, math.inf, unit, 1.0))
     if low < abs(value) < high:
@@ -142,7 +142,7 @@ def duration(seconds: float) -> str:
     return f"{plain(size)} s" if unit == "s" else f"{size:.1f} {unit}"
 
 
-def about(seconds: float) -> str:
+def approximate_duration(seconds: float) -> str:
     """Return an approximate duration: ``about 20 min``."""
     size, unit = _span(seconds)
     return f"about {rough(size)} {unit}"

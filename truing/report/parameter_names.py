@@ -59,7 +59,7 @@ def name_of(parameter: str, leg: float) -> str:
     return f"{_name_in_words(parameter)} of leg {int(leg)}"
 
 
-def shown_in(parameter: str, unit: str) -> tuple[float, str]:
+def print_unit(parameter: str, unit: str) -> tuple[float, str]:
     """Return factor and unit in which a parameter is printed: directions in mrad, deformation in um per mm."""
     if unit == "1" and parameter.startswith("u_"):
         return 1e3, "mrad"

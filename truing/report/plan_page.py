@@ -9,7 +9,7 @@ import pandas as pd
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from truing.report.figure_style import BLUE, GREY, ORANGE, common_look, label, style
+from truing.report.figure_style import BLUE, GREY, ORANGE, figure_template, label, style
 from truing.report.numbers import count as counted
 from truing.report.numbers import rough
 from truing.report.page import Listing, PageHead, ReportSection
@@ -52,7 +52,7 @@ def plan_head(campaign: str, text: Sequence[str], reaches: bool, frames: Mapping
     return PageHead(f"{campaign}: where to stand", tuple(zip(marks, text, strict=True)), tuple(tiles))
 
 
-@common_look()
+@figure_template()
 def plan_sections(
     frames: Mapping[str, pd.DataFrame], R: NDArray[np.float64], half: tuple[float, float], wanted_mm: float | None
 ) -> list[ReportSection]:
@@ -85,7 +85,7 @@ def plan_sections(
         "directions of the station from this centre.",
         listings=(listing,),
     )
-    return [network, where, _numbers(frames["curve"], len(stations), wanted_mm), _known(frames)]
+    return [network, where, _numbers(frames["curve"], len(stations), wanted_mm), _limits_section(frames)]
 
 
 def _network(
@@ -207,7 +207,7 @@ def _numbers(curve: pd.DataFrame, taken: int, wanted_mm: float | None) -> Report
     )
 
 
-def _known(frames: Mapping[str, pd.DataFrame]) -> ReportSection:
+def _limits_section(frames: Mapping[str, pd.DataFrame]) -> ReportSection:
     targets, bodies = frames["targets"], frames["bodies"]
     ordered = targets.sort_values("sigma_mm", ascending=False, na_position="first")
     rows = tuple(

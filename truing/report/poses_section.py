@@ -25,7 +25,7 @@ from truing.report.figure_style import (
 from truing.report.numbers import count, quantity, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import SIGMA, Tables, filled
+from truing.report.tables import SIGMA, Tables, table_or_none
 from truing.schemas.verdict import ReasonCode
 
 _METHODS = {
@@ -48,25 +48,25 @@ def poses(tables: Tables) -> ReportSection | None:
     chosen = tables["poses"][tables["poses"]["default"]]
     good = chosen[chosen["status"] == "ok"]
     lost = chosen[chosen["status"] != "ok"]
-    listings = [_lost(lost)] if len(lost) else []
-    listings.append(_all(chosen))
-    return ReportSection("poses", "Poses", _lead(chosen, good), _figures(tables, good), tuple(listings))
+    listings = [_undetermined_poses(lost)] if len(lost) else []
+    listings.append(_all_poses(chosen))
+    return ReportSection("poses", "Poses", _opening_sentences(chosen, good), _figures(tables, good), tuple(listings))
 
 
 def poses_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """Return the verdict if every body has a pose wherever it was measured; None for a run without poses."""
-    table = filled(tables, "poses")
+    table = table_or_none(tables, "poses")
     if table is None:
         return None
     chosen = table[table["default"]]
     good = chosen[chosen["status"] == "ok"]
-    lost, text = float(len(chosen) - len(good)), _lead(chosen, good)
+    lost, text = float(len(chosen) - len(good)), _opening_sentences(chosen, good)
     if lost:
         return SectionVerdict("poses", RelationState.ATTENTION, ReasonCode.POSES_LOST, text, lost, "1")
     return SectionVerdict("poses", RelationState.OK, ReasonCode.COMPLETE, text, lost, "1")
 
 
-def _lead(chosen: pd.DataFrame, good: pd.DataFrame) -> str:
+def _opening_sentences(chosen: pd.DataFrame, good: pd.DataFrame) -> str:
     bodies = count(good["body"].nunique(), "body")
     methods = ", ".join(_METHODS.get(m, m) for m in good["method"].unique())
     lead = f"{count(len(good), 'pose')} of {bodies}" + (f" by {methods}" if methods else "")
@@ -94,11 +94,11 @@ def _figures(tables: Tables, good: pd.DataFrame) -> tuple[tuple[Any, str], ...]:
 
 def _expected(tables: Tables, good: pd.DataFrame) -> Any:
     """Return per pose, in um, the rms expected from the declared noise of points and survey after six unknowns."""
-    points = filled(tables, "observations")
+    points = table_or_none(tables, "observations")
     if points is None:
         return np.nan
     variance = _mean_variance(points)
-    survey = filled(tables, "survey")
+    survey = table_or_none(tables, "survey")
     if survey is not None:
         variance = variance.add(_mean_variance(survey), fill_value=0.0)
     free = np.clip(1.0 - 6.0 / (3.0 * np.maximum(good["n_used"], 1)), 0.0, None)
@@ -110,7 +110,7 @@ def _mean_variance(points: pd.DataFrame) -> pd.Series:
     return (points[SIGMA] ** 2).sum(axis=1).groupby(points["body"]).mean()
 
 
-def _lost(lost: pd.DataFrame) -> Listing:
+def _undetermined_poses(lost: pd.DataFrame) -> Listing:
     rows = []
     for (body, status), part in lost.groupby(["body", "status"], sort=False):
         named = ", ".join(str(p) for p in part["pose"].iloc[:12])
@@ -119,7 +119,7 @@ def _lost(lost: pd.DataFrame) -> Listing:
     return Listing(("body", "why", "poses", "which"), tuple(rows), caption="Poses that could not be determined")
 
 
-def _all(chosen: pd.DataFrame) -> Listing:
+def _all_poses(chosen: pd.DataFrame) -> Listing:
     rows = tuple(_pose_row(r) for r in chosen.itertuples())
     heads = ("pose", "body", "from", "x, y, z (mm)", "rotation vector (mrad)", "rms", "used", "left out", "status")
     caption = f"All {count(len(rows), 'pose')}"

@@ -9,7 +9,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.report.diagnosis.effect_units import handy_unit, plain_size
-from truing.report.figure_style import BLUE, GREY, ORANGE, common_look, label, style
+from truing.report.figure_style import BLUE, GREY, ORANGE, figure_template, label, style
 from truing.report.numbers import count, printed, rough
 from truing.report.page import Listing, PageHead, ReportSection
 from truing.report.wordings.catalogue import cause_words
@@ -46,7 +46,7 @@ def alarm_words(rates: pd.DataFrame) -> str:
     return f"False alarms: an effect was found in {found} of {tried} campaigns without any effect ({bounds})."
 
 
-@common_look()
+@figure_template()
 def power_sections(sizes: pd.DataFrame, rates: pd.DataFrame) -> list[ReportSection]:
     """Return the sizes of all causes, then a section for each with its rates of detection and naming."""
     lead = (

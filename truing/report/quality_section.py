@@ -14,7 +14,7 @@ from truing.report.numbers import printed, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.reasons import why_no_quality
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import Tables, cell, filled
+from truing.report.tables import Tables, cell, table_or_none
 from truing.schemas.quality_checks import WITHHOLDING
 from truing.schemas.verdict import ReasonCode
 
@@ -47,10 +47,10 @@ def qa(tables: Tables) -> ReportSection | None:
 
 def belonging_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """Return the verdict on the consistency of the campaign's tables: relations tested and not tested."""
-    qa, relations = filled(tables, "qa"), filled(tables, "belonging")
-    failed = None if qa is None else qa[qa["verdict"].eq("fail") & _withholds(qa) & ~accepted_verdicts(qa)]
+    qa, relations = table_or_none(tables, "qa"), table_or_none(tables, "belonging")
+    failed = None if qa is None else qa[qa["verdict"].eq("fail") & _withholding_rows(qa) & ~accepted_verdicts(qa)]
     if failed is not None and len(failed):
-        return _apart(failed)
+        return _contradicting_tables(failed)
     if relations is None:
         return None
     by_state = {state: relations[relations["state"].eq(state.value)] for state in RelationState}
@@ -58,15 +58,15 @@ def belonging_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sectio
     odd = odd[odd["accepted"].isna()]
     if len(odd):
         first = odd.iloc[0]
-        text = _warning(qa, str(first["relation"])) or f"Needs attention (see Quality): {_named(odd)}."
+        text = _warning(qa, str(first["relation"])) or f"Needs attention (see Quality): {_relation_names(odd)}."
         numbers = _number(first["misfit"]), cell(first["unit"]) or None, _number(first["limit"])
         return SectionVerdict("belonging", RelationState.ATTENTION, ReasonCode.DEPARTS, text, *numbers)
     untested = by_state[RelationState.NOT_TESTED]
-    rest = f" Not tested: {_named(untested)}." if len(untested) else ""
+    rest = f" Not tested: {_relation_names(untested)}." if len(untested) else ""
     if not len(by_state[RelationState.OK]):
         text = f"It was not tested whether the tables belong together.{rest}"
         return SectionVerdict("belonging", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
-    text = f"The data belong together, as far as tested: {_named(by_state[RelationState.OK])}.{rest}"
+    text = f"The data belong together, as far as tested: {_relation_names(by_state[RelationState.OK])}.{rest}"
     return SectionVerdict("belonging", RelationState.OK, ReasonCode.BELONG, text)
 
 
@@ -78,11 +78,11 @@ def _warning(qa: pd.DataFrame | None, check: str) -> str:
     return printed(str(messages.iloc[0])) if len(messages) else ""
 
 
-def _withholds(qa: pd.DataFrame) -> pd.Series:
+def _withholding_rows(qa: pd.DataFrame) -> pd.Series:
     return qa["check"].isin(list(WITHHOLDING))
 
 
-def _apart(failed: pd.DataFrame) -> SectionVerdict:
+def _contradicting_tables(failed: pd.DataFrame) -> SectionVerdict:
     """Return in words the failed checks by which the tables contradict each other, with findings and remedies."""
     sentences = []
     for name, own in failed.groupby("check", sort=False):
@@ -94,7 +94,7 @@ def _apart(failed: pd.DataFrame) -> SectionVerdict:
     return _of_checks("belonging", RelationState.FAILS, ReasonCode.DO_NOT_BELONG, " ".join(sentences), failed)
 
 
-def _named(relations: pd.DataFrame) -> str:
+def _relation_names(relations: pd.DataFrame) -> str:
     return listed([RELATIONS[str(name)].lower() for name in dict.fromkeys(relations["relation"])], sep="; ")
 
 
@@ -145,7 +145,7 @@ def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> Sec
 
 
 def _failed_words(failed: pd.DataFrame, qa: pd.DataFrame, also: str) -> str:
-    own = failed[~_withholds(failed)]  # the others belong to the verdict on consistency
+    own = failed[~_withholding_rows(failed)]  # the others belong to the verdict on consistency
     if not len(own):
         return f"{len(failed)} of {len(qa)} quality checks failed (see Quality).{also}"
     rest = f" {len(failed) - 1} more, see Quality." if len(failed) > 1 else ""

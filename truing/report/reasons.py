@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from truing.report.tables import Tables, filled, is_bench, reason
+from truing.report.tables import Tables, is_bench, reason, table_or_none
 from truing.schemas.columns import COLUMNS
 
 _READING = re.compile(r"_(mm|um|deg|rad|mrad|arcsec|counts)$")
@@ -42,12 +42,12 @@ def why_no_deformation(tables: Tables) -> str:
 
 def recorded_readings(tables: Tables) -> list[str]:
     """Return the columns of the configurations with lengths or angles, as readings of drives and joints."""
-    configurations = filled(tables, "configurations")
+    configurations = table_or_none(tables, "configurations")
     return [] if configurations is None else [str(c) for c in configurations.columns if _READING.search(str(c))]
 
 
 def _has_readings(tables: Tables) -> bool:
-    readings = filled(tables, "configurations")
+    readings = table_or_none(tables, "configurations")
     return readings is not None and any(COLUMNS["rho"].matches(str(column)) for column in readings.columns)
 
 
@@ -57,7 +57,7 @@ def why_no_calibration(tables: Tables) -> str:
         return text
     if not _has_readings(tables):
         return "Nothing to calibrate: no mechanism with actuator readings."
-    poses = filled(tables, "poses")
+    poses = table_or_none(tables, "poses")
     if poses is None or not (poses["body"] == "platform").any():
         return "No pose of the platform was measured that a model could be fitted to."
     return "No model of this mechanism could be fitted: too few poses with readings, or too few targets."
@@ -67,18 +67,18 @@ def why_not_known(tables: Tables) -> str:
     """Return the reason why observability was not computed."""
     return (
         why_no_calibration(tables)
-        if filled(tables, "calibration") is None
+        if table_or_none(tables, "calibration") is None
         else "No calibration recorded its observability."
     )
 
 
 def why_no_requirement(tables: Tables) -> str:
     """Return the reason why no requirement was assessed."""
-    if filled(tables, "joints") is not None:
+    if table_or_none(tables, "joints") is not None:
         return "Accuracy of an open chain is not compared with [requirement] yet."
-    if filled(tables, "calibration") is None:
+    if table_or_none(tables, "calibration") is None:
         return why_no_calibration(tables)
-    if filled(tables, "accuracy") is None:
+    if table_or_none(tables, "accuracy") is None:
         return "Accuracy cannot be assessed without pose errors: fewer than six legs do not constrain the platform."
     return "campaign.toml states no accuracy in [requirement]."
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from truing.belonging.relation import RelationState
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables, table_or_none
 from truing.schemas.verdict import ReasonCode
 
 _MARKS = {
@@ -44,7 +44,7 @@ class SectionVerdict:
 
 def verdict_rows(tables: Tables) -> dict[str, SectionVerdict]:
     """Return the rows of verdict.parquet by section, campaign first; none where the run has no such table."""
-    table = filled(tables, "verdict")
+    table = table_or_none(tables, "verdict")
     return {} if table is None else {str(row["section"]): _row(row) for row in table.to_dict("records")}
 
 

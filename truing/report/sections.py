@@ -97,16 +97,16 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
     ``tables`` by artifact name, and ``shape`` (body, target, x_mm, y_mm, z_mm, leg): places of each body's targets.
     ``provenance``: metadata of each artifact.
     """
-    from truing.report.figure_style import common_look
+    from truing.report.figure_style import figure_template
     from truing.report.section_verdict import verdict_rows
     from truing.report.tables import is_bench
     from truing.report.verdict import with_verdict
 
     bench = is_bench(tables) or "displacement" in tables or "positioning" in tables
     wanted = [section for section in page_sections() if section.bench in (None, bench)]
-    with common_look():
+    with figure_template():
         drawn = {section.name: _drawn(section, tables) for section in wanted}
-    shown = [drawn[section.name] or _absent(section, drawn, tables) for section in wanted]
+    shown = [drawn[section.name] or _note_for_missing(section, drawn, tables) for section in wanted]
     rows = verdict_rows(with_verdict(tables))
     return [*(_marked(section, rows) for section in shown if section is not None), _provenance(provenance)]
 
@@ -136,7 +136,9 @@ def _drawn(section: PageSection, tables: Tables) -> ReportSection | None:
     return None
 
 
-def _absent(section: PageSection, drawn: Mapping[str, ReportSection | None], tables: Tables) -> ReportSection | None:
+def _note_for_missing(
+    section: PageSection, drawn: Mapping[str, ReportSection | None], tables: Tables
+) -> ReportSection | None:
     """Return a note in place of a section whose tables are missing; None where there is nothing to say."""
     from truing.report.reasons import why_absent
 

@@ -12,7 +12,7 @@ from truing.report.comparison_map import comparison_map
 from truing.report.model_tests import CONTRADICTED, ModelTest, by_p
 from truing.report.numbers import p_equals, with_uncertainty
 from truing.report.page import Drawn, Listing
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables, table_or_none
 
 UNLIKELY = 0.01  # p-value below which the matrices differ
 _WITHIN = 2.0
@@ -25,7 +25,7 @@ Facts = Mapping[tuple[str, str], float]
 
 def simulated_sentence(tables: Tables, facts: Facts) -> list[str]:
     """Return how many entries agree with the simulated ones, those that differ, and whether a factor explains it."""
-    entries = filled(tables, "simulated_deformation")
+    entries = table_or_none(tables, "simulated_deformation")
     p = facts.get(("matrix", "agreement_p_value"))
     if entries is None or p is None:
         why = "The simulated K is not compared, because the data do not determine the measured K in a frame of its own."
@@ -76,7 +76,7 @@ def simulated_test(facts: Facts) -> list[ModelTest]:
 
 def simulated_map(tables: Tables) -> Drawn:
     """Return the map of measured and simulated entries with its words."""
-    entries = filled(tables, "simulated_deformation")
+    entries = table_or_none(tables, "simulated_deformation")
     if entries is None:
         return []
     words = "Upper number: measured; lower: simulated. Colour: difference over its standard deviation."
@@ -100,7 +100,7 @@ def _both(measured: float, simulated: float) -> str:
 
 def simulated_entries(tables: Tables) -> tuple[Listing, ...]:
     """Return the listing of all entries, measured and simulated."""
-    entries = filled(tables, "simulated_deformation")
+    entries = table_or_none(tables, "simulated_deformation")
     if entries is None:
         return ()
     rows = tuple(

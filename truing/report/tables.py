@@ -23,15 +23,15 @@ SEVERAL = "several"
 _ARCSECOND = 4.84813681109536e-06  # rad
 
 
-def filled(tables: Tables, name: str) -> pd.DataFrame | None:
+def table_or_none(tables: Tables, name: str) -> pd.DataFrame | None:
     """Return a table, or None where the run has none or an empty one."""
     table = tables.get(name)
     return table if table is not None and len(table) else None
 
 
-def each(tables: Tables, name: str) -> Iterator[Any]:
+def each_row(tables: Tables, name: str) -> Iterator[Any]:
     """Return the rows of a table as named tuples; nothing where the run has none."""
-    return iter(()) if (table := filled(tables, name)) is None else table.itertuples()
+    return iter(()) if (table := table_or_none(tables, name)) is None else table.itertuples()
 
 
 def reason(tables: Tables, name: str) -> str:
@@ -53,7 +53,7 @@ def is_bench(tables: Tables) -> bool:
 def load_steps(tables: Tables) -> pd.DataFrame:
     """Return run, step, time_s, loads by axis (fx .. mz) and role, a row per load step of the readings and
     the signals."""
-    known = [table for name in ("readings", "signals") if (table := filled(tables, name)) is not None]
+    known = [table for name in ("readings", "signals") if (table := table_or_none(tables, name)) is not None]
     columns = [*STEP, "time_s", *LOADS.values()]
     if not known:
         return pd.DataFrame(columns=[*STEP, "time_s", *LOADS, "role"])
@@ -91,7 +91,7 @@ def is_unloading(steps: pd.DataFrame, axis: str) -> pd.Series:
 
 def signal_names(tables: Tables) -> list[str]:
     """Return the signal channels: ``v1``, ``v2``."""
-    signals = filled(tables, "signals")
+    signals = table_or_none(tables, "signals")
     columns = [] if signals is None else [str(c) for c in signals.columns]
     return in_channel_order(c.removesuffix("_mv") for c in columns if COLUMNS["signal"].matches(c))
 

@@ -6,7 +6,7 @@ import pandas as pd
 
 from truing.report.numbers import count, plain, quantity, sign
 from truing.report.page import Listing, ReportSection
-from truing.report.tables import Tables, cell, filled, reason
+from truing.report.tables import Tables, cell, reason, table_or_none
 
 _TITLE = "A second campaign of the same machine"
 _ARTIFACT = "second_campaign_errors"
@@ -16,13 +16,13 @@ def transfer(tables: Tables) -> ReportSection | None:
     """Return the errors of the second campaign under every model; None where the campaign names none."""
     if _ARTIFACT not in tables:
         return None
-    errors = filled(tables, _ARTIFACT)
+    errors = table_or_none(tables, _ARTIFACT)
     if errors is None:
         return ReportSection("transfer", _TITLE, f"Not evaluated: {reason(tables, _ARTIFACT)}", state="not evaluated")
-    return ReportSection("transfer", _TITLE, _lead(errors), listings=(_listing(errors),))
+    return ReportSection("transfer", _TITLE, _opening_sentences(errors), listings=(_listing(errors),))
 
 
-def _lead(errors: pd.DataFrame) -> str:
+def _opening_sentences(errors: pd.DataFrame) -> str:
     """Return the errors of the first quantity that most models predict, compared with noise."""
     own = errors[errors["quantity"] == errors["quantity"].value_counts(sort=False).idxmax()]
     first = own.iloc[0]

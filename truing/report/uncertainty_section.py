@@ -13,7 +13,7 @@ from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, st
 from truing.report.numbers import count, plain, rough, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.reasons import why_absent
-from truing.report.tables import Tables, cell, filled, reason
+from truing.report.tables import Tables, cell, reason, table_or_none
 
 _TITLE = "Statement of uncertainty"
 KINDS = {
@@ -41,7 +41,7 @@ _SEEN = 5e-3  # least visible share of a bar
 
 def uncertainty(tables: Tables) -> ReportSection:
     """Return the section of expanded uncertainties and budgets by kind of result, and of effects in no budget."""
-    stated = filled(tables, "uncertainty")
+    stated = table_or_none(tables, "uncertainty")
     if stated is None:
         why = reason(tables, "uncertainty") or why_absent("uncertainty", tables)
         return ReportSection("uncertainty", _TITLE, why, state="not evaluated")
@@ -52,7 +52,9 @@ def uncertainty(tables: Tables) -> ReportSection:
         if len(own):
             parts.append(_part(kind, title, own, None if budget is None else budget[budget["result"] == kind]))
     if not stated["stated"].any():
-        return ReportSection("uncertainty", _TITLE, _none(stated), state="not evaluated", parts=tuple(parts))
+        return ReportSection(
+            "uncertainty", _TITLE, _reasons_for_none(stated), state="not evaluated", parts=tuple(parts)
+        )
     kinds = "A: evaluated from the observations of this campaign; B: declared before it (GUM 4.2, 4.3)."
     return ReportSection("uncertainty", _TITLE, f"{statement(stated)} {kinds}", parts=tuple(parts))
 
@@ -73,7 +75,7 @@ def statement(stated: pd.DataFrame) -> str:
     return f"{text} {law} corresponds to a coverage probability of approximately 95 %.{drawn}"
 
 
-def _none(stated: pd.DataFrame) -> str:
+def _reasons_for_none(stated: pd.DataFrame) -> str:
     reasons = dict.fromkeys(cell(why) for why in stated["reason"])
     return f"No result has an uncertainty that could be stated: {'; '.join(filter(None, reasons))}."
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import pandas as pd
 import plotly.graph_objects as go
 
-from truing.report.figure_style import BLUE, GREY, ORANGE, common_look, style
+from truing.report.figure_style import BLUE, GREY, ORANGE, figure_template, style
 from truing.report.numbers import count as counted
 from truing.report.numbers import plain
 from truing.report.page import Listing, PageHead, ReportSection
@@ -75,7 +75,7 @@ def uniqueness_head(campaign: str, frames: Mapping[str, pd.DataFrame]) -> PageHe
     return PageHead(f"{campaign}: one pose for its readings", tuple(zip(marks, words, strict=True)), tiles)
 
 
-@common_look()
+@figure_template()
 def uniqueness_sections(frames: Mapping[str, pd.DataFrame]) -> list[ReportSection]:
     """Return the sections on statements, undecided parts, and flexures."""
     sections = [

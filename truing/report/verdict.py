@@ -63,19 +63,25 @@ def leading(verdicts: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     but could be; then what passes.
     """
     candidates = (
-        *_of(verdicts, RelationState.FAILS, SECTIONS),
-        *_of(verdicts, RelationState.ATTENTION, _attention_order(verdicts)),
-        *(one for one in _of(verdicts, RelationState.NOT_TESTED, _LEADS) if one.reason_code in _TO_ACT_ON),
-        *_of(verdicts, RelationState.OK, _OF_MACHINE),
-        *_of(verdicts, RelationState.ATTENTION, ("deformation",)),
-        *_of(verdicts, RelationState.NOT_TESTED, _OF_MACHINE),
-        *_of(verdicts, RelationState.OK, _LEADS),
-        *_of(verdicts, RelationState.NOT_TESTED, _LEADS),
+        *_verdicts_in_state(verdicts, RelationState.FAILS, SECTIONS),
+        *_verdicts_in_state(verdicts, RelationState.ATTENTION, _attention_order(verdicts)),
+        *(
+            one
+            for one in _verdicts_in_state(verdicts, RelationState.NOT_TESTED, _LEADS)
+            if one.reason_code in _TO_ACT_ON
+        ),
+        *_verdicts_in_state(verdicts, RelationState.OK, _OF_MACHINE),
+        *_verdicts_in_state(verdicts, RelationState.ATTENTION, ("deformation",)),
+        *_verdicts_in_state(verdicts, RelationState.NOT_TESTED, _OF_MACHINE),
+        *_verdicts_in_state(verdicts, RelationState.OK, _LEADS),
+        *_verdicts_in_state(verdicts, RelationState.NOT_TESTED, _LEADS),
     )
     return next(iter(candidates), None)
 
 
-def _of(verdicts: Mapping[str, SectionVerdict], state: RelationState, order: Iterable[str]) -> list[SectionVerdict]:
+def _verdicts_in_state(
+    verdicts: Mapping[str, SectionVerdict], state: RelationState, order: Iterable[str]
+) -> list[SectionVerdict]:
     return [verdicts[name] for name in order if name in verdicts and verdicts[name].state == state]
 
 

@@ -134,7 +134,9 @@ def load(folder: str | Path) -> Run:
     version of truing.
     """
     folder = Path(folder)
-    found = {name: (path, facts) for path in sorted(folder.glob("*.parquet")) for name, facts in _known(path)}
+    found = {
+        name: (path, facts) for path in sorted(folder.glob("*.parquet")) for name, facts in _artifact_provenance(path)
+    }
     if not found:
         raise FileNotFoundError(f"{folder}: found no table of a run, expected a folder that `truing run` has filled")
     names = [name for name in ARTIFACTS if name in found]
@@ -142,7 +144,7 @@ def load(folder: str | Path) -> Run:
     return Run(folder, {name: found[name][0] for name in names}, ", ".join(sorted(campaigns)))
 
 
-def _known(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
+def _artifact_provenance(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
     """Yield the artifact name and provenance of a file; nothing if it is no artifact."""
     known = {name for name, artifact in ARTIFACTS.items() if artifact.file == path.name}
     if not known:
@@ -168,7 +170,7 @@ def _check_provenance(file: str, facts: dict[str, str], version: int) -> None:
     except (KeyError, ValueError, RecursionError):
         found, reported = version, False
     if not reported:
-        raise ValueError(f"{file}: expected to be told of its origin, as a run writes it into the file")
+        raise ValueError(f"{file}: found no complete provenance, expected a table that a run has written")
     if found > version:
         by = f"truing {facts['software_version']}"
         raise ValueError(f"{file}: found version {found} of its schema, by {by}; expected {version} at most")

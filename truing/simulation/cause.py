@@ -157,8 +157,8 @@ class Cause(Generic[SceneT_contra]):
 
     @property
     def concerns_several(self) -> bool:
-        """Whether the subject lists several legs or targets by name."""
-        return self.subject.startswith("targets ") or (self.subject.startswith("leg") and " " in self.subject.strip())
+        """True if the subject lists several legs or targets by name."""
+        return False
 
     @property
     def key(self) -> str:
@@ -202,7 +202,7 @@ class Cause(Generic[SceneT_contra]):
         """Return the candidates worth testing in a campaign; none if the effect could not show in it."""
         return (self,)
 
-    def lacks(self, scene: SceneT_contra) -> Missing | None:
+    def missing_input(self, scene: SceneT_contra) -> Missing | None:
         """Return the input that was not recorded or varied, if that is why the campaign has no candidates of this kind.
 
         None if there is another reason, for example a machine to which the cause does not apply.
@@ -230,7 +230,7 @@ class Cause(Generic[SceneT_contra]):
         """Return the relative prior weight of this candidate within its kind; 1 if all are equally probable."""
         return 1.0
 
-    def alike(self, legs: int) -> tuple[int, ...]:
+    def like_sized(self, legs: int) -> tuple[int, ...]:
         """Return the positions of parameters of like size, such as those of legs of one design; empty if there are
         none."""
         return ()

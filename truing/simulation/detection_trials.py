@@ -119,7 +119,7 @@ def effect_kinds(kinds: Iterable[CauseT], scene: Scene[CauseT], parts: int) -> l
     found: dict[tuple[str, ...], list[CauseT]] = {}
     for kind in kinds:
         for cause in (*scene.candidates(kind), *_members(kind, scene)):
-            concerns = concerned(cause.subject)
+            concerns = subject_class(cause.subject)
             if concerns is not None and cause.parameters(parts):
                 found.setdefault((kind.id, concerns, *_kind_of_parameters(cause, parts)), []).append(cause)
     ordered = sorted(found.items(), key=lambda item: item[0][1] != _WHOLE)
@@ -132,7 +132,7 @@ def _members(kind: CauseT, scene: Scene[CauseT]) -> Iterable[CauseT]:
             yield profiles.member(int(target), int(shape))
 
 
-def concerned(subject: str) -> str | None:
+def subject_class(subject: str) -> str | None:
     """Classify a subject: ``the whole``, ``one leg``, ``one target``, ``one load``, ...; None for several subjects."""
     if not subject:
         return _WHOLE
@@ -255,7 +255,7 @@ def _question(sort: EffectKind, seen: Sequence[EffectSensitivity], legs: int) ->
         sight
         for sight in seen
         if sight.kind == sort.kind
-        and concerned(sight.cause.subject) == sort.concerns
+        and subject_class(sight.cause.subject) == sort.concerns
         and _names(sight.cause, legs) == parameters
     )
     size = reported_size(sort.causes[0], 1.0, legs)
@@ -288,7 +288,7 @@ def trials(
     return sorted(listed, key=lambda trial: trial.seed[3] // per_round.get(trial.question, 1))
 
 
-def answer(trial: Trial, rows: Iterable[Mapping[str, Any]]) -> Answer:
+def trial_answer(trial: Trial, rows: Iterable[Mapping[str, Any]]) -> Answer:
     """Compare rows of diagnosis.parquet with the hidden effect; indistinguishable candidates count as named too."""
     listed = list(rows)
     found = [row for row in listed if row["verdict"] == "found"]

@@ -55,15 +55,15 @@ def draw_campaign(
     Raises ValueError if the drawn mechanism cannot reach the readings.
     """
     model = layout.model.with_causes([effect.cause for effect in effects])
-    shared, local = _truth(model, effects, rng)
+    shared, local = _true_unknowns(model, effects, rng)
     state = model.state(shared, local)
     if not state.converged.all():
-        raise ValueError("readings that the mechanism, drawn within its tolerances, can reach")
+        raise ValueError("readings that a mechanism within the declared tolerances can reach")
     points = _measured(model.points(shared, local), layout, rng)
     return DrawnPoints(points, _survey(model, shared, rng))
 
 
-def _truth(
+def _true_unknowns(
     model: MechanismModel, effects: Sequence[Effect[PointCause]], rng: np.random.Generator
 ) -> tuple[NDArray, NDArray]:
     """Draw the true unknowns from their priors; unknowns without prior knowledge stay at nominal values.

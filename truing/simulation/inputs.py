@@ -46,7 +46,7 @@ def drive_of(column: str) -> int | None:
     return int(number) if column == f"rho{number}_mm" and number.isdigit() else None
 
 
-def varying(covariates: Mapping[str, NDArray], seen: NDArray | None = None) -> dict[str, NDArray]:
+def varying_columns(covariates: Mapping[str, NDArray], seen: NDArray | None = None) -> dict[str, NDArray]:
     """Return the numeric columns (B,) that vary over the epochs ``seen`` (B,); the order only if there is no time."""
     own = slice(None) if seen is None else seen
     found = {

@@ -150,4 +150,4 @@ def _changed(reported: ReportedNumbers, found: NumberComparison, level: float) -
 
 def alternatives(compared: NumberComparison, changed: tuple[int, ...]) -> list[tuple[int, tuple[int, ...]]]:
     """Return each changed number with those that may have changed instead of it."""
-    return list(zip(changed, compared.instead(changed), strict=True))
+    return list(zip(changed, compared.alternatives_to(changed), strict=True))

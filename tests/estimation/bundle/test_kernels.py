@@ -9,7 +9,7 @@ from tests.estimation.bundle.drawn_networks import disturbed, draw, noisy, uneve
 from truing.estimation.bundle.network import linearise, project
 from truing.estimation.bundle.normal_equations import (
     ArrayPool,
-    lay_out,
+    equation_layout,
     normal_equations,
     observe,
     residuals,
@@ -26,7 +26,8 @@ def observed():
     count = network.rays.count
     used = np.arange(count) % 8 != 3
     weights, factors = rng.uniform(0.3, 1, count), rng.uniform(0.5, 2, count)
-    return observe(network, lay_out(network, used, False), weights, factors), disturbed(rng, truth), (weights, factors)
+    layout = equation_layout(network, used, False)
+    return observe(network, layout, weights, factors), disturbed(rng, truth), (weights, factors)
 
 
 def dense(observed, state):

@@ -20,7 +20,7 @@ from truing.estimation.bundle.planning import (
     predict,
     shells,
     station_information,
-    useful,
+    useful_stations,
     visible,
     weak_prior,
 )
@@ -129,7 +129,7 @@ def test_chosen_stations_beat_others_and_exchange_makes_nothing_worse():
     assert len(set(better.tolist())) == 6
 
     def mean(which):
-        found = predict(plan, stations.only(which), seen[which])
+        found = predict(plan, stations.subset(which), seen[which])
         return np.sqrt(np.mean(found.sigma**2))
 
     rng = np.random.default_rng(1)
@@ -199,5 +199,5 @@ def test_too_few_stations_are_no_network():
     own = layout()
     plan, stations = planned(own), around(own)
     seen = visible(CAMERA, INTERIOR, stations, own, ANYTHING)
-    assert predict(plan, stations.only(np.array([0])), seen[:1]) is None
-    assert len(useful(np.eye(5, dtype=bool))) == 0
+    assert predict(plan, stations.subset(np.array([0])), seen[:1]) is None
+    assert len(useful_stations(np.eye(5, dtype=bool))) == 0

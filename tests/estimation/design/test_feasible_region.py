@@ -82,5 +82,5 @@ def test_projection_is_the_nearest_point(seed):
 
 
 def test_forbidden_regions_that_cover_everything_are_refused():
-    with pytest.raises(ValueError, match="forbidden regions that leave room"):
+    with pytest.raises(ValueError, match="forbidden regions that do not cover"):
         region(lower=[[-2, -np.inf, -np.inf]], upper=[[2, np.inf, np.inf]]).draw(5, np.random.default_rng(0))

@@ -233,4 +233,5 @@ def test_the_distance_between_predictions_alone_promises_less_than_comes(case: C
 
 
 def _freed(right: PoseCandidates, wrong: PoseCandidates) -> tuple[np.ndarray, np.ndarray]:
-    return right.freed((right.predicted - wrong.predicted)[..., None]), right.freed(wrong.rows)
+    gap = (right.predicted - wrong.predicted)[..., None]
+    return right.without_pose_unknowns(gap), right.without_pose_unknowns(wrong.rows)

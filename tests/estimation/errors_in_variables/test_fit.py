@@ -65,9 +65,9 @@ def test_the_surprise_of_a_pose_is_what_the_cost_falls_without_it(seed: int) -> 
     whole = fit_errors_in_variables(problem.constrain, problem.covariance, np.zeros(4), problem.prior, robust=False)
     part = problem.only(np.arange(9) != 4)
     rest = fit_errors_in_variables(part.constrain, part.covariance, np.zeros(4), part.prior, robust=False)
-    assert_close(whole.judgement.surprise[4], whole.cost - rest.cost, atol=1e-8 * (1 + whole.cost))
+    assert_close(whole.leave_one_out.surprise[4], whole.cost - rest.cost, atol=1e-8 * (1 + whole.cost))
     # by the prior, that chi-square has as many degrees of freedom as the pose has equations
-    assert_close(whole.judgement.tested, np.full(9, 3), atol=0)
+    assert_close(whole.leave_one_out.tested, np.full(9, 3), atol=0)
 
 
 @given(seeds)

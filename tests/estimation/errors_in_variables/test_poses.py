@@ -74,13 +74,13 @@ def test_the_stated_covariance_is_that_of_the_errors_and_chi_squares_have_their_
         fit = _fit(found, robust=False)
         error = fit.values - found.truth
         distance.append(error @ np.linalg.solve(fit.covariance, error))
-        surprise.append(fit.judgement.surprise.mean())
-        ratio.append(fit.judgement.chi_square / fit.judgement.freedom)
-        assert_close(fit.judgement.freedom, 72 - np.trace(fit.information @ fit.covariance), atol=1e-6)
+        surprise.append(fit.leave_one_out.surprise.mean())
+        ratio.append(fit.leave_one_out.chi_square / fit.leave_one_out.freedom)
+        assert_close(fit.leave_one_out.freedom, 72 - np.trace(fit.information @ fit.covariance), atol=1e-6)
     assert_between(np.mean(distance), 42 - 4 * np.sqrt(84 / draws), 42 + 4 * np.sqrt(84 / draws))
     # poses of a campaign are not independent of each other: twelve count as six
     assert_between(np.mean(surprise), 6 - 4 * np.sqrt(12 / draws / 6), 6 + 4 * np.sqrt(12 / draws / 6))
-    freedom = fit.judgement.freedom
+    freedom = fit.leave_one_out.freedom
     assert_between(np.mean(ratio), 1 - 4 * np.sqrt(2 / freedom / draws), 1 + 4 * np.sqrt(2 / freedom / draws))
 
 
@@ -124,7 +124,7 @@ def test_bad_poses_are_left_out_and_the_rest_fits_as_if_they_had_never_been(shar
     fit, expected = _fit(spoiled(clean, rng, bad, sigmas)), _fit(clean.only(good), robust=False)
     assert fit.ok
     assert_close(fit.weight, good, atol=0)
-    assert np.all(fit.judgement.p_value[bad] < 1e-4)
+    assert np.all(fit.leave_one_out.p_value[bad] < 1e-4)
     sigma = np.sqrt(np.diag(expected.covariance))
     assert_close((fit.values - expected.values) / sigma, np.zeros(42), atol=1e-4)
 

@@ -46,7 +46,7 @@ def test_words_and_tables_that_cannot_be_are_refused():
         ring_code(10)
     with pytest.raises(ValueError, match="no word of 8 bits"):
         smallest_turn(256, 8)
-    with pytest.raises(ValueError, match="turns of one another"):
+    with pytest.raises(ValueError, match="rotations of each other"):
         RingCode.of_table(8, {0b0001_0001: 1, 0b0010_0010: 2}, "ring8")
 
 

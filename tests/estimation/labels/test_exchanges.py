@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_close
-from truing.estimation.labels.exchanges import Exchange, exchanges, residuals_once_exchanged
+from truing.estimation.labels.exchanges import Exchange, exchanges, residuals_after_exchange
 
 POSES, NOISE_M = 12, 5e-6
 
@@ -40,7 +40,7 @@ def test_exchanges_are_found_and_no_others(count: int) -> None:
     seen = np.ones((POSES, count), bool)
     found = exchanges(residual, points, seen, shape, NOISE_M)
     assert sorted(found, key=lambda one: one.pose) == hidden
-    again, anew = residuals_once_exchanged(residual, points, seen, shape, found)
+    again, anew = residuals_after_exchange(residual, points, seen, shape, found)
     assert anew.any() == (count < 6)
     assert_close(again, right, atol=4e-5, what="residuals once exchanged, m")
 
@@ -69,7 +69,7 @@ def test_in_a_pose_of_few_targets_with_labels_exchanged_a_moved_one_is_still_tol
     seen = np.ones((POSES, 4), bool)
     found = exchanges(np.full_like(residual, np.nan), points, seen, shape, NOISE_M)
     assert found == [Exchange(3, 0, 2)]
-    right, _ = residuals_once_exchanged(residual, points, seen, shape, found)
+    right, _ = residuals_after_exchange(residual, points, seen, shape, found)
     assert_close(right[3, 1], shift, atol=8e-5, what="its shift, m")
     assert_close(right[3, [0, 2, 3]], np.zeros((3, 3)), atol=4e-5, what="the others, m")
 

@@ -239,5 +239,5 @@ def test_minima_of_many_starts_are_told_apart() -> None:
     assert minima.x[1, 0] < -0.9
     assert minima.cost[0] < 1e-14 < minima.cost[1]
     assert minima.reached.sum() + minima.failed == 40
-    assert not minima.agree
-    assert distinct_minima(least_squares(two_wells, starts[starts[:, 0] > 0.5])).agree
+    assert not minima.is_unique
+    assert distinct_minima(least_squares(two_wells, starts[starts[:, 0] > 0.5])).is_unique

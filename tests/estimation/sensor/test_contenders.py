@@ -86,7 +86,7 @@ def test_a_case_without_which_nothing_is_determined_is_named():
     applied, case = loads(rng, 10, 3)
     applied[case != 7, 5] = 0.0
     table = load_table(applied @ toy.A.T, applied, case)
-    with pytest.raises(UndeterminedCalibrationError, match=r"without case 7 nothing determines it.*mz is zero"):
+    with pytest.raises(UndeterminedCalibrationError, match=r"without case 7.*mz is zero"):
         hold_out(table, PLAIN)
 
 
@@ -126,5 +126,5 @@ def test_errors_that_a_case_shares_are_seen_from_case_to_case():
 
 
 def test_a_case_of_one_row_has_no_zero_of_its_own():
-    with pytest.raises(ValueError, match="case 0: found one row"):
+    with pytest.raises(ValueError, match="case 0: found 1 row"):
         hold_out(_table(0, cases=60, steps=1), replace(LINEAR, zero="case"))

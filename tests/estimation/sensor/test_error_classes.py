@@ -28,7 +28,7 @@ def _series(
 
 
 def _falling() -> np.ndarray:
-    return ~_series(np.random.default_rng(0)).rising
+    return ~_series(np.random.default_rng(0)).is_loading
 
 
 def _named(series: AxisSeries) -> dict[tuple[str, int], ErrorClass]:
@@ -136,4 +136,4 @@ def test_creep_is_the_change_between_two_times():
 def test_a_load_that_is_held_stays_on_its_branch():
     load = np.array([0.0, 1, 1, 2, 2, 1, 1, 0, 0, -1, -1, 0])
     held = AxisSeries(load, np.zeros((12, 6)), AXIS, np.zeros(12, int), np.ones(6), np.ones(6))
-    assert held.rising.tolist() == [True] * 5 + [False] * 4 + [True] * 2 + [False]
+    assert held.is_loading.tolist() == [True] * 5 + [False] * 4 + [True] * 2 + [False]

@@ -10,12 +10,12 @@ from tests.sentences import assert_says, says
 from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.prediction_errors import POINTS, READINGS, PartNames
 from truing.report.diagnosis.section import diagnosis
-from truing.report.diagnosis.validity import elsewhere
+from truing.report.diagnosis.validity import held_out_sentences
 
 
 def said(of: PartNames = POINTS, **left_out: object) -> list[str]:
     table = rows(row("actuator-gain", subject="leg3", parameters=GAIN_3, **left_out))
-    return elsewhere(assessed_causes({"diagnosis": table}), of)
+    return held_out_sentences(assessed_causes({"diagnosis": table}), of)
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from tests.simulation.mechanisms.flexure_telescope import (
 )
 from tests.tolerance import assert_between, assert_close
 from truing.simulation.mechanisms.legs.kinematics import ReferencePose, forward, inverse, reference_pose
-from truing.simulation.mechanisms.structures.beam_model import BeamModel, arc_distance, bent, circle_distance
+from truing.simulation.mechanisms.structures.beam_model import BeamModel, arc_distance, circle_distance, flexure_bending
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import NO_CHANGE, Machine, readings_at
 
@@ -45,7 +45,7 @@ def test_readings_are_those_of_the_reference() -> None:
     inputs, outputs = vector("eq18")
     machine, (p, R) = flexure_telescope(), pose(inputs)
     asked = readings_at(MODEL, machine, p, R)
-    found = bent(circle_distance, machine, reference_pose(machine.legs), p, R, asked.rho)
+    found = flexure_bending(circle_distance, machine, reference_pose(machine.legs), p, R, asked.rho)
     assert asked.converged.all()
     assert_close(asked.rho[0] * 1e3, outputs["rho_mm"], atol=1e-9 * 10.0, what="rho, mm")
     assert_close(found.z[0], outputs["z"], atol=1e-9, what="z")
@@ -65,7 +65,7 @@ def test_closing_is_that_of_the_reference() -> None:
     machine = replace(flexure_telescope(), legs=legs.replace(**given))
     reference = ReferencePose(np.zeros((1, 3)), np.eye(3)[None], np.tile(own["z0"], (1, 6, 1)))
     rho = np.full((1, 6), inputs["rho_mm"] * 1e-3)
-    found = bent(circle_distance, machine, reference, *pose(inputs), rho).value[0, 0] * 1e3
+    found = flexure_bending(circle_distance, machine, reference, *pose(inputs), rho).value[0, 0] * 1e3
     assert_close(found, outputs["f_mm"], atol=1e-9 * outputs["f_mm"], what="f, mm")
 
 

@@ -164,7 +164,7 @@ def test_a_drift_is_nothing_at_first_and_whole_at_last() -> None:
         shared, local = np.zeros(model.shared_size), np.zeros((3, model.local_size))
         shared[model.layout[cause.key]] = 0.1
         longer = model.state(shared, local).legs.l - model.nominal.l
-        own = np.array(cause.concerned(6)) - 1
+        own = np.array(cause.leg_numbers(6)) - 1
         assert_close(longer[0], np.zeros(6), atol=1e-15, what="at first, m")
         assert_close(longer[-1, own], np.full(len(own), 7e-6), atol=1e-15, what="at last, m")
     assert_between(float(longer[1, 1] / 7e-6), 0.87, 0.89, what="share at half time, time constant a quarter")

@@ -55,4 +55,4 @@ def test_targets_that_seat_no_leg_are_dropped_with_the_reason(kind: str, targets
 
 def test_targets_of_legs_that_are_not_seated_are_not_carried() -> None:
     own = Targets(np.array([PLATFORM, LEG, LEG]), np.array([-1, LEG_NUMBER, 0]), ("a", "b", "c"), ("p", "l", "l"))
-    assert _seated("6-pus").carry(own).tolist() == [True, True, False]
+    assert _seated("6-pus").targets_on_legs(own).tolist() == [True, True, False]

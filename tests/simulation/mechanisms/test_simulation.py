@@ -83,5 +83,5 @@ def test_frames_that_are_given_are_kept() -> None:
 def test_readings_out_of_reach_are_refused() -> None:
     layout = _layout()
     conditions = replace(layout.model.conditions, readings=layout.model.conditions.readings + np.linspace(0, 5, 6))
-    with pytest.raises(ValueError, match="readings that the mechanism"):
+    with pytest.raises(ValueError, match="within the declared tolerances"):
         _drawn(replace(layout, model=layout.model.at(conditions)))

@@ -31,7 +31,7 @@ def _gathered(folder: Path, layout: Layout, *hidden: Hidden, more: str = "") -> 
 
 def test_a_reference_that_hardly_moves_stands_still_and_the_frame_is_not_fitted(tmp_path: Path) -> None:
     found = _gathered(tmp_path / "c", LAYOUT)
-    assert list(found.model.known.still) == [False, True]
+    assert list(found.model.known.is_stationary) == [False, True]
     assert not found.calibration.frames.free
     assert found.held_out is not None
     jitter = found.model.known.jitter[1]
@@ -42,7 +42,7 @@ def test_a_reference_that_hardly_moves_stands_still_and_the_frame_is_not_fitted(
 def test_where_the_frame_changes_from_pose_to_pose_no_body_stands_still(tmp_path: Path) -> None:
     free = Layout(bodies=(Body("tool", 5), Body("base", 5)), poses=12)
     found = _gathered(tmp_path / "c", free, more='\n[bodies]\nreference = "base"\n')
-    assert not found.model.known.still.any()
+    assert not found.model.known.is_stationary.any()
     assert found.calibration.frames.free
     assert found.model.known.lead == 1
 

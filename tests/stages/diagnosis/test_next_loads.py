@@ -20,7 +20,7 @@ from truing.inference.fitted_model import FittedModel, Fitter
 from truing.inference.observations import Frames, Observations
 from truing.inference.selection import CauseDiagnosis
 from truing.report.diagnosis.effect_units import plain_size
-from truing.report.numbers import about
+from truing.report.numbers import approximate_duration
 from truing.report.wordings.catalogue import confirming
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import Campaign
@@ -91,7 +91,7 @@ def test_rivals_are_told_apart_by_loads_that_the_bench_can_apply(case: Case) -> 
         assert told.advice[key].kind == "separate"
         assert other in told.advice[key].words
         assert "whichever of the two is right" in told.advice[key].words
-        assert f" This takes {about(rows[0]['duration_s'])} of loading. " in told.advice[key].words
+        assert f" This takes {approximate_duration(rows[0]['duration_s'])} of loading. " in told.advice[key].words
     assert {(row["need"], row["measurements"]) for row in rows} == {("rival", 1)}
     assert min(row["odds_expected"] for row in rows if row["run"] == rows[-1]["run"]) >= 20.0
 

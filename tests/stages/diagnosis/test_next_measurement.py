@@ -75,7 +75,7 @@ class Case:
         seat = np.arange(len(first.shared))[first.model.layout["seat"]]
         others = np.setdiff1d(np.arange(len(first.shared)), seat)
         truth = first.shared.copy()
-        truth[others] += rng.multivariate_normal(np.zeros(len(others)), first.given(seat))
+        truth[others] += rng.multivariate_normal(np.zeros(len(others)), first.conditional_covariance(seat))
         more = _measure(first.model.at(conditions), truth, rng)
         both, frames = _both(self.measured, more)
         joined = _joined(first.model.conditions, conditions)
@@ -247,7 +247,7 @@ def _without(model: MechanismModel, kept: np.ndarray) -> MechanismModel:
     targets = Targets(model.targets.body[kept], model.targets.leg[kept])
     shape = model.known.shape[kept]
     survey = shape_unknowns(targets, shape, np.broadcast_to(np.eye(3) * SIGMA_M**2, (len(kept), 3, 3)))
-    known = replace(model.known, shape=shape, survey=survey, ridden=np.empty(0, int))
+    known = replace(model.known, shape=shape, survey=survey, carrying_legs=np.empty(0, int))
     return replace(model, targets=targets, known=known)
 
 
@@ -314,7 +314,7 @@ def test_a_proposed_pose_that_was_measured_is_named_as_a_repeat(case: Case, sett
     none = settings.model_copy(update={"workspace": settings.workspace.model_copy(update={"rho_mm": 1e-6})})
     again = possible(none, case.fitted, case.measured.instrument())
     assert set(again.repeats) <= {*range(POSES)}
-    assert f"pose {again.repeats[0]} again" in again.named(0)
+    assert f"pose {again.repeats[0]} again" in again.words_of(0)
     assert again.rows(0)[0]["repeat_of"] == str(again.repeats[0])
     fresh = possible(settings, case.fitted, case.measured.instrument())
     assert set(fresh.repeats) == {None}

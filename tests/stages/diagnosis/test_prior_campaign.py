@@ -10,11 +10,11 @@ import pytest
 from scipy.stats import chi2
 
 from tests.blind.generator.effects import ActuatorGain
+from tests.faults import assert_fault, faults_of
 from tests.stages.line import run_line
 from tests.stages.two_campaigns import MACHINE, fitted, gathered, longer, measured, model_text, rows_by_name
 from tests.tolerance import assert_close
 from truing.schemas.artifacts import ARTIFACTS
-from truing.schemas.faults import CampaignFaults
 from truing.simulation.mechanisms.causes.drive import ActuatorGain as Gain
 from truing.simulation.mechanisms.causes.warmth import LegThermal
 from truing.simulation.mechanisms.extended_model import identified_geometry, read_model
@@ -173,8 +173,9 @@ def test_an_effect_whose_column_is_missing_is_left_out_and_said(unchanged) -> No
 
 
 def test_what_is_no_model_is_a_fault(unchanged) -> None:
-    with pytest.raises(CampaignFaults, match=r"start.toml: expected a model.toml that a run has written"):
-        started(unchanged[0], unchanged[1].replace("actuator-gain", "witchcraft"), 0)
+    text = unchanged[1].replace("actuator-gain", "witchcraft")
+    fault = assert_fault(faults_of(lambda: started(unchanged[0], text, 0)), file="start.toml")
+    assert "witchcraft" in fault.expected
 
 
 def test_the_stages_start_from_it_and_leave_what_has_changed(

@@ -20,7 +20,7 @@ from tests.cut_telescope import cut_telescope
 from tests.stages.line import run_line
 from truing.formats.shapes import CONFIGURATIONS, INTERFEROMETER, TableShape
 from truing.schemas.columns import COLUMNS
-from truing.schemas.covariates import column_alias, listed, named, own_name
+from truing.schemas.covariates import column_alias, listed, names_in, own_name
 from truing.simulation import inputs
 from truing.simulation.bench import load_steps as steps_of_loads
 from truing.simulation.bodies.causes.terms import CAME_FROM, place_columns
@@ -122,7 +122,7 @@ def test_what_follows_a_covariate_is_reported_and_predicted_by_its_own_name(tmp_
     tables, _ = run_line(folder, "ingest", "pose", "diagnose")
     found = [row for row in tables["diagnosis"].to_pylist() if row["verdict"] == "found"]
     assert [(row["cause"], row["subject"]) for row in found] == [("unexplained", "leg3")]
-    assert named(found[0]["follows"]) == (name,)
+    assert names_in(found[0]["follows"]) == (name,)
     assert name in found[0]["clause"]
     given = pyarrow.csv.read_csv(table)
     predicted = predict(tables["model"], given)
@@ -142,6 +142,6 @@ def test_the_program_s_own_names_are_kept_apart() -> None:
 
 def test_names_with_blanks_and_quotes_come_back_as_they_were_written() -> None:
     names = ("temp [C]", 'say "hi"', "plain", '"', "two  blanks", "rho1_mm")
-    assert named(listed(names)) == names
+    assert names_in(listed(names)) == names
     assert listed(["rho1_mm", "temperature_c"]) == "rho1_mm temperature_c"
-    assert named("rho1_mm temperature_c") == ("rho1_mm", "temperature_c")
+    assert names_in("rho1_mm temperature_c") == ("rho1_mm", "temperature_c")

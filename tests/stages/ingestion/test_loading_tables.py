@@ -439,8 +439,8 @@ def test_elements_have_to_fit_the_legs(tmp_path):
     files = {"signals.csv": ["run,step,load_axis,load,v1_mv", "1,1,fz,4,1"]}
     rod = {"kind": "cylinder", "length_mm": 30.0, "diameter_mm": 5.0, "youngs_gpa": 200.0, "poisson": 0.3}
     fault = faults(tmp_path, files, {"mechanism": {**SENSOR, "elements": [rod]}})[0]
-    assert (fault.column, fault.value) == ("mechanism.elements", "0.03 m in all")
-    assert fault.expected.startswith("each leg's length")
+    assert (fault.column, fault.value) == ("mechanism.elements", "a total length of 0.03 m")
+    assert fault.expected.startswith("the length of each leg")
     whole = [rod, {"kind": "rigid"}]
     artifacts(tmp_path, files, {"mechanism": {**SENSOR, "elements": whole}})
     upright = [{"B_mm": leg["b_mm"], "b_mm": leg["b_mm"]} for leg in LEGS]
@@ -473,4 +473,4 @@ def test_a_given_compliance_is_checked_cell_by_cell(tmp_path):
     assert "existing text file" in absent.expected
     negative = [",".join(map(str, row)) for row in good * np.where(np.eye(6) == 0, 1.0, [1, 1, -1, 1, 1, 1])]
     fault = faults(tmp_path, {**files, "c.csv": negative}, sections)[0]
-    assert_says(str(fault), "against its load")
+    assert_says(str(fault), "negative eigenvalue")

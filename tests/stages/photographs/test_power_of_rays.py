@@ -18,7 +18,7 @@ from truing.pipeline.problems import ExitCode
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults
 from truing.simulation.cause import Effect
-from truing.simulation.detection_trials import concerned
+from truing.simulation.detection_trials import subject_class
 from truing.simulation.photographs.causes.camera_instability import CameraInstability
 from truing.stages.diagnosis.ray_points import assemble_rays
 from truing.stages.power import ray_plan_of
@@ -107,9 +107,10 @@ def test_rays_and_points_are_asked_for_apart(adjusted: Any) -> None:
 
 def test_wrong_rays_are_not_drawn(plan: RayPlan) -> None:
     assert plan.with_gross(0.0) is plan
-    with pytest.raises(ValueError, match="--gross 0"):
+    with pytest.raises(ValueError, match="--gross: expected 0"):
         plan.with_gross(0.01)
 
 
 def test_one_camera_and_one_bar_are_single_places() -> None:
-    assert [concerned(subject) for subject in ("camera left", "bar S", "")] == ["one camera", "one bar", "the whole"]
+    subjects = ("camera left", "bar S", "")
+    assert [subject_class(subject) for subject in subjects] == ["one camera", "one bar", "the whole"]

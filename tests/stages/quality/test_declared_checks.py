@@ -36,7 +36,7 @@ STABLE_LOADS = (
 # fmt: on
 STABLE_COLUMNS = ["check", "subject", "value", "limit", "unit", "verdict", "message", "accepted"]
 # Where a check's name stands in what makes a row of it.
-PLACE_OF_NAME = {"Check": 0, "without": 1, "of": 0}
+PLACE_OF_NAME = {"Check": 0, "not_evaluated": 1, "of": 0}
 
 
 def names_in(path: Path) -> Iterator[str | None]:

@@ -36,7 +36,7 @@ def read(folder: Path, *rows: str, head: str = HEAD, files: dict | None = None) 
     campaign = read_campaign({"campaign": {"name": "c", "kind": "interferometer"}, "files": files or {}})
     log = FaultLog()
     found = read_published(CampaignFiles(folder, campaign), log)
-    log.throw()
+    log.raise_faults()
     assert found is not None
     assert ARTIFACTS["published"].faults(found) == []
     return found

@@ -28,11 +28,11 @@ from truing.estimation.bundle.normal_equations import (
     Observed,
     UnknownsStep,
     distances_at,
-    lay_out,
-    moved,
+    equation_layout,
     normal_equations,
     observe,
     residuals,
+    stepped_state,
     sum_of_squares,
 )
 from truing.estimation.one_thread import on_one_thread
@@ -115,7 +115,7 @@ def adjust(
     bars, known = network.bars, datum == "known"
     start = replace(start, bar_length_m=np.where(bars.sigma_m > 0, start.bar_length_m, bars.length_m))
     check_determined(network, on, known)
-    layout = lay_out(network, on, known)
+    layout = equation_layout(network, on, known)
     observed = observe(network, layout, w, factor)
     near = freedoms(layout, start)
     held = tuple(conditions(free, datum) for free in near)
@@ -183,7 +183,7 @@ def _minimise(
             damping, growth, last = max(damping, _LEAST_DAMPING) * growth, growth * 2, 0.0
             least = damping if singular else least
             continue
-        tried = moved(layout, state, step)
+        tried = stepped_state(layout, state, step)
         before, foreseen, length = _predicted(observed, equations, weight, step, damping)
         gain = before - _merit(observed, tried, weight, step.multipliers)
         left = length * (min(length / last, 1.0) if last else 1.0)  # assumes the contraction of the last two steps

@@ -143,7 +143,7 @@ class EliminatedPose:
         # LAPACK is column-major: there the upper triangle is the lower one.
         self.factor, fault = dpotrf(kept.T, lower=1, clean=0, overwrite_a=1)
         if fault:
-            raise np.linalg.LinAlgError("found kept equations that are not positive definite")
+            raise np.linalg.LinAlgError("found reduced normal equations that are not positive definite")
         by_multiplier = np.isfinite(ties.variance)
         rows, pinned_sides = blocks.rows[by_multiplier], tie_sides[by_multiplier]
         solved = dpotrs(self.factor, np.concatenate([sides, rows.T], -1), lower=1)[0]

@@ -90,7 +90,7 @@ def intersected(now: Grown, rng: np.random.Generator) -> Grown:
     X, agrees = intersect(now.rays, now.tolerance_px, rng)
     as_given = np.isnan(X[:, 0]) & np.isfinite(now.given[:, 0])
     X = np.where(as_given[:, None], now.given, X)
-    return replace(now, X=X, agrees=agrees | (as_given[now.rays.point] & now.rays.agree(X, now.tolerance_px)))
+    return replace(now, X=X, agrees=agrees | (as_given[now.rays.point] & now.rays.agreeing_rays(X, now.tolerance_px)))
 
 
 def _next_images(now: Grown) -> list[int]:
@@ -166,7 +166,7 @@ def _side(network: Network) -> float:
 def reopened(network: Network, now: Grown) -> Grown:
     """Return the pose with the first tolerance, so that rays rejected before the lens was known can agree."""
     wide = _FIRST_TOLERANCE * _side(network)
-    return replace(now, tolerance_px=wide, agrees=now.rays.agree(now.X, wide))
+    return replace(now, tolerance_px=wide, agrees=now.rays.agreeing_rays(now.X, wide))
 
 
 def with_interior(network: Network, now: Grown, interior: Array) -> Grown:
@@ -180,20 +180,20 @@ def refined(network: Network, now: Grown) -> Grown:
     """Return the adjusted pose, alone in its network, with a tolerance narrowed to the spread of its rays."""
     state = NetworkState(now.interior, now.rays.R, now.rays.centre, now.X, np.empty(0))
     done = _adjusted(network, state, now.agrees)
-    return now if done is None else taken_over(network, now, done.state)
+    return now if done is None else refreshed_pose(network, now, done.state)
 
 
 def refined_together(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown]) -> list[Grown]:
     """Return all poses after one joint adjustment with common cameras, starting with the interior of the first pose."""
-    used, state = np.zeros(network.rays.count, bool), joined(network, poses, found)
+    used, state = np.zeros(network.rays.count, bool), joined_poses(network, poses, found)
     for pose, now in zip(poses, found, strict=True):
         used[pose.ray] = now.agrees
     done = _adjusted(network, state, used)
     state = state if done is None else done.state
-    return [taken_over(p.network, now, p.part_of(state)) for p, now in zip(poses, found, strict=True)]
+    return [refreshed_pose(p.network, now, p.part_of(state)) for p, now in zip(poses, found, strict=True)]
 
 
-def joined(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown]) -> NetworkState:
+def joined_poses(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown]) -> NetworkState:
     """Return all poses as one state of the whole network."""
     images, points = len(network.image_pose), len(network.point_pose)
     R, centre, X = np.full((images, 3, 3), np.nan), np.full((images, 3), np.nan), np.full((points, 3), np.nan)
@@ -202,7 +202,7 @@ def joined(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown
     return NetworkState(found[0].interior, R, centre, X, np.empty(0))
 
 
-def taken_over(network: Network, now: Grown, state: NetworkState) -> Grown:
+def refreshed_pose(network: Network, now: Grown, state: NetworkState) -> Grown:
     """Return the pose with the values of a state and with agreeing rays selected again."""
     own = with_interior(network, now, state.interior)
     mine = now.oriented
@@ -210,11 +210,11 @@ def taken_over(network: Network, now: Grown, state: NetworkState) -> Grown:
     R[mine], centre[mine] = state.R[mine], state.centre[mine]
     X = np.where(np.isfinite(now.X), state.points, np.nan)
     rays = replace(own.rays, R=R, centre=centre)
-    off = np.linalg.norm(rays.misses(X)[0], axis=1)
+    off = np.linalg.norm(rays.ray_distances(X)[0], axis=1)
     spread = 1.4826 * float(np.median(off[now.agrees])) / 1.1774 if now.agrees.any() else np.inf
     side = _side(network)
     tolerance = float(np.clip(_TOLERANCE_SPREADS * spread, _LEAST_TOLERANCE * side, now.tolerance_px))
-    return replace(own, rays=rays, X=X, tolerance_px=tolerance, agrees=rays.agree(X, tolerance))
+    return replace(own, rays=rays, X=X, tolerance_px=tolerance, agrees=rays.agreeing_rays(X, tolerance))
 
 
 def _adjusted(network: Network, state: NetworkState, used: Mask) -> Adjustment | None:

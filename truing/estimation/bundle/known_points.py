@@ -193,7 +193,7 @@ class KnownTested:
         )
 
 
-def loosened(network: Network, state: NetworkState) -> Network:
+def with_weak_known_points(network: Network, state: NetworkState) -> Network:
     """Return the network with known points so weak that they give each pose a frame and hardly more."""
     known = network.known
     cov = known.cov_m2.copy()

@@ -86,7 +86,7 @@ def length_errors(
         p_value=float(chdtrc(len(error), chi2)) if some else float("nan"),
         scale=float(calibrated_m @ weighted[:, 0]) / information if some else float("nan"),
         sigma_scale=information**-0.5 if some else float("nan"),
-        lacks=_lacks(calibrated_m, line, volume_m),
+        lacks=_unmet_requirements(calibrated_m, line, volume_m),
     )
 
 
@@ -97,7 +97,7 @@ def _verdicts(error: Array, sigma: Array, permitted: Array) -> tuple[str, ...]:
     return tuple(np.where(stated, word, "").tolist())
 
 
-def _lacks(calibrated_m: Array, line: Index | None, volume_m: Array | None) -> tuple[str, ...]:
+def _unmet_requirements(calibrated_m: Array, line: Index | None, volume_m: Array | None) -> tuple[str, ...]:
     """Return the requirements of the guideline that these lengths do not meet: lines, lengths per line, their
     extent."""
     lacks: list[str] = []

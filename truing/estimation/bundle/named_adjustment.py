@@ -13,7 +13,7 @@ from truing.estimation.bundle.data_snooping import ScreenedNetwork, adjust_robus
 from truing.estimation.bundle.datum import Datum
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.eccentricity import facing, network_eccentricity
-from truing.estimation.bundle.known_points import KnownTested, loosened, tested_known
+from truing.estimation.bundle.known_points import KnownTested, tested_known, with_weak_known_points
 from truing.estimation.bundle.network import ImagePoints, NamedNetwork, Names, Network, NetworkState, Pose
 from truing.estimation.bundle.start_values import Start, find_start
 from truing.estimation.bundle.uncoded_matching import Circles, OrientedImages, match_uncoded
@@ -156,7 +156,7 @@ def known_elsewhere(named: NamedNetwork, state: NetworkState) -> list[KnownPoint
 def _against_known(network: Network, start: Start, choices: Choices) -> tuple[KnownTested, Mask, NetworkState]:
     """Return the test of weak known points, the rays that agree with each other, and the state."""
     try:
-        loose = _robustly(loosened(network, start.state), start.state, choices, start.ray_agrees)
+        loose = _robustly(with_weak_known_points(network, start.state), start.state, choices, start.ray_agrees)
     except UndeterminedNetworkError:  # for example single photographs, which only known points orient
         return KnownTested(), start.ray_agrees, start.state
     found = tested_known(network, loose)

@@ -65,13 +65,13 @@ class EquationLayout:
         return len(self.image_start) - 1
 
 
-def lay_out(network: Network, used: Mask, known: bool) -> EquationLayout:
+def equation_layout(network: Network, used: Mask, known: bool) -> EquationLayout:
     """Return the layout of the unknowns for the used rays (N,); known: whether known points are observations."""
     rays = network.rays
-    images, image_slot, image_start = _slots(_present(rays.image[used]), network.image_pose, network.poses)
+    images, image_slot, image_start = _slots(_distinct_numbers(rays.image[used]), network.image_pose, network.poses)
     rows = np.flatnonzero(used)
     rows = rows[np.argsort(image_slot[rays.image[rows]], kind="stable")]
-    seen = _present(rays.point[rows])
+    seen = _distinct_numbers(rays.point[rows])
     points, point_slot, point_start = _slots(seen, network.point_pose, network.poses)
     bars = network.bars
     distances = np.flatnonzero((point_slot[bars.first] >= 0) & (point_slot[bars.second] >= 0))
@@ -100,7 +100,7 @@ def lay_out(network: Network, used: Mask, known: bool) -> EquationLayout:
     )
 
 
-def _present(numbers: Index) -> Index:
+def _distinct_numbers(numbers: Index) -> Index:
     """Return the distinct numbers in ascending order."""
     return np.flatnonzero(np.bincount(numbers))
 
@@ -245,7 +245,7 @@ def sum_of_squares(observed: Observed, state: NetworkState) -> float:
     """Return the weighted sum of squares without distances; infinite if a point is not in front of its camera."""
     from truing.estimation.bundle.kernels import weighted_squares
 
-    cameras, places = _seen(observed, state)
+    cameras, places = _kernel_arguments(observed, state)
     rays = observed.xy_px, observed.roots, observed.layout.first_ray, observed.layout.ray_point
     return float(weighted_squares(*rays, *cameras, *places)) + _prior_squares(observed, state)
 
@@ -260,7 +260,7 @@ def residuals(network: Network, state: NetworkState) -> Array:
     return rays.xy_px - xy
 
 
-def _seen(
+def _kernel_arguments(
     observed: Observed, state: NetworkState
 ) -> tuple[tuple[Index, Array, Array, Array], tuple[Array, Array, Array]]:
     """Return the arguments of the compiled kernels: camera of every image, interior, format centre, balancing radius;
@@ -292,7 +292,7 @@ def normal_equations(observed: Observed, state: NetworkState, workspace: ArrayPo
     """
     from truing.estimation.bundle.kernels import accumulate
 
-    layout, (cameras, places) = observed.layout, _seen(observed, state)
+    layout, (cameras, places) = observed.layout, _kernel_arguments(observed, state)
     i, p, c, rows = len(layout.images), len(layout.points), len(layout.common), layout.rows
     images, image_sides = np.empty((i, 6, 6)), np.zeros((i, 6, c + 1))
     points, point_sides, common = np.zeros((p, 3, 3)), np.zeros((p, 3, c + 1)), np.zeros((c, c + 1))
@@ -337,7 +337,7 @@ def _add_priors(observed: Observed, state: NetworkState, blocks: NormalEquations
     blocks.common[place, -1] += observed.bars[free] * misclosure
 
 
-def moved(layout: EquationLayout, state: NetworkState, step: UnknownsStep) -> NetworkState:
+def stepped_state(layout: EquationLayout, state: NetworkState, step: UnknownsStep) -> NetworkState:
     """Return the state after a step."""
     R, centre, points = state.R.copy(), state.centre.copy(), state.points.copy()
     R[layout.images] = exp_so3(step.images[:, 3:]) @ R[layout.images]

@@ -48,20 +48,20 @@ class Bundle:
         d = np.einsum("nij,nj->ni", self.R[self.image], d)
         return d / np.linalg.norm(d, axis=1, keepdims=True)
 
-    def misses(self, X: Array) -> tuple[Array, Array]:
+    def ray_distances(self, X: Array) -> tuple[Array, Array]:
         """Return the distance (N, 2) of rays from their points X (P, 3) in ideal pixels, and the depths (N,) of the
         points."""
-        seen, _ = self._seen(X)
+        seen, _ = self._in_camera_frame(X)
         with np.errstate(all="ignore"):
             return (seen[:, :2] / seen[:, 2:] - self.direction) * self.scale_px[:, None], seen[:, 2]
 
-    def agree(self, X: Array, tolerance_px: float | Array) -> Mask:
+    def agreeing_rays(self, X: Array, tolerance_px: float | Array) -> Mask:
         """Return the rays (N,) that pass their points within the tolerance, with the point in front of the camera."""
-        off, depth = self.misses(X)
+        off, depth = self.ray_distances(X)
         with np.errstate(invalid="ignore"):
             return (depth > 0) & (np.einsum("ni,ni->n", off, off) < np.square(tolerance_px))
 
-    def _seen(self, X: Array) -> tuple[Array, Array]:
+    def _in_camera_frame(self, X: Array) -> tuple[Array, Array]:
         R = self.R[self.image]
         return np.einsum("nji,nj->ni", R, X[self.point] - self.centre[self.image]), R
 
@@ -95,7 +95,7 @@ def nearest_points(bundle: Bundle, weight: Array) -> tuple[Array, Array]:
 def refine_points(bundle: Bundle, X: Array, weight: Array) -> Array:
     """Return points (P, 3) after Gauss-Newton steps on their rays' image coordinates, weighted (N,)."""
     for _ in range(_STEPS):
-        seen, R = bundle._seen(X)
+        seen, R = bundle._in_camera_frame(X)
         with np.errstate(all="ignore"):
             a = seen[:, :2] / seen[:, 2:]
             J = (R[:, :, :2] - R[:, :, 2:] * a[:, None, :]) / seen[:, 2, None, None] * bundle.scale_px[:, None, None]
@@ -131,17 +131,17 @@ def intersect(bundle: Bundle, tolerance_px: float, rng: np.random.Generator) -> 
         b = (a + 1 + rng.integers(0, count[many] - 1)) % count[many]
         pair = rays.of(np.concatenate([first[many] + a, first[many] + b]))
         X, _ = nearest_points(pair, np.ones(2 * len(many)))
-        off, depth = rays.misses(X)
+        off, depth = rays.ray_distances(X)
         with np.errstate(invalid="ignore"):
             square = np.einsum("ni,ni->n", off, off) / tolerance_px**2
             square = np.where((depth > 0) & (square < 1), square, 1.0)
         now = np.bincount(rays.point, square, minlength=bundle.points)
         better = np.isfinite(X[:, 0]) & (now < cost)
         best[better], cost[better] = X[better], now[better]
-    agrees = rays.agree(best, tolerance_px)
+    agrees = rays.agreeing_rays(best, tolerance_px)
     for _ in range(2):
         X = refine_points(rays, np.nan_to_num(best), agrees.astype(float))
-        agrees = rays.agree(X, tolerance_px)
+        agrees = rays.agreeing_rays(X, tolerance_px)
     meet = nearest_points(rays, agrees.astype(float))[1]
     placed = np.isfinite(best[:, 0]) & (meet > 1 - np.cos(LEAST_ANGLE))
     placed &= np.bincount(rays.point, agrees, minlength=bundle.points) >= 2
@@ -324,7 +324,7 @@ def _supporting_points(R: Array, t: Array, first: Array, second: Array, limit: f
         np.stack([np.eye(3), turn]), np.stack([np.zeros(3), centre]), n,
     )  # fmt: skip
     X, meet = nearest_points(rays, np.ones(2 * n))
-    agrees = rays.agree(X, limit).reshape(2, n).all(axis=0)
+    agrees = rays.agreeing_rays(X, limit).reshape(2, n).all(axis=0)
     if not agrees.any():
         return None
     angle = float(np.median(np.arccos(np.clip(1 - meet[agrees], -1.0, 1.0))))

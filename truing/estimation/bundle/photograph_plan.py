@@ -24,7 +24,7 @@ from truing.estimation.bundle.planning import (
     predict,
     shells,
     station_information,
-    useful,
+    useful_stations,
     visible,
     weak_prior,
 )
@@ -105,10 +105,12 @@ def plan_photographs(
     farthest = np.inf if settings.farthest_mm is None else 1e-3 * settings.farthest_mm
     limits = CameraLimits(nearest, farthest, np.radians(settings.incidence_deg), settings.least_px)
     seen = visible(planned.camera, planned.interior, stations, planned.layout, limits)
-    of_use = useful(seen)
+    of_use = useful_stations(seen)
     if len(of_use) < 2:
-        raise ValueError(f"found {len(of_use)} of {stations.count:,} stations with four targets in view, expected more")
-    stations, seen = stations.only(of_use), seen[of_use]
+        raise ValueError(
+            f"found {len(of_use)} of {stations.count:,} stations with four visible targets, expected 2 or more"
+        )
+    stations, seen = stations.subset(of_use), seen[of_use]
     some = spread_points(planned.layout.points)
     search = _restricted(planned, some)
     candidates = StationCandidates(
@@ -119,15 +121,15 @@ def plan_photographs(
     )
     order = one_by_one(candidates, settings.stations, progress)
     curve = _curve(planned, stations, seen, order)
-    first = order[: _enough(curve, settings, len(order))]
+    first = order[: _sufficient_stations(curve, settings, len(order))]
     chosen = _with_the_better_worst(planned, stations, seen, (first, exchanged(candidates, first, progress)))
     chosen = _in_order_round(stations, chosen, planned.layout.middle)
-    prediction = predict(planned, stations.only(chosen), seen[chosen])
+    prediction = predict(planned, stations.subset(chosen), seen[chosen])
     if prediction is None:
         made_by = "1 station" if len(chosen) == 1 else f"{len(chosen):,} stations"
-        raise ValueError(f"no network is made by {made_by}, expected more of them, or more targets in common")
+        raise ValueError(f"{made_by} determine no network, expected more stations or more common targets")
     return PhotographPlan(
-        planned, targets, stations.only(chosen), seen[chosen], prediction, curve, len(of_use), settings, reference
+        planned, targets, stations.subset(chosen), seen[chosen], prediction, curve, len(of_use), settings, reference
     )
 
 
@@ -166,7 +168,7 @@ def _curve(
 ) -> tuple[tuple[int, float, float], ...]:
     """Return (number, worst, mean standard deviation in m) for growing numbers of stations. Starts at the first number
     that determines all targets that the full choice determines."""
-    found = [(n, predict(planned, stations.only(order[:n]), seen[order[:n]])) for n in range(2, len(order) + 1)]
+    found = [(n, predict(planned, stations.subset(order[:n]), seen[order[:n]])) for n in range(2, len(order) + 1)]
     whole = [(n, one) for n, one in found if one is not None]
     most = max((len(one.points) for _, one in whole), default=0)
     return tuple(
@@ -176,7 +178,7 @@ def _curve(
     )
 
 
-def _enough(curve: tuple[tuple[int, float, float], ...], settings: PlanOptions, most: int) -> int:
+def _sufficient_stations(curve: tuple[tuple[int, float, float], ...], settings: PlanOptions, most: int) -> int:
     """Return the least number of stations that reaches the wanted precision; all if none does or none is wanted."""
     if settings.target_sigma_mm is None:
         return most
@@ -189,7 +191,7 @@ def _with_the_better_worst(
     """Return the choice with the best worst target; exchanges look at the mean of all."""
 
     def worst(chosen: Index) -> float:
-        found = predict(planned, stations.only(chosen), seen[chosen])
+        found = predict(planned, stations.subset(chosen), seen[chosen])
         return np.inf if found is None or np.isnan(found.sigma).any() else float(found.sigma.max())
 
     return min(reversed(choices), key=worst)

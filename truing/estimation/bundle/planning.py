@@ -39,7 +39,7 @@ class Stations:
         """Number of stations."""
         return len(self.centre)
 
-    def only(self, chosen: NDArray[np.int64]) -> Stations:
+    def subset(self, chosen: NDArray[np.int64]) -> Stations:
         """Return some of the stations, in the given order."""
         return Stations(self.R[chosen], self.centre[chosen], self.roll_rad[chosen])
 
@@ -92,7 +92,7 @@ def shells(middle: Array, distances: Array, directions: int, elevations: tuple[f
     turn = _GOLDEN * np.arange(directions)
     flat = np.sqrt(1.0 - z**2)
     away = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
-    camera_rotation = _looking(-away)
+    camera_rotation = _camera_axes(-away)
     c, s = np.cos(rolls), np.sin(rolls)
     zero, one = np.zeros_like(c), np.ones_like(c)
     about_view = np.stack([c, -s, zero, s, c, zero, zero, zero, one], axis=-1).reshape(-1, 3, 3)
@@ -103,7 +103,7 @@ def shells(middle: Array, distances: Array, directions: int, elevations: tuple[f
     return Stations(R, centre, np.broadcast_to(rolls, shape).reshape(-1))
 
 
-def _looking(view: Array) -> Array:
+def _camera_axes(view: Array) -> Array:
     """Return camera axes (K, 3, 3) as columns: z along unit vectors ``view`` (K, 3), x level, y downwards."""
     down = np.array([0.0, 0.0, -1.0])
     level = np.cross(down, view)
@@ -169,7 +169,7 @@ class PlannedNetwork:
         return replace(network, rays=replace(rays, xy_px=project(network, state, image, point))), state
 
 
-def useful(seen: Mask) -> Index:
+def useful_stations(seen: Mask) -> Index:
     """Return the stations that see enough targets to be worth a photograph."""
     return np.flatnonzero(seen.sum(axis=1) >= _FEWEST)
 

@@ -20,7 +20,7 @@ from truing.estimation.bundle.growing import (
     Grown,
     grow,
     intersected,
-    joined,
+    joined_poses,
     longer_sides,
     prepare,
     refined,
@@ -85,12 +85,12 @@ def find_start(network: Network, interior: Array, markers: Markers | None = None
     for pose in poses:
         own = np.isin(markers.corners, pose.point).all(axis=1)  # markers with all corners in the pose
         corners = np.searchsorted(pose.point, markers.corners[own])
-        found.append(begin(pose.network, values, corners, markers.size_m[own]))
+        found.append(oriented_pose(pose.network, values, corners, markers.size_m[own]))
         used = np.unique(pose.network.image_camera[found[-1].oriented])
         values[used] = found[-1].interior[used]
     values[:, 0] = np.where(np.isnan(values[:, 0]), usual_distance(network), values[:, 0])
     found = _finished(network, poses, [replace(now, interior=values) for now in found])
-    whole = joined(network, poses, found)
+    whole = joined_poses(network, poses, found)
     state, frame, scale = in_frame(network, whole, markers.corners, markers.size_m)
     agrees = np.zeros(network.rays.count, bool)
     for pose, now in zip(poses, found, strict=True):
@@ -189,7 +189,7 @@ def usual_distance(network: Network) -> Array:
     return _FIELD_WIDTHS[0] * longer_sides(network)
 
 
-def begin(network: Network, interior: Array, corners: Index, size_m: Array) -> Grown:
+def oriented_pose(network: Network, interior: Array, corners: Index, size_m: Array) -> Grown:
     """Return a pose, alone in its network, oriented as far as possible.
 
     Principal distances are tried at several field widths if the given ones (C,) are NaN, or if they are free and fail.
@@ -238,8 +238,8 @@ def _best_seed(
     return best, best_score
 
 
-def _misses(now: Grown) -> Array:
-    off, depth = now.rays.misses(now.X)
+def _ray_distance(now: Grown) -> Array:
+    off, depth = now.rays.ray_distances(now.X)
     with np.errstate(invalid="ignore"):
         return np.where(depth > 0, np.linalg.norm(off, axis=1), np.nan)
 
@@ -249,7 +249,7 @@ def _score(network: Network, now: Grown) -> float:
     several = np.bincount(now.rays.point[now.agrees], minlength=now.rays.points) >= 2
     many = (several | np.isfinite(now.given[:, 0]))[now.rays.point]
     limit = _SCORED_PER_SIDE * float(longer_sides(network).max())
-    share = 1 - (np.nan_to_num(_misses(now), nan=np.inf) / limit) ** 2
+    share = 1 - (np.nan_to_num(_ray_distance(now), nan=np.inf) / limit) ** 2
     return float(np.maximum(share, 0.0)[many & now.agrees].sum())
 
 
@@ -263,7 +263,7 @@ def _is_clear(network: Network, now: Grown) -> bool:
     wanted = _CLEAR_IMAGES * min(_TRIAL_IMAGES, int((count >= FEWEST_COMMON).sum()))
     if not mine.any() or oriented.sum() < max(wanted, 2):
         return False
-    close = float(np.median(_misses(now)[now.agrees])) if now.agrees.any() else np.inf
+    close = float(np.median(_ray_distance(now)[now.agrees])) if now.agrees.any() else np.inf
     return bool(now.agrees[mine].mean() > _CLEAR_SHARE and close < _CLEAR_PER_SIDE * longer_sides(network).max())
 
 

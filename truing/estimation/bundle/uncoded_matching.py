@@ -72,7 +72,7 @@ def match_uncoded(circles: Circles, images: OrientedImages) -> Matched:
     claims, paired = _hypotheses(pairs, sight, images)
     kept, contested = _undisputed(claims, len(usable))
     members = _members(kept)
-    X, cov = _located(sight, images, members, len(kept))
+    X, cov = _intersected_points(sight, images, members, len(kept))
     point = np.full(len(circles.image), -1, np.int64)
     reason = np.full(len(circles.image), NOT_ORIENTED, dtype=object)
     reason[usable] = np.where(contested, AMBIGUOUS, np.where(paired, TOO_FEW, NO_PARTNER))
@@ -166,7 +166,9 @@ def _rays(sight: _CircleRays, images: OrientedImages, members: _Members, points:
     )
 
 
-def _located(sight: _CircleRays, images: OrientedImages, members: _Members, points: int) -> tuple[Array, Array]:
+def _intersected_points(
+    sight: _CircleRays, images: OrientedImages, members: _Members, points: int
+) -> tuple[Array, Array]:
     """Return points (K, 3) from their members' rays and their covariance (K, 3, 3)."""
     rays = _rays(sight, images, members, points)
     ones = np.ones(len(members.circle))
@@ -189,14 +191,14 @@ def _hypotheses(pairs: Index, sight: _CircleRays, images: OrientedImages) -> tup
     circles (M,) that have any partner."""
     paired = np.zeros(len(sight.image), bool)
     members = _Members(pairs.ravel(), np.repeat(np.arange(len(pairs)), 2))
-    X, cov = _located(sight, images, members, len(pairs))
+    X, cov = _intersected_points(sight, images, members, len(pairs))
     with np.errstate(invalid="ignore"):
         inside = np.all((X - images.box_m[0]) * (images.box_m[1] - X) >= 0, axis=1)
     paired[pairs[inside].ravel()] = True
     claims = _found_in_all(X[inside], cov[inside], sight, images)
     for _ in range(2):
         claims = np.unique(claims[(claims >= 0).sum(axis=1) >= _FEWEST], axis=0)
-        X, cov = _located(sight, images, _members(claims), len(claims))
+        X, cov = _intersected_points(sight, images, _members(claims), len(claims))
         claims = _found_in_all(X, cov, sight, images)
     claims = np.unique(claims[(claims >= 0).sum(axis=1) >= _FEWEST], axis=0)
     return claims, paired

@@ -88,13 +88,13 @@ class FeasibleRegion:
         """Return points (count, size) spread evenly over the region; raises ValueError if all of it is forbidden."""
         found = np.empty((0, self.size))
         for _ in range(_DRAWS):
-            x = self.pulled_in(self._walk(count, rng))
+            x = self.pulled_in(self._hit_and_run(count, rng))
             found = np.concatenate([found, x[self.allowed(x) & self.within(x)]])
             if len(found) >= count:
                 return found[:count]
-        raise ValueError("forbidden regions that leave room for configurations")
+        raise ValueError("forbidden regions that do not cover the whole workspace")
 
-    def _walk(self, count: int, rng: np.random.Generator) -> NDArray:
+    def _hit_and_run(self, count: int, rng: np.random.Generator) -> NDArray:
         """Return points spread evenly within the linearised limits (hit and run, Smith, Oper. Res. 32 (1984) 1296)."""
         normals = self.normals[self.limited] / self.half_range[self.limited, None]
         x = np.zeros((count, self.size))
@@ -141,9 +141,9 @@ class FeasibleRegion:
         x = HalfspaceIntersection(np.column_stack([normals, -faces.bound]) / length[:, None], inside).intersections
         x = _distinct(x[np.isfinite(x).all(-1)])
         touched = np.abs(x @ normals.T - faces.bound) <= 1e-7 * length * np.linalg.norm(x, axis=-1).max()
-        return self._onto(x, faces, touched)
+        return self._projected_onto_faces(x, faces, touched)
 
-    def _onto(self, x: NDArray, faces: _Faces, touched: NDArray) -> NDArray:
+    def _projected_onto_faces(self, x: NDArray, faces: _Faces, touched: NDArray) -> NDArray:
         """Return points moved by Newton's method until they meet the touched faces (B, M) exactly."""
         for _ in range(_ROUNDS):
             value, slope = self.quantities(x)

@@ -56,7 +56,7 @@ class Observability:
         return float(first / last) if last > self.rounding else np.inf
 
     @property
-    def unseen(self) -> NDArray:
+    def unidentifiable(self) -> NDArray:
         """Unidentifiable directions (P, P - rank), orthonormal, in tolerances."""
         return self.directions[:, self.rank :]
 
@@ -201,7 +201,7 @@ def sparse_directions(observability: Observability) -> NDArray:
     """Return the unidentifiable directions (k, P), in tolerances, each with a parameter that no other one has."""
     null = observability.directions[:, observability.singular_values <= observability.rounding]
     first, own = _simplified(observability, null, [], observability.rounding)
-    unseen = observability.unseen
+    unseen = observability.unidentifiable
     if own:  # weak directions, after removing null directions from them
         rest = np.linalg.svd(unseen[own])[2][len(own) :]
         unseen = unseen @ rest.T
@@ -234,7 +234,7 @@ def _shortest(observability: Observability, direction: NDArray, pivot: int, own:
     """Return a direction (P,), 1 at its own parameter, with few others and no other direction's own parameter.
     Parameters are added one by one, each the one that hides most of the visible part, until it is small enough; then
     small unneeded ones are removed."""
-    kept, best = _hiding(observability, direction, pivot, own, least)
+    kept, best = _compensating_parameters(observability, direction, pivot, own, least)
     for j in sorted(kept, key=lambda i: abs(best[i])):
         fewer = [other for other in kept if other != j]
         shorter = _expressed(observability, best, pivot, fewer, least)
@@ -242,7 +242,7 @@ def _shortest(observability: Observability, direction: NDArray, pivot: int, own:
     return best
 
 
-def _hiding(
+def _compensating_parameters(
     observability: Observability, direction: NDArray, pivot: int, own: list[int], least: float
 ) -> tuple[list[int], NDArray]:
     """Return parameters that hide a change of one, none of ``own``, and the change of all of them."""
@@ -378,12 +378,12 @@ def choose_identifiable(
     order: list[int] = []
     left = whole.triangle
     while members:
-        place, length = _next(left, members, rank)
+        place, length = _next_group(left, members, rank)
         columns = members.pop(place)
         # Quick bound: the residual of a new column limits the least singular value, and refuses most columns.
-        if length > whole.least and _least(whole, [*order, *columns]) > whole.least:
+        if length > whole.least and _smallest_singular_value(whole, [*order, *columns]) > whole.least:
             order += columns
-            left = _without(left, left[:, columns])
+            left = _orthogonal_to(left, left[:, columns])
     chosen = np.isin(np.arange(len(labels)), order)
     kept = [label for label, used in zip(labels, chosen, strict=True) if used]
     part = observe(np.asarray(jacobian)[:, chosen], whole.scales[chosen], kept, unidentifiable=unidentifiable)
@@ -397,7 +397,7 @@ def _members(groups: Sequence[object], count: int) -> list[list[int]]:
     return [[j for j, name in enumerate(groups) if name == group] for group in dict.fromkeys(groups)]
 
 
-def _next(left: NDArray, members: Sequence[list[int]], rank: NDArray) -> tuple[int, float]:
+def _next_group(left: NDArray, members: Sequence[list[int]], rank: NDArray) -> tuple[int, float]:
     """Return the group of the lowest preference number and, among these, of the largest volume in what is left. Also
     returns its mean length, the side of a cube of that volume: an upper bound of the least visible direction."""
     lengths = np.linalg.norm(left, axis=0)
@@ -412,11 +412,11 @@ def _side(columns: NDArray) -> float:
     return float(np.exp(np.mean(np.log(np.maximum(lengths, np.finfo(float).tiny)))))
 
 
-def _least(whole: Observability, columns: Sequence[int]) -> float:
+def _smallest_singular_value(whole: Observability, columns: Sequence[int]) -> float:
     return float(np.linalg.svd(whole.triangle[:, list(columns)], compute_uv=False)[-1])
 
 
-def _without(left: NDArray, taken: NDArray) -> NDArray:
+def _orthogonal_to(left: NDArray, taken: NDArray) -> NDArray:
     """Return columns (P, P) minus their projection on the taken ones (P, m)."""
     basis = np.linalg.qr(taken)[0]
     return left - basis @ (basis.T @ left)

@@ -110,7 +110,7 @@ def _search(task: _Task, rng: np.random.Generator) -> NDArray:
     best = _descended(task, _nearest_first(task.distance))
     least = _cost(task, best)
     for kick in range(_KICKS):
-        start = _kicked(best, rng) if kick % 2 and task.count > 3 else rng.permutation(task.count)
+        start = _double_bridge(best, rng) if kick % 2 and task.count > 3 else rng.permutation(task.count)
         trial = _descended(task, start)
         cost = _cost(task, trial)
         if cost < least:
@@ -131,7 +131,7 @@ def _nearest_first(distance: NDArray) -> NDArray:
     return np.array(order)
 
 
-def _kicked(order: NDArray, rng: np.random.Generator) -> NDArray:
+def _double_bridge(order: NDArray, rng: np.random.Generator) -> NDArray:
     """Return an order with its middle parts exchanged (double bridge)."""
     a, b, c = np.sort(rng.choice(np.arange(1, len(order)), 3, replace=False))
     return np.concatenate([order[:a], order[b:c], order[a:b], order[c:]])

@@ -326,7 +326,7 @@ def optimise_directly(
 
     if not np.isfinite(objective(start)[0]):
         raise ValueError(f"a start of {len(start)} configurations that determines every parameter")
-    return climb(region, objective, start, max_iterations)
+    return ascend(region, objective, start, max_iterations)
 
 
 def largest_sensitivity(
@@ -347,7 +347,7 @@ def largest_sensitivity(
         value, gradient = each(x)
         return float(value.sum()), gradient
 
-    found = climb(region, objective, start, max_iterations)
+    found = ascend(region, objective, start, max_iterations)
     return AscentResult(found.x, float(each(found.x)[0].max()), found.status, found.iterations)
 
 
@@ -356,7 +356,7 @@ def _solved(rows: NDArray, information: NDArray) -> NDArray:
     return np.einsum("lqr,nlr->nlq", np.linalg.inv(information), rows)
 
 
-def climb(region: FeasibleRegion, objective: Objective, start: NDArray, max_iterations: int) -> AscentResult:
+def ascend(region: FeasibleRegion, objective: Objective, start: NDArray, max_iterations: int) -> AscentResult:
     """Return the local maximum of the objective reached from a start (N, n) within the region."""
     x, status = start, SelectionStatus.ITERATION_LIMIT
     value, gradient = objective(x)

@@ -65,7 +65,7 @@ class Fitted:
         covariance = self.covariance[:, own]
         return np.linalg.solve(np.linalg.cholesky(covariance[own]), covariance.T).T
 
-    def given(self, own: NDArray) -> NDArray:
+    def conditional_covariance(self, own: NDArray) -> NDArray:
         """Return the covariance (O, O) of the others if some of the unknowns were known."""
         others = np.setdiff1d(np.arange(len(self.shared)), own)
         follow = self.propagated(own)[others]
@@ -101,7 +101,7 @@ class PoseCandidates:
         """Number of candidates."""
         return len(self.predicted)
 
-    def freed(self, columns: NDArray) -> NDArray:
+    def without_pose_unknowns(self, columns: NDArray) -> NDArray:
         """Return columns (C, M, P) as (C, M + H, P), with the poses' own unknowns eliminated."""
         padded = np.concatenate([columns, np.zeros((self.count, self.basis.shape[2], columns.shape[2]))], 1)
         return padded - self.basis @ (np.swapaxes(self.basis, 1, 2) @ padded)
@@ -114,7 +114,9 @@ class PoseCandidates:
         flat = rows.reshape(-1, len(unknowns))
         values, vectors = np.linalg.eigh(factor.T @ (flat.T @ flat - own.T @ own) @ factor)
         directions = factor @ vectors[:, values > _UNSEEN]
-        return CandidateSensitivity(self.freed((flat @ directions).reshape(self.count, size, -1)), directions)
+        return CandidateSensitivity(
+            self.without_pose_unknowns((flat @ directions).reshape(self.count, size, -1)), directions
+        )
 
 
 @dataclass(frozen=True)
@@ -191,9 +193,9 @@ def discriminating_poses(
     first, second = rivals
     gap = (first.predicted - second.predicted)[..., None]
     effects = [rival.rows @ rival.fitted.propagated(which) for rival, which in zip(rivals, own, strict=True)]
-    columns = first.freed(np.concatenate([gap, *effects], -1))
+    columns = first.without_pose_unknowns(np.concatenate([gap, *effects], -1))
     others = np.setdiff1d(np.arange(first.rows.shape[2]), own[0])
-    sight = first.sight(others, first.fitted.given(own[0]))
+    sight = first.sight(others, first.fitted.conditional_covariance(own[0]))
     turned = np.swapaxes(sight.rows, 1, 2)
     sums = [np.swapaxes(columns, 1, 2) @ columns, turned @ columns, sight.information]
     found = search(sums, _Odds(log_odds, len(own[0])), float(np.log(odds)), most)
@@ -278,9 +280,9 @@ def search(sums: Sums, aim: DesignCriterion, enough: float, most: int) -> Chosen
 
     They are added greedily, then exchanged one by one for better ones.
     """
-    chosen, reached = _chosen(sums, aim, enough, most)
+    chosen, reached = _greedy_choice(sums, aim, enough, most)
     if reached < enough:
-        chosen, _ = _chosen([_AGAIN * part for part in sums], aim, enough, most)
+        chosen, _ = _greedy_choice([_AGAIN * part for part in sums], aim, enough, most)
     rounds = _rounds(_sum(sums, chosen), aim, enough)
     times = {own: count * (rounds or _MANY) for own, count in Counter(chosen).items()}
     ordered, values = _in_order(sums, aim, times)
@@ -291,7 +293,7 @@ def _sum(sums: Sums, chosen: Sequence[int]) -> Sums:
     return [part[list(chosen)].sum(0)[None] for part in sums]
 
 
-def _chosen(sums: Sums, aim: DesignCriterion, enough: float, most: int) -> tuple[list[int], float]:
+def _greedy_choice(sums: Sums, aim: DesignCriterion, enough: float, most: int) -> tuple[list[int], float]:
     chosen: list[int] = []
     reached = -np.inf
     while reached < enough and len(chosen) < most:

@@ -75,7 +75,7 @@ class Eliminated:
     rows: NDArray  # (B, m, n) equations by deviations, G with G C G' = 1
     residual: NDArray  # (B, m)
     jacobian: NDArray  # (B, m, P)
-    unsettled: NDArray  # (B,) squared distance, in sigmas, of the deviations from convergence at these values
+    distance_to_convergence: NDArray  # (B,) of the deviations at these values, in squared sigmas
 
     @property
     def chi_square(self) -> NDArray:
@@ -104,18 +104,18 @@ def linearise(measured: ImplicitModel, values: NDArray, pull: NDArray) -> Elimin
     rows = factor @ A
     residual = times(factor, found.value - times(A, deviation))
     change = _closing(rows, residual) - pull
-    unsettled = np.einsum("bi,bi->b", change, times(measured.covariance, change))
-    return Eliminated(values, pull, rows, residual, factor @ found.by_values, unsettled)
+    distance_to_convergence = np.einsum("bi,bi->b", change, times(measured.covariance, change))
+    return Eliminated(values, pull, rows, residual, factor @ found.by_values, distance_to_convergence)
 
 
 def project(measured: ImplicitModel, values: NDArray, pull: NDArray, weight: NDArray, allowed: float) -> Eliminated:
     """Return the model linearised at converged deviations, to an allowed weighted squared change.
 
-    It has not converged if `unsettled` is larger.
+    It has not converged if `distance_to_convergence` is larger.
     """
     for _ in range(_MAX_PROJECTIONS):
         found = linearise(measured, values, pull)
-        if not weight @ found.unsettled > allowed:
+        if not weight @ found.distance_to_convergence > allowed:
             break
         pull = found.closing_pull
     return found
@@ -172,7 +172,7 @@ class Objective:
             found = self.point(start.at.values + step, start.at.pull_after(step), allowed)
         except np.linalg.LinAlgError:
             return None
-        return found if np.isfinite(found.cost) and found.unsettled <= max(allowed, NEAR) else None
+        return found if np.isfinite(found.cost) and found.distance_to_convergence <= max(allowed, NEAR) else None
 
 
 @dataclass(frozen=True)
@@ -184,9 +184,9 @@ class Point:
     cost: float
 
     @property
-    def unsettled(self) -> float:
+    def distance_to_convergence(self) -> float:
         """Weighted squared distance of the deviations from convergence."""
-        return float(self.objective.weight @ self.at.unsettled)
+        return float(self.objective.weight @ self.at.distance_to_convergence)
 
     @cached_property
     def _rows(self) -> NDArray:
@@ -212,21 +212,21 @@ class Point:
 
     def step(self, damping: float) -> tuple[NDArray, float]:
         """Return the damped step (P,) and the predicted decrease of the cost."""
-        step = self._answer(self._slope, damping)
+        step = self._solved_step(self._slope, damping)
         return step, float(-step @ (2 * self._slope + self._information @ step))
 
     def converged(self) -> Point:
         """Return the same point with converged deviations, as far as it matters."""
         return self.objective.point(self.at.values, self.at.closing_pull, _STILL)
 
-    def bend(self, straight: Point, step: NDArray, damping: float) -> NDArray | None:
+    def second_order_correction(self, straight: Point, step: NDArray, damping: float) -> NDArray | None:
         """Return the second-order correction (P,) of a step from its end point; None if it is too large."""
         change = straight.at.residual - self.at.residual - self.at.jacobian @ step
-        bend = self._answer(self._rows.T @ change.ravel(), damping)
+        bend = self._solved_step(self._rows.T @ change.ravel(), damping)
         small = np.linalg.norm(self.scale * bend) <= _LARGEST_BEND * np.linalg.norm(self.scale * step)
         return bend if small else None
 
-    def _answer(self, slope: NDArray, damping: float) -> NDArray:
+    def _solved_step(self, slope: NDArray, damping: float) -> NDArray:
         damped = self._curvature + max(damping, _LEAST_DAMPING) * np.eye(len(slope))
         return -np.linalg.solve(damped, slope / self.scale) / self.scale
 
@@ -270,7 +270,7 @@ def descend(objective: Objective, start: Eliminated) -> Descent:
         trial = None if stands else _lower_point(point, step, promise, damping.value)
         if trial is not None:
             damping = damping.lowered((point.cost - trial.cost) / promise)
-            point, before, sure = trial, promise, trial.unsettled <= _STILL
+            point, before, sure = trial, promise, trial.distance_to_convergence <= _STILL
         elif not sure:
             point, sure = point.converged(), True
         elif stands:
@@ -296,7 +296,7 @@ def _lower_point(point: Point, step: NDArray, promise: float, damping: float) ->
     straight = point.objective.trial(point, step, promise)
     if straight is None or straight.cost < point.cost or (promise < NEAR and damping == 0.0):
         return straight
-    bend = point.bend(straight, step, damping)
+    bend = point.second_order_correction(straight, step, damping)
     bent = None if bend is None else point.objective.trial(point, step + bend, promise)
     return bent if bent is not None and bent.cost < point.cost else None
 

@@ -166,7 +166,7 @@ def _p_values(surprise: NDArray, tested: NDArray, kept: NDArray, chi_square: flo
     return np.where(open_to_test, fdtrc(count, left, ratio), 1.0)
 
 
-def agreeing(problem: LinearPoses) -> NDArray:
+def agreeing_poses(problem: LinearPoses) -> NDArray:
     """Return the mask (B,) of agreeing poses."""
     kept = _nearest_half(problem)
     for k in range(2 * _FREE_ROUNDS + len(kept)):
@@ -184,7 +184,7 @@ def _nearest_half(problem: LinearPoses) -> NDArray:
 
     poses, equations, size = problem.jacobian.shape
     enough = min(poses, (poses + -(-size // equations) + 1) // 2)
-    core = _nearest(_resistant(problem).length, enough)
+    core = _smallest_residual_weights(_resistant(problem).length, enough)
     if problem.fit(core).trimmed(enough) > _SUSPICIOUS * enough * equations:
         core = _nearest_of_many(problem, core, enough)
     assessed = problem.fit(core).leave_one_out()
@@ -193,7 +193,7 @@ def _nearest_half(problem: LinearPoses) -> NDArray:
     return (core > 0) | (chdtrc(tested, assessed.surprise / level) >= FALSE_ALARM / poses)
 
 
-def _nearest(length: NDArray, count: int) -> NDArray:
+def _smallest_residual_weights(length: NDArray, count: int) -> NDArray:
     """Return weights (..., B) that keep the poses with the smallest residuals."""
     weight = np.zeros_like(length)
     np.put_along_axis(weight, np.argsort(length, -1, kind="stable")[..., :count], 1.0, -1)
@@ -205,10 +205,10 @@ def _nearest_of_many(problem: LinearPoses, core: NDArray, enough: int) -> NDArra
     1999)."""
     poses, equations, size = problem.jacobian.shape
     few = min(poses, -(-size // equations) + 1)
-    drawn = _nearest(np.random.default_rng(0).random((_STARTS, poses)), few)
+    drawn = _smallest_residual_weights(np.random.default_rng(0).random((_STARTS, poses)), few)
     weights = np.concatenate([core[None], drawn])
     for _ in range(_CONCENTRATIONS):
-        weights = _nearest(problem.squares(weights), enough)
+        weights = _smallest_residual_weights(problem.squares(weights), enough)
     trimmed = np.sort(problem.squares(weights), -1)[:, :enough].sum(-1)
     return np.asarray(weights[np.argmin(trimmed)])
 
@@ -262,7 +262,7 @@ class ErrorsInVariablesFit:
         return _covariance(self.information / noise_ratio**2 + self.prior.information)
 
     @cached_property
-    def judgement(self) -> LeaveOneOutPrediction:
+    def leave_one_out(self) -> LeaveOneOutPrediction:
         """Test of each pose against the others; its redundancy is the freedom of the pose's chi-square."""
         inverse = _inverse_where_determined(self.information + self.prior.information)[0]
         return leave_one_out(self.residual, self.jacobian @ inverse @ np.swapaxes(self.jacobian, 1, 2), self.weight > 0)
@@ -270,13 +270,13 @@ class ErrorsInVariablesFit:
     @property
     def noise_ratio(self) -> float:
         """Noise of the agreeing poses relative to the declared one; NaN without redundancy."""
-        freedom = self.judgement.freedom
-        return float(np.sqrt(self.judgement.chi_square / freedom)) if freedom > 0 else float("nan")
+        freedom = self.leave_one_out.freedom
+        return float(np.sqrt(self.leave_one_out.chi_square / freedom)) if freedom > 0 else float("nan")
 
     @property
     def noise_ratio_sigma(self) -> float:
         """Standard deviation of the noise ratio."""
-        freedom = self.judgement.freedom
+        freedom = self.leave_one_out.freedom
         return self.noise_ratio / float(np.sqrt(2 * freedom)) if freedom > 0 else float("nan")
 
 
@@ -305,11 +305,11 @@ def fit_errors_in_variables(
 def _fit(measured: ImplicitModel, at: Eliminated, prior: Prior, robust: bool) -> ErrorsInVariablesFit:
     """Return the fit to the agreeing poses, which are selected again after each fit until the set is stable. The first
     selection precedes the first fit, since gross errors would move that fit out of the linear range."""
-    kept, iterations = _agreeing(at, prior) if robust else np.ones(len(at.residual), bool), 0
+    kept, iterations = _agreeing_poses(at, prior) if robust else np.ones(len(at.residual), bool), 0
     for selection in range(_SELECTIONS):
         found = descend(Objective(measured, prior, kept.astype(float)), at)
         at, iterations = _with_converged_deviations(measured, found.at, kept), iterations + found.iterations
-        agree = _agreeing(at, prior) if robust else kept
+        agree = _agreeing_poses(at, prior) if robust else kept
         # late in the search no pose may return, so that it ends
         agree = agree & kept if 2 * selection > _SELECTIONS else agree
         if np.array_equal(agree, kept):
@@ -330,14 +330,14 @@ def _with_converged_deviations(measured: ImplicitModel, at: Eliminated, kept: ND
         return at
 
 
-def _agreeing(at: Eliminated, prior: Prior) -> NDArray:
+def _agreeing_poses(at: Eliminated, prior: Prior) -> NDArray:
     """Return the mask (B,) of agreeing poses, all linearised; all of them if the model has no value."""
     if not (np.isfinite(at.residual).all() and np.isfinite(at.jacobian).all()):
         return np.ones(len(at.residual), bool)
     rows = at.jacobian.reshape(-1, len(at.values))
     scale = column_scale(np.diag(np.sum(rows**2, 0)) + prior.information)
     known = prior.information / np.outer(scale, scale)
-    return agreeing(LinearPoses(at.residual, at.jacobian / scale, known, prior.pull(at.values) / scale))
+    return agreeing_poses(LinearPoses(at.residual, at.jacobian / scale, known, prior.pull(at.values) / scale))
 
 
 def _result(measured: ImplicitModel, found: Descent, prior: Prior, kept: NDArray) -> ErrorsInVariablesFit:

@@ -183,7 +183,7 @@ def refine_saddles(
             kept = refused[chosen] == ""
             xy[chosen[kept]] += fit.values[kept, :2]
             contrast[chosen] = 2.0 * fit.values[:, _CONTRAST]
-            covariance[chosen] = fit.covariance[:, :2, :2] * (fit.enlarged * noise.correlation)[:, None, None]
+            covariance[chosen] = fit.covariance[:, :2, :2] * (fit.covariance_factor * noise.correlation)[:, None, None]
     moved = np.linalg.norm(xy - start, axis=1)
     refused[(refused == "") & (moved > 3.0)] = "a corner elsewhere than expected"
     return SaddlePoints(xy, covariance, contrast, refused)

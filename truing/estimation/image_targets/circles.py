@@ -101,7 +101,7 @@ class ImageTargets:
 def measure_circles(grey: NDArray, plan: CirclePlan, noise: ImageNoise | None = None) -> ImageTargets:
     """Return the circular targets of a grey image (h, w) of 8 or 16 bits; ValueError for any other array."""
     if grey.ndim != 2 or grey.dtype not in (np.uint8, np.uint16):
-        raise ValueError(f"a grey image has two dimensions and 8 or 16 bits, not {grey.ndim} and {grey.dtype}")
+        raise ValueError(f"image: found {grey.ndim} dimensions of {grey.dtype}, expected 2 of uint8 or uint16")
     noise = noise or estimate_noise(grey)
     least = plan.least_contrast * float(np.ptp(grey[::4, ::4]))
     sigma = float(np.sqrt(noise.variance(np.array(float(grey.max(initial=0))))))
@@ -110,13 +110,13 @@ def measure_circles(grey: NDArray, plan: CirclePlan, noise: ImageNoise | None = 
     rejected = Counter(found.rejected)
     start = _with_clear_sides(grey, found, least, rejected)
     first = _fitted(grey, start, noise, np.full(len(start), _NEAR), None, _HELD)
-    first = first[_kept(_faults(first, plan, noise, least, _top(grey)), rejected)]
+    first = first[_accepted_candidates(_faults(first, plan, noise, least, _top(grey)), rejected)]
     reading, outer = _surroundings(grey, first, plan)
-    good = _kept(_code_faults(grey, first, reading, plan), rejected)
-    reading, first = _of(reading, good), first[good]
+    good = _accepted_candidates(_code_faults(grey, first, reading, plan), rejected)
+    reading, first = _subset(reading, good), first[good]
     last = _fitted(grey, first[:, : edge.UNKNOWNS], noise, outer[good], reading.ring, 0.0)
-    good = _kept(_faults(last, plan, noise, least, _top(grey)), rejected)
-    return _targets(last[good], _of(reading, good), rejected, noise, plan)
+    good = _accepted_candidates(_faults(last, plan, noise, least, _top(grey)), rejected)
+    return _targets(last[good], _subset(reading, good), rejected, noise, plan)
 
 
 def _with_clear_sides(grey: NDArray, found: EllipseCandidates, least: float, rejected: Counter[str]) -> Array:
@@ -130,7 +130,7 @@ def _with_clear_sides(grey: NDArray, found: EllipseCandidates, least: float, rej
     uneven = ((inside - ground[:, None]) / safe < 0.5).mean(1) > _UNEVEN
     blocked = ((beside - ground[:, None]) / safe > 0.5).mean(1) > _UNEVEN
     weak = np.where(found.white, contrast, -contrast) < 0.6 * least
-    good = _kept(
+    good = _accepted_candidates(
         np.select([weak, uneven, blocked], ["weak contrast", "uneven inside", "no clear ground"], ""), rejected
     )
     columns = (found.centre_px, A[:, 0, :], A[:, 1, 1:], np.ones((len(A), 1)), ground[:, None], contrast[:, None])
@@ -232,7 +232,7 @@ def _code_faults(grey: NDArray, fit: Array, reading: RingReading, plan: CirclePl
     return np.select(list(tests.values()), list(tests), "")
 
 
-def _of(reading: RingReading, numbers: Index) -> RingReading:
+def _subset(reading: RingReading, numbers: Index) -> RingReading:
     """Return the readings of some rings, by number."""
     return RingReading(*(getattr(reading, each.name)[numbers] for each in fields(RingReading)))
 
@@ -275,7 +275,7 @@ def _noise_factor(fit: Array, noise: ImageNoise) -> Array:
     return np.where(arcs > usual * (1 + _WORSE * np.sqrt(2 / freedom)), arcs, usual)
 
 
-def _kept(faults: NDArray[np.str_], rejected: Counter[str]) -> Index:
+def _accepted_candidates(faults: NDArray[np.str_], rejected: Counter[str]) -> Index:
     """Return the numbers of candidates without a fault, and count the others by fault."""
     rejected.update(faults[faults != ""].tolist())
     return np.flatnonzero(faults == "")
@@ -296,7 +296,7 @@ def sample_ellipses(grey: NDArray, centre: Array, A: Array, radii: tuple[float, 
     import cv2
 
     flat = (len(centre), len(radii) * count)
-    x, y = (place.reshape(flat).astype(np.float32) for place in _places(centre, A, radii, count))
+    x, y = (place.reshape(flat).astype(np.float32) for place in _arc_points(centre, A, radii, count))
     parts = [
         cv2.remap(grey, x[k : k + _AT_ONCE], y[k : k + _AT_ONCE], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         for k in range(0, len(x), _AT_ONCE)
@@ -307,12 +307,12 @@ def sample_ellipses(grey: NDArray, centre: Array, A: Array, radii: tuple[float, 
 
 def inside_image(grey: NDArray, centre: Array, A: Array, radius: float) -> Mask:
     """Return the mask (N,) of targets whose ellipse, enlarged by `radius`, lies inside the image."""
-    x, y = _places(centre, A, (radius,), 32)
+    x, y = _arc_points(centre, A, (radius,), 32)
     rows, columns = grey.shape
     return ((x >= 0) & (y >= 0) & (x <= columns - 1) & (y <= rows - 1)).all((1, 2))
 
 
-def _places(centre: Array, A: Array, radii: tuple[float, ...], count: int) -> tuple[Array, Array]:
+def _arc_points(centre: Array, A: Array, radii: tuple[float, ...], count: int) -> tuple[Array, Array]:
     """Return x and y (N, len(radii), count) of the middles of arcs of ellipses."""
     turn = (np.arange(count) + 0.5) * 2 * np.pi / count
     circle = np.stack([np.cos(turn), np.sin(turn)])

@@ -98,7 +98,7 @@ def solve(normal, rhs, step, n):  # type: ignore[no-untyped-def]
 
 
 @inner
-def lay(p, origin, size, n, pixels, first, nodes, count, lane):  # type: ignore[no-untyped-def]
+def fill_block(p, origin, size, n, pixels, first, nodes, count, lane):  # type: ignore[no-untyped-def]
     """Fill in the unclipped level of a block of pixels from the first, and its derivatives.
 
     Returns the number of pixels, including padding to full SIMD lanes.
@@ -177,13 +177,13 @@ def _evaluate(p, origin, size, n, pixels, top, held, nodes, count, lane, normal,
         cost += held[3 + i] * away * away
         normal[BLUR + i, BLUR + i], rhs[BLUR + i] = held[3 + i], -held[3 + i] * away
     for first in range(0, n, BLOCK):
-        many = lay(p, origin, size, n, pixels, first, nodes, count, lane)
+        many = fill_block(p, origin, size, n, pixels, first, nodes, count, lane)
         cost += _add_products(pixels, first, many, top, lane, normal, rhs)
     return cost
 
 
 @inner
-def _take_over(p, normal, rhs, trial, trial_normal, trial_rhs):  # type: ignore[no-untyped-def]
+def _accept_trial(p, normal, rhs, trial, trial_normal, trial_rhs):  # type: ignore[no-untyped-def]
     """Copy a trial to the current state; copies of slices would take five seconds longer to compile."""
     for i in range(UNKNOWNS):
         p[i], rhs[i] = trial[i], trial_rhs[i]
@@ -215,7 +215,7 @@ def descend(p, origin, size, n, pixels, top, held, small, work):  # type: ignore
         trial_cost = _evaluate(trial, origin, size, n, pixels, top, held, nodes, count, lane, trial_normal, trial_rhs)
         gained = cost - trial_cost
         if gained >= 0:
-            _take_over(p, normal, rhs, trial, trial_normal, trial_rhs)
+            _accept_trial(p, normal, rhs, trial, trial_normal, trial_rhs)
             cost = trial_cost
         damping *= 0.1 if gained >= 0 else 10.0
         if moved < small and abs(gained) < 0.1 * small * cost:
@@ -280,7 +280,7 @@ def _drop_outlying(p, origin, size, n, pixels, top, first, work, result):  # typ
     off = np.empty(n)
     for m in range(n):
         if m % BLOCK == 0:
-            lay(p, origin, size, n, pixels, m, nodes, count, lane)
+            fill_block(p, origin, size, n, pixels, m, nodes, count, lane)
         off[m] = abs(pixels[2, m] - min(lane[LEVEL * BLOCK + m % BLOCK], top))
     # five sigmas, from the mean of absolute values
     usual = _OUTLYING if first else min(max(6.25 * off.mean() / abs(p[CONTRAST]), _OUTLYING_LEAST), _OUTLYING)
@@ -318,7 +318,7 @@ def _set_arc_distances(p, origin, size, n, pixels, top, work, arcs, result):  # 
     for m in range(n):
         j = m % BLOCK
         if j == 0:
-            lay(p, origin, size, n, pixels, m, nodes, count, lane)
+            fill_block(p, origin, size, n, pixels, m, nodes, count, lane)
         level = lane[LEVEL * BLOCK + j]
         if pixels[3, m] == 0.0 or level >= top:
             continue

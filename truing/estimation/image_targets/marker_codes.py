@@ -109,13 +109,13 @@ def _bits(
     inner = light.reshape(-1, cells, cells)[:, 1:-1, 1:-1]
     border = light.sum(1) - inner.sum((1, 2))
     quad = np.flatnonzero((variance > _FLAT**2) & (border <= int(_BORDER_ERRORS * (cells - 2) ** 2)))
-    unclear = np.float32(1.0) - _between(grey[quad], light[quad]) / variance[quad]
+    unclear = np.float32(1.0) - _between_class_variance(grey[quad], light[quad]) / variance[quad]
     quad, unclear = quad[unclear < _UNCLEAR], unclear[unclear < _UNCLEAR]
     inner = inner[quad].reshape(len(quad), (cells - 2) ** 2)
     return quad, np.where(inner, np.float32(1.0), np.float32(-1.0)), unclear
 
 
-def _between(grey: NDArray[np.float32], light: Mask) -> NDArray[np.float32]:
+def _between_class_variance(grey: NDArray[np.float32], light: Mask) -> NDArray[np.float32]:
     """Return the variance (Q,) between the two classes of cells (Q, n)."""
     share = light.mean(1, dtype=np.float32)
     apart = grey.mean(1, where=light) - grey.mean(1, where=~light)

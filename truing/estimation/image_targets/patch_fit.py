@@ -34,7 +34,7 @@ class PatchFit:
     converged: Mask
 
     @property
-    def enlarged(self) -> Array:
+    def covariance_factor(self) -> Array:
         """Factors (P,) of the covariance for patches with residuals beyond their noise and chance; 1 elsewhere."""
         ratio = self.chi2 / np.maximum(self.freedom, 1.0)
         return np.where(ratio > 1.0 + 4.0 * np.sqrt(2.0 / np.maximum(self.freedom, 1.0)), ratio, 1.0)

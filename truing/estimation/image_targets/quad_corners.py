@@ -93,7 +93,7 @@ def _refined(
     edges, quad, at_start, at_end = _edges_of(corners, module_px)
     fit = _fit_edges(grey, edges, blur[quad], noise)
     usable = _usable(fit, edges, noise)
-    variance = np.einsum("euu->eu", fit.covariance) * fit.enlarged[:, None] * noise.correlation
+    variance = np.einsum("euu->eu", fit.covariance) * fit.covariance_factor[:, None] * noise.correlation
     # A corner lies on the edge that starts there and on the one that ends there.
     offset = np.stack([fit.values[at_start[..., 0], at_start[..., 1]], fit.values[at_end[..., 0], at_end[..., 1]]], -1)
     spread = np.stack([variance[at_start[..., 0], at_start[..., 1]], variance[at_end[..., 0], at_end[..., 1]]], -1)
@@ -207,7 +207,7 @@ def _pixels(grey: NDArray, edges: _Edges, chosen: NDArray, blur: Array) -> tuple
     margin = np.maximum(_CLEAR, _CLEAR * blur)
     own = (start, side, edges.end[chosen], edges.normal[chosen], edges.before[chosen], edges.after[chosen])
     near = (first, np.round(middle).astype(int), height, steep, edges.half_width[chosen], margin)
-    pixels_beside(grey.shape, *own, *near, columns, rows, t, d, count)
+    edge_pixels(grey.shape, *own, *near, columns, rows, t, d, count)
     columns, rows, t, d = (values[:, : max(int(count.max()), 1)] for values in (columns, rows, t, d))
     picture = grey[rows, columns].astype(float)
     return picture, np.ascontiguousarray(t), np.ascontiguousarray(d), np.arange(d.shape[1]) < count[:, None]
@@ -296,7 +296,7 @@ def _depth(x: float, y: float, corner: NDArray, normal: NDArray) -> float:
 
 
 @compiled(__file__, edge_picture.__file__, simd_arithmetic.__file__)
-def pixels_beside(
+def edge_pixels(
     shape: tuple[int, int],
     start: NDArray,
     side: NDArray,

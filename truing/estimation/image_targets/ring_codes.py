@@ -57,14 +57,16 @@ class RingCode:
         clash."""
         words = [smallest_turn(word, bits) for word in table]
         if len(set(words)) != len(words):
-            raise ValueError(f"two words of a table of {bits} bits are turns of one another")
+            raise ValueError(
+                f"code words of {bits} bits: found two that are rotations of each other, expected different codes"
+            )
         return cls(bits, tuple(words), tuple(table.values()), family)
 
 
 def smallest_turn(word: int, bits: int) -> int:
     """Return the smallest rotation of a word of some bits; ValueError if the word has more bits."""
     if not 0 <= word < 1 << bits:
-        raise ValueError(f"{word} is no word of {bits} bits")
+        raise ValueError(f"code word: found {word}, expected 0 to {2**bits - 1} ({bits} bits)")
     return min(_rotations_of_word(word, bits))
 
 
@@ -81,7 +83,7 @@ def ring_code(bits: int) -> RingCode:
     words. DE 197 33 466 A1 (1997).
     """
     if bits not in (8, 12, 14):
-        raise ValueError(f"ring codes have 8, 12 or 14 bits, not {bits}")
+        raise ValueError(f"bits: found {bits}, expected 8, 12 or 14")
     half = bits // 2
     word = np.arange(1, (1 << bits) - 1)
     turns = np.stack([(word << k | word >> (bits - k)) & ((1 << bits) - 1) for k in range(bits)])
@@ -105,7 +107,7 @@ def family_of_rings(name: str) -> RingCode:
     """Return a family by its name: `ring12` as published, `ring12_any` with all words; ValueError for other names."""
     bits = name.removeprefix("ring").removesuffix(_ANY)
     if not bits.isdecimal():
-        raise ValueError(f"{name} is no family of ring codes")
+        raise ValueError(f"family: found {name}, expected a family of ring codes")
     return any_word(int(bits)) if name.endswith(_ANY) else ring_code(int(bits))
 
 
@@ -144,7 +146,7 @@ def read_rings(levels: Array, codes: tuple[RingCode, ...], soft: Array | None = 
         return RingReading(none, none, np.zeros(n), np.zeros((n, ROUND)), np.zeros(n, bool), np.zeros(n, bool))
     there = (levels > _SOMETHING).any(1)
     fits = [_fit(levels, code.bits) for code in codes]
-    numbers = np.stack([_look_up(code, fit.word) for code, fit in zip(codes, fits, strict=True)])  # (families, N)
+    numbers = np.stack([_code_numbers(code, fit.word) for code, fit in zip(codes, fits, strict=True)])  # (families, N)
     left = np.stack([fit.left for fit in fits])
     # families that explain the ring almost as well as the best one, with a valid code
     meant = (left < left.min(0) + _APART) & (numbers >= 0)
@@ -232,7 +234,7 @@ def _fit(levels: Array, bits: int) -> _Fit:
     return _Fit(bit @ (1 << np.arange(bits)[::-1]), ring, off, rough, left[each, phase], uneven)
 
 
-def _look_up(code: RingCode, words: Index) -> Index:
+def _code_numbers(code: RingCode, words: Index) -> Index:
     """Return the numbers (N,) of words (N,) in any rotation, -1 if a word is no code."""
     table = _numbers_of_rotations(code)
     return np.array([table.get(word, -1) for word in words.tolist()], np.int64)

@@ -220,7 +220,9 @@ def _jumps(frame: RunFrame, shared: Array, reading: Array, noise: Array, kept: M
     bases = [
         np.linalg.qr(root[rows, None] * np.column_stack([np.ones(len(rows)), frame.way[rows]]))[0] for rows in runs
     ]
-    whites = [_projected_out(basis, root[rows, None] * shared[rows]) for basis, rows in zip(bases, runs, strict=True)]
+    whites = [
+        _without_projection(basis, root[rows, None] * shared[rows]) for basis, rows in zip(bases, runs, strict=True)
+    ]
     normal = sum((white.T @ white for white in whites), np.zeros((shared.shape[1], shared.shape[1])))
     inverse = np.asarray(np.linalg.pinv(normal, rcond=_OPEN, hermitian=True), np.float64)
     found = _Jumps(np.full(len(runs), -1), np.zeros(len(runs)), np.zeros(len(runs)), np.ones(len(runs)))
@@ -242,7 +244,7 @@ def _jumps(frame: RunFrame, shared: Array, reading: Array, noise: Array, kept: M
     return found
 
 
-def _projected_out(basis: Array, columns: Array) -> Array:
+def _without_projection(basis: Array, columns: Array) -> Array:
     """Return columns (N, K) minus their projection on a basis (N, 2) of orthonormal columns."""
     return columns - basis @ (basis.T @ columns)
 

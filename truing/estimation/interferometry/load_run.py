@@ -44,7 +44,7 @@ def at_starts(values: Array, rows: Index) -> Array:
     return np.where(rows < 0, np.nan, values[rows, np.arange(6)])
 
 
-def begun_far(start: Array, sigma: Array) -> Mask:
+def starts_far_from_zero(start: Array, sigma: Array) -> Mask:
     """Return the mask (R, 6) of runs that begin too far from zero to count from there; sigma (6,) or (R, 6) of a
     reading."""
     with np.errstate(invalid="ignore"):
@@ -61,7 +61,7 @@ class RunZeros:
     far: Mask
 
     @property
-    def wrong(self) -> Mask:
+    def has_wrong_zero(self) -> Mask:
         """Mask (6,) of channels with a run that does not count from its own start."""
         return np.asarray(self.scatter | self.far.any(axis=0))
 
@@ -86,7 +86,7 @@ def zeros_of_runs(steps: RecordedSteps, reading: Array, sigma: Array) -> RunZero
     """
     rows = start_rows(steps)
     start = at_starts(reading, rows)
-    scatter, far = np.zeros(6, dtype=bool), begun_far(start, sigma)
+    scatter, far = np.zeros(6, dtype=bool), starts_far_from_zero(start, sigma)
     for k in range(6):
         there = np.flatnonzero(np.isfinite(start[:, k]))
         z = start[there, k] / (np.sqrt(2.0) * sigma[k])

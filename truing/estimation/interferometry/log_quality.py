@@ -29,7 +29,7 @@ class LogFaults:
         return len(self.where)
 
 
-def _found(wrong: Mask, size: ArrayLike, limit: float) -> LogFaults:
+def _log_faults(wrong: Mask, size: ArrayLike, limit: float) -> LogFaults:
     where = np.flatnonzero(wrong)
     return LogFaults(where, np.broadcast_to(np.asarray(size, float), wrong.shape)[where], limit)
 
@@ -39,7 +39,7 @@ def loads_beyond(load: ArrayLike, limit: ArrayLike) -> LogFaults:
     NaN."""
     with np.errstate(invalid="ignore"):
         share = np.abs(np.asarray(load, float)) / np.asarray(limit, float)
-    return _found(~(share <= 1.0), share, 1.0)
+    return _log_faults(~(share <= 1.0), share, 1.0)
 
 
 def signs_flipped(slope: ArrayLike, sigma: ArrayLike, alike: Index, false_alarm: float = 0.01) -> LogFaults:
@@ -61,7 +61,7 @@ def signs_flipped(slope: ArrayLike, sigma: ArrayLike, alike: Index, false_alarm:
         ratio = value / (np.where(value > 0.0, -1.0, 1.0) * typical)
         alike_in_size = np.abs(np.log(np.abs(ratio))) < _SAME_SIZE
     wrong = sure & alike_in_size & (against >= along) & (against > 0)
-    return _found(wrong, ratio, _sigmas(len(value), false_alarm))
+    return _log_faults(wrong, ratio, _sigmas(len(value), false_alarm))
 
 
 def signs_sure(slope: ArrayLike, sigma: ArrayLike, false_alarm: float = 0.01) -> Mask:
@@ -102,7 +102,7 @@ def units_mistaken(slope: ArrayLike, sigma: ArrayLike, expected: ArrayLike, tole
     near = np.where(np.isfinite(off), off, np.inf)
     factor = np.asarray(UNIT_FACTORS)[near.argmin(1)]
     wrong = (near.min(1) < np.log1p(tolerance)) & (share < tolerance)
-    return _found(wrong, factor, tolerance)
+    return _log_faults(wrong, factor, tolerance)
 
 
 def steps_missing(run: Index, step: Index) -> LogFaults:
@@ -119,7 +119,7 @@ def steps_missing(run: Index, step: Index) -> LogFaults:
     missing = np.zeros(len(run))
     missing[order[:-1]] += np.maximum(gap, 0) if len(run) else 0
     missing[order[first]] += late
-    return _found(missing > 0.0, missing, 0.0)
+    return _log_faults(missing > 0.0, missing, 0.0)
 
 
 def runs_cut_short(run: Index, step: Index, alike: Index) -> LogFaults:
@@ -132,7 +132,7 @@ def runs_cut_short(run: Index, step: Index, alike: Index) -> LogFaults:
     kind[at] = alike
     usual = np.array([np.median(last[kind == one]) for one in kind], float) if len(runs) else np.zeros(0)
     fewer = np.where(step == last[at], usual[at] - last[at], 0.0)
-    return _found(fewer >= 1.0, fewer, 0.0)
+    return _log_faults(fewer >= 1.0, fewer, 0.0)
 
 
 def channels_twice(run: Index, step: Index, channel: Index, reading: ArrayLike) -> LogFaults:
@@ -142,7 +142,7 @@ def channels_twice(run: Index, step: Index, channel: Index, reading: ArrayLike) 
     _, first, at = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     prior = first[at.ravel()]
     repeated = prior != np.arange(len(value))
-    return _found(repeated, np.abs(value - value[prior]), 0.0)
+    return _log_faults(repeated, np.abs(value - value[prior]), 0.0)
 
 
 def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> LogFaults:
@@ -157,18 +157,18 @@ def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> LogFaults:
     fewest = _FEWEST_AT_WALL if drive is None else _FEWEST_AT_DRIVES
     wall = np.zeros(len(value), bool)
     if len(levels) < 3:
-        return _found(wall, value, float(fewest))
+        return _log_faults(wall, value, float(fewest))
     resolution = float(np.min(np.diff(levels)))
     for end, sign in ((0, 1.0), (-1, -1.0)):
         distance = sign * (levels - levels[end])
         beside = float(count[(distance > 0.0) & (distance < 3.5 * resolution)].max(initial=0))
         there = value == levels[end]
-        if count[end] >= max(fewest, _MOST_NEIGHBOURS * beside) and (drive is None or _differ(drive, there)):
+        if count[end] >= max(fewest, _MOST_NEIGHBOURS * beside) and (drive is None or _drives_differ(drive, there)):
             wall |= there
-    return _found(wall, value, float(fewest))
+    return _log_faults(wall, value, float(fewest))
 
 
-def _differ(drive: ArrayLike, there: Mask) -> bool:
+def _drives_differ(drive: ArrayLike, there: Mask) -> bool:
     """Whether drives (N,) differ among some samples by more than a hundredth of their range."""
     level = np.asarray(drive, float)
     return bool(np.ptp(level[there]) > 0.01 * np.ptp(level))
@@ -201,7 +201,7 @@ def drifting(fits: list[RunFit], duration_s: ArrayLike, false_alarm: float = 0.0
     rate = np.array([fit.value("drift")[0] for fit in fits])
     limit = false_alarm / max(len(fits), 1)
     with np.errstate(invalid="ignore"):
-        return _found(p <= limit, rate * np.asarray(duration_s, float), limit)
+        return _log_faults(p <= limit, rate * np.asarray(duration_s, float), limit)
 
 
 def noise_of_runs(fits: list[RunFit]) -> Scatter:
@@ -251,15 +251,15 @@ def air_effect_m(index_change: ArrayLike, dead_path: ArrayLike, displacement: Ar
 def temperatures_out_of_reach(value_c: ArrayLike) -> LogFaults:
     """Return rows with a temperature outside of any laboratory: wrong units or a sensor that is off; size: the
     value."""
-    return _out_of_reach(value_c, -10.0, 50.0)
+    return _outside_range(value_c, -10.0, 50.0)
 
 
 def pressures_out_of_reach(value_pa: ArrayLike) -> LogFaults:
     """Return rows with an air pressure outside of any laboratory: wrong units or a sensor that is off; size: the
     value."""
-    return _out_of_reach(value_pa, 6e4, 1.1e5)
+    return _outside_range(value_pa, 6e4, 1.1e5)
 
 
-def _out_of_reach(values: ArrayLike, lowest: float, highest: float) -> LogFaults:
+def _outside_range(values: ArrayLike, lowest: float, highest: float) -> LogFaults:
     value = np.asarray(values, float)
-    return _found(np.isfinite(value) & ((value < lowest) | (value > highest)), value, highest)
+    return _log_faults(np.isfinite(value) & ((value < lowest) | (value > highest)), value, highest)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truing.arrays import Array, Index, Mask
-from truing.estimation.interferometry.load_run import at_starts, begun_far, branches, start_rows
+from truing.estimation.interferometry.load_run import at_starts, branches, start_rows, starts_far_from_zero
 from truing.estimation.interferometry.recorded_steps import RecordedSteps
 from truing.estimation.interferometry.run_curves import RunCurves, run_curves
 
@@ -117,7 +117,7 @@ def _inverse_of_shared(information: Array) -> Array:
     scaled = information / np.outer(scale, scale)
     if len(information) and np.linalg.eigvalsh(scaled)[0] < _RELATIVE:
         raise ValueError(
-            "shared errors: found some that no reading determines, expected a finite shared_sigma for them"
+            "shared errors: found some without effect on any reading, expected a finite shared_sigma for these"
         )
     return np.linalg.inv(scaled) / np.outer(scale, scale)
 
@@ -208,7 +208,7 @@ def _origins(steps: RecordedSteps, curves: RunCurves) -> Array:
     coordinates."""
     rows = start_rows(steps)
     start = at_starts(np.where(curves.rejected, np.nan, steps.reading), rows)
-    return np.where(begun_far(start, at_starts(curves.sigma, rows)), start, 0.0)
+    return np.where(starts_far_from_zero(start, at_starts(curves.sigma, rows)), start, 0.0)
 
 
 def _from_channel(

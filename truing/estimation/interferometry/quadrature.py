@@ -265,19 +265,19 @@ def count_fringes(phase: ArrayLike, sigma: ArrayLike, *, steady: bool = False) -
     """
     phase = np.asarray(phase, float)
     sigma = np.broadcast_to(np.asarray(sigma, float), phase.shape)
-    step = _nearest(np.diff(phase, axis=-1))
+    step = _minus_whole_turns(np.diff(phase, axis=-1))
     noise = np.hypot(sigma[..., 1:], sigma[..., :-1])
     left = step
     if steady:  # the changes of the step are unwrapped like a phase, and summed
-        left = np.concatenate([step[..., :1], _nearest(np.diff(step, axis=-1))], axis=-1)
+        left = np.concatenate([step[..., :1], _minus_whole_turns(np.diff(step, axis=-1))], axis=-1)
         step = np.cumsum(left, axis=-1)
         noise = _noise_of_changes(sigma)
-    risk = _risk(left, noise)
+    risk = _miscount_probability(left, noise)
     followed = np.concatenate([phase[..., :1], phase[..., :1] + np.cumsum(step, axis=-1)], axis=-1)
     return Count(followed, np.concatenate([np.zeros_like(phase[..., :1]), risk], axis=-1))
 
 
-def _nearest(step: Array) -> Array:
+def _minus_whole_turns(step: Array) -> Array:
     """Return steps minus their whole turns: from -pi to pi."""
     return step - _TURN * np.round(step / _TURN)
 
@@ -290,7 +290,7 @@ def _noise_of_changes(sigma: Array) -> Array:
     return np.concatenate([first, later], axis=-1)
 
 
-def _risk(left: Array, noise: Array) -> Array:
+def _miscount_probability(left: Array, noise: Array) -> Array:
     """Return the probability that noise moved a step over half a turn, so that it was found as ``left``, for equally
     likely true steps up to half a turn."""
     from scipy.special import ndtr

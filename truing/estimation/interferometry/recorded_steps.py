@@ -47,7 +47,7 @@ class RecordedSteps:
         """Names of the signal channels: v1, v2, .."""
         return tuple(f"v{number + 1}" for number in range(self.signal.shape[1]))
 
-    def chosen(self, rows: Mask) -> RecordedSteps:
+    def subset(self, rows: Mask) -> RecordedSteps:
         """Return some of the steps; runs keep their numbers."""
         own = ("run", "step", "time_s", "load", "reading", "sigma", "signal", "held_out")
         covariates = {name: values[rows] for name, values in self.covariates.items()}

@@ -192,16 +192,17 @@ def _rejected(batch: _Batch, sigma: Array) -> Mask:
     assessed = batch.seen & batch.has_curve[:, None]
     ways = [_from_robust_start(batch, sigma, limit, assessed), _one_by_one(batch, sigma, limit, assessed)]
     cost = [
-        np.sum((_left(batch, kept, sigma) / sigma) ** 2 * kept, axis=1) + limit**2 * (assessed & ~kept).sum(1)
+        np.sum((_weighted_residual(batch, kept, sigma) / sigma) ** 2 * kept, axis=1)
+        + limit**2 * (assessed & ~kept).sum(1)
         for kept in ways
     ]
     kept = np.where((cost[1] < cost[0])[:, None], ways[1], ways[0])
     for piece in np.flatnonzero((assessed & ~kept).any(axis=1)).tolist():
         if _with_a_jump(batch, sigma, piece) + limit**2 < min(cost[0][piece], cost[1][piece]):
             kept[piece] = assessed[piece]
-    left = _left(batch, kept, sigma)
-    wide = _wide(batch, left, sigma, kept, limit)
-    alone = np.abs(left - _around(np.where(batch.seen, left, np.nan))) >= wide * sigma
+    left = _weighted_residual(batch, kept, sigma)
+    wide = _rejection_limit(batch, left, sigma, kept, limit)
+    alone = np.abs(left - _neighbour_median(np.where(batch.seen, left, np.nan))) >= wide * sigma
     return assessed & ~kept & alone & ~_in_long_runs(np.where(assessed & ~kept, np.sign(left), 0.0))
 
 
@@ -224,11 +225,11 @@ def _with_a_jump(batch: _Batch, sigma: Array, piece: int) -> float:
     return float(left @ left - gain.max())
 
 
-def _left(batch: _Batch, kept: Mask, sigma: Array) -> Array:
+def _weighted_residual(batch: _Batch, kept: Mask, sigma: Array) -> Array:
     return batch.solved(np.where(kept, 1.0 / sigma**2, 0.0))[0]
 
 
-def _wide(batch: _Batch, left: Array, sigma: Array, kept: Mask, limit: float) -> Array:
+def _rejection_limit(batch: _Batch, left: Array, sigma: Array, kept: Mask, limit: float) -> Array:
     """Return the limit (M, 1) in sigmas, larger if the kept residuals scatter more than their noise."""
     far = np.where(kept, np.abs(left) / sigma, np.inf)
     spare = np.maximum(kept.sum(1) - batch.terms, 1)
@@ -256,7 +257,7 @@ def _one_by_one(batch: _Batch, sigma: Array, limit: float, assessed: Mask) -> Ma
         worst = far.argmax(axis=1)
         without = kept.copy()
         without[rows, worst] = False
-        wide = _wide(batch, _left(batch, without, sigma), sigma, without, limit)[:, 0]
+        wide = _rejection_limit(batch, _weighted_residual(batch, without, sigma), sigma, without, limit)[:, 0]
         out = far[rows, worst] > wide
         if not out.any():
             break
@@ -271,7 +272,7 @@ def _standardised(batch: _Batch, kept: Mask, sigma: Array) -> Array:
     return np.abs(left) / (sigma * np.sqrt(np.where(kept, np.maximum(1.0 - own, 1e-3), 1.0 + own)))
 
 
-def _around(left: Array) -> Array:
+def _neighbour_median(left: Array) -> Array:
     """Return the median (M, N) of the two residuals before and after: the local misfit of a curve that is too stiff."""
     beside = np.full((4, *left.shape), np.nan)
     for k, shift in enumerate((-2, -1, 1, 2)):

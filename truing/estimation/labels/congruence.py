@@ -318,7 +318,7 @@ def _strongest(
         for s in range(0, len(targets), 2000):
             part = slice(s, s + 2000)
             seed = _seed_match(targets[part], points[part], len(survey))
-            match = _nearest(tree, cloud, survey, R[part], t[part], seed, sample)
+            match = _gated_matches(tree, cloud, survey, R[part], t[part], seed, sample)
             count[part] = np.count_nonzero(match >= 0, axis=1)
         best = np.sort(np.argsort(-count, kind="stable")[:_MOST_RATED])
         targets, points, R, t = targets[best], points[best], R[best], t[best]
@@ -346,7 +346,7 @@ def _explained_by(
     for _ in range(3):
         if len(match) == 0:
             return
-        match = _nearest(tree, cloud, survey, R, t, match, everything)
+        match = _gated_matches(tree, cloud, survey, R, t, match, everything)
         enough = np.count_nonzero(match >= 0, axis=1) >= 3
         match, first = np.unique(match[enough], axis=0, return_index=True)
         roll = R[enough][first]
@@ -356,7 +356,7 @@ def _explained_by(
     yield from (hypothesis_at(cloud, survey, m, r, s) for m, r, s in zip(match, R, t, strict=True))
 
 
-def _nearest(
+def _gated_matches(
     tree: cKDTree, cloud: Constellation, survey: Constellation, R: NDArray, t: NDArray, match: NDArray, chosen: NDArray
 ) -> NDArray:
     """Return the point (B, m) of each chosen target under each motion, -1 if none is in its gate. The gate includes the

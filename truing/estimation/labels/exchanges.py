@@ -36,7 +36,7 @@ def exchanges(residual: NDArray, points: NDArray, seen: NDArray, shape: NDArray,
     residual (B, T, 3): measured minus surveyed places along the body's axes, m, from a robust fit; NaN if missing.
     points (B, T, 3) as measured, seen (B, T), shape (T, 3) the survey, sigma of a point, m.
     """
-    found = [] if len(shape) < _FEWEST else _at_each_others_place(residual, seen, shape, sigma)
+    found = [] if len(shape) < _FEWEST else _exchanged_pairs(residual, seen, shape, sigma)
     count = seen.sum(1)
     rows = np.flatnonzero((count >= _FEWEST) & (count <= _FEW))
     fit = umeyama(shape, points[rows], seen[rows].astype(float))
@@ -47,7 +47,7 @@ def exchanges(residual: NDArray, points: NDArray, seen: NDArray, shape: NDArray,
     return found
 
 
-def residuals_once_exchanged(
+def residuals_after_exchange(
     residual: NDArray, points: NDArray, seen: NDArray, shape: NDArray, found: list[Exchange]
 ) -> tuple[NDArray, NDArray]:
     """Return the residuals (B, T, 3) after correcting exchanged labels, and the mask (B,) of poses fitted anew.
@@ -61,12 +61,14 @@ def residuals_once_exchanged(
         if seen[one.pose].sum() <= _FEW:
             places = points[one.pose].copy()
             places[pair] = points[one.pose, other]
-            right[one.pose] = np.where(seen[one.pose][:, None], _off(places, seen[one.pose], shape), np.nan)
+            right[one.pose] = np.where(
+                seen[one.pose][:, None], _survey_deviation(places, seen[one.pose], shape), np.nan
+            )
             anew[one.pose] = True
     return right, anew
 
 
-def _off(places: NDArray, seen: NDArray, shape: NDArray) -> NDArray:
+def _survey_deviation(places: NDArray, seen: NDArray, shape: NDArray) -> NDArray:
     """Return a pose's points (T, 3) minus the survey, along the body's axes; from a fit without one of the points if
     that agrees far better than any other."""
     weights = np.repeat(seen[None].astype(float), len(shape) + 1, 0)
@@ -79,7 +81,7 @@ def _off(places: NDArray, seen: NDArray, shape: NDArray) -> NDArray:
     return np.asarray((places - fit.t[best]) @ fit.R[best] - shape)
 
 
-def _at_each_others_place(residual: NDArray, seen: NDArray, shape: NDArray, sigma: float) -> list[Exchange]:
+def _exchanged_pairs(residual: NDArray, seen: NDArray, shape: NDArray, sigma: float) -> list[Exchange]:
     """Return pairs of targets that lie at each other's places, for bodies whose other targets determine the pose."""
     off = np.sqrt(np.sum(np.nan_to_num(residual) ** 2, -1))
     found = []

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.labels.exchanges import Exchange, exchanges, residuals_once_exchanged
+from truing.estimation.labels.exchanges import Exchange, exchanges, residuals_after_exchange
 from truing.estimation.rigid_poses.points import PointResiduals, PosePoints
 from truing.inference.screening import alone_in_time
 
@@ -30,7 +30,7 @@ def select_points(residuals: PointResiduals, found: PosePoints, shape: NDArray, 
     seen = found.seen & ~residuals.excluded
     sigma = _typical_sigma(found, residuals.values, seen)
     swapped = exchanges(residuals.values, found.points, seen, shape, sigma)
-    values, anew = residuals_once_exchanged(residuals.values, found.points, seen, shape, swapped)
+    values, anew = residuals_after_exchange(residuals.values, found.points, seen, shape, swapped)
     rejected = residuals.rejected.copy()
     rejected[anew] = False
     for one in swapped:

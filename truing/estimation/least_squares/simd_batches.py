@@ -214,7 +214,7 @@ def fill_promise(lane: NDArray, size: int) -> None:
 
 
 @inner
-def mark_last_steps(lane: NDArray, size: int) -> None:
+def mark_negligible_steps(lane: NDArray, size: int) -> None:
     """Mark the lanes whose undamped step promises less than the resolution of the sum of squares."""
     fill_promise(lane, size)
     for j in range(LANES):
@@ -232,7 +232,7 @@ def propose(lane: NDArray, size: int) -> None:
     """Fill in the trials: the minimum of the linear problem, within the radius."""
     lane[DAMPING * LANES : (DAMPING + 1) * LANES] = 0.0
     damped_step(lane, size)
-    mark_last_steps(lane, size)
+    mark_negligible_steps(lane, size)
     for _ in range(_SECULAR_STEPS):
         if raise_damping(lane, size) == 0:
             break

@@ -328,7 +328,7 @@ def _steps(
 
 def _advance(walk: _Walk, residuals: Residuals, rule: StepRule) -> NDArray:
     """Try one step of every problem, keep successful ones, and return the status (b,) of finished problems, else ''."""
-    fine = walk.fine | _no_decrease_left(walk, _BLIND)
+    fine = walk.fine | _cannot_decrease(walk, _BLIND)
     damping = np.where(fine, 0.0, rule.damping(walk.linear, walk.memory))
     step, length, promised = walk.linear.step(damping)
     trial = walk.x + step
@@ -340,11 +340,11 @@ def _advance(walk: _Walk, residuals: Residuals, rule: StepRule) -> NDArray:
     walk.memory = np.where(fine[:, None], walk.memory, rule.learn(walk.memory, gain, length))
     still = length <= EPS * np.sqrt(np.sum((walk.linear.scale * walk.x) ** 2, -1))
     stuck = ~fine & ~taken & (still | np.all(trial == walk.x, -1))
-    walk.fine = fine | (stuck & _no_decrease_left(walk, _NEARLY_BLIND, walk.noise))
+    walk.fine = fine | (stuck & _cannot_decrease(walk, _NEARLY_BLIND, walk.noise))
     return np.select([fine & ~taken, stuck & ~walk.fine], [SolverStatus.CONVERGED, SolverStatus.STALLED], "")
 
 
-def _no_decrease_left(walk: _Walk, share: float, noise: NDArray | float = 0.0) -> NDArray:
+def _cannot_decrease(walk: _Walk, share: float, noise: NDArray | float = 0.0) -> NDArray:
     """Return the mask (b,) of problems where at most a share of the sum of squares, or its rounding or noise, can be
     removed."""
     norm = np.sqrt(walk.cost)
@@ -382,7 +382,7 @@ def _record(
     """Store the results of finished problems, assessed by the final Jacobian alone."""
     walk.linear = linear = linearise(*_evaluate(residuals, walk.x, walk.data), tolerance=rank_tolerance)
     arrived = status == SolverStatus.CONVERGED
-    status = np.where(arrived & ~_no_decrease_left(walk, _NEARLY_BLIND, walk.noise), SolverStatus.STALLED, status)
+    status = np.where(arrived & ~_cannot_decrease(walk, _NEARLY_BLIND, walk.noise), SolverStatus.STALLED, status)
     deficient = (linear.rank < walk.x.shape[1]) & (status == SolverStatus.CONVERGED)
     solution.x[walk.problem], solution.cost[walk.problem] = walk.x, walk.cost
     solution.covariance[walk.problem], solution.rank[walk.problem] = linear.covariance(), linear.rank
@@ -400,7 +400,7 @@ class Minima:
     failed: int  # number of starts that did not reach a minimum
 
     @property
-    def agree(self) -> bool:
+    def is_unique(self) -> bool:
         """Whether every start led to the same minimum."""
         return len(self.x) == 1 and self.failed == 0
 
@@ -416,7 +416,7 @@ def distinct_minima(solution: Solution) -> Minima:
     lowest: list[int] = []
     reached: list[int] = []
     while len(order):
-        same = _same(solution, int(order[0]), order)
+        same = _same_minimum(solution, int(order[0]), order)
         lowest.append(int(order[0]))
         reached.append(int(same.sum()))
         order = order[~same]
@@ -424,7 +424,7 @@ def distinct_minima(solution: Solution) -> Minima:
     return Minima(solution.x[lowest], solution.cost[lowest], np.array(reached, np.int64), failed)
 
 
-def _same(solution: Solution, one: int, others: NDArray) -> NDArray:
+def _same_minimum(solution: Solution, one: int, others: NDArray) -> NDArray:
     """Return the mask (n,) of other fits at the same minimum as one fit."""
     normal = np.linalg.inv(solution.covariance[one])
     gap = solution.x[others] - solution.x[one]

@@ -135,7 +135,7 @@ def orthogonalise(lane: NDArray) -> None:
 
 
 @inner
-def climb(lane: NDArray) -> None:
+def newton_step(lane: NDArray) -> None:
     """Take one Newton step on the rotation group; fill in its square in rad^2 and the gap to the next best attitude."""
     for j in range(LANES):
         R, C = get9(lane, ROTATION, j), scaled_product(lane, j)
@@ -178,8 +178,8 @@ def solve_rotations(lane: NDArray) -> None:
         refine_roots(lane)
     start_rotations(lane)
     orthogonalise(lane)
-    climb(lane)
-    climb(lane)
+    newton_step(lane)
+    newton_step(lane)
     orthogonalise(lane)
     certify_optimum(lane)
 
@@ -349,7 +349,7 @@ def solve(
         stop = min(start + _POSES_PER_TASK, count)
         solve_range(x, y, w, noise, start, stop, R, t, covariance, rms, used)
 
-    share_out(part, range(0, count, _POSES_PER_TASK), threads)
+    run_in_threads(part, range(0, count, _POSES_PER_TASK), threads)
     status = np.full(count, str(FitStatus.OK), np.array([str(s) for s in FitStatus]).dtype)
     fit = RigidFit(R, t, np.ones(count), covariance, np.zeros(count), rms, used, status, np.zeros(count, np.int64))
     unclear = np.flatnonzero(used < 0)
@@ -373,7 +373,7 @@ def _as_batches(
     return x, y, w, noise
 
 
-def share_out(part: Callable[[int], None], starts: range, threads: int | None) -> None:
+def run_in_threads(part: Callable[[int], None], starts: range, threads: int | None) -> None:
     """Call part(start) for every start, in the given number of threads or one per available processor."""
     count = min(available_processors() if threads is None else threads, len(starts))
     if count < 2:

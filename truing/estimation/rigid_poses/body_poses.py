@@ -122,7 +122,7 @@ def fit_body(
 def _reasons(fit: RigidFit, residual: Array, fitted: BodyFit, used: Mask, rejected: Mask) -> NDArray[np.object_]:
     """Return the reason (B, T) for not using a point, in words; empty if used."""
     off_mm = 1e3 * np.linalg.norm(np.nan_to_num(residual), axis=-1)
-    gross = _each(lambda mm: f"gross error: {mm:.3f} mm off" if mm else "gross error", off_mm, rejected)
+    gross = _filled_words(lambda mm: f"gross error: {mm:.3f} mm off" if mm else "gross error", off_mm, rejected)
     no_pose = np.broadcast_to(np.array([f"no pose: {s}" for s in fit.status], dtype=object)[:, None], used.shape)
     conditions = [
         used,
@@ -133,7 +133,7 @@ def _reasons(fit: RigidFit, residual: Array, fitted: BodyFit, used: Mask, reject
     return np.select(conditions, ["", gross, NOT_SURVEYED, NOT_A_REFERENCE], no_pose)
 
 
-def _each(word: Callable[[float], str], values: Array, where: Mask) -> NDArray[np.object_]:
+def _filled_words(word: Callable[[float], str], values: Array, where: Mask) -> NDArray[np.object_]:
     out = np.full(values.shape, "", dtype=object)
     out[where] = [word(v) for v in values[where]]
     return out

@@ -68,7 +68,7 @@ def compare_surveys(
     if status != FitStatus.OK:
         return _without_result(len(x), str(status))
     for _ in range(_ROUNDS):
-        found = _compared_with_others(x, Vx, y, Vy, kept, alarm, text)
+        found = _comparison_with_others(x, Vx, y, Vy, kept, alarm, text)
         if found.status != FitStatus.OK or (~found.moved == kept).all():
             break
         kept = ~found.moved
@@ -92,7 +92,7 @@ def _without_result(count: int, status: str) -> SurveyComparison:
 _SHAPES = ((3, 3), 3, (6, 6))
 
 
-def _compared_with_others(
+def _comparison_with_others(
     x: Array, Vx: Array, y: Array, Vy: Array, kept: Mask, alarm: float, is_stated: Mask
 ) -> SurveyComparison:
     """Return the comparison of every target with the motion of the kept ones other than itself."""

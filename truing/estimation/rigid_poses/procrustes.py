@@ -183,7 +183,7 @@ def generalised_procrustes(
     """
     problem, state, posed, known = _prepare(points, cov, mask, survey, survey_cov, shape)
     if not posed.any():
-        return _nothing(problem, posed)
+        return _undetermined_fit(problem, posed)
     free = not problem.surveyed.any()
     tau = np.zeros(problem.y.shape[1])
     noise = np.sqrt(np.trace(problem.cov[problem.seen].mean(axis=0)) / 3)
@@ -360,7 +360,7 @@ def _result(
     return ProcrustesFit(poses, shape, covariance, np.where(known, tau, np.nan), status, iterations)
 
 
-def _nothing(problem: _ObservedPoints, posed: NDArray) -> ProcrustesFit:
+def _undetermined_fit(problem: _ObservedPoints, posed: NDArray) -> ProcrustesFit:
     """Return the result if no pose shares three targets with any other."""
     count, targets = problem.seen.sum(axis=1), problem.y.shape[1]
     status = np.full(len(posed), str(FitStatus.TOO_FEW_POINTS))

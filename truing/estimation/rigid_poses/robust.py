@@ -165,7 +165,7 @@ def _search(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
         seeds[rows] &= ~found
         seeds[rows, seed] = False
         best.offer(rows, found, cost)
-        split = np.flatnonzero(_unsettled(proposed, found, fewest[rows]))
+        split = np.flatnonzero(_may_have_rival(proposed, found, fewest[rows]))
         if len(split):
             part, members = rows[split], proposed[split]
             found, cost = _among_triples(clouds[part], members, degree[part], fewest[part], tools)
@@ -180,7 +180,7 @@ def _search(clouds: Clouds, tools: Tools) -> tuple[NDArray, NDArray]:
     return best.kept & ~best.rival[:, None], np.where(best.size > 0, won, str(FitStatus.NO_CONSENSUS))
 
 
-def _unsettled(proposed: NDArray, found: NDArray, fewest: NDArray) -> NDArray:
+def _may_have_rival(proposed: NDArray, found: NDArray, fewest: NDArray) -> NDArray:
     """Return the mask of poses in which a candidate may hide a larger set than found (B, N), with another motion."""
     members, left = proposed.sum(-1), found.sum(-1)
     return (members >= fewest) & (left < members) & (2 * left < members + FEWEST)

@@ -205,7 +205,7 @@ def _concluded(
     scene: ScanPair, fit: SurfaceFit, rivals: list[NDArray], scan_centre: NDArray, surface_centre: NDArray
 ) -> ScanFit:
     status = _status(fit, rivals)
-    unobservable = tuple(_named(fit, surface_centre, scene.size)) if status == ScanStatus.DEGENERATE else ()
+    unobservable = tuple(_motion_words(fit, surface_centre, scene.size)) if status == ScanStatus.DEGENERATE else ()
     moved = np.array([_from_centroids(T, scan_centre, surface_centre) for T in rivals]).reshape(-1, 4, 4)
     T, covariance = None, None
     if status == ScanStatus.OK and fit.covariance is not None:
@@ -243,7 +243,7 @@ def _from_centroids(T: NDArray, scan_centre: NDArray, surface_centre: NDArray) -
     return moved
 
 
-def _named(fit: SurfaceFit, surface_centre: NDArray, body_size: float) -> Iterator[str]:
+def _motion_words(fit: SurfaceFit, surface_centre: NDArray, body_size: float) -> Iterator[str]:
     """Yield the free motions in words: pure translations first, then rotations about an axis of the body's frame."""
     shift, turn = fit.free[:, :3] @ fit.R, fit.free[:, 3:] @ fit.R
     mix, _, _ = np.linalg.svd(turn)
@@ -277,9 +277,9 @@ def coarse_poses(reference: NDArray, scan: NDArray, keep: int = 12) -> list[NDAr
     fewer = thin_scan.uniform_down_sample(max(1, len(thin_scan.points) // _FEWER))
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         matched = list(_by_features(o3d, thin_reference, thin_scan, voxel))
-    starts = [*matched, *_promising(o3d, thin_reference, fewer, _by_axes(reference, scan), voxel)]
+    starts = [*matched, *_nearest_starts(o3d, thin_reference, fewer, _by_axes(reference, scan), voxel)]
     converged = _refined_starts(o3d, thin_reference, fewer, starts, voxel)
-    turned = _promising(o3d, thin_reference, fewer, _symmetric(reference, converged[0][1]), voxel)
+    turned = _nearest_starts(o3d, thin_reference, fewer, _symmetric(reference, converged[0][1]), voxel)
     alike = _refined_starts(o3d, thin_reference, fewer, turned, voxel)
     distinct = _distinct(sorted([*converged, *alike], key=lambda pair: pair[0]), voxel)[:keep]
     final = _refined_starts(o3d, thin_reference, thin_scan, [T for _, T in distinct], voxel)
@@ -370,7 +370,7 @@ def _cube_rotations() -> Iterator[NDArray]:
                 yield turn
 
 
-def _promising(o3d: Any, reference: Any, scan: Any, starts: Iterator[NDArray], voxel: float) -> list[NDArray]:
+def _nearest_starts(o3d: Any, reference: Any, scan: Any, starts: Iterator[NDArray], voxel: float) -> list[NDArray]:
     """Return the starts with the smallest distances before refinement."""
     ranked = sorted(
         ((_remaining_distance(o3d, scan, reference, np.linalg.inv(T), voxel), i, T) for i, T in enumerate(starts)),

@@ -80,7 +80,7 @@ def coefficient_parts(fit: Calibration, table: LoadTable, signals: Source) -> di
     return parts
 
 
-def calibrated_again(found: RecordedLoads, name: str, declared: bool) -> Calibrated:
+def recalibrated(found: RecordedLoads, name: str, declared: bool) -> Calibrated:
     """Return the calibration by the model of a name, with the contribution of each source.
 
     declared: whether the noise of signals was declared. Raises UndeterminedCalibrationError as

@@ -33,12 +33,12 @@ def check_determined(columns: NDArray, labels: Sequence[str], what: str) -> None
 
     ``what``: the columns, in words. Columns may differ in unit by any factor.
     """
-    unseen = _unseen(columns, labels)
+    unseen = _undetermined_combinations(columns, labels)
     if unseen:
         raise UndeterminedCalibrationError(f"{what}: {'; '.join(unseen)}")
 
 
-def _unseen(columns: NDArray, labels: Sequence[str]) -> list[str]:
+def _undetermined_combinations(columns: NDArray, labels: Sequence[str]) -> list[str]:
     """Return in words the combinations that columns (N, Q) do not determine, and columns that are always zero."""
     length = np.linalg.norm(columns, axis=0)
     idle = length <= _LEAST_SINGULAR**2 * max(length.max(initial=0.0), np.finfo(float).tiny)
@@ -69,17 +69,17 @@ def check_signals(signals: NDArray, signal_cov: NDArray | None, labels: Sequence
     if seen.rank < known.sum():
         unseen = "; ".join(group.text for group in inseparable(seen))
         raise UndeterminedCalibrationError(
-            f"{rank} but for noise: {len(signals)} rows hold {seen.rank} independent signals in {known.sum()} channels "
+            f"{rank} within noise: {len(signals)} rows hold {seen.rank} independent signals in {known.sum()} channels "
             f"({unseen}); apply loads in more directions, or fit signals to loads (direction 'forward')"
         )
 
 
 def check_loads(loads: NDArray, labels: Sequence[str]) -> None:
     """Raise UndeterminedCalibrationError, naming the loads, unless loads (N, W) cover every direction."""
-    unseen = _unseen(loads, labels)
+    unseen = _undetermined_combinations(loads, labels)
     if unseen:
         raise UndeterminedCalibrationError(
-            f"the loads leave a direction of the wrench out: {'; '.join(unseen)}; apply loads that tell them apart"
+            f"the loads do not cover all directions of the wrench: {'; '.join(unseen)}; apply loads that separate them"
         )
 
 
@@ -160,7 +160,7 @@ def fit_calibration(table: LoadTable, model: CalibrationModel | None = None) -> 
         return _fit_with_both_errors(problem)
     prior = problem.prior()
     if problem.model.estimator == "weighted":
-        cov = _declared(problem, 0)
+        cov = _declared_covariance(problem, 0)
         if np.linalg.eigvalsh(cov).min() <= 0:
             raise ValueError("found a response that is exactly known, expected an error of each, or errors in both")
         found = weighted_fit(problem.columns, problem.y, cov, prior)
@@ -188,7 +188,7 @@ def _check(problem: _CalibrationTable) -> None:
         check_determined(problem.columns, problem.labels, "the terms are not independent")
 
 
-def _declared(problem: _CalibrationTable, which: int) -> NDArray:
+def _declared_covariance(problem: _CalibrationTable, which: int) -> NDArray:
     """Return the declared covariance of the response (0) or the inputs (1)."""
     cov = problem.covariances[which]
     if cov is None:
@@ -232,7 +232,7 @@ def _result(problem: _CalibrationTable, found: LinearFit, status: SolverStatus =
 def _fit_with_both_errors(problem: _CalibrationTable) -> Calibration:
     """Return the maximum-likelihood fit with errors in response and inputs, starting from the weighted one."""
     rows, width, count = len(problem.y), problem.y.shape[1], problem.x.shape[1]
-    own, other = _declared(problem, 0), _declared(problem, 1)
+    own, other = _declared_covariance(problem, 0), _declared_covariance(problem, 1)
     cov = np.zeros((rows, width + count, width + count))
     cov[:, :width, :width], cov[:, width:, width:] = own, other
     prior = problem.prior()

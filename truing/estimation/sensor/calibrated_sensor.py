@@ -92,7 +92,7 @@ class CalibratedSensor:
         if not names:
             return np.empty((count, 0))
         if given is None:
-            raise ValueError(f"found no covariates, expected {', '.join(names)}, which the calibration follows")
+            raise ValueError(f"found no covariates, expected {', '.join(names)}, on which the calibration depends")
         return np.broadcast_to(_rows(given, len(names), "covariates"), (count, len(names))) - self.reference
 
     def _zero(self, unloaded: ArrayLike | None) -> tuple[Array, float]:
@@ -100,7 +100,7 @@ class CalibratedSensor:
         if not self.is_tared:
             return np.zeros(len(self.signal_names)), 1.0
         if unloaded is None:
-            raise ValueError("found no unloaded signals, expected some of the same run: zeros changed from run to run")
+            raise ValueError("found no unloaded signals, expected some in each run, because zeros differ between runs")
         rows = _rows(unloaded, len(self.signal_names), "unloaded signals")
         return rows.mean(0), 1.0 + 1.0 / len(rows)
 
@@ -192,7 +192,9 @@ def sensor_from(document: Mapping[str, Any]) -> CalibratedSensor:
     try:
         return _sensor(document["calibration"])
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"found no calibrated sensor ({error}), expected sensor.toml as a run leaves it") from None
+        raise ValueError(
+            f"found no calibrated sensor ({error}), expected a sensor.toml that a run has written"
+        ) from None
 
 
 def _sensor(own: Mapping[str, Any]) -> CalibratedSensor:

@@ -252,7 +252,7 @@ def _inverted(fit: Calibration, signals: NDArray, covariates: NDArray, signal_co
         if np.all(np.abs(step) <= _SETTLED * np.abs(loads).max(initial=0.0)):
             break
     else:
-        raise UnreachedSignalsError(f"found signals that no load gives, inverting {fit.model.name!r}")
+        raise UnreachedSignalsError(f"found signals that no load produces, while inverting {fit.model.name!r}")
     own = gain @ signal_cov @ np.swapaxes(gain, 1, 2)
     return Wrenches(loads, own, gain, fit.columns(loads, covariates), fit.covariance)
 

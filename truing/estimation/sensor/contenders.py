@@ -81,12 +81,12 @@ def hold_out(table: LoadTable, model: CalibrationModel) -> HeldOutPredictions:
     """
     alone = [case for case in table.cases if np.sum(table.case == case) < 2]
     if model.zero == "case" and alone:
-        raise ValueError(f"case {alone[0]}: found one row, expected two at least where every case has its own zero")
+        raise ValueError(f"case {alone[0]}: found 1 row, expected at least 2, because each case has its own zero")
     errors = np.empty_like(table.loads)
     squares, freedom, log_density = np.zeros(len(table.cases)), np.zeros(len(table.cases)), 0.0
     for place, case in enumerate(table.cases):
         out = table.case == case
-        fit = _without(table.rows(~out), model, case)
+        fit = _calibration_without_case(table.rows(~out), model, case)
         found = predicted_loads(fit, table.rows(out))
         miss = found.value - table.loads[out]
         spread = _spread(fit, found, table.rows(out))
@@ -105,7 +105,7 @@ def covariance_by_case(table: LoadTable, model: CalibrationModel) -> MatrixEstim
     values = []
     for case in table.cases:
         rest = table.rows(table.case != case)
-        values.append(calibration_matrix(_without(rest, model, case), table.signal_cov).value.ravel())
+        values.append(calibration_matrix(_calibration_without_case(rest, model, case), table.signal_cov).value.ravel())
     whole = calibration_matrix(fit_calibration(table, model), table.signal_cov)
     apart = np.array(values) - np.mean(values, axis=0)
     count = len(values)
@@ -161,11 +161,13 @@ def _contending(
     return tuple(held), refused
 
 
-def _without(table: LoadTable, model: CalibrationModel, case: object) -> Calibration:
+def _calibration_without_case(table: LoadTable, model: CalibrationModel, case: object) -> Calibration:
     try:
         return fit_calibration(table, model)
     except UndeterminedCalibrationError as error:
-        raise UndeterminedCalibrationError(f"without case {case} nothing determines it: {error}") from error
+        raise UndeterminedCalibrationError(
+            f"the other cases do not determine it without case {case}: {error}"
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -232,7 +234,7 @@ def _smallest(held: Sequence[HeldOutPredictions]) -> NDArray:
     to estimate their noise count: errors of the others lie in few directions, and have zero volume."""
     reported = [one for one in held if np.isfinite(one.log_density)]
     if not reported:
-        raise ValueError("found no model with enough rows to estimate its noise, expected one with fewer terms")
+        raise ValueError("found no model with fewer terms than rows, expected one, to estimate the noise")
     spreads = [one.errors.T @ one.errors / len(one.errors) for one in reported]
     return min(spreads, key=lambda spread: float(np.linalg.slogdet(spread)[1]))
 

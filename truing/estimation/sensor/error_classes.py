@@ -37,7 +37,7 @@ class AxisSeries:
     full_scale: NDArray
 
     @property
-    def rising(self) -> NDArray:
+    def is_loading(self) -> NDArray:
         """Mask (N,) of steps reached by loading: the load moved away from zero, or changed its sign.
 
         A held load keeps its branch.
@@ -45,28 +45,28 @@ class AxisSeries:
         before = np.concatenate([[0.0], self.load[:-1]])
         start = np.concatenate([[True], self.cycle[1:] != self.cycle[:-1]])
         before = np.where(start, 0.0, before)
-        away = (np.abs(self.load) > np.abs(before) + self._same) | (self.load * before < 0) | start
-        moved = start | (np.abs(self.load - before) > self._same)
+        away = (np.abs(self.load) > np.abs(before) + self._load_tolerance) | (self.load * before < 0) | start
+        moved = start | (np.abs(self.load - before) > self._load_tolerance)
         return away[np.maximum.accumulate(np.where(moved, np.arange(len(moved)), 0))]
 
     @property
-    def _same(self) -> float:
+    def _load_tolerance(self) -> float:
         return _SAME_LOAD * float(np.abs(self.load).max(initial=0.0))
 
     @property
     def unloaded(self) -> NDArray:
         """Mask (N,) of steps without load."""
-        return np.abs(self.load) <= self._same
+        return np.abs(self.load) <= self._load_tolerance
 
     @property
     def levels(self) -> NDArray:
         """Applied loads (K,), ascending, without zero."""
         loaded = np.sort(self.load[~self.unloaded])
-        return loaded[np.concatenate([[True], np.diff(loaded) > 10 * self._same])] if len(loaded) else loaded
+        return loaded[np.concatenate([[True], np.diff(loaded) > 10 * self._load_tolerance])] if len(loaded) else loaded
 
     def at(self, level: float) -> NDArray:
         """Return the mask (N,) of steps with a load."""
-        return np.asarray(np.abs(self.load - level) <= 10 * self._same)
+        return np.asarray(np.abs(self.load - level) <= 10 * self._load_tolerance)
 
     def from_zero(self) -> NDArray:
         """Return the matrix (N, N) that refers readings to the first unloaded one of their cycle.
@@ -126,7 +126,7 @@ def reading_sigma(series: AxisSeries) -> NDArray:
 
     It is the scatter about the mean of each load and branch and a zero per cycle.
     """
-    step = np.stack([np.round(series.load / max(series._same, 1e-300) / 10), series.rising], axis=1)
+    step = np.stack([np.round(series.load / max(series._load_tolerance, 1e-300) / 10), series.is_loading], axis=1)
     kind = np.unique(step, axis=0, return_inverse=True)[1].ravel()
     columns = np.concatenate([np.eye(kind.max() + 1)[kind], series.cycle[:, None] == np.unique(series.cycle)], axis=1)
     values, _, rank, _ = np.linalg.lstsq(columns, series.reading, rcond=None)
@@ -157,14 +157,14 @@ def _interpolating(time_s: NDArray, at: float) -> NDArray:
 def _curve(series: AxisSeries, degree: int, *, absolute: bool) -> Combinations:
     """Return the mean readings on loading at each level minus their polynomial through zero; not absolute: relative to
     the level."""
-    levels, mean = _means(series, series.rising)
+    levels, mean = _branch_means(series, series.is_loading)
     share = levels / np.abs(levels).max()
     powers = share[:, None] ** np.arange(1, min(degree, len(levels) - 1) + 1)
     left = (np.eye(len(levels)) - powers @ np.linalg.pinv(powers)) @ mean
     return (left if absolute else left / levels[:, None]), levels
 
 
-def _means(series: AxisSeries, branch: NDArray) -> Combinations:
+def _branch_means(series: AxisSeries, branch: NDArray) -> Combinations:
     """Return the levels (K,) of a branch and the matrix (K, N) of its mean readings, relative to zero."""
     from_zero = series.from_zero()
     rows, levels = [], []
@@ -178,8 +178,8 @@ def _means(series: AxisSeries, branch: NDArray) -> Combinations:
 
 def _branches(series: AxisSeries) -> Combinations:
     """Return the unloading means minus the loading means at levels present on both branches."""
-    up, rising = _means(series, series.rising)
-    down, falling = _means(series, ~series.rising)
+    up, rising = _branch_means(series, series.is_loading)
+    down, falling = _branch_means(series, ~series.is_loading)
     both, at_up, at_down = np.intersect1d(up, down, return_indices=True)
     return falling[at_down] - rising[at_up], both
 
@@ -189,7 +189,7 @@ def _repeats(series: AxisSeries) -> Combinations:
     from_zero = series.from_zero()
     rows, loads = [], []
     for level in series.levels:
-        steps = np.flatnonzero(series.at(level) & series.rising)
+        steps = np.flatnonzero(series.at(level) & series.is_loading)
         first, second = np.triu_indices(len(steps), 1)
         rows.append(from_zero[steps[first]] - from_zero[steps[second]])
         loads.append(np.full(len(first), level))
@@ -209,7 +209,7 @@ def _returns(series: AxisSeries) -> Combinations:
 
 def _largest_load_means(series: AxisSeries) -> Combinations:
     """Return the mean readings on loading at the largest load of each sign."""
-    levels, mean = _means(series, series.rising)
+    levels, mean = _branch_means(series, series.is_loading)
     ends = np.flatnonzero((levels == levels.max(initial=0.0)) | (levels == levels.min(initial=0.0)))
     return mean[ends], levels[ends]
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.sensor.load_table import LoadTable
-from truing.estimation.sensor.nonlinear_terms import detected_form, left_by, nonlinear_terms
+from truing.estimation.sensor.nonlinear_terms import detected_form, nonlinear_terms, residual_sum_of
 
 _NORMAL_MEDIAN = 0.6745
 _L1_ROUNDS, _CLOSE = 30, 0.1  # sigmas; smaller residuals gain no more weight
@@ -93,7 +93,7 @@ def _calibrated(signals: NDArray, loads: NDArray, zeros: _Zeros) -> tuple[NDArra
     own = _Zeros.of(np.unique(zeros.of_row[near], return_inverse=True)[1])
     inputs = signals if signals.shape[1] <= loads.shape[1] else loads - rest
     forms = list(nonlinear_terms(inputs))
-    clear = detected_form(signals[near], inputs[near], loads[near] / sigma, own.taken_out, own.count)
+    clear = detected_form(signals[near], inputs[near], loads[near] / sigma, own.without_mean, own.count)
     if clear is None:
         return signals, forms[-1], rest, sigma
     columns = np.hstack([signals, forms[clear]])
@@ -105,8 +105,8 @@ def _is_smooth(columns: tuple[NDArray, NDArray], loads: tuple[NDArray, NDArray],
     expected gain of random terms is subtracted; with too few rows the answer is False."""
     fitted, more = columns
     written, exchanged = loads
-    smooth = left_by([fitted, more], written, zeros.taken_out, zeros.count)
-    put_right = left_by([fitted], exchanged, zeros.taken_out, zeros.count)
+    smooth = residual_sum_of([fitted, more], written, zeros.without_mean, zeros.count)
+    put_right = residual_sum_of([fitted], exchanged, zeros.without_mean, zeros.count)
     return smooth.spare > len(written) // 2 and smooth.mean_square < put_right.mean_square
 
 
@@ -171,7 +171,7 @@ class _Zeros:
     def count(self) -> int:
         return int(self.sums.shape[0])
 
-    def taken_out(self, values: NDArray) -> NDArray:
+    def without_mean(self, values: NDArray) -> NDArray:
         """Return values (N, K) minus their mean per zero."""
         return self.without(values, np.ones(len(values)))
 
@@ -185,7 +185,7 @@ class _Zeros:
 def _robust_residuals(signals: NDArray, loads: NDArray, zeros: _Zeros) -> tuple[NDArray, NDArray]:
     """Return loads minus predictions (N, W) by a robust fit, and their scatter (W,). Least absolute deviations by
     reweighting, then least squares of inliers; each component separately."""
-    size = np.sqrt(np.mean(zeros.taken_out(signals) ** 2, 0))
+    size = np.sqrt(np.mean(zeros.without_mean(signals) ** 2, 0))
     columns = signals / np.where(size > 0.0, size, 1.0)
     parameters = columns.shape[1] + zeros.count
     rest = _weighted_residuals(columns, loads, np.ones_like(loads), zeros)

@@ -113,7 +113,7 @@ def choose_loads(
     """
     rows = load_rows(candidates, limits, powers=powers)
     if count < rows.shape[2]:
-        raise ValueError(f"found {count} loads, expected at least {rows.shape[2]}, one for each term of a channel")
+        raise ValueError(f"found {count} loads, expected at least {rows.shape[2]}, one per term of a channel")
     bound = bound_design(rows, count)
     starts = [rounded_design(bound, count), one_by_one(rows, count, bound)]
     starts += [rng.choice(len(rows), count, replace=len(rows) < count) for _ in range(_STARTS)]

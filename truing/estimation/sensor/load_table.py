@@ -116,7 +116,7 @@ def _names(names: Sequence[str] | None, default: list[str], what: str) -> tuple[
         raise ValueError(f"found {len(found)} {what} names, expected {len(default)}")
     twice = [name for name in dict.fromkeys(found) if found.count(name) > 1]
     if twice:
-        raise ValueError(f"found the {what} {twice[0]!r} twice, expected each once")
+        raise ValueError(f"found {what} {twice[0]!r} twice, expected different names")
     return found
 
 

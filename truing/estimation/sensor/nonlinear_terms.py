@@ -40,11 +40,11 @@ def detected_form(
     from scipy.special import fdtrc
 
     rows, width = loads.shape
-    best, before = None, left_by([linear], loads, without_zeros, zeros)
+    best, before = None, residual_sum_of([linear], loads, without_zeros, zeros)
     for place, terms in enumerate(nonlinear_terms(inputs)):
         if rows < _ROWS_PER_COLUMN * (linear.shape[1] + terms.shape[1] + zeros):
             break
-        after = left_by([linear, terms], loads, without_zeros, zeros)
+        after = residual_sum_of([linear, terms], loads, without_zeros, zeros)
         if (more := before.spare - after.spare) <= 0 or not after.squares > 0.0:
             continue
         ratio = (before.squares - after.squares) / more / after.mean_square
@@ -65,7 +65,7 @@ class ResidualSum:
         return self.squares / max(self.spare, 1)
 
 
-def left_by(columns: list[NDArray], loads: NDArray, without_zeros: WithoutZeros, zeros: int) -> ResidualSum:
+def residual_sum_of(columns: list[NDArray], loads: NDArray, without_zeros: WithoutZeros, zeros: int) -> ResidualSum:
     """Return the residual sum of loads (N, W) after a least-squares fit to columns and a number of zeros."""
     about, rest = without_zeros(np.hstack(columns)), without_zeros(loads)
     size = np.sqrt(np.sum(about**2, 0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables, table_or_none
 
 Key = tuple[str, str]  # model, deformation
 ERRORS_IN_VARIABLES, IMPLICIT, NOMINAL = "errors-in-variables", "implicit", "nominal"
@@ -22,7 +22,7 @@ _DEFORMATION_WORDS = {
 
 def figures_by_calibration(tables: Tables, estimator: str = ERRORS_IN_VARIABLES) -> pd.DataFrame | None:
     """Return a row per (model, deformation) and a column per figure of ``model_choice``, in the order of the table."""
-    choice = filled(tables, "model_choice")
+    choice = table_or_none(tables, "model_choice")
     if choice is None or not (choice["estimator"] == estimator).any():
         return None
     own = choice[choice["estimator"] == estimator]
@@ -49,7 +49,7 @@ def main_calibration(tables: Tables) -> Key | None:
     return chosen_calibration(tables)
 
 
-def shown_calibration(tables: Tables, table: pd.DataFrame) -> Key:
+def displayed_calibration(tables: Tables, table: pd.DataFrame) -> Key:
     """Return the calibration shown in full: the chosen one if the table has it, else the table's first."""
     keys = keys_of(table)
     chosen = chosen_calibration(tables)
@@ -66,7 +66,7 @@ def rows_of(table: pd.DataFrame, key: Key) -> pd.DataFrame:
     return table[(table["model"] == key[0]) & (table["deformation"] == key[1])]
 
 
-def called(key: Key) -> str:
+def calibration_name(key: Key) -> str:
     """Return the name of a calibration: ``the 6-pus model with matrix deformation``."""
     if key[0] == EXTENDED:
         return "the extended model of the diagnosis"

@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from truing.report.figure_style import BLUE, GREY, style
 from truing.report.numbers import count, plain, quantity, sign
 from truing.report.page import Drawn, Listing
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables, table_or_none
 
 _OF_LEGS = {"beta": "β", "flexure_length": "l_b"}
 _BODIES = {"flexure": "flexures", "tube": "legs"}
@@ -19,7 +19,7 @@ _ROW, _AROUND = 18, 190
 
 def sensitivities(tables: Tables) -> Drawn:
     """Return the figure of the effect of each tolerance, next to the noise of the closure."""
-    table = filled(tables, "flexure_parameters")
+    table = table_or_none(tables, "flexure_parameters")
     if table is None:
         return []
     names = [f"{r.model}: {_named(r.parameter, r.leg)}" for r in table.itertuples()]
@@ -42,7 +42,7 @@ def sensitivities(tables: Tables) -> Drawn:
 
 def design_parameters(tables: Tables) -> tuple[Listing, ...]:
     """Return the listing of the design parameters, where a model uses flexures."""
-    table = filled(tables, "flexure_parameters")
+    table = table_or_none(tables, "flexure_parameters")
     if table is None:
         return ()
     rows = tuple(_row(r) for r in table.itertuples())

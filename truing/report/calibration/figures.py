@@ -10,7 +10,7 @@ import pandas as pd
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from truing.report.calibration.calibrations import Key, called, deformation_words, in_order
+from truing.report.calibration.calibrations import Key, calibration_name, deformation_words, in_order
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, sequence_title, style
 from truing.report.numbers import plain, quantity
 from truing.report.parameter_names import name_of
@@ -136,7 +136,9 @@ def correlation_map(own: pd.DataFrame, key: Key) -> go.Figure:
             hovertemplate="%{y} and %{x}: %{z} %<extra></extra>",
         )
     )
-    subtitle = f"Of {label(called(key))}. White: independent. Dark: only a combination of the two is well known"
+    subtitle = (
+        f"Of {label(calibration_name(key))}. White: independent. Dark: only a combination of the two is well known"
+    )
     style(figure, "Correlations between the identified parameters", subtitle, 620)
     axis = {"type": "category", "tickvals": list(ticks), "ticktext": list(ticks.values()), "showgrid": False}
     figure.update_xaxes(**axis)
@@ -173,7 +175,7 @@ def _middles(legs: list[float]) -> dict[int, str]:
 
 def has_geometry(fitted: pd.DataFrame) -> bool:
     """Return True if a table of parameters in mm determines the places of a joint from above."""
-    return any(len(_places(fitted, joint)) for joint in _JOINTS)
+    return any(len(_joint_positions(fitted, joint)) for joint in _JOINTS)
 
 
 def geometry_picture(fits: Mapping[str, pd.DataFrame]) -> go.Figure:
@@ -181,7 +183,9 @@ def geometry_picture(fits: Mapping[str, pd.DataFrame]) -> go.Figure:
 
     ``fits``: parameters by name of the estimator, a panel each.
     """
-    panels = [{joint: found for joint in _JOINTS if len(found := _places(own, joint))} for own in fits.values()]
+    panels = [
+        {joint: found for joint in _JOINTS if len(found := _joint_positions(own, joint))} for own in fits.values()
+    ]
     every = [found for places in panels for found in places.values()]
     gain, extent = _gain(every), _extent(every)
     figure = make_subplots(rows=1, cols=len(panels), subplot_titles=[label(name) for name in fits])
@@ -208,10 +212,10 @@ def _traces(places: dict[str, pd.DataFrame], deformations: list[str], gain: floa
     for joint, found in places.items():
         circles = _tolerances(found, gain)
         drawn += [_nominal(found, joint), *(c.update(showlegend=joint == next(iter(places))) for c in circles)]
-    return drawn + [trace for d in deformations for trace in _moved(list(places.values()), d, gain)]
+    return drawn + [trace for d in deformations for trace in _joint_lines(list(places.values()), d, gain)]
 
 
-def _places(fitted: pd.DataFrame, joint: str) -> pd.DataFrame:
+def _joint_positions(fitted: pd.DataFrame, joint: str) -> pd.DataFrame:
     """Return per leg and deformation the nominal place x, y, deviation dx, dy in mm, and tolerance; zero deviation if
     fixed."""
     own = fitted[fitted["parameter"].isin([f"{joint}_x", f"{joint}_y"]) & (fitted["unit"] == "mm")]
@@ -279,7 +283,7 @@ def _tolerances(found: pd.DataFrame, gain: float) -> list[go.Scatter]:
     return [go.Scatter(x=np.round(x, 3), y=np.round(y, 3), mode="lines", line=line, name="tolerance", hoverinfo="skip")]
 
 
-def _moved(places: list[pd.DataFrame], deformation: str, gain: float) -> list[go.Scatter]:
+def _joint_lines(places: list[pd.DataFrame], deformation: str, gain: float) -> list[go.Scatter]:
     """Return the joints of one deformation model, with a line from their nominal places."""
     own = pd.concat([found[found["deformation"] == deformation] for found in places], ignore_index=True)
     colour, symbol, size = _DRAWN_AS.get(deformation, _OTHER)

@@ -6,10 +6,10 @@ from typing import Any
 
 import pandas as pd
 
-from truing.report.calibration.calibrations import Key, called, deformation_words, in_order, keys_of, rows_of
+from truing.report.calibration.calibrations import Key, calibration_name, deformation_words, in_order, keys_of, rows_of
 from truing.report.numbers import p_value, plain, with_uncertainty
 from truing.report.page import Listing
-from truing.report.parameter_names import MEANING, UNBROKEN, kind_of, name_of, shown_in
+from truing.report.parameter_names import MEANING, UNBROKEN, kind_of, name_of, print_unit
 from truing.report.tables import cell
 
 GOOD = ("ok", "converged")
@@ -92,7 +92,7 @@ def deviations(fitted: pd.DataFrame, key: Key) -> Listing:
     own = rows_of(fitted, key)
     star = f" {_STAR}" if not _identifiable(own).all() else ""
     measured = f" {_MEASURED}" if own["parameter"].str.startswith(_BENT).any() else ""
-    caption = f"Parameters of {called(key)}. {_CELL}{star} {MEANING}{measured}"
+    caption = f"Parameters of {calibration_name(key)}. {_CELL}{star} {MEANING}{measured}"
     heads, rows = _by_leg(own)
     return Listing(("parameter", *heads), rows, caption=caption, held_by="calibration.parquet")
 
@@ -120,7 +120,7 @@ def _by_leg(own: pd.DataFrame, heads: tuple[str, ...] = ()) -> tuple[tuple[str, 
     heads = heads or (*(f"leg {int(leg)}" for leg in legs), *(["all legs"] if own["leg"].isna().any() else []))
     cells: dict[str, dict[str, str]] = {}
     for r in own.assign(known=_identifiable(own)).itertuples():
-        kind, unit = _kind(r), shown_in(r.parameter, r.unit)[1]
+        kind, unit = _kind(r), print_unit(r.parameter, r.unit)[1]
         column = f"leg {int(r.leg)}" if r.leg == r.leg else "all legs"
         cells.setdefault(f"{kind} ({unit})".replace(" ", UNBROKEN) if unit else kind, {})[column] = _cell(r)
     return heads, tuple((kind, *(row.get(head, "") for head in heads)) for kind, row in cells.items())
@@ -133,7 +133,7 @@ def _kind(r: Any) -> str:
 
 
 def _cell(r: Any) -> str:
-    factor, _ = shown_in(r.parameter, r.unit)
+    factor, _ = print_unit(r.parameter, r.unit)
     if r.parameter.startswith(_BENT) or r.nominal != r.nominal:  # an effect has no nominal value
         return with_uncertainty(factor * r.identified, factor * r.sigma).replace(" ", UNBROKEN)
     text = with_uncertainty(factor * (r.identified - r.nominal), factor * r.sigma)

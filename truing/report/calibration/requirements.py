@@ -12,19 +12,19 @@ import plotly.graph_objects as go
 from truing.belonging.relation import RelationState
 from truing.report.calibration.calibrations import (
     Key,
-    called,
+    calibration_name,
     chosen_calibration,
+    displayed_calibration,
     keys_of,
     main_calibration,
     rows_of,
-    shown_calibration,
 )
 from truing.report.figure_style import GREEN, GREY, ORANGE, RED, label, sequence_title, size_axis, style
 from truing.report.numbers import count, in_one_unit, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.reasons import why_absent, why_no_requirement
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import Tables, cell, filled
+from truing.report.tables import Tables, cell, table_or_none
 from truing.schemas.verdict import ReasonCode
 
 _TITLE = "Requirements"
@@ -39,11 +39,11 @@ def requirements(tables: Tables) -> ReportSection | None:
     """Return the section of all components with limit, error, interval of the error, and verdict."""
     if "requirements" not in tables:
         return None
-    assessed = filled(tables, "requirements")
+    assessed = table_or_none(tables, "requirements")
     if assessed is None:
         return ReportSection("requirements", _TITLE, why_no_requirement(tables))
     main = main_calibration(tables)
-    key = main if main in keys_of(assessed) else shown_calibration(tables, assessed)
+    key = main if main in keys_of(assessed) else displayed_calibration(tables, assessed)
     own = rows_of(assessed, key)
     figures = []
     if own["error"].notna().any() and own["requirement"].notna().any():
@@ -52,13 +52,13 @@ def requirements(tables: Tables) -> ReportSection | None:
     listings = [_requirement_listing(own, key)]
     others = assessed.drop(index=own.index)
     if len(others):
-        listings.append(_others(others))
-    return ReportSection("requirements", _TITLE, _lead(own, key), tuple(figures), tuple(listings))
+        listings.append(_other_calibrations(others))
+    return ReportSection("requirements", _TITLE, _opening_sentences(own, key), tuple(figures), tuple(listings))
 
 
 def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
     """Return the verdict on the accuracy of the calibrated machine; not tested if its model does not fit."""
-    assessed = filled(tables, "requirements")
+    assessed = table_or_none(tables, "requirements")
     own = chosen_requirements(tables)
     failed = None if own is None else own[own["verdict"] == "fails"]
     if own is not None and failed is not None and len(failed):
@@ -93,8 +93,8 @@ def _why_not_by(calibration: SectionVerdict | None) -> str:
     return "Correct [noise], or find the missing cause." if calibration.state == RelationState.FAILS else ""
 
 
-def _lead(own: pd.DataFrame, key: Key) -> str:
-    text = f"{tally(own)}, as predicted by {called(key)}."
+def _opening_sentences(own: pd.DataFrame, key: Key) -> str:
+    text = f"{tally(own)}, as predicted by {calibration_name(key)}."
     return " ".join([text, *(_open_or_failed(r) for r in own.itertuples() if r.verdict in ("fails", "undecided"))])
 
 
@@ -118,7 +118,7 @@ def tally(own: pd.DataFrame) -> str:
 
 def chosen_requirements(tables: Tables) -> pd.DataFrame | None:
     """Return the requirements as assessed with the main calibration; None where none was assessed."""
-    assessed = filled(tables, "requirements")
+    assessed = table_or_none(tables, "requirements")
     if assessed is None:
         return None
     key = main_calibration(tables)
@@ -135,10 +135,10 @@ def _requirement_listing(own: pd.DataFrame, key: Key) -> Listing:
     else:
         remarks, heads = [()] * len(own), ("verdict", *_HEADS)
     rows = tuple((r.verdict, *_sizes(r), *remark) for r, remark in zip(own.itertuples(), remarks, strict=True))
-    return Listing(heads, rows, _marks(own), f"With {called(key)}", held_by="requirements.parquet")
+    return Listing(heads, rows, _marks(own), f"With {calibration_name(key)}", held_by="requirements.parquet")
 
 
-def _others(others: pd.DataFrame) -> Listing:
+def _other_calibrations(others: pd.DataFrame) -> Listing:
     rows = tuple((r.verdict, r.model, r.deformation, *_sizes(r)) for r in others.itertuples())
     heads = ("verdict", "model", "deformation", *_HEADS)
     return Listing(heads, rows, _marks(others), "With every other calibration", True, "requirements.parquet")
@@ -187,7 +187,7 @@ def _requirement_bars(own: pd.DataFrame, key: Key) -> go.Figure:
         )
     kind = size_axis(np.append(np.concatenate(list(ratio.values())), 1.0))
     figure.add_vline(x=1.0, line={"color": GREY, "width": 2, "dash": "dot"})
-    subtitle = f"Of {label(called(key))}. Bars: 95 % interval. Right of the dotted line: above the limit"
+    subtitle = f"Of {label(calibration_name(key))}. Bars: 95 % interval. Right of the dotted line: above the limit"
     style(figure, "Errors compared with the required limits", subtitle, 170 + 42 * len(shown))
     title = sequence_title("error / limit", kind.get("type") == "log")
     figure.update_xaxes(title_text=title, **{k: v for k, v in kind.items() if k != "dtick"})

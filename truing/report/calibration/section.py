@@ -15,13 +15,13 @@ from truing.report.calibration.calibrations import (
     NOMINAL,
     TO_POINTS,
     Key,
-    called,
+    calibration_name,
     chosen_calibration,
+    displayed_calibration,
     figures_by_calibration,
     keys_of,
     main_calibration,
     rows_of,
-    shown_calibration,
 )
 from truing.report.calibration.design_parameters import design_parameters, sensitivities
 from truing.report.calibration.figures import geometry_picture, has_geometry
@@ -32,7 +32,7 @@ from truing.report.numbers import count, plain, quantity
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_calibration
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables, table_or_none
 from truing.schemas.verdict import BY_A_FACTOR, ReasonCode, does_not_fit
 
 _BY_DEFAULT, _AS_REPORTED = "by maximum likelihood", "by the implicit objectives"
@@ -49,13 +49,13 @@ def calibration(tables: Tables) -> ReportSection | None:
     """Return the section with the choice of the model, the errors of all calibrations, and their parameters."""
     if "calibration" not in tables:
         return None
-    fitted = filled(tables, "calibration")
+    fitted = table_or_none(tables, "calibration")
     if fitted is None:
         return ReportSection("calibration", "Calibration", why_no_calibration(tables))
     shown = [*_errors(tables), *_geometry(tables, fitted), *sensitivities(tables), *_correlations(tables, fitted)]
     tests = _tests_of_chosen(tables)
     listings = [listing_of(tests, "Tests of the chosen calibration"), *_listings(tables, fitted)]
-    return ReportSection("calibration", "Calibration", lead(tables, fitted), tuple(shown), tuple(listings))
+    return ReportSection("calibration", "Calibration", opening_sentences(tables, fitted), tuple(shown), tuple(listings))
 
 
 def calibration_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
@@ -63,8 +63,8 @@ def calibration_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) ->
     if "calibration" not in tables:
         return None
     figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
-    if filled(tables, "calibration") is None or figures is None or chosen is None:
-        why = why_no_calibration(tables) if filled(tables, "calibration") is None else "none was chosen."
+    if table_or_none(tables, "calibration") is None or figures is None or chosen is None:
+        why = why_no_calibration(tables) if table_or_none(tables, "calibration") is None else "none was chosen."
         return _calibrated(RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Calibration not tested: {why}")
     adequate = "adequacy" in before and before["adequacy"].reason_code == ReasonCode.WITHIN_NOISE
     if main_calibration(tables) != chosen and adequate:
@@ -80,7 +80,7 @@ def _of_chosen(
     if misfit is not None and does_not_fit(float(facts["misfit_p_value"]), misfit):
         return _misfit(chosen, misfit, before)
     failed = {code: test for code, test in zip(_CODES, tests, strict=True) if test.holds is False}
-    who = called(chosen)
+    who = calibration_name(chosen)
     if failed:
         missed = ReasonCode.HELD_OUT_MISSED in failed and float(facts.get("heldout_ratio", 0.0)) > BY_A_FACTOR
         code = ReasonCode.HELD_OUT_MISSED if missed else next(iter(failed))
@@ -97,7 +97,7 @@ def _of_chosen(
 def _failed(text: str, code: ReasonCode, misfit: float | None, facts: pd.Series) -> SectionVerdict:
     """Return the verdict on a failed test other than a misfit: it fails the section if held-out errors are a factor too
     large."""
-    if code == ReasonCode.HELD_OUT_MISSED and _known(facts, "heldout_ratio"):
+    if code == ReasonCode.HELD_OUT_MISSED and _is_known(facts, "heldout_ratio"):
         ratio = float(facts["heldout_ratio"])
         state = RelationState.FAILS if ratio > BY_A_FACTOR else RelationState.ATTENTION
         return SectionVerdict("calibration", state, code, text, ratio, "1", BY_A_FACTOR)
@@ -108,7 +108,7 @@ def _failed(text: str, code: ReasonCode, misfit: float | None, facts: pd.Series)
 
 def _misfit(chosen: Key, misfit: float, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
     """Return the verdict on a misfit, which the diagnosis explains if its extended model leaves only noise."""
-    text = f"The calibration does not fit: residuals of {called(chosen)} are {plain(misfit)} times the "
+    text = f"The calibration does not fit: residuals of {calibration_name(chosen)} are {plain(misfit)} times the "
     codes = {name: before[name].reason_code for name in ("diagnosis", "adequacy") if name in before}
     if codes == {"diagnosis": ReasonCode.FOUND, "adequacy": ReasonCode.WITHIN_NOISE}:
         text += "noise, because it leaves out what the diagnosis found. With that, only noise remains."
@@ -119,7 +119,7 @@ def _misfit(chosen: Key, misfit: float, before: Mapping[str, SectionVerdict]) ->
 
 def misfit_ratio(facts: pd.Series) -> float | None:
     """Return the rms misfit of a calibration over the expected one by declared noise; None where unknown."""
-    if not all(_known(facts, name) for name in ("misfit_p_value", "chi_square", "freedom")):
+    if not all(_is_known(facts, name) for name in ("misfit_p_value", "chi_square", "freedom")):
         return None
     return float(np.sqrt(facts["chi_square"] / facts["freedom"])) if facts["freedom"] > 0.0 else None
 
@@ -129,7 +129,7 @@ def _calibrated(state: RelationState, code: ReasonCode, text: str, misfit: float
 
 
 def _errors(tables: Tables) -> Drawn:
-    accuracy = filled(tables, "accuracy")
+    accuracy = table_or_none(tables, "accuracy")
     if accuracy is None:
         return []
     return [(calibration_figures.errors(accuracy, chosen_calibration(tables)), _cost_of_models(tables))]
@@ -137,8 +137,8 @@ def _errors(tables: Tables) -> Drawn:
 
 def _geometry(tables: Tables, fitted: pd.DataFrame) -> Drawn:
     """Return the figure of the chosen structure, by the implicit objectives and by maximum likelihood."""
-    model = shown_calibration(tables, fitted)[0]
-    fits = {_AS_REPORTED: filled(tables, "implicit_calibration"), _BY_DEFAULT: fitted}
+    model = displayed_calibration(tables, fitted)[0]
+    fits = {_AS_REPORTED: table_or_none(tables, "implicit_calibration"), _BY_DEFAULT: fitted}
     own = {name: table[table["model"] == model] for name, table in fits.items() if table is not None}
     own = {name: table for name, table in own.items() if has_geometry(table)}
     return [(geometry_picture(own), _pull_words(tables, model))] if own else []
@@ -158,10 +158,10 @@ def _pull_words(tables: Tables, model: str) -> str:
 
 
 def _correlations(tables: Tables, fitted: pd.DataFrame) -> Drawn:
-    table = filled(tables, "correlations")
+    table = table_or_none(tables, "correlations")
     if table is None:
         return []
-    key = shown_calibration(tables, fitted)
+    key = displayed_calibration(tables, fitted)
     own = rows_of(table, key)
     if not len(own):
         return []
@@ -170,7 +170,7 @@ def _correlations(tables: Tables, fitted: pd.DataFrame) -> Drawn:
 
 
 def _listings(tables: Tables, fitted: pd.DataFrame) -> list[Listing]:
-    key = shown_calibration(tables, fitted)
+    key = displayed_calibration(tables, fitted)
     by_default, as_reported = figures_by_calibration(tables), figures_by_calibration(tables, IMPLICIT)
     listings = compared_calibrations(tables)
     if by_default is not None:
@@ -181,19 +181,21 @@ def _listings(tables: Tables, fitted: pd.DataFrame) -> list[Listing]:
         listings.append(all_calibrations(extended, fitted, caption))
     if as_reported is not None:
         caption = ". ".join(filter(None, (f"The same {_AS_REPORTED}", _method_words(tables))))
-        listings.append(all_calibrations(as_reported, filled(tables, "implicit_calibration"), caption, folded=True))
+        listings.append(
+            all_calibrations(as_reported, table_or_none(tables, "implicit_calibration"), caption, folded=True)
+        )
     listings += [deviations(fitted, key), *all_deviations(fitted, _BY_DEFAULT, "calibration.parquet")]
     listings += design_parameters(tables)
-    reported = filled(tables, "implicit_calibration")
+    reported = table_or_none(tables, "implicit_calibration")
     if reported is not None:
         listings += all_deviations(reported, _AS_REPORTED, "implicit_calibration.parquet")
-    table = filled(tables, "correlations")
+    table = table_or_none(tables, "correlations")
     if table is not None:
         listings.append(strong_correlations(rows_of(table, key)))
     return [listing for listing in listings if listing.rows]
 
 
-def lead(tables: Tables, fitted: pd.DataFrame) -> str:
+def opening_sentences(tables: Tables, fitted: pd.DataFrame) -> str:
     """Return the lead sentences: the chosen calibration, its error against noise, its gain, and its rivals."""
     figures, chosen = figures_by_calibration(tables), chosen_calibration(tables)
     ended = _failures(fitted)
@@ -214,14 +216,14 @@ def lead(tables: Tables, fitted: pd.DataFrame) -> str:
 
 
 def _choice(chosen: Key, facts: pd.Series, *, of_recorded: bool) -> str:
-    role, poses = ("verification", "held-out") if _known(facts, _HELD_OUT) else ("calibration", "calibration")
-    text = f"Chosen for {'the data as recorded' if of_recorded else 'this campaign'}: {called(chosen)}."
-    if _known(facts, f"position_mean_{role}"):
-        text += f" Its mean error on the {poses} poses is {_missed_by(facts, role)}."
+    role, poses = ("verification", "held-out") if _is_known(facts, _HELD_OUT) else ("calibration", "calibration")
+    text = f"Chosen for {'the data as recorded' if of_recorded else 'this campaign'}: {calibration_name(chosen)}."
+    if _is_known(facts, f"position_mean_{role}"):
+        text += f" Its mean error on the {poses} poses is {_error_words(facts, role)}."
     because = []
-    if _known(facts, "heldout_ratio"):
+    if _is_known(facts, "heldout_ratio"):
         because.append(f"its held-out error is {plain(facts['heldout_ratio'])} times the noise floor")
-    if _known(facts, "rms_pull"):
+    if _is_known(facts, "rms_pull"):
         because.append(f"its rms pull is {plain(facts['rms_pull'])} (about 1 if tolerances explain the geometry)")
     reasons = " and ".join(because)
     text += f" {reasons[:1].upper()}{reasons[1:]}." if reasons else ""
@@ -233,11 +235,11 @@ def _choice(chosen: Key, facts: pd.Series, *, of_recorded: bool) -> str:
 def _doubts(facts: pd.Series) -> str:
     """Return in words the doubts about the chosen calibration: a misfit beyond noise, a geometry beyond tolerances."""
     texts = []
-    if _known(facts, "misfit_p_value") and facts["misfit_p_value"] < _UNLIKELY:
+    if _is_known(facts, "misfit_p_value") and facts["misfit_p_value"] < _UNLIKELY:
         times = plain(np.sqrt(facts["chi_square"] / facts["freedom"]))
         missing = "the noise is larger than declared, or a cause is missing"
         texts.append(f"However, its residuals are {times} times the declared noise: {missing}.")
-    if _known(facts, "pull_p_value") and facts["pull_p_value"] < _UNLIKELY:
+    if _is_known(facts, "pull_p_value") and facts["pull_p_value"] < _UNLIKELY:
         texts.append(
             "However, parts are farther from nominal than tolerances allow: a cause is missing, or the tolerances are "
             "too small, and with them the uncertainties on this page."
@@ -252,7 +254,7 @@ def _tests_of_chosen(tables: Tables) -> list[ModelTest]:
     none = "No calibration was chosen." if facts is None else ""
 
     def p(figure: str) -> float | None:
-        return float(facts[figure]) if facts is not None and _known(facts, figure) else None
+        return float(facts[figure]) if facts is not None and _is_known(facts, figure) else None
 
     misfit = "its residuals agree with the declared noise"
     return [
@@ -283,7 +285,7 @@ def _tests_of_chosen(tables: Tables) -> list[ModelTest]:
 
 def _too_small(asked: str, facts: pd.Series | None) -> ModelTest | None:
     """Return a failed test if the misfit is too small for the declared noise; None where it is not."""
-    if facts is None or not (_known(facts, "chi_square") and _known(facts, "freedom")):
+    if facts is None or not (_is_known(facts, "chi_square") and _is_known(facts, "freedom")):
         return None
     return below_noise(
         asked,
@@ -293,12 +295,12 @@ def _too_small(asked: str, facts: pd.Series | None) -> ModelTest | None:
     )
 
 
-def _missed_by(facts: pd.Series, role: str) -> str:
+def _error_words(facts: pd.Series, role: str) -> str:
     position, orientation = facts.get(f"position_mean_{role}"), facts.get(f"orientation_mean_{role}")
     return f"{quantity(position, 'um')} and {quantity(orientation, 'arcsec')}"
 
 
-def _known(facts: pd.Series, figure: str) -> bool:
+def _is_known(facts: pd.Series, figure: str) -> bool:
     return bool(np.isfinite(facts.get(figure, np.nan)))
 
 
@@ -306,14 +308,16 @@ def _gain(tables: Tables, chosen: Key, facts: pd.Series) -> str:
     """Return in words the gain by calibration over nominal parameters, and over a fit by the implicit objectives."""
     texts = []
     nominal, reported = (figures_by_calibration(tables, estimator) for estimator in (NOMINAL, IMPLICIT))
-    if not _known(facts, _HELD_OUT):
+    if not _is_known(facts, _HELD_OUT):
         return ""
     if nominal is not None and _HELD_OUT in nominal and nominal[_HELD_OUT].notna().any():
         before = nominal.dropna(subset=_HELD_OUT).iloc[0]
         times = plain(before[_HELD_OUT] / facts[_HELD_OUT])
-        texts.append(f"The nominal parameters give {_missed_by(before, 'verification')} there, {times} times as much.")
-    if reported is not None and chosen in reported.index and _known(reported.loc[chosen], _HELD_OUT):
-        size = _missed_by(reported.loc[chosen], "verification")
+        texts.append(
+            f"The nominal parameters give {_error_words(before, 'verification')} there, {times} times as much."
+        )
+    if reported is not None and chosen in reported.index and _is_known(reported.loc[chosen], _HELD_OUT):
+        size = _error_words(reported.loc[chosen], "verification")
         texts.append(f"The same model, fitted by the implicit objectives, gives {size}.")
     return " ".join(texts)
 
@@ -324,7 +328,7 @@ def _rivals(figures: pd.DataFrame, chosen: Key) -> str:
     equal = others["indistinguishable"] == 1.0 if "indistinguishable" in others else others.index != others.index
     texts = []
     if equal.any():
-        named = " and ".join(called((str(m), str(d))) for m, d in others.index[equal])
+        named = " and ".join(calibration_name((str(m), str(d))) for m, d in others.index[equal])
         texts.append(f"The data cannot distinguish {named} from it; the simpler one is chosen.")
     rest = others[~equal]
     if len(rest) and "heldout_ratio" in rest and rest["heldout_ratio"].notna().any():
@@ -338,9 +342,9 @@ def _rivals(figures: pd.DataFrame, chosen: Key) -> str:
 def _extended(tables: Tables) -> str:
     """Return in words the errors of the extended model at the same poses."""
     figures = figures_by_calibration(tables, TO_POINTS)
-    if figures is None or not _known(figures.iloc[0], _HELD_OUT):
+    if figures is None or not _is_known(figures.iloc[0], _HELD_OUT):
         return ""
-    return f"The extended model of the diagnosis gives {_missed_by(figures.iloc[0], 'verification')} there."
+    return f"The extended model of the diagnosis gives {_error_words(figures.iloc[0], 'verification')} there."
 
 
 def _from_to(values: pd.Series) -> str:
@@ -410,6 +414,6 @@ def _method_words(tables: Tables) -> str:
     parts = [
         f"{words} {plain(a[figure])} against {plain(b[figure])}"
         for figure, words in (("heldout_ratio", "held out / noise"), ("rms_pull", "rms pull"))
-        if _known(a, figure) and _known(b, figure)
+        if _is_known(a, figure) and _is_known(b, figure)
     ]
     return f"For the chosen model: {', '.join(parts)}" if parts else ""

@@ -8,7 +8,7 @@ import pandas as pd
 
 from truing.report.numbers import count, listed, plain, sign
 from truing.report.page import Listing, Verdict
-from truing.report.tables import Tables, cell, filled
+from truing.report.tables import Tables, cell, table_or_none
 
 _RECORDED = "as recorded"
 _CAPTION = "Calibrations of the data as recorded and with findings applied: errors on held-out data, rms / largest"
@@ -19,7 +19,7 @@ _NO_EFFECT = "no calibration depends on it, so no result changes"
 def compared_calibrations(tables: Tables) -> list[Listing]:
     """Return both calibrations with their errors, the main one first; nothing if no finding changes the calibrated
     data."""
-    table = filled(tables, "calibrations_compared")
+    table = table_or_none(tables, "calibrations_compared")
     if table is None:
         return []
     of = table.drop_duplicates(["quantity", "unit"])
@@ -59,20 +59,20 @@ def _size(by: pd.DataFrame, name: str) -> str:
 
 def data_words(tables: Tables) -> str:
     """Return in words the data of the main calibration, if applied findings change them; empty otherwise."""
-    table = filled(tables, "calibrations_compared")
+    table = table_or_none(tables, "calibrations_compared")
     if table is None:
         return ""
-    found = cell(table.loc[table["data"] != _RECORDED, "findings"].iloc[0]) + _doubted(tables)
+    found = cell(table.loc[table["data"] != _RECORDED, "findings"].iloc[0]) + _suspected_causes(tables)
     if table.loc[table["is_main"], "data"].iloc[0] == _RECORDED:
         return f"The main calibration uses the data as recorded; one with {found} applied is given for comparison."
     asked = f"The main calibration includes {found}, as [diagnosis] apply asks"
     return f"{asked}; one of the data as recorded is given for comparison."
 
 
-def _doubted(tables: Tables, names: Sequence[str] | None = None) -> str:
+def _suspected_causes(tables: Tables, names: Sequence[str] | None = None) -> str:
     """Return in words the causes of the extended model, or of some names, that are only suspected; empty
     where none is."""
-    rows = filled(tables, "diagnosis")
+    rows = table_or_none(tables, "diagnosis")
     if rows is None:
         return ""
     own = dict.fromkeys(rows.loc[rows["verdict"] == "suspected", "cause"])
@@ -82,7 +82,7 @@ def _doubted(tables: Tables, names: Sequence[str] | None = None) -> str:
 
 def choice_verdicts(tables: Tables) -> list[Verdict]:
     """Return the decisions on causes in campaign.toml, and their results."""
-    table = filled(tables, "diagnosis_choices")
+    table = table_or_none(tables, "diagnosis_choices")
     if table is None:
         return []
     names = {outcome: own["cause"].tolist() for outcome, own in table.groupby("outcome", sort=False)}
@@ -93,7 +93,9 @@ def choice_verdicts(tables: Tables) -> list[Verdict]:
     if idle := names.get("no effect"):
         reported.append(("warn", f"[diagnosis] apply names {listed(idle)}: found, but {_NO_EFFECT}."))
     if applied := names.get("applied"):
-        reported.append(("warn", f"Applied, as [diagnosis] apply asks: {listed(applied)}{_doubted(tables, applied)}."))
+        reported.append(
+            ("warn", f"Applied, as [diagnosis] apply asks: {listed(applied)}{_suspected_causes(tables, applied)}.")
+        )
     if ignored := names.get("ignored"):
         reported.append(("warn", f"Not searched for, as [diagnosis] ignore asks: {listed(ignored)}."))
     return reported

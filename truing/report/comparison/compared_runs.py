@@ -7,14 +7,14 @@ from typing import Any
 
 import pandas as pd
 
-from truing.report.calibration.calibrations import called as calibration_words
+from truing.report.calibration.calibrations import calibration_name as calibration_words
 from truing.report.calibration.calibrations import figures_by_calibration, main_calibration
 from truing.report.calibration.requirements import chosen_requirements, tally
 from truing.report.diagnosis.effect_units import handy_unit
 from truing.report.numbers import plain, printed, quantity, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
-from truing.report.parameter_names import name_of, shown_in
-from truing.report.tables import Tables, cell, filled
+from truing.report.parameter_names import name_of, print_unit
+from truing.report.tables import Tables, cell, table_or_none
 
 _COMPLIANCE = {"m/N": (1e9, "nm/N"), "m/(N m)": (1e9, "nm/(N·m)"), "rad/N": (1e9, "nrad/N")}
 _COMPLIANCE |= {"rad/(N m)": (1e9, "nrad/(N·m)")}
@@ -70,7 +70,7 @@ class RunComparison:
         return f"{self.runs[step].label} → {self.runs[step + 1].label}"
 
 
-def called(row: Any) -> str:
+def number_name(row: Any) -> str:
     """Return the name of a number in a sentence, with its effect or matrix."""
     if row.group in ("compliance", "G_B"):
         return f"{row.group} {row.parameter}"
@@ -89,7 +89,7 @@ def unit_of(row: Any, size: float) -> tuple[float, str]:
     if row.group == "effect":
         factor, unit = handy_unit(row.parameter, row.unit, size)
         return factor, printed(unit)
-    return shown_in(row.parameter, row.unit)
+    return print_unit(row.parameter, row.unit)
 
 
 def value_text(row: Any) -> str:
@@ -124,7 +124,7 @@ def quality_words(found: RunComparison) -> list[tuple[str, str]]:
 
 def _counts(tables: Tables) -> dict[str, int]:
     """Return the number of checks by verdict, without accepted ones."""
-    qa = filled(tables, "qa")
+    qa = table_or_none(tables, "qa")
     if qa is None:
         return dict.fromkeys(_ORDER, 0)
     own = qa[qa["accepted"].isna()] if "accepted" in qa else qa
@@ -137,7 +137,7 @@ def quality(found: RunComparison) -> ReportSection:
     totals = [(verdict, *(str(own[verdict]) for own in counts)) for verdict in _ORDER]
     checks: dict[tuple[str, str], dict[int, tuple[str, str]]] = {}
     for place, run in enumerate(found.runs):
-        qa = filled(run.tables, "qa")
+        qa = table_or_none(run.tables, "qa")
         for r in () if qa is None else qa.itertuples():
             checks.setdefault((r.check, r.subject or ""), {})[place] = _check(r)
     differing = {key: own for key, own in checks.items() if _LOOKED_AT & {verdict for verdict, _ in own.values()}}
@@ -220,7 +220,7 @@ def _requirement(table: pd.DataFrame | None, component: str) -> tuple[str, str]:
 
 def error_classes(found: RunComparison) -> ReportSection | None:
     """Return the errors of a sensor as laboratories report them, per axis; crosstalk by the most affected component."""
-    tables = [filled(run.tables, "error_classes") for run in found.runs]
+    tables = [table_or_none(run.tables, "error_classes") for run in found.runs]
     if all(table is None for table in tables):
         return None
     worst = [{} if table is None else _worst(table) for table in tables]

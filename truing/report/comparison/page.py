@@ -12,9 +12,9 @@ import plotly.graph_objects as go
 from truing.report.comparison.compared_runs import (
     RunComparison,
     accuracy,
-    called,
     change_text,
     error_classes,
+    number_name,
     quality,
     quality_words,
     requirement_words,
@@ -22,11 +22,11 @@ from truing.report.comparison.compared_runs import (
     value_text,
 )
 from truing.report.diagnosis.pulls import pull_figure
-from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, common_look, label, style
+from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, figure_template, label, style
 from truing.report.numbers import count
 from truing.report.page import Listing, PageHead, ReportSection, Verdict
 from truing.report.parameter_names import MEANING, kind_of
-from truing.report.tables import cell, filled
+from truing.report.tables import cell, table_or_none
 
 _NAMED = 3
 
@@ -98,10 +98,12 @@ def _step_words(found: RunComparison, step: int) -> str:
     assessed = found.assessed(step)
     changed = _largest_first(assessed[assessed["changed"]])
     if found.between[step].rebuilt:
-        more = f" Beyond chance individually: {_named(changed)}." if len(changed) else ""
+        more = f" Beyond chance individually: {_largest_changes(changed)}." if len(changed) else ""
         what = "changed in too many places to name: it was rebuilt, or is another machine."
         return f"{found.pair(step)}: {what}{more}"
-    return f"{found.pair(step)}: {len(changed)} of {count(len(assessed), 'number')} changed: {_named(changed)}."
+    return (
+        f"{found.pair(step)}: {len(changed)} of {count(len(assessed), 'number')} changed: {_largest_changes(changed)}."
+    )
 
 
 def _largest_first(changed: pd.DataFrame) -> pd.DataFrame:
@@ -109,12 +111,14 @@ def _largest_first(changed: pd.DataFrame) -> pd.DataFrame:
     return changed.assign(jump=jump).sort_values("jump", ascending=False, kind="stable", na_position="last")
 
 
-def _named(changed: pd.DataFrame) -> str:
-    most = "; ".join(f"{called(r)} by {change_text(r)}{_instead(r)}" for r in changed.head(_NAMED).itertuples())
+def _largest_changes(changed: pd.DataFrame) -> str:
+    most = "; ".join(
+        f"{number_name(r)} by {change_text(r)}{_alternatives(r)}" for r in changed.head(_NAMED).itertuples()
+    )
     return most + (f"; and {len(changed) - _NAMED} more" if len(changed) > _NAMED else "")
 
 
-def _instead(row: object) -> str:
+def _alternatives(row: object) -> str:
     others = cell(getattr(row, "instead", None))
     return f" (or {others}, which the campaigns cannot distinguish)" if others else ""
 
@@ -129,14 +133,14 @@ def _effect_verdicts(found: RunComparison, step: int) -> list[Verdict]:
 
 def _effects_found(found: RunComparison, place: int) -> list[str]:
     """Return the effects that the diagnosis of a run found, by their names in the tables."""
-    table = filled(found.runs[place].tables, "diagnosis")
+    table = table_or_none(found.runs[place].tables, "diagnosis")
     if table is None:
         return []
     own = table[table["verdict"] == "found"]
     return [f"{c} {cell(s)}".strip() for c, s in zip(own["cause"], own["subject"], strict=True)]
 
 
-@common_look()
+@figure_template()
 def comparison_sections(found: RunComparison) -> list[ReportSection]:
     """Return the sections of changes, trends, verdicts, all numbers, and origin of the page."""
     parts = (
@@ -153,7 +157,8 @@ def _changes(found: RunComparison) -> ReportSection:
     listing = Listing(
         ("from, to", "number", "changed by", "in sigma", "or instead", "value now"),
         tuple(
-            (found.pair(step), called(r), change_text(r), _jump(r), cell(r.instead), value_text(r)) for step, r in rows
+            (found.pair(step), number_name(r), change_text(r), _jump(r), cell(r.instead), value_text(r))
+            for step, r in rows
         ),
         ("changed",) * len(rows),
         "What changed: the fewest numbers whose changes explain all differences" if _is_mechanism(found) else "",
@@ -243,7 +248,7 @@ def _numbers(found: RunComparison) -> ReportSection | None:
         by_place = {r.place: r for r in own.itertuples()}
         first = next(iter(by_place.values()))
         cells = [value_text(by_place[k]) if k in by_place else "–" for k in range(1, len(found.runs) + 1)]
-        rows.append((called(first), *cells, _largest(own), _reasons(own)))
+        rows.append((number_name(first), *cells, _largest(own), _reasons(own)))
         marks.append("changed" if own["changed"].any() else "")
     heads = ("number", *(run.label for run in found.runs), "largest z", "left out")
     listing = Listing(heads, tuple(rows), tuple(marks), f"All {len(rows)} numbers", True, _HELD_BY)
@@ -291,7 +296,7 @@ def _caption(changed: pd.DataFrame) -> str:
     for r in changed.itertuples():
         together = cell(r.instead)
         why = f": correlated with {together}, so that the change is more certain than its bar shows" if together else ""
-        texts.append(f"{called(r)} changed by {change_text(r)}{why}.")
+        texts.append(f"{number_name(r)} changed by {change_text(r)}{why}.")
     return f"Ringed: {' '.join(texts)}" if texts else ""
 
 
@@ -340,7 +345,7 @@ def _line(
     rows: pd.DataFrame, shift: pd.Series, factor: float, aside: float, colour: str, symbol: str, unit: str
 ) -> go.Scatter:
     first = next(rows.itertuples())
-    name = called(first) if rows["leg"].isna().all() else f"leg {int(first.leg)}"
+    name = number_name(first) if rows["leg"].isna().all() else f"leg {int(first.leg)}"
     short = first.parameter if first.group in ("compliance", "G_B") else name
     return go.Scatter(
         x=rows["place"] + aside,

@@ -8,11 +8,11 @@ from typing import Any
 from truing.belonging.relation import RelationState
 from truing.report.diagnosis.assessed_causes import accepted_of, assessed_causes, modelled_of
 from truing.report.diagnosis.findings import subject_words
-from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, missed_by
+from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, errors_of_models
 from truing.report.numbers import count, p_value, rough, sign
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import Tables, cell, filled
+from truing.report.tables import Tables, cell, table_or_none
 from truing.report.wordings.catalogue import cause_words
 from truing.report.wordings.nonparametric_wordings import columns_words
 from truing.schemas.verdict import BY_A_FACTOR, ReasonCode
@@ -37,7 +37,7 @@ _UNITS = {
 
 def adequacy(tables: Tables) -> ReportSection | None:
     """Return the section of all tests of the final model; None where the run has none."""
-    table = filled(tables, "adequacy")
+    table = table_or_none(tables, "adequacy")
     if table is None:
         return None
     rows = list(table.itertuples())
@@ -46,7 +46,9 @@ def adequacy(tables: Tables) -> ReportSection | None:
     lead = f"{count(len(tested), 'test')} of the residuals of the final model: "
     lead += f"{failed}." if failed else "none finds more than noise."
     lead += "".join(_untested(rows, why, words) for why, words in _WHY_UNTESTED.items())
-    cells = tuple((_LOOKED_FOR[row.test], _along(row), _value(row), p_value(row.p_value), row.state) for row in rows)
+    cells = tuple(
+        (_LOOKED_FOR[row.test], _column_words(row), _value(row), p_value(row.p_value), row.state) for row in rows
+    )
     marks = tuple({"fails": "fail", "ok": "pass"}.get(row.state, "none") for row in rows)
     heads = ("test", "along", "value", "p (corrected)", "state")
     listing = Listing(heads, cells, marks, "All tests", len(cells) > 8, "adequacy.parquet")
@@ -69,17 +71,17 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     if not rows:
         return None
     found = [row for row in accepted_of(rows) if not row.is_noise]
-    missed = [one for one in missed_by(rows, modelled_of(rows), tables) if one.floor]
+    missed = [one for one in errors_of_models(rows, modelled_of(rows), tables) if one.floor]
     beyond, below = [one for one in missed if _is_beyond(one)], [one for one in missed if one.is_below_noise]
     none = "" if found else f"none of {count(len(rows), 'candidate')} was found, but "
     if beyond:
-        return _beyond(max(beyond, key=_times_noise), none, shortcoming(tables))
+        return _verdict_above_noise(max(beyond, key=_times_noise), none, shortcoming(tables))
     if short := shortcoming(tables):
         text = f"The model is incomplete: {none}{short}."
         p, limit = _least_likely(tables)
         return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.LACK_OF_FIT, text, p, "1", limit)
     if below:
-        return _below(below[0], none)
+        return _verdict_below_noise(below[0], none)
     if not missed:
         text = "No noise is declared, so errors of predictions cannot be compared with it: declare [noise]."
         return SectionVerdict("adequacy", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
@@ -90,7 +92,7 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     return SectionVerdict("adequacy", RelationState.OK, ReasonCode.WITHIN_NOISE, text, ratio, "1", AT_THE_FLOOR)
 
 
-def _beyond(one: Overall, none: str, short: str) -> SectionVerdict:
+def _verdict_above_noise(one: Overall, none: str, short: str) -> SectionVerdict:
     """Return the verdict on errors beyond noise: by a factor they fail, since no declared noise is so
     wrong unnoticed."""
     ratio, unit, also = _times_noise(one), sign(one.unit), f"; {short}" if short else ""
@@ -101,7 +103,7 @@ def _beyond(one: Overall, none: str, short: str) -> SectionVerdict:
     return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BEYOND_NOISE, text, ratio, "1", AT_THE_FLOOR)
 
 
-def _below(one: Overall, none: str) -> SectionVerdict:
+def _verdict_below_noise(one: Overall, none: str) -> SectionVerdict:
     size = f"{rough(one.after)} {sign(one.unit)}"
     text = f"{none}the rms error of predictions is only {size}, significantly less than noise alone gives "
     text += f"({rough(one.floor or 0.0)} {sign(one.unit)}): {one.why_below}. Correct [noise]: effects below the "
@@ -127,7 +129,7 @@ def _least_likely(tables: Tables) -> tuple[float, float]:
 
 def shortcoming(tables: Tables) -> str:
     """Return in words the worst shortcoming of the final model, without a full stop; empty where it holds."""
-    table = filled(tables, "adequacy")
+    table = table_or_none(tables, "adequacy")
     failed = None if table is None else table[table["state"] == "fails"].sort_values("p_value")
     if failed is None or not len(failed):
         return ""
@@ -138,17 +140,17 @@ def shortcoming(tables: Tables) -> str:
 def shortcoming_words(worst: Any) -> str:
     """Return in words the shortcoming found by one failed test, without a full stop."""
     if worst.test == CAUSES_LEFT:
-        return _ended(worst)
+        return _limit_words(worst)
     if worst.test == "like-neighbours":
-        return f"neighbouring residuals along {_along(worst)} are correlated (correlation {rough(worst.value)})"
+        return f"neighbouring residuals along {_column_words(worst)} are correlated (correlation {rough(worst.value)})"
     if worst.test == "pure-error":
         return f"mean errors of repeated measurements exceed what their scatter explains (F = {rough(worst.value)})"
     if worst.test == "by-region":
-        return f"mean residuals differ between regions of {_along(worst)} (F = {rough(worst.value)})"
+        return f"mean residuals differ between regions of {_column_words(worst)} (F = {rough(worst.value)})"
     return f"the {_LOOKED_FOR[worst.test]} is {rough(worst.value)} times the declared noise"
 
 
-def _ended(row: Any) -> str:
+def _limit_words(row: Any) -> str:
     """Return in words that the search reached a limit, and what remains, without a full stop."""
     of = f" of {subject_words(row.left_subject)}" if cell(row.left_subject) else ""
     why = " because too many effects match no catalogued cause," if row.search_end == _UNNAMED else ""
@@ -159,7 +161,7 @@ def _ended(row: Any) -> str:
     )
 
 
-def _along(row: Any) -> str:
+def _column_words(row: Any) -> str:
     return columns_words(tuple(cell(row.along).split(" "))) if cell(row.along) else "–"
 
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from truing.report.diagnosis.findings import subject_words
-from truing.report.tables import Tables, cell, filled
+from truing.report.tables import Tables, cell, table_or_none
 from truing.report.wordings.catalogue import cause_words
 from truing.report.wordings.claim import Claim, ParameterSize
 from truing.report.wordings.nonparametric_wordings import columns_words
-from truing.schemas.covariates import named
+from truing.schemas.covariates import names_in
 
 FOUND, SUSPECTED, RIVAL = "found", "suspected", "indistinguishable"
 REJECTED, NOT_TESTABLE = "rejected", "not testable"
@@ -76,7 +76,7 @@ class AssessedCause(Claim):
 
 def assessed_causes(tables: Tables) -> list[AssessedCause]:
     """Return all candidates by rank; none where the diagnosis was not evaluated."""
-    table = filled(tables, "diagnosis")
+    table = table_or_none(tables, "diagnosis")
     if table is None:
         return []
     return [_assessed_cause(row) for row in table.sort_values("rank").to_dict("records")]
@@ -99,7 +99,7 @@ def _assessed_cause(row: Mapping[Any, Any]) -> AssessedCause:
         verdict=str(row["verdict"]),
         subject=cell(row["subject"]).strip(),
         sizes=_sizes(cell(row["parameters"])),
-        follows=named(cell(row["follows"])),
+        follows=names_in(cell(row["follows"])),
         settings=json.loads(cell(row.get("settings")) or "{}"),
         words=cell(row.get("clause")),
         largest_motion=_number(row.get("largest_motion")),

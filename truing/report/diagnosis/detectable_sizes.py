@@ -11,7 +11,7 @@ from truing.report.diagnosis.effect_units import plain_size, stem
 from truing.report.diagnosis.findings import few, subject_words
 from truing.report.numbers import count, printed
 from truing.report.page import Listing, ReportSection
-from truing.report.tables import Tables, cell, filled
+from truing.report.tables import Tables, cell, table_or_none
 from truing.report.wordings.catalogue import cause_words
 
 _TITLE = "What could have stayed hidden"
@@ -22,7 +22,7 @@ _BEYOND = "only beyond plausible sizes"
 
 def hidden(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     """Return the smallest detectable sizes, cause by cause, with every subject below."""
-    table = filled(tables, "detectable")
+    table = table_or_none(tables, "detectable")
     if table is None:
         why = "The smallest detectable sizes were not computed in this run."
         reported = _in_words(rows)
@@ -34,7 +34,9 @@ def hidden(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     table.loc[table["cause"].isin(held) & table["size"].isna(), "told"] = _HELD
     found = {row.cause for row in rows if row.verdict in (FOUND, SUSPECTED)}
     table.loc[table["cause"].isin(found) & table["size"].isna(), "told"] = _BEYOND
-    return ReportSection("hidden", _TITLE, _lead(table), listings=(_by_cause(table, rows), _all(table)))
+    return ReportSection(
+        "hidden", _TITLE, _opening_sentences(table), listings=(_by_cause(table, rows), _full_listing(table))
+    )
 
 
 def size_words(table: pd.DataFrame) -> list[str]:
@@ -45,7 +47,7 @@ def size_words(table: pd.DataFrame) -> list[str]:
     ]
 
 
-def _lead(table: pd.DataFrame) -> str:
+def _opening_sentences(table: pd.DataFrame) -> str:
     power = float(table["power"].median())
     text = f"An effect of the size shown would have been found with a probability of {100 * power:.0f} %; smaller "
     text += "effects may be present."
@@ -59,7 +61,7 @@ def _by_cause(table: pd.DataFrame, rows: list[AssessedCause]) -> Listing:
     """Return a row per cause and kind of parameter, from its best subject to its worst."""
     verdicts = {row.cause: row.verdict for row in reversed(rows)}
     cells = tuple(
-        (cause_words(str(cause)), str(parameter), _concerns(own), *_from_to(own), verdicts.get(str(cause), "–"))
+        (cause_words(str(cause)), str(parameter), _subject_words(own), *_from_to(own), verdicts.get(str(cause), "–"))
         for (cause, parameter), own in _kinds(table)
     )
     heads = ("cause", "parameter", "concerns", "found from, best subject", "worst subject", "result")
@@ -81,7 +83,7 @@ def _kind(parameter: str) -> str:
     return component[1] if component else stem(first)
 
 
-def _concerns(own: pd.DataFrame) -> str:
+def _subject_words(own: pd.DataFrame) -> str:
     subjects = list(dict.fromkeys(own["subject"]))
     if len(subjects) == 1:
         return subject_words(subjects[0]) or "the whole"
@@ -100,7 +102,7 @@ def _from_to(own: pd.DataFrame) -> tuple[str, str]:
     return str(best), str(worst) if len(known) == len(own) else _NEVER
 
 
-def _all(table: pd.DataFrame) -> Listing:
+def _full_listing(table: pd.DataFrame) -> Listing:
     rows = tuple(
         (cause_words(r.cause), subject_words(r.subject), few(str(r.parameter)), r.told, f"{100 * r.power:.0f} %")
         for r in table.itertuples()

@@ -47,18 +47,18 @@ def evidence(rows: list[AssessedCause]) -> ReportSection:
     """Return the evidence for each candidate, with rivals of findings marked."""
     causes = [row for row in rows if not row.is_noise]
     title = "Evidence against every alternative" if accepted_of(causes) else "Evidence for each cause"
-    return ReportSection("evidence", title, _lead(causes), tuple(_figures(causes)), (_candidates(rows),))
+    return ReportSection("evidence", title, _opening_sentences(causes), tuple(_figures(causes)), (_candidates(rows),))
 
 
 def _figures(causes: list[AssessedCause]) -> list[tuple[object, str]]:
     known = [row for row in causes if row.evidence is not None]
     if known:
-        return [(_odds_figure(known), f"Left of the line: evidence against the cause. {_shown(causes)}")]
+        return [(_odds_figure(known), f"Left of the line: evidence against the cause. {_shown_causes(causes)}")]
     known = [row for row in causes if row.probability is not None]
-    return [(_probability_figure(known), _shown(causes))] if known else []
+    return [(_probability_figure(known), _shown_causes(causes))] if known else []
 
 
-def _lead(rows: list[AssessedCause]) -> str:
+def _opening_sentences(rows: list[AssessedCause]) -> str:
     """Return in words the lead of the findings over the next candidates, and its robustness against plausible sizes."""
     rivals = [row for row in rows if row.verdict == RIVAL]
     found = accepted_of(rows)
@@ -98,7 +98,7 @@ def _times(gap: float) -> str:
     return rough(10.0**decades) if decades < 4.0 else f"10{''.join(_RAISED[int(d)] for d in f'{decades:.0f}')}"
 
 
-def _shown(rows: list[AssessedCause]) -> str:
+def _shown_causes(rows: list[AssessedCause]) -> str:
     if len(rows) > _SHOWN:
         return f"The {_SHOWN} candidates with most evidence; the table has all {len(rows)}."
     return "Each cause is shown for the leg, target or axis that it fits best."
@@ -182,7 +182,7 @@ def _bars(rows: list[AssessedCause], values: list[float], words: list[str]) -> g
             continue
         figure.add_trace(
             go.Bar(
-                y=[_place(rows, k) for k in own],
+                y=[_axis_label(rows, k) for k in own],
                 x=[values[k] for k in own],
                 name=name,
                 orientation="h",
@@ -194,7 +194,7 @@ def _bars(rows: list[AssessedCause], values: list[float], words: list[str]) -> g
                 hovertemplate="%{y}: %{customdata}<extra></extra>",
             )
         )
-    order = [_place(rows, k) for k in range(len(rows))]
+    order = [_axis_label(rows, k) for k in range(len(rows))]
     figure.add_trace(
         go.Scatter(
             y=order,
@@ -211,7 +211,7 @@ def _bars(rows: list[AssessedCause], values: list[float], words: list[str]) -> g
     return figure
 
 
-def _place(rows: list[AssessedCause], k: int) -> str:
+def _axis_label(rows: list[AssessedCause], k: int) -> str:
     """Return the candidate's name on the axis; equal names are separated by their rank."""
     names = [_kind(row) for row in rows]
     name = label(_short(names[k]))
@@ -243,7 +243,7 @@ _HEADS = (
 )
 
 
-def _then(pair: tuple[float | None, float | None]) -> str:
+def _change_words(pair: tuple[float | None, float | None]) -> str:
     return f"{plain(pair[0])} → {plain(pair[1])}".replace(" ", UNBROKEN)
 
 
@@ -258,8 +258,8 @@ def _candidates(rows: list[AssessedCause]) -> Listing:
             "–" if row.evidence is None else f"{row.evidence / math.log(10.0):+.1f}",
             plain(row.probability),
             row.holds or "–",
-            _then(row.rms),
-            _then(row.held_out),
+            _change_words(row.rms),
+            _change_words(row.held_out),
             sign(row.unit),
         )
         for row in rows

@@ -81,7 +81,7 @@ class Facts:
 def explanation(facts: Facts) -> str:
     """Return the explanation of one candidate cause."""
     of_verdict = {
-        "found": _found,
+        "found": _found_clause,
         "suspected": _suspected,
         "indistinguishable": _indistinguishable,
         "rejected": _rejected,
@@ -116,13 +116,13 @@ def subject_words(subject: str) -> str:
     parts = subject.split()
     legs = [part.removeprefix("leg") for part in parts]
     if parts and all(part.startswith("leg") and part[3:].isdigit() for part in parts):
-        return f"leg {legs[0]}" if len(legs) == 1 else f"legs {_and(legs)}"
+        return f"leg {legs[0]}" if len(legs) == 1 else f"legs {_joined_names(legs)}"
     if parts[:1] == ["targets"]:
-        return f"targets {_and(parts[1:])}"
+        return f"targets {_joined_names(parts[1:])}"
     return subject
 
 
-def _and(names: Sequence[str]) -> str:
+def _joined_names(names: Sequence[str]) -> str:
     return names[-1] if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -133,16 +133,16 @@ def _share(facts: Facts) -> str:
     return f" It explains {100.0 * facts.share:.0f} % of the effect; no catalogued cause explains the rest."
 
 
-def _found(facts: Facts) -> str:
+def _found_clause(facts: Facts) -> str:
     unnamed = UNNAMED if facts.unnamed else ""
     return (
-        f"The data show that {facts.clause}{unnamed}{_sizes(facts)}.{_reach(facts)}{_share(facts)} "
+        f"The data show that {facts.clause}{unnamed}{_sizes(facts)}.{_largest_change(facts)}{_share(facts)} "
         f"{_improvement(facts)} Probability by chance: at most {facts.p_value:.2g}, "
-        f"corrected for {facts.candidates} candidates.{_elsewhere(facts)}"
+        f"corrected for {facts.candidates} candidates.{_other_subjects(facts)}"
     )
 
 
-def _elsewhere(facts: Facts) -> str:
+def _other_subjects(facts: Facts) -> str:
     """Return the other possible subjects that the data leave open."""
     if not facts.subjects:
         return ""
@@ -153,8 +153,8 @@ def _elsewhere(facts: Facts) -> str:
 
 def _suspected(facts: Facts) -> str:
     return (
-        f"It may be that {facts.clause}{_sizes(facts)}.{_reach(facts)}{_share(facts)} "
-        f"This is suspected, not confirmed: {DOUBTS[facts.reason_code]}. {_improvement(facts)}{_elsewhere(facts)}"
+        f"It may be that {facts.clause}{_sizes(facts)}.{_largest_change(facts)}{_share(facts)} "
+        f"This is suspected, not confirmed: {DOUBTS[facts.reason_code]}. {_improvement(facts)}{_other_subjects(facts)}"
     )
 
 
@@ -199,7 +199,7 @@ def missing_explanation(cause: str, reason_code: str) -> str:
     return f"Not tested: {cause}. A test needs {NEEDS[reason_code]}."
 
 
-def _reach(facts: Facts) -> str:
+def _largest_change(facts: Facts) -> str:
     if facts.largest is None:
         return ""
     return f" It changes measured values by up to {plain(facts.largest)} {facts.unit}."
@@ -258,7 +258,8 @@ def noise_explanation(
     size = with_uncertainty(ratio, sigma)
     if follows:
         return (
-            f"The noise is not uniform: it depends on {_and(follows)} and reaches {size} times the declared noise. "
+            f"The noise is not uniform: it depends on {_joined_names(follows)} and reaches {size} times the declared "
+            "noise. "
             f"Noisier measurements had less weight in the search for causes.{missed}"
         )
     return (

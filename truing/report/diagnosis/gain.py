@@ -16,14 +16,14 @@ from truing.report.diagnosis.prediction_errors import (
     POINTS,
     Overall,
     PartNames,
-    compared,
-    missed_by,
+    errors_of_models,
+    part_names,
     reading_misses,
     rms_with_interval,
     root_mean_square,
 )
 from truing.report.diagnosis.reading_gain import by_channel, drawn_readings
-from truing.report.diagnosis.validity import elsewhere, not_elsewhere
+from truing.report.diagnosis.validity import held_out_sentences, not_elsewhere
 from truing.report.figure_style import (
     BLUE,
     GREY,
@@ -37,7 +37,7 @@ from truing.report.figure_style import (
 )
 from truing.report.numbers import plain, rough, sign
 from truing.report.page import Drawn, Listing, ReportSection
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables, table_or_none
 
 _NOT_FITTED = "not used in any fit"
 _ALL = 0.9995  # share of the variance beyond noise that is rounded to 100 %
@@ -66,21 +66,23 @@ class _Missed:
         return self.of.floor
 
 
-def gained(rows: list[AssessedCause], tables: Tables) -> ReportSection:
+def gain_section(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     """Return the section on measured minus predicted before and after, by subset and by cause, and on plain
     calibrations.
 
     ``rows``: all candidates; where none was found, the errors of the plain simulation.
     """
     found = modelled_of(rows)
-    of = compared(tables)
-    missed = [_Missed(_words_of(one, of), one, bool(found)) for one in missed_by(rows, found, tables)]
-    reported = [*_cause_by_cause(found, of), *_parts(missed, tables), *_plain(tables)]
+    of = part_names(tables)
+    missed = [_Missed(_words_of(one, of), one, bool(found)) for one in errors_of_models(rows, found, tables)]
+    reported = [*_errors_by_cause(found, of), *_parts(missed, tables), *_plain(tables)]
     misses = reading_misses(tables)
     by_part = _by_role(tables) if misses is None else by_channel(misses)
     listings = [listing for listing in (by_part, _calibrations(tables)) if listing.rows]
     title = "Before and after" if found else "Errors of the predictions"
-    lead = " ".join([_lead(missed, of, rows, whole=not shortcoming(tables)), *elsewhere(found, of)])
+    lead = " ".join(
+        [_opening_sentences(missed, of, rows, whole=not shortcoming(tables)), *held_out_sentences(found, of)]
+    )
     return ReportSection("gain", title, lead, tuple(reported), tuple(listings), see=not_elsewhere(found, of))
 
 
@@ -88,7 +90,7 @@ def _words_of(one: Overall, of: PartNames) -> str:
     return f"{of.held_out} ({_NOT_FITTED})" if one.held_out else of.fitted
 
 
-def _lead(missed: list[_Missed], of: PartNames, rows: list[AssessedCause], *, whole: bool) -> str:
+def _opening_sentences(missed: list[_Missed], of: PartNames, rows: list[AssessedCause], *, whole: bool) -> str:
     """Return in words the remaining held-out errors against noise, and the share of the excess removed. ``whole``:
     whether no test of the final model fails."""
     if not missed:
@@ -138,15 +140,15 @@ def _removed(missed: _Missed, whole: bool) -> str:
     return f"The causes explain {100.0 * share:.3g} % of the variance beyond noise."
 
 
-def _cause_by_cause(found: list[AssessedCause], of: PartNames) -> Drawn:
+def _errors_by_cause(found: list[AssessedCause], of: PartNames) -> Drawn:
     rows = [row for row in found if row.rms[0] is not None and row.rms[1] is not None]
     units = dict.fromkeys(row.unit for row in rows)
     words = of.fitted_or_not
     if of is not POINTS:
         # Each cause is assessed over the channels that it moves, so errors after one are not those before the next.
         start = "with what was found before"
-        return [(misses([row], of, *([start] if k else [])), words) for k, row in enumerate(rows)]
-    return [(misses([row for row in rows if row.unit == unit], of), words) for unit in units]
+        return [(misfit_figure([row], of, *([start] if k else [])), words) for k, row in enumerate(rows)]
+    return [(misfit_figure([row for row in rows if row.unit == unit], of), words) for unit in units]
 
 
 def _parts(missed: list[_Missed], tables: Tables) -> Drawn:
@@ -155,7 +157,7 @@ def _parts(missed: list[_Missed], tables: Tables) -> Drawn:
     misses = reading_misses(tables)
     if misses is not None:
         return drawn_readings(misses, modelled)
-    table = filled(tables, "prediction")
+    table = table_or_none(tables, "prediction")
     if table is None:
         return []
     words = "Diamonds: held-out poses, not used in any fit."
@@ -165,7 +167,7 @@ def _parts(missed: list[_Missed], tables: Tables) -> Drawn:
 
 def _by_role(tables: Tables) -> Listing:
     """Return rms and largest error over the poses of each role, with intervals from resampled poses."""
-    table = filled(tables, "prediction")
+    table = table_or_none(tables, "prediction")
     heads = ("poses", "number", "rms before", "rms after", "largest before", "largest after", "unit")
     if table is None:
         return Listing(heads, ())
@@ -183,9 +185,9 @@ def _by_role(tables: Tables) -> Listing:
     return Listing(heads, tuple(rows), caption=caption, held_by="prediction.parquet")
 
 
-def _compared(tables: Tables) -> pd.DataFrame | None:
+def _compared_calibrations(tables: Tables) -> pd.DataFrame | None:
     """Return the errors of the plain calibrations of one structure, and of the extended model, in order."""
-    accuracy = filled(tables, "accuracy")
+    accuracy = table_or_none(tables, "accuracy")
     if accuracy is None:
         return None
     extended = accuracy[accuracy["model"] == EXTENDED]
@@ -202,7 +204,7 @@ def _compared(tables: Tables) -> pd.DataFrame | None:
 
 
 def _plain(tables: Tables) -> Drawn:
-    errors = _compared(tables)
+    errors = _compared_calibrations(tables)
     if errors is None:
         return []
     words = "Plain calibrations, for comparison: each fits the geometry and models no cause but a deforming platform."
@@ -210,7 +212,7 @@ def _plain(tables: Tables) -> Drawn:
 
 
 def _calibrations(tables: Tables) -> Listing:
-    errors = _compared(tables)
+    errors = _compared_calibrations(tables)
     heads = ("calibration", "poses", "position rms", "largest", "noise alone", "unit")
     if errors is None:
         return Listing(heads, ())
@@ -231,7 +233,9 @@ def _calibrations(tables: Tables) -> Listing:
     return Listing(heads, rows, caption="Position of the platform: extended model and plain calibrations", folded=True)
 
 
-def misses(found: list[AssessedCause], of: PartNames = POINTS, start: str = "simulation without changes") -> go.Figure:
+def misfit_figure(
+    found: list[AssessedCause], of: PartNames = POINTS, start: str = "simulation without changes"
+) -> go.Figure:
     """Return the rms of measured minus predicted before and after each accepted cause of one unit, with the noise
     floor."""
     stages = [f"{start} ", *(f"+ {label(row.name)} " for row in found)]

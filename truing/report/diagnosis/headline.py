@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from truing.report.diagnosis.assessed_causes import FOUND, AssessedCause
 from truing.report.diagnosis.findings import UNNAMED, subject_words
-from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, compared, overall
+from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, overall, part_names
 from truing.report.numbers import printed, rough, sign, with_uncertainty
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables, table_or_none
 from truing.report.wordings import catalogue
 from truing.report.wordings.claim import Reach
 from truing.report.wordings.nonparametric_wordings import columns_words, remainder_clause
@@ -31,7 +31,7 @@ def clause(row: AssessedCause, tables: Tables) -> str:
         return printed(remainder_clause(row.follows, row.subject, row.share_predicted or 0.0))
     if row.is_noise and row.cause == "unexplained":
         return printed(_noise(row))
-    text = catalogue.clause(replace(row, reach=_reach(row, tables)))
+    text = catalogue.clause(replace(row, reach=_largest_shift(row, tables)))
     unnamed = UNNAMED if row.cause == "unexplained" and row.verdict == FOUND else ""
     return printed(f"{text[:1].upper()}{text[1:]}{unnamed}")
 
@@ -41,7 +41,7 @@ def gain(found: list[AssessedCause], tables: Tables) -> str:
     told_of = overall(found, tables, held_out=True) or overall(found, tables, held_out=False)
     if told_of is None:
         return ""
-    parts = compared(tables)
+    parts = part_names(tables)
     what = f"the rms error on {parts.held_out if told_of.held_out else parts.fitted}"
     return _change(what, told_of) + _against_noise(told_of)
 
@@ -73,7 +73,7 @@ def _noise(row: AssessedCause) -> str:
     return f"The noise{whose} is {times} times the declared noise"
 
 
-def _reach(row: AssessedCause, tables: Tables) -> Reach | None:
+def _largest_shift(row: AssessedCause, tables: Tables) -> Reach | None:
     """Return the largest shift of an attachment by a finding; for a full matrix, of two attachments relative to each
     other."""
     drives = _drives(tables)
@@ -81,8 +81,8 @@ def _reach(row: AssessedCause, tables: Tables) -> Reach | None:
         return None
     matrix = _matrix(row, drives.shape[1])
     if matrix is not None:
-        return _between(drives, *matrix)
-    shifts = _own(row, drives)
+        return _largest_difference(drives, *matrix)
+    shifts = _own_actuator_shifts(row, drives)
     if shifts is None or not np.any(shifts):
         return None
     leg = int(np.argmax(np.max(np.abs(shifts), axis=0)))
@@ -101,7 +101,7 @@ def _own_sigma(row: AssessedCause, drive: float, leg: int, legs: int) -> float |
     return 1e3 * float(np.sqrt(sum((size.sigma or 0.0) ** 2 * drive ** (2 * power) for size, power in own)))
 
 
-def _between(drives: NDArray, matrix: NDArray, sigma: NDArray) -> Reach | None:
+def _largest_difference(drives: NDArray, matrix: NDArray, sigma: NDArray) -> Reach | None:
     """Return the largest difference of two attachments' shifts by K and its sigma (L, L), with drives (B, L) in mm."""
     shifts = drives @ matrix.T
     if shifts.shape[1] < 2:
@@ -117,10 +117,10 @@ def _between(drives: NDArray, matrix: NDArray, sigma: NDArray) -> Reach | None:
 def _drives(tables: Tables) -> NDArray | None:
     """Return displacements of the actuators (B, L) in mm; from the middle of their range where the reference is
     unknown."""
-    shifts = filled(tables, "deformation")
+    shifts = table_or_none(tables, "deformation")
     if shifts is not None:
         return shifts.pivot(index="pose", columns="leg", values="delta_rho_mm").dropna().to_numpy(dtype=float)
-    readings = filled(tables, "configurations")
+    readings = table_or_none(tables, "configurations")
     columns = _reading_columns(list(map(str, readings.columns))) if readings is not None else []
     if readings is None or not columns:
         return None
@@ -142,7 +142,7 @@ def _matrix(row: AssessedCause, legs: int) -> tuple[NDArray, NDArray] | None:
     return values, sigma
 
 
-def _own(row: AssessedCause, drives: NDArray) -> NDArray | None:
+def _own_actuator_shifts(row: AssessedCause, drives: NDArray) -> NDArray | None:
     """Return shifts (B, L) in mm where each attachment follows its own actuator."""
     if not row.cause.startswith("platform-deformation"):
         return None

@@ -9,7 +9,7 @@ import pandas as pd
 from truing.report.diagnosis.assessed_causes import AssessedCause, accepted_of
 from truing.report.numbers import rough
 from truing.report.page import ReportSection
-from truing.report.tables import Tables, filled, load_steps
+from truing.report.tables import Tables, load_steps, table_or_none
 from truing.report.wordings.bench_wordings import load_words
 from truing.report.wordings.claim import sure_of
 
@@ -22,8 +22,8 @@ _SHARE = {"": 1.0, "_asymmetry": 0.5, "_growth": 1.0}
 def unwritten_loads(rows: list[AssessedCause], tables: Tables) -> ReportSection | None:
     """Return the section on unrecorded moments or forces and their effect on a calibration; None where
     there are none."""
-    acted = _acted(rows, tables)
-    if not acted or filled(tables, "sensor_matrix") is None:
+    acted = _corrected_loads(rows, tables)
+    if not acted or table_or_none(tables, "sensor_matrix") is None:
         return None
     text = load_warning(rows, tables) or (
         f"{_upper(acted)}. The calibration of the sensor includes this, as [diagnosis] apply asks. Using nominal "
@@ -34,8 +34,8 @@ def unwritten_loads(rows: list[AssessedCause], tables: Tables) -> ReportSection 
 
 def load_warning(rows: list[AssessedCause], tables: Tables) -> str:
     """Return the warning that unrecorded loads bias a calibration; empty where there are none."""
-    acted = _acted(rows, tables)
-    if not acted or filled(tables, "sensor_matrix") is None or _taken_in(tables):
+    acted = _corrected_loads(rows, tables)
+    if not acted or table_or_none(tables, "sensor_matrix") is None or _used_corrected_loads(tables):
         return ""
     return (
         f"G_B is fitted to the recorded loads, but {acted}. This biases G_B: before it is used, centre the load, "
@@ -43,7 +43,7 @@ def load_warning(rows: list[AssessedCause], tables: Tables) -> str:
     )
 
 
-def _acted(rows: list[AssessedCause], tables: Tables) -> str:
+def _corrected_loads(rows: list[AssessedCause], tables: Tables) -> str:
     steps = load_steps(tables)
     return "; ".join(beside for row in accepted_of(rows) for beside in _other_load_text(row, steps))
 
@@ -52,9 +52,9 @@ def _upper(sentence: str) -> str:
     return sentence[:1].upper() + sentence[1:]
 
 
-def _taken_in(tables: Tables) -> bool:
+def _used_corrected_loads(tables: Tables) -> bool:
     """Return True if the calibration used the loads as corrected by the diagnosis."""
-    choice = filled(tables, "sensor_choice")
+    choice = table_or_none(tables, "sensor_choice")
     return choice is not None and bool((choice["figure"] == "loads_as_diagnosed").any())
 
 

@@ -12,10 +12,10 @@ import pandas as pd
 
 from truing.report.diagnosis.assessed_causes import AssessedCause
 from truing.report.diagnosis.next_steps import NextStep, next_steps
-from truing.report.diagnosis.prediction_errors import POINTS, READINGS, compared
+from truing.report.diagnosis.prediction_errors import POINTS, READINGS, part_names
 from truing.report.numbers import count, printed
 from truing.report.page import MOST_ROWS, Listing, ReportSection
-from truing.report.tables import LOAD_UNITS, LOADS, Tables, cell, filled
+from truing.report.tables import LOAD_UNITS, LOADS, Tables, cell, table_or_none
 from truing.schemas.needs import Need
 
 _TITLE = "What to measure next"
@@ -50,30 +50,30 @@ def requested_measurements(rows: list[AssessedCause], tables: Tables) -> ReportS
     listings = _computed(tables)
     if untested:
         listings += (Listing(("cause", "what to measure"), untested, (), _CAPTION, True, "next_measurements.parquet"),)
-    lead = _lead(steps, tables)
-    state = "" if listings or (asked and compared(tables) is READINGS) else "not evaluated"
+    lead = _opening_sentences(steps, tables)
+    state = "" if listings or (asked and part_names(tables) is READINGS) else "not evaluated"
     return ReportSection("next", _TITLE, lead, listings=listings, statements=asked, state=state)
 
 
-def _lead(steps: list[NextStep], tables: Tables) -> str:
+def _opening_sentences(steps: list[NextStep], tables: Tables) -> str:
     """Return the number of requests and their purposes; or why no configurations were computed."""
     counts = Counter(step.need for step in steps)
     served = [f"{counts[need]} {words[counts[need] > 1]}" for need, words in _SERVED.items() if counts[need]]
     text = f"Most urgent first: {', '.join(served)}." if served else ""
-    if filled(tables, "next_loads") is not None:
+    if table_or_none(tables, "next_loads") is not None:
         begins = "Every run starts with its own zero. The CSV below each table has all steps, with times and loads."
         return f"{text} {begins}".strip()
-    if filled(tables, "next_poses") is not None:
+    if table_or_none(tables, "next_poses") is not None:
         return f"{text} The tables give readings as the machine takes them.".strip()
-    legless = compared(tables) is POINTS and "pulls" not in tables
+    legless = part_names(tables) is POINTS and "pulls" not in tables
     why = _OF_CHAIN if "joints" in tables else _WITHOUT_MECHANISM
-    return f"{text} {why if legless else compared(tables).not_planned}".strip()
+    return f"{text} {why if legless else part_names(tables).not_planned}".strip()
 
 
 def _computed(tables: Tables) -> tuple[Listing, ...]:
     """Return a table per purpose."""
     for name, listing in (("next_loads", _listing_of_loads), ("next_poses", _listing)):
-        if (table := filled(tables, name)) is not None:
+        if (table := table_or_none(tables, name)) is not None:
             return tuple(listing(str(purpose), own) for purpose, own in table.groupby("purpose", sort=False))
     return ()
 

@@ -12,9 +12,9 @@ import pandas as pd
 from truing.report.calibration.requirements import chosen_requirements, interval_words
 from truing.report.diagnosis.assessed_causes import NOT_TESTABLE, RIVAL, SUSPECTED, AssessedCause, accepted_of
 from truing.report.diagnosis.shortcomings import decisive_measurements
-from truing.report.numbers import about, count, printed
+from truing.report.numbers import approximate_duration, count, printed
 from truing.report.section_verdict import verdict_rows
-from truing.report.tables import Tables, cell, filled
+from truing.report.tables import Tables, cell, table_or_none
 from truing.report.verdict import with_verdict
 from truing.report.wordings.catalogue import cause_words
 from truing.report.wordings.claim import AdviceKind
@@ -83,13 +83,13 @@ def _requirements(tables: Tables) -> Iterator[NextStep]:
             words += f"Its 95 % interval is {now}; the limit is {asked}."
             yield NextStep(Need.REQUIREMENT, f"requirement {row.component}", words)
         else:
-            yield _deciding(row, pace_s, several)
+            yield _deciding_poses(row, pace_s, several)
 
 
-def _deciding(row: Any, pace_s: float | None, several: int) -> NextStep:
+def _deciding_poses(row: Any, pace_s: float | None, several: int) -> NextStep:
     """Return the poses that decide one requirement; they also serve the others if ``several`` are undecided."""
     total = int(row.measurements)
-    takes = "" if pace_s is None else f" ({about(total * pace_s)} at the pace of this campaign)"
+    takes = "" if pace_s is None else f" ({approximate_duration(total * pace_s)} at the pace of this campaign)"
     text = f"To decide whether {row.component} meets its requirement, measure {count(total, 'further pose')} all over "
     text += f"the workspace, with role verification{takes}."
     text += " The same poses also decide the other requirements." if several > 1 else ""
@@ -102,7 +102,7 @@ def _deciding(row: Any, pace_s: float | None, several: int) -> NextStep:
 
 def _pace(tables: Tables) -> float | None:
     """Return the median time from one pose to the next, s; None where unknown."""
-    table = filled(tables, "configurations")
+    table = table_or_none(tables, "configurations")
     if table is None or "time_s" not in table:
         return None
     steps = np.diff(np.sort(table["time_s"].dropna().to_numpy(float)))
@@ -132,7 +132,7 @@ def _of_finding(row: AssessedCause, tables: Tables) -> NextStep:
 
 def _plan(purpose: str, tables: Tables) -> pd.Series | None:
     """Return the last row of a purpose's table, with its totals; None where it has none."""
-    known = [table for name in _PLANS if (table := filled(tables, name)) is not None and "need" in table]
+    known = [table for name in _PLANS if (table := table_or_none(tables, name)) is not None and "need" in table]
     own = [table[table["purpose"] == purpose] for table in known if purpose]
     return next((table.iloc[-1] for table in own if len(table)), None)
 

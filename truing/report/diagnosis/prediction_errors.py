@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from truing.report.diagnosis.assessed_causes import AssessedCause, modelled_of, total_gain
 from truing.report.numbers import plain
-from truing.report.tables import STEP, Tables, filled, in_channel_order, is_bench, load_steps
+from truing.report.tables import STEP, Tables, in_channel_order, is_bench, load_steps, table_or_none
 
 # Standard deviation of a normal distribution over the median of its absolute values.
 _MEDIAN_TO_SIGMA = 1.4826
@@ -77,7 +77,7 @@ _AXIS = PartNames(
 )
 
 
-def compared(tables: Tables) -> PartNames:
+def part_names(tables: Tables) -> PartNames:
     """Return the names for a campaign's kind."""
     if "axis_errors" in tables:
         return _AXIS
@@ -92,7 +92,7 @@ def reading_misses(tables: Tables) -> pd.DataFrame | None:
     channel by declared noise alone, NaN where none is declared. ``noise`` is that, or else the median residual of the
     channel, scaled to a standard deviation.
     """
-    errors = filled(tables, "reading_errors")
+    errors = table_or_none(tables, "reading_errors")
     if errors is None:
         return None
     found = errors.rename(columns={"missed_before": "before", "missed_after": "after"})
@@ -116,7 +116,7 @@ def _steps(tables: Tables) -> pd.DataFrame:
 
 
 def _sigma(tables: Tables) -> pd.DataFrame:
-    readings = filled(tables, "readings")
+    readings = table_or_none(tables, "readings")
     if readings is None:
         return pd.DataFrame({"run": [], "step": [], "channel": [], "sigma": []}).astype({"channel": object})
     return readings[[*STEP, "channel", "sigma"]]
@@ -191,7 +191,7 @@ def overall(found: list[AssessedCause], tables: Tables, *, held_out: bool) -> Ov
     unit in which they gain most, with the noise floor of these.
     """
     effects = modelled_of(found)
-    if compared(tables) is READINGS and len(effects) > 1:
+    if part_names(tables) is READINGS and len(effects) > 1:
         units = dict.fromkeys(row.unit for row in effects)
         reported = [one for unit in units if (one := _of_readings(unit, tables, held_out)) is not None]
         return max(reported, key=lambda one: one.before / one.after if one.after > 0.0 else 1.0, default=None)
@@ -202,9 +202,9 @@ def overall(found: list[AssessedCause], tables: Tables, *, held_out: bool) -> Ov
     return Overall(*pair, effects[-1].floor, unit, held_out, _freedom(tables, unit, held_out))
 
 
-def as_it_is(rows: list[AssessedCause], tables: Tables, *, held_out: bool) -> list[Overall]:
+def plain_errors(rows: list[AssessedCause], tables: Tables, *, held_out: bool) -> list[Overall]:
     """Return the errors of the plain simulation where nothing was found; on a bench by unit."""
-    if compared(tables) is READINGS:
+    if part_names(tables) is READINGS:
         misses = reading_misses(tables)
         units = [] if misses is None else list(dict.fromkeys(misses["unit"]))
         return [one for unit in units if (one := _of_readings(unit, tables, held_out)) is not None]
@@ -217,12 +217,12 @@ def as_it_is(rows: list[AssessedCause], tables: Tables, *, held_out: bool) -> li
     )
 
 
-def missed_by(rows: list[AssessedCause], found: list[AssessedCause], tables: Tables) -> list[Overall]:
+def errors_of_models(rows: list[AssessedCause], found: list[AssessedCause], tables: Tables) -> list[Overall]:
     """Return the errors at held-out data, then the rest; ``found``: the modelled ones of all candidates."""
     missed: list[Overall] = []
     for held in (True, False):
         whole = overall(found, tables, held_out=held) if found else None
-        missed += [whole] if whole is not None else [] if found else as_it_is(rows, tables, held_out=held)
+        missed += [whole] if whole is not None else [] if found else plain_errors(rows, tables, held_out=held)
     return missed
 
 
@@ -230,16 +230,18 @@ def _freedom(tables: Tables, unit: str, held_out: bool) -> float:
     """Return the least number of independent values in an rms: readings of a channel less one zero per run; for points,
     poses. Values of one pose have errors in common. The number per pose follows from the scatter of the poses' mean
     squares."""
-    if compared(tables) is READINGS:
+    if part_names(tables) is READINGS:
         own = _own_readings(unit, tables, held_out)
         if own is None:
             return 0.0
         zeros = own.groupby(["run", "channel"]).ngroups
         return max(len(own) - zeros, 0) / own["channel"].nunique()
-    if (rows := filled(tables, "axis_errors")) is not None:  # encoders share how far the axis stands from its command
+    if (
+        rows := table_or_none(tables, "axis_errors")
+    ) is not None:  # encoders share how far the axis stands from its command
         own = rows[rows["role"].eq("verification") == held_out]
         return float(max(own["pose"].nunique() - 1, 0))
-    poses = filled(tables, "prediction")
+    poses = table_or_none(tables, "prediction")
     if poses is None:
         return 0.0
     squares = poses["rms_after"].dropna().to_numpy(dtype=float) ** 2

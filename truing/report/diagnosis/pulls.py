@@ -11,13 +11,13 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.belonging.relation import RelationState
-from truing.report.diagnosis.prediction_errors import PartNames, compared
+from truing.report.diagnosis.prediction_errors import PartNames, part_names
 from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
 from truing.report.numbers import count, p_equals, p_value, plain, rough, with_uncertainty
 from truing.report.page import Listing, ReportSection
-from truing.report.parameter_names import kind_of, name_of, shown_in
+from truing.report.parameter_names import kind_of, name_of, print_unit
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import Tables, cell, filled
+from truing.report.tables import Tables, cell, table_or_none
 from truing.schemas.verdict import ReasonCode
 
 _BEFORE, _AFTER = "plain", "extended"
@@ -41,7 +41,7 @@ def pulls(tables: Tables) -> ReportSection | None:
     there are none."""
     if "pulls" not in tables:
         return None
-    table, of = filled(tables, "pulls"), compared(tables)
+    table, of = table_or_none(tables, "pulls"), part_names(tables)
     title = f"Pulls: {of.built_question}"
     own = table[table["identifiable"].astype(bool)] if table is not None else None
     if table is None or own is None or not len(own):
@@ -52,7 +52,9 @@ def pulls(tables: Tables) -> ReportSection | None:
     words = "Effects that a model leaves out bias its other parameters; modelling the right cause lowers their pulls."
     left = len(table) - len(own)
     words += f" Not shown: {count(left, 'parameter')} that the data do not determine." if left else ""
-    return ReportSection("pulls", title, _lead(sums, of), ((figure, words),), (_together(sums), _all(own)))
+    return ReportSection(
+        "pulls", title, _opening_sentences(sums, of), ((figure, words),), (_summary_listing(sums), _pull_listing(own))
+    )
 
 
 def _unknown(of: PartNames) -> str:
@@ -63,13 +65,13 @@ def pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVer
     """Return the verdict on all pulls together against realistic tolerances; None where there are none."""
     if "pulls" not in tables:
         return None
-    table, of = filled(tables, "pulls"), compared(tables)
+    table, of = table_or_none(tables, "pulls"), part_names(tables)
     known = table is not None and bool(table["identifiable"].any())
     sums = _sums(tables) if known else {}
     if not sums:
-        why = _lead(sums, of) if known else _unknown(of)
+        why = _opening_sentences(sums, of) if known else _unknown(of)
         return SectionVerdict("pulls", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Pulls not tested: {why}")
-    last = _last(sums)
+    last = _final_sums(sums)
     size, limit = (_rms(chi_square, last.freedom) for chi_square in (last.chi_square, last.upper))
     text = f"Pulls of the {of.built}: rms {rough(size)}; upper limit (95 %) if tolerances are realistic: "
     text += f"{rough(limit)} (p {p_equals(last.p_value)}). {_verdict(last, of)}"
@@ -81,27 +83,27 @@ def pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVer
 
 def _sums(tables: Tables) -> dict[str, Any]:
     """Return the row of each model whose pulls could be compared with their band."""
-    table = filled(tables, "pull_sums")
+    table = table_or_none(tables, "pull_sums")
     rows = {str(row.model): row for row in table.itertuples()} if table is not None else {}
-    return {model: row for model, row in rows.items() if _known(row)}
+    return {model: row for model, row in rows.items() if _is_testable(row)}
 
 
 def _rms(chi_square: float, freedom: float) -> float:
     return math.sqrt(chi_square / freedom) if freedom > 0 and chi_square >= 0.0 else math.nan
 
 
-def _known(row: Any) -> bool:
+def _is_testable(row: Any) -> bool:
     return row.freedom > 0 and math.isfinite(row.chi_square) and math.isfinite(row.upper)
 
 
-def _last(sums: dict[str, Any]) -> Any:
+def _final_sums(sums: dict[str, Any]) -> Any:
     return sums[_AFTER] if _AFTER in sums else next(iter(sums.values()))
 
 
-def _lead(sums: dict[str, Any], of: PartNames) -> str:
+def _opening_sentences(sums: dict[str, Any], of: PartNames) -> str:
     if not sums:
         return "The sum of all pulls could not be tested: see each of them."
-    last = _last(sums)
+    last = _final_sums(sums)
     low, high = _rms(last.lower, last.freedom), _rms(last.upper, last.freedom)
     band = f"Expected range (95 %) if tolerances are realistic: {rough(low)} to {rough(high)}"
     size = _rms(last.chi_square, last.freedom)
@@ -119,7 +121,7 @@ def _verdict(row: Any, of: PartNames) -> str:
     return of.as_built
 
 
-def _together(sums: dict[str, Any]) -> Listing:
+def _summary_listing(sums: dict[str, Any]) -> Listing:
     words = {_BEFORE: _COLUMNS["pull_before"], _AFTER: _COLUMNS["pull_after"]}
     rows = tuple(
         (
@@ -136,7 +138,7 @@ def _together(sums: dict[str, Any]) -> Listing:
     return Listing(heads, rows, caption="All pulls together, their correlations taken into account")
 
 
-def _all(own: pd.DataFrame) -> Listing:
+def _pull_listing(own: pd.DataFrame) -> Listing:
     order = own.assign(size=own["pull_before"].abs()).sort_values("size", ascending=False, kind="stable")
     rows = tuple((name_of(r.parameter, r.leg), plain(r.pull_before), plain(r.pull_after)) for r in order.itertuples())
     return Listing(("parameter", "pull before", "after"), rows, (), "Every pull", True, "pulls.parquet")
@@ -198,7 +200,7 @@ def changes(tables: Tables) -> ReportSection | None:
     """Return the section of numbers then and now, changed ones first; None where no earlier model is named."""
     if "changes" not in tables:
         return None
-    table = filled(tables, "changes")
+    table = table_or_none(tables, "changes")
     text = change_words(tables)
     if table is None or not text:
         why = "The earlier model and this campaign determine no common parameter."
@@ -208,7 +210,7 @@ def changes(tables: Tables) -> ReportSection | None:
 
 def changes_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """Return the verdict on changes since the earlier model; None where there is none."""
-    table, text = filled(tables, "changes"), change_words(tables)
+    table, text = table_or_none(tables, "changes"), change_words(tables)
     if table is None or not text:
         return None
     changed = float(table["changed"].sum())
@@ -219,7 +221,7 @@ def changes_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionV
 
 def change_words(tables: Tables) -> str:
     """Return the significant changes in words; empty where there is no earlier model."""
-    table = filled(tables, "changes")
+    table = table_or_none(tables, "changes")
     if table is None or not (table["z"].notna().any() or table["changed"].any()):
         return ""
     if _is_another(table):
@@ -247,7 +249,7 @@ def _largest_first(changed: pd.DataFrame) -> pd.DataFrame:
 
 def _change(r: Any) -> str:
     """Return a change in words: ``l of leg 5 by 150 ± 2 µm (or a_z5, which this campaign cannot distinguish)``."""
-    factor, unit = shown_in(r.parameter, r.unit)
+    factor, unit = print_unit(r.parameter, r.unit)
     if r.change != r.change:
         return _name(r)
     if unit == "mm" and abs(r.change) < 1.0:
@@ -283,7 +285,7 @@ def _listing(table: pd.DataFrame) -> Listing:
 
 
 def _cells(r: Any) -> tuple[str, ...]:
-    factor, unit = shown_in(r.parameter, r.unit)
+    factor, unit = print_unit(r.parameter, r.unit)
     return (
         _name(r),
         with_uncertainty(factor * r.before, factor * r.sigma_before),

@@ -85,7 +85,7 @@ def where_missed(misses: pd.DataFrame, modelled: bool) -> go.Figure:
     axes = [load for load in (*axes_of(misses), SEVERAL, "none") if (loaded == load).any()]
     parts = {(c, a): misses[(misses["channel"] == c) & (loaded == a)] for c in channels for a in axes}
     for column, (when, _, _, _) in enumerate(series, 1):
-        ratio = np.array([[_over_noise(parts[c, a], when) for a in axes] for c in channels])
+        ratio = np.array([[_error_to_noise_ratio(parts[c, a], when) for a in axes] for c in channels])
         figure.add_trace(
             go.Heatmap(
                 z=np.log10(np.clip(ratio, 1.0, _DARKEST)),
@@ -120,7 +120,7 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
     figure = make_subplots(rows, 2, subplot_titles=titles, vertical_spacing=0.34 / rows, horizontal_spacing=0.12)
     shapes: list[dict[str, Any]] = []
     for place, (channel, axis) in enumerate(panels):
-        own = _under(misses, channel, axis)
+        own = _readings_under_load(misses, channel, axis)
         for when, words, colour, _ in _series(modelled):
             for back, symbol in ((False, "triangle-up"), (True, "triangle-down")):
                 part = own[is_unloading(own, axis) == back]
@@ -193,14 +193,14 @@ def _series(modelled: bool) -> tuple[tuple[str, str, str, str], ...]:
     return _SERIES if modelled else _AS_IT_IS
 
 
-def _under(misses: pd.DataFrame, channel: str, axis: str) -> pd.DataFrame:
+def _readings_under_load(misses: pd.DataFrame, channel: str, axis: str) -> pd.DataFrame:
     """Return readings of a channel in the runs that load an axis, unloaded steps included."""
     own = misses[misses["channel"] == channel]
     loaded = own[axis].ne(0.0).groupby(own["run"]).transform("any")
     return own[loaded]
 
 
-def _over_noise(own: pd.DataFrame, when: str) -> float:
+def _error_to_noise_ratio(own: pd.DataFrame, when: str) -> float:
     noise = root_mean_square(own["noise"])
     return root_mean_square(own[when]) / noise if noise > 0.0 else float("nan")
 
@@ -211,7 +211,11 @@ def _unit(misses: pd.DataFrame, channel: str) -> str:
 
 def _panels(misses: pd.DataFrame) -> list[tuple[str, str]]:
     """Return channels and load axes with the largest misfit relative to noise."""
-    sizes = {(c, a): _channel_misfit(_under(misses, c, a), a) for c in channels_of(misses) for a in axes_of(misses)}
+    sizes = {
+        (c, a): _channel_misfit(_readings_under_load(misses, c, a), a)
+        for c in channels_of(misses)
+        for a in axes_of(misses)
+    }
     known = sorted((key for key, size in sizes.items() if np.isfinite(size)), key=lambda key: -sizes[key])
     informative = [key for key in known if sizes[key] > _TELLING]
     return (informative if len(informative) >= _FEWEST_PANELS else known[:_FEWEST_PANELS])[:_PANELS]
@@ -241,7 +245,7 @@ def _first_of_runs(own: pd.DataFrame) -> NDArray[np.int64]:
 
 def _channel_misfit(own: pd.DataFrame, axis: str) -> float:
     """Return the misfit of a channel over noise; under several loads, of the part correlated with this one."""
-    size = _over_noise(own, "before")
+    size = _error_to_noise_ratio(own, "before")
     if not (loaded_by_run(own) == SEVERAL).any():
         return size
     load = own[axis].to_numpy(dtype=float)

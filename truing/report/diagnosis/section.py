@@ -10,8 +10,8 @@ from typing import Any
 import pandas as pd
 import plotly.graph_objects as go
 
-from truing.report.absorption import absorbed_by, swallowed
-from truing.report.calibration.calibrations import shown_calibration
+from truing.report.absorption import absorbed_by, most_shifted_words
+from truing.report.calibration.calibrations import displayed_calibration
 from truing.report.coefficient_map import coefficient_map
 from truing.report.diagnosis.adequacy import adequacy
 from truing.report.diagnosis.assessed_causes import RIVAL, SUSPECTED, AssessedCause, accepted_of, assessed_causes
@@ -19,7 +19,7 @@ from truing.report.diagnosis.detectable_sizes import hidden
 from truing.report.diagnosis.effect_units import handy_unit, size_text, stem
 from truing.report.diagnosis.evidence import evidence
 from truing.report.diagnosis.findings import DOUBTS
-from truing.report.diagnosis.gain import gained
+from truing.report.diagnosis.gain import gain_section
 from truing.report.diagnosis.headline import clause
 from truing.report.diagnosis.load_corrections import unwritten_loads
 from truing.report.diagnosis.next_measurements import requested_measurements
@@ -29,7 +29,7 @@ from truing.report.figure_style import BAR, BLUE, GREY, label, style
 from truing.report.numbers import count, printed, rough, sign, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_diagnosis
-from truing.report.tables import Tables, cell, filled
+from truing.report.tables import Tables, cell, table_or_none
 from truing.report.wordings.claim import ParameterSize
 
 _TITLE = "Diagnosis"
@@ -61,10 +61,10 @@ def diagnosis(tables: Tables) -> ReportSection | None:
 def _parts(rows: list[AssessedCause], found: list[AssessedCause], tables: Tables) -> list[ReportSection | None]:
     return [
         evidence(rows),
-        gained(rows, tables),
+        gain_section(rows, tables),
         sizes(found, tables) if found else None,
         pulls(tables),
-        _swallowed(tables) if any(row.cause.startswith("platform-deformation") for row in found) else None,
+        _absorption_link(tables) if any(row.cause.startswith("platform-deformation") for row in found) else None,
         unwritten_loads(rows, tables),
         hidden(rows, tables),
         requested_measurements(rows, tables),
@@ -92,10 +92,10 @@ def _words(rows: list[AssessedCause]) -> Listing:
     return Listing(heads, reported, (), "Full sentences, as in diagnosis.parquet", True, "diagnosis.parquet")
 
 
-def _swallowed(tables: Tables) -> ReportSection | None:
+def _absorption_link(tables: Tables) -> ReportSection | None:
     """Return a link to the absorption map with its main sentence."""
-    fitted = filled(tables, "calibration")
-    text = swallowed(absorbed_by(tables, shown_calibration(tables, fitted))) if fitted is not None else ""
+    fitted = table_or_none(tables, "calibration")
+    text = most_shifted_words(absorbed_by(tables, displayed_calibration(tables, fitted))) if fitted is not None else ""
     if not text:
         return None
     see = (("knowledge", "Absorption map of all parameters"),)
@@ -116,7 +116,7 @@ def sizes(found: list[AssessedCause], tables: Tables) -> ReportSection:
 
 def _combinations(row: AssessedCause, tables: Tables) -> pd.DataFrame:
     """Return the determined combinations of a cause's parameters, none where single parameters are determined."""
-    table = filled(tables, "determined_combinations")
+    table = table_or_none(tables, "determined_combinations")
     if table is None:
         return pd.DataFrame()
     return table[(table["cause"] == row.cause) & (table["subject"].fillna("") == row.subject)]
@@ -204,7 +204,7 @@ def _parameter_bars(row: AssessedCause, kind: str, several: list[ParameterSize])
     kind_words = kind.replace("_", " ")
     style(figure, f"{label(row.name)}: {label(kind_words)}", "Bars: value; whiskers: 95 % interval", 360)
     step = max(1, -(-len(several) // _TICKS))
-    ticks = [_place(size) for size in several]
+    ticks = [_subject_of_size(size) for size in several]
     figure.update_xaxes(tickvals=places[::step], ticktext=[label(t) for t in ticks[::step]], showgrid=False)
     unit_words = f" ({printed(sign(unit))})" if unit else ""
     figure.update_yaxes(title_text=f"{label(kind_words)}{unit_words}", zeroline=True, zerolinecolor=GREY)
@@ -212,7 +212,7 @@ def _parameter_bars(row: AssessedCause, kind: str, several: list[ParameterSize])
     return figure
 
 
-def _place(size: ParameterSize) -> str:
+def _subject_of_size(size: ParameterSize) -> str:
     numbered = re.search(r"_(\d+)$", size.name)
     return f"leg {numbered[1]}" if numbered else size.name
 

@@ -9,11 +9,11 @@ from typing import Any
 from truing.report.diagnosis.adequacy import CAUSES_LEFT, shortcoming_words
 from truing.report.diagnosis.assessed_causes import FOUND, SUSPECTED, AssessedCause
 from truing.report.section_verdict import verdict_rows
-from truing.report.tables import Tables, cell, filled
+from truing.report.tables import Tables, cell, table_or_none
 from truing.report.verdict import with_verdict
 from truing.report.wordings.catalogue import WORDINGS, cause_words
 from truing.report.wordings.nonparametric_wordings import OF_TIME, columns_words
-from truing.schemas.covariates import named
+from truing.schemas.covariates import names_in
 from truing.schemas.verdict import ReasonCode, Relation
 
 _MOST, _NOISE = 2, "observation-noise"
@@ -57,7 +57,7 @@ _LOOKS_BACK = re.compile(
 
 def decisive_measurements(rows: list[AssessedCause], tables: Tables) -> Iterator[tuple[str, str]]:
     """Yield the shortcomings of the final model with a measurement that shows the reason, the worst first."""
-    table, verdict = filled(tables, "adequacy"), verdict_rows(with_verdict(tables)).get("adequacy")
+    table, verdict = table_or_none(tables, "adequacy"), verdict_rows(with_verdict(tables)).get("adequacy")
     if table is None or verdict is None or not rows:
         return
     epochs = _EPOCHS.get(Relation(rows[0].relation), _POSE) if rows[0].relation else _POSE
@@ -86,7 +86,7 @@ def _decisive_measurement(row: Any, epochs: tuple[str, str, str, str]) -> str:
     if row.test == "pure-error":  # a mean of repeats depends on the command, whatever the noise
         return f"Measure more {several} near those that were repeated: common errors show the missing effect."
     along = cell(row.along)
-    return _along((along,) if _LOOKS_BACK.fullmatch(along) else named(along), several)
+    return _revealing_measurement((along,) if _LOOKS_BACK.fullmatch(along) else names_in(along), several)
 
 
 def _of_cause_left(cause: str) -> str:
@@ -98,7 +98,7 @@ def _of_cause_left(cause: str) -> str:
     return "Measure a small campaign in which one input changes at a time, so that each effect shows separately."
 
 
-def _along(columns: tuple[str, ...], several: str) -> str:
+def _revealing_measurement(columns: tuple[str, ...], several: str) -> str:
     """Return the measurement that shows why residuals are correlated along columns."""
     what = columns_words(columns)
     if set(columns) <= OF_TIME:

@@ -21,7 +21,7 @@ _REGIONS = {"pose": "regions of the workspace", "run": "ranges of the loads", "r
 _MOST = 6.0  # largest power of ten of odds that is given
 
 
-def elsewhere(found: Iterable[AssessedCause], of: PartNames) -> list[str]:
+def held_out_sentences(found: Iterable[AssessedCause], of: PartNames) -> list[str]:
     """Return the sentences on blocks left out, and on findings without informative blocks."""
     rows = [row for row in found if row.left_out_by]
     texts = [_of_blocks(row, of) for row in rows if row.left_out_gain is not None]

@@ -29,7 +29,7 @@ from truing.report.page import Verdict
 from truing.report.parameter_names import UNBROKEN
 from truing.report.reasons import recorded_readings, why_no_diagnosis
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import Tables, cell, filled, is_bench
+from truing.report.tables import Tables, cell, is_bench, table_or_none
 from truing.report.wordings.catalogue import cause_words
 from truing.schemas.needs import Need
 from truing.schemas.verdict import ReasonCode, Relation
@@ -66,15 +66,15 @@ def diagnosis_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> S
         code = ReasonCode.SUSPECTED if doubted else ReasonCode.FOUND
         return _diagnosed(RelationState.ATTENTION, code, _found_words(found, tables), len(effects))
     if found:
-        text = f"{clause(found[0], tables)}; otherwise {_none(rows)}."
+        text = f"{clause(found[0], tables)}; otherwise {_nothing_found(rows)}."
         code = ReasonCode.NOTHING_FOUND if found[0].is_remainder else ReasonCode.NOISE
         return _diagnosed(RelationState.ATTENTION, code, text)
     if not _testable(rows):
-        text = f"{_upper(tested_words(rows))}: not tested, because {_none(rows)}."
+        text = f"{_upper(tested_words(rows))}: not tested, because {_nothing_found(rows)}."
         return _diagnosed(RelationState.NOT_TESTED, ReasonCode.NOT_TESTABLE, text)
     adequacy = before.get("adequacy")
     if adequacy is not None and adequacy.state in (RelationState.ATTENTION, RelationState.FAILS):
-        text = f"{_upper(_none(rows))}, but the residuals are not the declared noise."
+        text = f"{_upper(_nothing_found(rows))}, but the residuals are not the declared noise."
         return _diagnosed(RelationState.ATTENTION, ReasonCode.NOTHING_FOUND, text)
     return _diagnosed(RelationState.OK, ReasonCode.AGREES, _agreement(rows, tables))
 
@@ -101,7 +101,7 @@ def simulation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Secti
 
 def _bodies_words(rows: list[AssessedCause]) -> str:
     found = accepted_of(rows)
-    return f"Tested: {tested_words(rows)}; {'see Diagnosis' if found else _none(rows)}."
+    return f"Tested: {tested_words(rows)}; {'see Diagnosis' if found else _nothing_found(rows)}."
 
 
 def diagnosis_details(tables: Tables) -> list[Verdict]:
@@ -110,7 +110,7 @@ def diagnosis_details(tables: Tables) -> list[Verdict]:
     found = accepted_of(rows)
     if not rows:
         return []
-    reported = [*_rivals(found, rows, tables), ("warn", load_warning(rows, tables)), *_next(rows, tables)]
+    reported = [*_rivals(found, rows, tables), ("warn", load_warning(rows, tables)), *_most_urgent_step(rows, tables)]
     return [line for line in reported if line[1]]
 
 
@@ -138,7 +138,7 @@ def _testable(rows: list[AssessedCause]) -> list[AssessedCause]:
     return [row for row in rows if row.verdict != NOT_TESTABLE and not row.is_noise]
 
 
-def _none(rows: list[AssessedCause]) -> str:
+def _nothing_found(rows: list[AssessedCause]) -> str:
     """Return ``none of 9 candidates was found; not testable with these data: measurement scale, sag under gravity``."""
     tested, idle = len(_testable(rows)), [row for row in rows if row.verdict == NOT_TESTABLE]
     if not tested:
@@ -180,8 +180,8 @@ def _listed(clauses: list[str], several: int) -> str:
 def _agreement(rows: list[AssessedCause], tables: Tables) -> str:
     of = tested_words(rows)
     text = f"{_upper(of)} agree to within the noise" if of else "The residuals are noise"
-    text = f"{text}: {_none(rows)}."
-    sizes = _hidden_sizes(filled(tables, "detectable"))
+    text = f"{text}: {_nothing_found(rows)}."
+    sizes = _hidden_sizes(table_or_none(tables, "detectable"))
     if not sizes:
         return text
     return printed(f"{text} Smallest sizes that would have been found (probability 80 %): {', '.join(sizes)}.")
@@ -221,7 +221,7 @@ def lower(sentence: str) -> str:
     return sentence[:1].lower() + sentence[1:]
 
 
-def _next(rows: list[AssessedCause], tables: Tables) -> list[Verdict]:
+def _most_urgent_step(rows: list[AssessedCause], tables: Tables) -> list[Verdict]:
     """Return the most urgent next step, in short if a table on the page holds the rest."""
     steps = [step for step in next_steps(rows, tables) if step.need != Need.TESTABLE]
     if not steps:
@@ -271,7 +271,7 @@ def counted(rows: list[AssessedCause], tables: Tables) -> str:
             return f"{assessed}, none found, but the model does not fit as a whole: {short}."
         noisy = any(row.is_noise and not row.is_remainder for row in rows)
         noise = "; the noise is not as declared" if noisy else ""
-        return f"{assessed} by comparing {of}: {_none(rows)}{noise}."
+        return f"{assessed} by comparing {of}: {_nothing_found(rows)}{noise}."
     other = f", {rivals} equally good as one of them and not distinguishable from it" if rivals else ""
     unseen = f", {idle} not testable with these data" if idle else ""
     into = "included in the results below"

@@ -205,7 +205,9 @@ def residual_picture(residuals: pd.DataFrame, cameras: pd.DataFrame) -> go.Figur
     images = _shown_images(reported)
     figure, steps = go.Figure(), []
     for camera in [name for name in formats.index if (kept["camera"] == name).any()]:
-        steps.append((f"{camera}, all images: means of cells", _means(kept[kept["camera"] == camera], formats, gain)))
+        steps.append(
+            (f"{camera}, all images: means of cells", _cell_means(kept[kept["camera"] == camera], formats, gain))
+        )
     for pose, image in images:
         own = reported[(reported["pose"] == pose) & (reported["image"] == image)]
         steps.append((f"{image}, pose {pose}" if str(pose) not in str(image) else str(image), _of_image(own, gain)))
@@ -245,7 +247,7 @@ def _shown_images(residuals: pd.DataFrame) -> list[tuple[Any, Any]]:
     return [key for key in rms.index if key in chosen]
 
 
-def _means(own: pd.DataFrame, formats: pd.DataFrame, gain: float) -> list[Any]:
+def _cell_means(own: pd.DataFrame, formats: pd.DataFrame, gain: float) -> list[Any]:
     """Return mean residuals in the cells of one camera's format, over all its images."""
     cell = float(formats.loc[own["camera"].iloc[0]].max()) / _CELLS
     column, row = (np.floor(own[f"{a}_px"] / cell).astype(int) for a in "xy")
@@ -256,15 +258,17 @@ def _means(own: pd.DataFrame, formats: pd.DataFrame, gain: float) -> list[Any]:
         f"{counted(n, 'ray')}, mean ({r.vx_px:+.3f}, {r.vy_px:+.3f}) px"
         for r, n in zip(means.itertuples(), counts, strict=True)
     ]
-    return [*_vectors(means, gain, BLUE, "mean of a cell"), _ends(means, words, BLUE, "middle of its rays")]
+    return [*_vectors(means, gain, BLUE, "mean of a cell"), _ray_ends(means, words, BLUE, "middle of its rays")]
 
 
 def _of_image(own: pd.DataFrame, gain: float) -> list[Any]:
     good, wrong = own[~own["rejected"]], own[own["rejected"]]
-    drawn = [*_vectors(good, gain, BLUE, "residual"), _ends(good, _words(good), BLUE, "ray")]
+    drawn = [*_vectors(good, gain, BLUE, "residual"), _ray_ends(good, _words(good), BLUE, "ray")]
     if len(wrong):
         drawn.append(
-            _ends(wrong, [f"{w}; {r}" for w, r in zip(_words(wrong), wrong["reason"], strict=True)], RED, "rejected")
+            _ray_ends(
+                wrong, [f"{w}; {r}" for w, r in zip(_words(wrong), wrong["reason"], strict=True)], RED, "rejected"
+            )
         )
     return drawn
 
@@ -282,7 +286,7 @@ def _vectors(rays: pd.DataFrame, gain: float, colour: str, name: str) -> list[An
     return [go.Scatter(x=x, y=y, mode="lines", name=name, line=look, hoverinfo="skip", connectgaps=False)]
 
 
-def _ends(rays: pd.DataFrame, words: list[str], colour: str, name: str) -> Any:
+def _ray_ends(rays: pd.DataFrame, words: list[str], colour: str, name: str) -> Any:
     return go.Scatter(
         x=rays["x_px"].round(1),
         y=rays["y_px"].round(1),

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from truing.report.numbers import count, handy, plain, printed, quantity, with_uncertainty
+from truing.report.numbers import count, in_suitable_unit, plain, printed, quantity, with_uncertainty
 from truing.report.numbers import count as counted
 from truing.report.page import Listing, ReportSection
 from truing.report.photographs.figures import network_picture, residual_picture
-from truing.report.tables import SIGMA, Tables, cell, filled
+from truing.report.tables import SIGMA, Tables, cell, table_or_none
 from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
 
 _OPEN = 12
@@ -22,8 +22,8 @@ _LENGTHS = "scale_bar_lengths.parquet"
 
 def photographs(tables: Tables) -> ReportSection | None:
     """Return the section of the network of rays; None where points do not come from photographs."""
-    points, residuals = filled(tables, "object_points"), filled(tables, "image_residuals")
-    cameras, images = filled(tables, "cameras"), filled(tables, "image_orientations")
+    points, residuals = table_or_none(tables, "object_points"), table_or_none(tables, "image_residuals")
+    cameras, images = table_or_none(tables, "cameras"), table_or_none(tables, "image_orientations")
     if points is None or residuals is None or cameras is None or images is None:
         return None
     points = _with_bodies(points, tables)
@@ -45,13 +45,13 @@ def photographs(tables: Tables) -> ReportSection | None:
         *_rejected(residuals),
         _points(points),
     ]
-    lead = _lead(points, residuals, images, tables)
+    lead = _opening_sentences(points, residuals, images, tables)
     return ReportSection("photographs", "Photographs", lead, figures, tuple(listings))
 
 
 def _with_bodies(points: pd.DataFrame, tables: Tables) -> pd.DataFrame:
     """Return the object points with the bodies that the survey assigned to points without a code."""
-    seen = filled(tables, "observations")
+    seen = table_or_none(tables, "observations")
     if seen is None or "point" not in seen:
         return points
     known = seen[["pose", "point", "body"]].rename(columns={"body": "of_survey"})
@@ -60,13 +60,13 @@ def _with_bodies(points: pd.DataFrame, tables: Tables) -> pd.DataFrame:
 
 
 def _figures(tables: Tables) -> dict[tuple[str, str], float]:
-    table = filled(tables, "bundle_statistics")
+    table = table_or_none(tables, "bundle_statistics")
     if table is None:
         return {}
     return {(r.figure, cell(r.subject)): float(r.value) for r in table.itertuples()}
 
 
-def _lead(points: pd.DataFrame, residuals: pd.DataFrame, images: pd.DataFrame, tables: Tables) -> str:
+def _opening_sentences(points: pd.DataFrame, residuals: pd.DataFrame, images: pd.DataFrame, tables: Tables) -> str:
     reported = _figures(tables)
     used = int((~residuals["rejected"]).sum())
     text = f"{used:,} rays of {count(len(images), 'photograph')} make {count(len(points), 'object point')} in "
@@ -79,7 +79,7 @@ def _lead(points: pd.DataFrame, residuals: pd.DataFrame, images: pd.DataFrame, t
     )
     kept = residuals[~residuals["rejected"]]
     text += f"{float(np.median(kept['sigma_x_px'])):.3f} px. Left out: {counted(len(residuals) - used, 'ray')}."
-    checks = filled(tables, "qa")
+    checks = table_or_none(tables, "qa")
     scale = [] if checks is None else checks.loc[checks["check"] == "scale", "message"].tolist()
     return " ".join([text, *scale])
 
@@ -105,7 +105,7 @@ def _cameras(cameras: pd.DataFrame, tables: Tables) -> Listing:
 
 def _strongest(tables: Tables) -> dict[str, str]:
     """Return for each parameter the one with the strongest correlation."""
-    table = filled(tables, "camera_correlations")
+    table = table_or_none(tables, "camera_correlations")
     if table is None:
         return {}
     best: dict[str, tuple[float, str]] = {}
@@ -119,7 +119,7 @@ def _strongest(tables: Tables) -> dict[str, str]:
 def _bars(tables: Tables) -> Iterator[Listing]:
     """Return scale bars in every pose; for survey distances and marker diagonals, the pose with the largest error of
     each."""
-    table = filled(tables, "scale_bar_lengths")
+    table = table_or_none(tables, "scale_bar_lengths")
     if table is None:
         return
     bars = table[~table["bar"].str.startswith((FROM_SURVEY, FROM_MARKER))]
@@ -145,7 +145,7 @@ def _length(r: Any) -> tuple[str, str, str]:
     return (
         with_uncertainty(r.length_mm, r.sigma_mm, "mm"),
         with_uncertainty(r.adjusted_mm, r.adjusted_sigma_mm, "mm"),
-        printed(handy(r.deviation_mm, r.deviation_sigma_mm, "mm")) if reported else "0",
+        printed(in_suitable_unit(r.deviation_mm, r.deviation_sigma_mm, "mm")) if reported else "0",
     )
 
 

@@ -145,11 +145,11 @@ def _template() -> jinja2.Template:
 
     loader = jinja2.PackageLoader("truing.report.rendering", "")
     environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {"unbroken": _unbroken, "terms": marked}
+    environment.filters |= {"unbroken": _with_fixed_spaces, "terms": marked}
     return environment.get_template("report.html.jinja")
 
 
-def _unbroken(sentence: str) -> str:
+def _with_fixed_spaces(sentence: str) -> str:
     """Return a sentence with non-breaking spaces between numbers and units."""
     return re.sub(r"(?<=\d) (?=%|[µm]m\b|µrad|mrad|arcsec|ppm|± )|(?<=±) (?=\d)", "\u00a0", sentence)
 

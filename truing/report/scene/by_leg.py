@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from truing.report.calibration.calibrations import called, rows_of, shown_calibration
+from truing.report.calibration.calibrations import calibration_name, displayed_calibration, rows_of
 from truing.report.numbers import count, plain, with_uncertainty
 from truing.report.page import Listing
-from truing.report.parameter_names import kind_of, shown_in
-from truing.report.tables import LOAD_UNITS, Tables, filled
+from truing.report.parameter_names import kind_of, print_unit
+from truing.report.tables import LOAD_UNITS, Tables, table_or_none
 
 _HEADS = ("leg", "quantity", "value", "minus nominal", "pull")
 _BENT = ("K", "kappa")
@@ -17,13 +17,13 @@ _BENT = ("K", "kappa")
 
 def by_leg(tables: Tables) -> Listing:
     """Return for each leg the shift of its attachment over all poses, and its parameters by the calibration shown."""
-    shifts, fitted = filled(tables, "deformation"), filled(tables, "calibration")
+    shifts, fitted = table_or_none(tables, "deformation"), table_or_none(tables, "calibration")
     rows = [] if shifts is None or "leg" not in shifts else _shifts(shifts)
     caption = "Leg by leg: shifts of the attachment"
     if fitted is not None:
-        key = shown_calibration(tables, fitted)
+        key = displayed_calibration(tables, fitted)
         rows += _numbers(rows_of(fitted, key).dropna(subset=["leg"]))
-        caption += f", and the parameters by {called(key)}. ±: one standard uncertainty"
+        caption += f", and the parameters by {calibration_name(key)}. ±: one standard uncertainty"
     rows.sort(key=lambda row: row[0])
     return Listing(_HEADS, tuple((f"leg {leg}", *cells) for leg, *cells in rows), (), caption, True, by_leg=True)
 
@@ -47,7 +47,7 @@ def _shifts(shifts: pd.DataFrame) -> list[tuple]:
 def _numbers(own: pd.DataFrame) -> list[tuple]:
     rows: list[tuple] = []
     for r in own.itertuples():
-        factor, unit = shown_in(r.parameter, r.unit)
+        factor, unit = print_unit(r.parameter, r.unit)
         named = kind_of(r.parameter, r.leg)
         value = with_uncertainty(factor * r.identified, factor * r.sigma, unit)
         bent = r.parameter.startswith(_BENT) or r.nominal != r.nominal
@@ -59,7 +59,7 @@ def _numbers(own: pd.DataFrame) -> list[tuple]:
 
 def by_leg_of_sensor(tables: Tables) -> Listing:
     """Return for each leg of a sensor the column of G_B of its signal, and the deviations of its parts from nominal."""
-    matrices, pulls = filled(tables, "sensor_matrix"), filled(tables, "pulls")
+    matrices, pulls = table_or_none(tables, "sensor_matrix"), table_or_none(tables, "pulls")
     rows: list[tuple] = []
     if matrices is not None:
         own = matrices[(matrices["matrix"] == "G_B") & matrices["chosen"]]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
 from truing.report.page import Listing, ReportSection
-from truing.report.tables import XYZ, Tables, filled
+from truing.report.tables import XYZ, Tables, table_or_none
 
 _ALONG = ["along_x", "along_y", "along_z"]
 _COLOURS = {"base": BLUE, "platform": ORANGE, "measurement": RED}
@@ -22,7 +22,7 @@ _HEAD = 0.2  # of an axis: length of its arrow head
 
 def frames(tables: Tables) -> ReportSection | None:
     """Return the section of the sensor's frames; None without their table."""
-    table = filled(tables, "frames")
+    table = table_or_none(tables, "frames")
     if table is None:
         return None
     lead = (

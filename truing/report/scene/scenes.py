@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from truing.report.calibration.calibrations import rows_of, shown_calibration
+from truing.report.calibration.calibrations import displayed_calibration, rows_of
 from truing.report.numbers import with_uncertainty
 from truing.report.scene.view import MOST_POINTS, DrawnScene
-from truing.report.tables import LOAD_UNITS, LOADS, SHIFT, SIGMA, XYZ, Tables, filled
+from truing.report.tables import LOAD_UNITS, LOADS, SHIFT, SIGMA, XYZ, Tables, table_or_none
 
 _PLACE = ["px_mm", "py_mm", "pz_mm"]
 _ENTRIES = [f"r{i}{j}" for i in range(3) for j in range(3)]
@@ -33,12 +33,12 @@ def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> DrawnScene
     shape = tables["shape"]
     own = _targets(shape, residuals, body)
     legs = _of_legs(shape, tables["residuals"]) if body == _PLATFORM else own.iloc[:0]
-    poses = _shown(residuals, len(own) + len(legs))
+    poses = _slider_poses(residuals, len(own) + len(legs))
     motion = _motions(tables, [body, *legs["body"].unique()], poses)
     place, shift = _points(own, residuals, poses)
     theirs, their_shift = _points(legs, tables["residuals"], poses)
     _in_frame_of(theirs, their_shift, legs, body, motion)
-    whole, targets = np.concatenate([place, theirs], axis=1), _both(own, legs)
+    whole, targets = np.concatenate([place, theirs], axis=1), _with_legs(own, legs)
     moved = np.concatenate([shift, their_shift], axis=1)
     numbers, lower, upper = _joints(tables, body, motion, len(poses))
     attached = targets["at"].to_numpy(dtype=float)
@@ -80,11 +80,11 @@ def _leg_of(body: str) -> float:
     return float(found[1]) if found else float("nan")
 
 
-def _both(own: pd.DataFrame, legs: pd.DataFrame) -> pd.DataFrame:
+def _with_legs(own: pd.DataFrame, legs: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([own, legs], ignore_index=True) if len(legs) else own
 
 
-def _shown(residuals: pd.DataFrame, points: int) -> list[Any]:
+def _slider_poses(residuals: pd.DataFrame, points: int) -> list[Any]:
     """Return the poses of the slider: those with the largest deformation first, as many as a page holds."""
     size = (residuals[SHIFT] ** 2).sum(axis=1).groupby(residuals["pose"], sort=False).mean()
     order = size.sort_values(ascending=False, kind="stable").index
@@ -107,7 +107,7 @@ _Motions = dict[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 def _motions(tables: Tables, bodies: list[str], poses: list[Any]) -> _Motions:
     """Return for each body its place (S, 3) and rotation (S, 3, 3) relative to the base, NaN where a pose has none."""
-    known = filled(tables, "motions")
+    known = table_or_none(tables, "motions")
     if known is None:
         return {}
     found = {}
@@ -136,10 +136,10 @@ def _joints(
     tables: Tables, body: str, motion: _Motions, steps: int
 ) -> tuple[tuple[int, ...], NDArray[np.float64] | None, NDArray[np.float64] | None]:
     """Return legs and their joints (S, L, 3) in the platform's frame by the calibration shown."""
-    fitted = filled(tables, "calibration")
+    fitted = table_or_none(tables, "calibration")
     if fitted is None or body != _PLATFORM or body not in motion:
         return _attachments(tables, body), None, None
-    own = rows_of(fitted, shown_calibration(tables, fitted)).dropna(subset=["leg"])
+    own = rows_of(fitted, displayed_calibration(tables, fitted)).dropna(subset=["leg"])
     wide = own.pivot_table(index="leg", columns="parameter", values="identified")
     names = [[f"{joint}_{axis}" for axis in "xyz"] for joint in "ab"]
     if not {*names[0], *names[1]} <= set(wide.columns):
@@ -177,7 +177,7 @@ def _words(
 def _noise(tables: Tables, targets: pd.DataFrame, poses: list[Any]) -> NDArray[np.float64]:
     """Return standard deviations (S, N, 3) in mm of measured points and survey together, NaN where unknown."""
     keys = list(zip(targets["body"], targets["target"], strict=True))
-    points, survey = filled(tables, "observations"), filled(tables, "survey")
+    points, survey = table_or_none(tables, "observations"), table_or_none(tables, "survey")
     if points is None:
         return np.full((len(poses), len(targets), 3), np.nan)
     wanted = [(pose, *key) for pose in poses for key in keys]
@@ -191,7 +191,7 @@ def _noise(tables: Tables, targets: pd.DataFrame, poses: list[Any]) -> NDArray[n
 
 def _pose_captions(tables: Tables, poses: list[Any], legs: tuple[int, ...]) -> tuple[tuple[str, ...], ...]:
     """Return per pose and leg the shift of its attachment and the displacement of its actuator."""
-    shifts = filled(tables, "deformation")
+    shifts = table_or_none(tables, "deformation")
     if shifts is None or not legs:
         return ()
     own = shifts.set_index(["pose", "leg"])
@@ -214,7 +214,7 @@ def load_scene(tables: Tables) -> DrawnScene | None:
 
     ``tables`` with ``legs`` (leg, ax_mm .. az_mm, bx_mm .. bz_mm): joints in the unloaded platform's frame.
     """
-    cases, joints = filled(tables, "displacement"), filled(tables, "legs")
+    cases, joints = table_or_none(tables, "displacement"), table_or_none(tables, "legs")
     if cases is None or joints is None:
         return None
     known = cases.dropna(subset=[*_MOVED, *_TURNED])
@@ -231,7 +231,7 @@ def load_scene(tables: Tables) -> DrawnScene | None:
     along = (upper - lower) / np.linalg.norm(upper - lower, axis=1, keepdims=True)
     return DrawnScene(
         step="load",
-        labels=tuple(_called(row) for row in known.to_dict("records")),
+        labels=tuple(_load_case_name(row) for row in known.to_dict("records")),
         names=tuple(f"b{leg}" for leg in numbers),
         place=place,
         shift=shift,
@@ -256,7 +256,7 @@ def _largest_first(cases: pd.DataFrame) -> pd.DataFrame:
     return cases.assign(share=share).sort_values("share", ascending=False, kind="stable")
 
 
-def _called(row: dict) -> str:
+def _load_case_name(row: dict) -> str:
     """Return the name of a load case: ``fz −9000 N, loading``."""
     loads = [f"{axis} {row[column]:+,.6g} {LOAD_UNITS[axis]}" for axis, column in LOADS.items() if row[column]]
     branch = row.get("branch")

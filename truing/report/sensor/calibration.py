@@ -15,7 +15,7 @@ from truing.report.model_tests import ModelTest, below_noise, listing_of
 from truing.report.numbers import plain, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import LOAD_UNITS, LOADS, WHY_NOT, Tables, cell, filled, reason
+from truing.report.tables import LOAD_UNITS, LOADS, WHY_NOT, Tables, cell, reason, table_or_none
 from truing.schemas.verdict import BY_A_FACTOR, ReasonCode
 
 _TITLE = "Calibration of the sensor"
@@ -39,10 +39,12 @@ def calibration(tables: Tables) -> ReportSection | None:
     """Return the section of the choice among calibrations, the matrix, errors by class, and figures of merit."""
     if "sensor_matrix" not in tables:
         return None
-    matrices = filled(tables, "sensor_matrix")
+    matrices = table_or_none(tables, "sensor_matrix")
     if matrices is None:
-        return ReportSection("calibration", _TITLE, _why(tables))
-    choice, classes, merit = (filled(tables, name) for name in ("sensor_choice", "error_classes", "sensor_merit"))
+        return ReportSection("calibration", _TITLE, _reason_words(tables))
+    choice, classes, merit = (
+        table_or_none(tables, name) for name in ("sensor_choice", "error_classes", "sensor_merit")
+    )
     largest = _largest(tables)
     shown: Drawn = []
     listings: list[Listing] = []
@@ -58,7 +60,7 @@ def calibration(tables: Tables) -> ReportSection | None:
     if merit is not None:
         shown += _merit_drawn(merit)
         listings += [_merits(merit), *_types(merit)]
-    lead = _lead(tables, choice, matrices, largest)
+    lead = _opening_sentences(tables, choice, matrices, largest)
     tests = _tests(choice)
     listings.insert(0, listing_of(tests, "Tests of the chosen calibration"))
     return ReportSection("calibration", _TITLE, lead, tuple(shown), tuple(listings))
@@ -68,14 +70,14 @@ def calibration_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     """Return the verdict on the held-out errors of the chosen calibration against noise."""
     if "sensor_matrix" not in tables:
         return None
-    choice = filled(tables, "sensor_choice")
-    tests = _tests(choice) if filled(tables, "sensor_matrix") is not None else []
+    choice = table_or_none(tables, "sensor_choice")
+    tests = _tests(choice) if table_or_none(tables, "sensor_matrix") is not None else []
     evaluated = [test for test in tests if test.holds is not None]
     if choice is None or not evaluated:
-        why = tests[0].statement if tests else _why(tables)
+        why = tests[0].statement if tests else _reason_words(tables)
         text = f"Calibration not tested: {why}"
         return SectionVerdict("calibration", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
-    chosen = _chosen(choice)
+    chosen = _chosen_model(choice)
     failed = [test for test in evaluated if not test.holds]
     if not failed:
         text = f"The calibration {chosen} fits: {'; '.join(test.question for test in evaluated)}."
@@ -93,15 +95,15 @@ def _tests(choice: pd.DataFrame | None) -> list[ModelTest]:
     verified = "errors in the verification runs agree with the noise"
     if choice is None:
         return [ModelTest(asked, None, "G_B was not evaluated.") for asked in (held, verified)]
-    own = choice[choice["model"] == _chosen(choice)]
+    own = choice[choice["model"] == _chosen_model(choice)]
     facts = own.drop_duplicates("figure").set_index("figure")["value"]
     return [
-        _missed(held, facts, "heldout", "Nothing was held out."),
-        _missed(verified, facts, "verification", "No run has role verification, or its noise is not known."),
+        _misfit_test(held, facts, "heldout", "Nothing was held out."),
+        _misfit_test(verified, facts, "verification", "No run has role verification, or its noise is not known."),
     ]
 
 
-def _missed(asked: str, facts: pd.Series, what: str, why_not: str) -> ModelTest:
+def _misfit_test(asked: str, facts: pd.Series, what: str, why_not: str) -> ModelTest:
     times = _ratio(facts, what)
     if times is None:
         return ModelTest(asked, None, why_not)
@@ -119,24 +121,26 @@ def _ratio(facts: pd.Series, what: str) -> float | None:
     return float(np.sqrt(chi_square / freedom))
 
 
-def _why(tables: Tables) -> str:
+def _reason_words(tables: Tables) -> str:
     return reason(tables, "sensor_matrix") or "The campaign holds no signals of a sensor."
 
 
 def _largest(tables: Tables) -> dict[str, float]:
     """Return the largest load of every loaded axis."""
-    steps = filled(tables, "signals")
+    steps = table_or_none(tables, "signals")
     if steps is None:
         return {}
     found = {load: float(steps[column].abs().max()) for load, column in LOADS.items()}
     return {load: size for load, size in found.items() if size > 0.0}
 
 
-def _lead(tables: Tables, choice: pd.DataFrame | None, matrices: pd.DataFrame, largest: dict[str, float]) -> str:
+def _opening_sentences(
+    tables: Tables, choice: pd.DataFrame | None, matrices: pd.DataFrame, largest: dict[str, float]
+) -> str:
     if choice is None:
         why = tables["sensor_matrix"].attrs.get(WHY_NOT) or "no signals"
         return f"G from nominal dimensions only. G_B is not evaluated: {why}."
-    chosen = _chosen(choice)
+    chosen = _chosen_model(choice)
     own = choice[choice["model"] == chosen]
     held = own[own["figure"] == "heldout_rms"].set_index("subject")["value"]
     share = {load: 100.0 * float(held[load]) / largest[load] for load in largest if load in held}
@@ -170,7 +174,7 @@ def _verified(own: pd.DataFrame) -> list[str]:
     return [f"The rms error in the verification runs is {named}."]
 
 
-def _chosen(choice: pd.DataFrame) -> str:
+def _chosen_model(choice: pd.DataFrame) -> str:
     return str(choice.loc[(choice["figure"] == "chosen") & (choice["value"] == 1.0), "model"].iloc[0])
 
 
@@ -194,7 +198,7 @@ def _matrix(matrices: pd.DataFrame) -> Listing:
 
 
 def _choices(choice: pd.DataFrame, largest: dict[str, float]) -> Listing:
-    chosen, rows, marks = _chosen(choice), [], []
+    chosen, rows, marks = _chosen_model(choice), [], []
     for model in dict.fromkeys(choice["model"]):
         own = choice[choice["model"] == model]
         facts = (

@@ -27,7 +27,7 @@ from truing.report.sensor.published import (
     published_sentence,
     published_traces,
 )
-from truing.report.tables import CHANNELS, LOADS, Tables, cell, filled, kilo, moved_unit, per_kilo, reason
+from truing.report.tables import CHANNELS, LOADS, Tables, cell, kilo, moved_unit, per_kilo, reason, table_or_none
 from truing.schemas.verdict import ReasonCode
 
 _UNCLEAR = 0.01
@@ -41,7 +41,7 @@ def deformation(tables: Tables) -> ReportSection | None:
     """Return the section with curves of load and displacement, compliance by entry, and the models' errors."""
     if "compliance" not in tables:
         return None
-    compliance = filled(tables, "compliance")
+    compliance = table_or_none(tables, "compliance")
     if compliance is None:
         why = reason(tables, "compliance") or "The campaign holds no readings of a platform under load."
         return ReportSection("deformation", "Deformation under load", why, state="not evaluated")
@@ -51,12 +51,14 @@ def deformation(tables: Tables) -> ReportSection | None:
     listings += [one for one in (published_listing(tables),) if one is not None]
     listings.append(_errors(tables["deformation_errors"]))
     reported = tuple(listing for listing in listings if listing.rows)
-    return ReportSection("deformation", "Deformation under load", _lead(tables, compliance), tuple(shown), reported)
+    return ReportSection(
+        "deformation", "Deformation under load", _opening_sentences(tables, compliance), tuple(shown), reported
+    )
 
 
 def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """Return the verdict on the measured compliance: is it as simulated, and elastic? A result either way."""
-    compliance = filled(tables, "compliance")
+    compliance = table_or_none(tables, "compliance")
     if compliance is None or "deformation_errors" not in tables:
         return None
     tests = _tests(tables)
@@ -65,7 +67,7 @@ def deformation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
         return SectionVerdict("deformation", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, tests[0].statement)
     failed = [test for test in evaluated if not test.holds]
     first = (failed or evaluated)[0]
-    text = _lead(tables, compliance)
+    text = _opening_sentences(tables, compliance)
     if failed:
         code = ReasonCode.SIMULATION_MISSES if first.otherwise == CONTRADICTED else ReasonCode.DEFORMS
         return SectionVerdict("deformation", RelationState.ATTENTION, code, text, first.p, "1", _UNCLEAR)
@@ -108,7 +110,7 @@ def _view(tables: Tables) -> Drawn:
 
 
 def _curves(tables: Tables) -> Drawn:
-    curves = filled(tables, "axis_curves")
+    curves = table_or_none(tables, "axis_curves")
     if curves is None:
         return []
     own = curves["load"].map(dict(zip(LOADS, CHANNELS, strict=True))) == curves["channel"]
@@ -139,7 +141,7 @@ def _maps(compliance: pd.DataFrame) -> Drawn:
     return [(compliance_map(compliance), "Row: displacement. Column: load.")]
 
 
-def _lead(tables: Tables, compliance: pd.DataFrame) -> str:
+def _opening_sentences(tables: Tables, compliance: pd.DataFrame) -> str:
     facts = _facts(tables["deformation_errors"])
     texts = []
     gain = facts.get(("matrix", "p_value_over_linear"))
@@ -151,12 +153,12 @@ def _lead(tables: Tables, compliance: pd.DataFrame) -> str:
     if open_entries:
         texts.append(f"Of 36 entries {open_entries} were never measured: they are unknown, not zero.")
     return (
-        " ".join([*texts, *_against(measured), *_asymmetry(facts), *published_sentence(tables)])
+        " ".join([*texts, *_wrong_entries(measured), *_asymmetry(facts), *published_sentence(tables)])
         or "Displacement per load."
     )
 
 
-def _against(measured: pd.DataFrame) -> list[str]:
+def _wrong_entries(measured: pd.DataFrame) -> list[str]:
     """Return how many entries the simulation reproduces, and those that it misses, the worst first."""
     if "pull" not in measured or not measured["pull"].notna().any():
         return ["There is no simulation to compare with."]
@@ -261,12 +263,14 @@ def _short(value: float) -> str:
 
 def _own_axes(curves: pd.DataFrame, tables: Tables) -> go.Figure:
     """Return each load against the displacement along or about its own axis (force-sensor paper, figures 12-17)."""
-    pairs = [(load, channel) for load, channel in zip(LOADS, CHANNELS, strict=True) if len(_of(curves, load, channel))]
+    pairs = [
+        (load, channel) for load, channel in zip(LOADS, CHANNELS, strict=True) if len(_curve_of(curves, load, channel))
+    ]
     titles = [f"{channel} under {load}" for load, channel in pairs]
     grid, places, rows = panel_grid(titles, 3, (0.09, lambda rows: min(0.2, 0.9 / rows)))
     shown: set[str] = set()
     for (load, channel), place in zip(pairs, places, strict=True):
-        part = _of(curves, load, channel)
+        part = _curve_of(curves, load, channel)
         if _simulated(part):
             for trace in _simulation(part, part["simulated"], shown):
                 grid.add_trace(trace, **place)
@@ -277,7 +281,7 @@ def _own_axes(curves: pd.DataFrame, tables: Tables) -> go.Figure:
         grid.update_xaxes(title_text=f"{load} ({kilo(load)})", title_standoff=4, **place)
         grid.update_yaxes(title_text=f"{channel} ({moved_unit(channel)})", title_standoff=4, **place)
     subtitle = "Bars: 95 % of the noise. Line and band: simulation, and 95 % of what its tolerances leave open"
-    if not any(_simulated(_of(curves, *pair)) for pair in pairs):
+    if not any(_simulated(_curve_of(curves, *pair)) for pair in pairs):
         subtitle = "Bars: 95 % of the noise. The campaign holds no simulation"
     if published_pairs(tables):
         subtitle += ". Dashed and stars: published values"
@@ -302,7 +306,7 @@ def differences(curves: pd.DataFrame) -> go.Figure:
     shown: set[str] = set()
     for i, channel in enumerate(channels):
         for j, load in enumerate(loads):
-            part, place = _of(curves, load, channel), {"row": i + 1, "col": j + 1}
+            part, place = _curve_of(curves, load, channel), {"row": i + 1, "col": j + 1}
             if not len(part):
                 grid.add_annotation(text="not measured", showarrow=False, font={"color": GREY, "size": 10}, **place)
                 continue
@@ -320,7 +324,7 @@ def differences(curves: pd.DataFrame) -> go.Figure:
     return _legend(grid)
 
 
-def _of(curves: pd.DataFrame, load: str, channel: str) -> pd.DataFrame:
+def _curve_of(curves: pd.DataFrame, load: str, channel: str) -> pd.DataFrame:
     part = curves[(curves["load"] == load) & (curves["channel"] == channel)]
     return part.sort_values("applied", kind="stable")
 

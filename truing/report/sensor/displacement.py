@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 from truing.report.figure_style import BAR, BLUE, MANY_POINTS, ORANGE, RED, label, panel_grid, style
 from truing.report.numbers import count, p_value, with_uncertainty
 from truing.report.page import Listing, ReportSection
-from truing.report.tables import CHANNELS, LOADS, Tables, filled, moved_unit, reason
+from truing.report.tables import CHANNELS, LOADS, Tables, moved_unit, reason, table_or_none
 
 _COMPONENTS = dict(zip(CHANNELS, ("dx_mm", "dy_mm", "dz_mm", "rx_rad", "ry_rad", "rz_rad"), strict=True))
 _UNLIKELY = 1e-3
@@ -21,7 +21,7 @@ def displacement(tables: Tables) -> ReportSection | None:
     """Return the section of load cases, their known components, and the residuals of readings."""
     if "displacement" not in tables:
         return None
-    cases = filled(tables, "displacement")
+    cases = table_or_none(tables, "displacement")
     if cases is None:
         why = reason(tables, "displacement") or "The campaign holds no readings of a platform under load."
         return ReportSection("displacement", "Displacement", why, state="not evaluated")
@@ -30,11 +30,11 @@ def displacement(tables: Tables) -> ReportSection | None:
     if residuals["residual"].notna().any():
         words = "Residuals from a smooth curve of load and time through each run. Crosses: left out as gross errors."
         drawn = ((reading_residuals(residuals), words),)
-    listings = [one for one in (_known(cases), _drifts(terms)) if one is not None]
-    return ReportSection("displacement", "Displacement", _lead(cases, residuals), drawn, tuple(listings))
+    listings = [one for one in (_complete_cases(cases), _drifts(terms)) if one is not None]
+    return ReportSection("displacement", "Displacement", _opening_sentences(cases, residuals), drawn, tuple(listings))
 
 
-def _lead(cases: pd.DataFrame, residuals: pd.DataFrame) -> str:
+def _opening_sentences(cases: pd.DataFrame, residuals: pd.DataFrame) -> str:
     known = cases[list(_COMPONENTS.values())].notna().to_numpy()
     texts = [
         f"{count(len(residuals), 'reading')} of {count(residuals['run'].nunique(), 'run')} join to the displacement"
@@ -48,7 +48,7 @@ def _lead(cases: pd.DataFrame, residuals: pd.DataFrame) -> str:
     return " ".join(texts)
 
 
-def _known(cases: pd.DataFrame) -> Listing | None:
+def _complete_cases(cases: pd.DataFrame) -> Listing | None:
     """Return the number of load cases of every axis with all components known."""
     loads = cases[list(LOADS.values())].to_numpy()
     rows, marks = [], []

@@ -6,14 +6,14 @@ import pandas as pd
 
 from truing.report.numbers import count, plain, quantity
 from truing.report.page import Listing, ReportSection
-from truing.report.tables import Tables, cell, filled, per_kilo
+from truing.report.tables import Tables, cell, per_kilo, table_or_none
 
 _MARKS = {"negligible": "pass", "not negligible": "warn"}
 
 
 def neglected(tables: Tables) -> ReportSection | None:
     """Return the section on neglected effects; None where no plate or mass is declared."""
-    effects = filled(tables, "neglected")
+    effects = table_or_none(tables, "neglected")
     if effects is None:
         return None
     sentences = [_sentence(str(name), own) for name, own in effects.groupby("effect", sort=False)]
@@ -23,7 +23,7 @@ def neglected(tables: Tables) -> ReportSection | None:
             "with evenly spaced joints is stiffer. [mechanism.platform] or [mechanism.base] elastic = true adds it to "
             "the simulation."
         )
-    weight = filled(tables, "own_weight")
+    weight = table_or_none(tables, "own_weight")
     if weight is not None:
         sentences.append(
             "Readings are counted from the state under own weight, which changes them only through the compliance."

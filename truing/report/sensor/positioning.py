@@ -11,10 +11,10 @@ import plotly.graph_objects as go
 from truing.belonging.relation import RelationState
 from truing.report.figure_style import BLUE, ORANGE, label, style
 from truing.report.measured_section import corrections
-from truing.report.numbers import count, handy, printed, with_uncertainty
+from truing.report.numbers import count, in_suitable_unit, printed, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import Tables, filled, load_steps
+from truing.report.tables import Tables, load_steps, table_or_none
 from truing.schemas.verdict import ReasonCode
 
 _MEANING = {
@@ -33,7 +33,7 @@ _CAPTION = "A gap between the two lines is reversal: the position depends on the
 def positioning(tables: Tables) -> ReportSection | None:
     """Return the results of ISO 230-2 for every run, the axis first, then by target; and reasons where
     there are none."""
-    rows, withheld = filled(tables, "positioning"), not_stated(tables)
+    rows, withheld = table_or_none(tables, "positioning"), not_stated(tables)
     if rows is None:
         return (
             ReportSection("positioning", "Positioning", " ".join(withheld), state="not evaluated") if withheld else None
@@ -42,15 +42,15 @@ def positioning(tables: Tables) -> ReportSection | None:
     lead = "By ISO 230-2, targets approached from either side. A deviation common to all targets has no effect."
     listings = (_of_axis(axis), corrections(tables, of_axis=True), _of_targets(targets))
     shown = tuple(listing for listing in listings if listing.rows)
-    drawn = tuple((deviations(own), _CAPTION) for own in _few_runs(targets))
+    drawn = tuple((deviations(own), _CAPTION) for own in _drawn_runs(targets))
     statements = tuple(("fail", why) for why in withheld)
     return ReportSection("positioning", "Positioning", lead, figures=drawn, listings=shown, statements=statements)
 
 
 def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """Return the verdict of a campaign of positioning alone: accuracy, repeatability and reversal of its worst axis."""
-    rows = filled(tables, "positioning")
-    if rows is None or len(load_steps(tables)) or filled(tables, "observations") is not None:
+    rows = table_or_none(tables, "positioning")
+    if rows is None or len(load_steps(tables)) or table_or_none(tables, "observations") is not None:
         return None
     axis = rows[rows["subject"].isna() & rows["figure"].isin(list(_TOLD))]
     worst = axis[axis["figure"].eq("A")].nlargest(1, "value")["run"]
@@ -59,7 +59,7 @@ def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
         return None
     sigma = own["sigma"] if "sigma" in own else own["value"] * math.nan
     texts = [
-        f"{words} {handy(float(own.loc[name, 'value']), float(sigma[name]), str(own.loc[name, 'unit']))}"
+        f"{words} {in_suitable_unit(float(own.loc[name, 'value']), float(sigma[name]), str(own.loc[name, 'unit']))}"
         for name, words in _TOLD.items()
         if name in own.index
     ]
@@ -74,7 +74,7 @@ def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
 
 def not_stated(tables: Tables) -> list[str]:
     """Return a sentence for every measured run without results: the check that it failed."""
-    measured, rows, qa = (filled(tables, name) for name in ("positions", "positioning", "qa"))
+    measured, rows, qa = (table_or_none(tables, name) for name in ("positions", "positioning", "qa"))
     if measured is None or "positioning" not in tables:
         return []
     stated = set() if rows is None else set(rows["run"])
@@ -88,7 +88,7 @@ def _not_stated(run: int | str, qa: pd.DataFrame | None) -> str:
     return f"Run {run} is not evaluated: {failed.iloc[0] if len(failed) else 'it failed a check of its quality.'}"
 
 
-def _few_runs(rows: pd.DataFrame) -> list[pd.DataFrame]:
+def _drawn_runs(rows: pd.DataFrame) -> list[pd.DataFrame]:
     return [own for _, own in rows.groupby("run", sort=False)][:_DRAWN]
 
 

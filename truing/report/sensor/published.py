@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 from truing.report.figure_style import GREEN
 from truing.report.numbers import count, plain, with_uncertainty
 from truing.report.page import Listing
-from truing.report.tables import CHANNELS, LOADS, Tables, cell, filled, kilo
+from truing.report.tables import CHANNELS, LOADS, Tables, cell, kilo, table_or_none
 
 _LOOKS = {"theory": "published theory", "measurement": "published measurement"}
 _MARKS = {"differs": "warn", "agrees": "pass"}
@@ -19,14 +19,14 @@ _NAMED = 3  # values that a sentence names at most
 
 def published_pairs(tables: Tables) -> set[tuple[str, str]]:
     """Return load and channel of the published values along their load's own axis."""
-    table = filled(tables, "published_compared")
+    table = table_or_none(tables, "published_compared")
     pairs = set() if table is None else set(zip(table["load"], table["channel"], strict=True))
     return pairs & set(zip(LOADS, CHANNELS, strict=True))
 
 
 def published_traces(tables: Tables, load: str, channel: str, shown: set[str]) -> Iterator[go.Scatter]:
     """Yield the published theory as a line through zero, and published measurements as points."""
-    table = filled(tables, "published_compared")
+    table = table_or_none(tables, "published_compared")
     if table is None:
         return
     own = table[(table["load"] == load) & (table["channel"] == channel)]
@@ -48,7 +48,7 @@ def published_traces(tables: Tables, load: str, channel: str, shown: set[str]) -
 
 def published_listing(tables: Tables) -> Listing | None:
     """Return every published value, the value of this campaign at the same load, and the verdict."""
-    table = filled(tables, "published_compared")
+    table = table_or_none(tables, "published_compared")
     if table is None:
         return None
     rows, marks = [], []
@@ -94,7 +94,7 @@ def _why_not(source: str) -> str:
 
 def published_sentence(tables: Tables) -> list[str]:
     """Return how many published values this campaign reproduces, and those that it does not, the worst first."""
-    table = filled(tables, "published_compared")
+    table = table_or_none(tables, "published_compared")
     if table is None:
         return []
     compared = table[table["verdict"].notna()]

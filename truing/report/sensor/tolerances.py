@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
-from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, common_look, style
+from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, figure_template, style
 from truing.report.numbers import percent, plain, sign
 from truing.report.page import Listing, PageHead, ReportSection
-from truing.report.tables import Tables, filled
+from truing.report.tables import Tables, table_or_none
 
 _TITLE = "Tolerances as designed"
 _ALL = "all"
@@ -39,7 +39,7 @@ _SPREAD = 0.28  # half width of the cloud of dots
 
 def tolerances(tables: Tables) -> ReportSection | None:
     """Return the section with the errors of the platform by each tolerance; None without tolerances."""
-    errors, samples = filled(tables, "tolerance_errors"), filled(tables, "tolerance_samples")
+    errors, samples = table_or_none(tables, "tolerance_errors"), table_or_none(tables, "tolerance_samples")
     if errors is None or samples is None:
         return None
     words = tolerance_words(errors)
@@ -148,7 +148,7 @@ def tolerance_head(campaign: str, errors: pd.DataFrame) -> PageHead:
     return PageHead(f"{campaign}: errors by tolerances", tuple(("", text) for text in words), tiles)
 
 
-@common_look()
+@figure_template()
 def tolerance_sections(tables: Tables) -> list[ReportSection]:
     """Return the sections of a page on the tolerances alone."""
     found = tolerances(tables)

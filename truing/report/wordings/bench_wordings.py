@@ -10,8 +10,8 @@ from truing.report.wordings.claim import (
     ParameterSize,
     Wording,
     largest,
+    largest_of_kind,
     listed,
-    only,
     positive,
     size_in_words,
     sure_of,
@@ -66,7 +66,7 @@ def _channel(claim: Claim, otherwise: str = _ALL_CHANNELS) -> str:
     return next((f"{kind} {parts[kind]}" for kind in ("channel", "signal") if kind in parts), otherwise)
 
 
-def _where(claim: Claim, otherwise: str) -> str:
+def _subject_words(claim: Claim, otherwise: str) -> str:
     """Return the channel, signal or run of a cause: ``channel dz``, ``channel dz in run 4``."""
     parts, name = _parts(claim), _channel(claim, "")
     if "run" not in parts:
@@ -74,13 +74,13 @@ def _where(claim: Claim, otherwise: str) -> str:
     return f"{name} in run {parts['run']}" if name else f"run {parts['run']}"
 
 
-def _towards(size: ParameterSize) -> str:
+def _shift_words(size: ParameterSize) -> str:
     """Return a shift with its direction: ``12.0 ± 0.1 mm towards +x``."""
     return f"{size_in_words(positive(size))} towards {_direction(size)}"
 
 
 def _all_towards(sizes: list[ParameterSize]) -> str:
-    return " and ".join(map(_towards, sizes))
+    return " and ".join(map(_shift_words, sizes))
 
 
 def _direction(size: ParameterSize) -> str:
@@ -137,14 +137,14 @@ def _one_unit(claim: Claim) -> str:
 
 
 def _stiffness(claim: Claim) -> str:
-    size, more = only(claim, "scale")
+    size, more = largest_of_kind(claim, "scale")
     if not size:
         return f"the sensor's stiffness {_under_loads(claim)} differs from the simulated one by a factor"
     return f"the sensor is {size} {'stiffer' if more else 'softer'} {_under_loads(claim)} than simulated"
 
 
 def _soft_leg(claim: Claim) -> str:
-    size, more = only(claim, "scale")
+    size, more = largest_of_kind(claim, "scale")
     part = claim.fact("part")
     what = f"{part} of {subject_words(claim.subject)}" if part else subject_words(claim.subject)
     if not size:
@@ -158,7 +158,7 @@ def _swap_legs(claim: Claim) -> str:
 
 
 def _asymmetry(claim: Claim) -> str:
-    size, more = only(claim, "asymmetry")
+    size, more = largest_of_kind(claim, "asymmetry")
     if not size:
         return f"the sensor deflects more {_under_loads(claim)} of one sign than of the other"
     one, other = ("positive", "negative") if more else ("negative", "positive")
@@ -167,13 +167,13 @@ def _asymmetry(claim: Claim) -> str:
 
 
 def _nonlinear(claim: Claim) -> str:
-    size, more = only(claim, "cubic")
+    size, more = largest_of_kind(claim, "cubic")
     gives = f": at the largest load it deflects {size} {'more' if more else 'less'} than linear" if size else ""
     return f"the sensor is not linear {_under_loads(claim)}{gives}"
 
 
 def _hysteresis(claim: Claim) -> str:
-    size, more = only(claim, "width")
+    size, more = largest_of_kind(claim, "width")
     if not size:
         return f"the deflection {_under_loads(claim)} differs between loading and unloading"
     way = "lags" if more else "leads"
@@ -181,7 +181,7 @@ def _hysteresis(claim: Claim) -> str:
 
 
 def _drag(claim: Claim) -> str:
-    size, _ = only(claim, "width")
+    size, _ = largest_of_kind(claim, "width")
     if not size:
         return f"the deflection {_under_loads(claim)} lags the load and keeps a remainder without load"
     turns, threshold = "", claim.size("threshold")
@@ -195,7 +195,7 @@ def _drag(claim: Claim) -> str:
 
 
 def _play(claim: Claim) -> str:
-    size, _ = only(claim, "clearance")
+    size, _ = largest_of_kind(claim, "clearance")
     jumps = f"jumps by {size}" if size else "jumps"
     return f"the joints have clearance: the platform {jumps} when {load_words(_axis(claim))} changes its sign"
 
@@ -206,17 +206,17 @@ def _through_zero(claim: Claim) -> str:
 
 
 def _creep(claim: Claim) -> str:
-    size, more = only(claim, "fraction")
+    size, more = largest_of_kind(claim, "fraction")
     tau = claim.size("tau")
     pace = f", with a time constant of {size_in_words(tau)}" if tau is not None else ""
     of = f", by {size} of its deflection" if size else ""
     return f"the sensor {'creeps on' if more else 'creeps back'} under {_loads(claim)}{of}{pace}"
 
 
-def _walk(claim: Claim) -> str:
-    size, up = only(claim, "rate")
+def _zero_drift_clause(claim: Claim) -> str:
+    size, up = largest_of_kind(claim, "rate")
     way = f" {'up' if up else 'down'}, by {size}" if size else " linearly with time"
-    return f"the zero of {_where(claim, 'the channels')} drifts{way}"
+    return f"the zero of {_subject_words(claim, 'the channels')} drifts{way}"
 
 
 def _unloaded(claim: Claim) -> str:
@@ -227,7 +227,9 @@ def _warm(claim: Claim) -> str:
     each = [f"{_OF_COLUMN[s.name][1]} by {size_in_words(s)}" for s in claim.sizes if s.name in _OF_COLUMN]
     columns = claim.fact("columns") or ()
     plain = [words for column, words in _OF_COLUMN.values() if column in columns]
-    return f"{_where(claim, 'every linear channel')} depends on {' and '.join(each or plain) or 'the temperature'}"
+    return (
+        f"{_subject_words(claim, 'every linear channel')} depends on {' and '.join(each or plain) or 'the temperature'}"
+    )
 
 
 def _zero_against_temperature(claim: Claim) -> str:
@@ -235,15 +237,18 @@ def _zero_against_temperature(claim: Claim) -> str:
 
 
 def _tilted(claim: Claim) -> str:
-    size, _ = only(claim, "angle")
+    size, _ = largest_of_kind(claim, "angle")
     tilts = sure_of(tuple(one for one in claim.sizes if one.name.startswith("tilt_")))
     towards = (
-        f": {' and '.join(f'{size_in_words(positive(one))} towards {_way(one)}' for one in tilts)}" if tilts else ""
+        f": {' and '.join(f'{size_in_words(positive(one))} towards {_tilt_direction(one)}' for one in tilts)}"
+        if tilts
+        else ""
     )
-    return f"the beam of {_where(claim, 'a channel')} is tilted{f' by {size}' if size else ''} from its axis{towards}"
+    beam = f"the beam of {_subject_words(claim, 'a channel')}"
+    return f"{beam} is tilted{f' by {size}' if size else ''} from its axis{towards}"
 
 
-def _way(tilt: ParameterSize) -> str:
+def _tilt_direction(tilt: ParameterSize) -> str:
     """Return ``+dy`` for a tilt towards the axis of channel dy."""
     return f"{'−' if (tilt.number or 0.0) < 0.0 else '+'}{tilt.name.removeprefix('tilt_')}"
 
@@ -255,9 +260,8 @@ def _align(claim: Claim) -> str:
 def _arm(claim: Claim) -> str:
     sizes = sure_of(claim.sizes)
     arm = f": {_all_towards(sizes)}" if sizes else ""
-    return (
-        f"the beam of {_where(claim, 'every linear channel')} passes off the origin{arm}, so it measures rotation too"
-    )
+    beam = f"the beam of {_subject_words(claim, 'every linear channel')}"
+    return f"{beam} passes off the origin{arm}, so it measures rotation too"
 
 
 def _shift_beam(claim: Claim) -> str:
@@ -267,7 +271,7 @@ def _shift_beam(claim: Claim) -> str:
 def _dead_path(claim: Claim) -> str:
     size = claim.size("dead_path")
     long = f" of {size_in_words(size)}" if size is not None else ""
-    return f"{_where(claim, 'every linear channel')} has a dead path{long} without compensation for the air"
+    return f"{_subject_words(claim, 'every linear channel')} has a dead path{long} without compensation for the air"
 
 
 def _slip(claim: Claim) -> str:
@@ -275,14 +279,14 @@ def _slip(claim: Claim) -> str:
     since = f" from step {onset} on" if onset not in (None, "") else ""
     shift = claim.size("shift")
     if shift is not None:
-        who = _where(claim, "a counter")
+        who = _subject_words(claim, "a counter")
         size = size_in_words(shift)
         return f"the zero of {who} shifts by {size}{since}, which is not a whole number of half wavelengths"
     if count is None or count.number is None:
-        return f"{_where(claim, 'a counter')} jumps by whole half wavelengths{since}"
+        return f"{_subject_words(claim, 'a counter')} jumps by whole half wavelengths{since}"
     number = int(count.number)
     many = f"{abs(number)} half wavelength{'s' * (abs(number) != 1)} too {'many' if number > 0 else 'few'}"
-    return f"{_where(claim, 'a counter')} counts {many}{since}"
+    return f"{_subject_words(claim, 'a counter')} counts {many}{since}"
 
 
 def _shifted(claim: Claim) -> str:
@@ -294,7 +298,7 @@ def _shifted(claim: Claim) -> str:
     several = next((word for word in ("displacements", "signals") if word in claim.subject.split()), "")
     if not several:
         by = f" by {size_in_words(size)}" if size is not None else ""
-        return f"the zero of {_where(claim, 'a channel')} shifts{by}{since}"
+        return f"the zero of {_subject_words(claim, 'a channel')} shifts{by}{since}"
     most = f", {size.name.removeprefix('shift_')} by {size_in_words(size)}" if size is not None else ""
     return f"the zeros of all {several} shift together in run {run}{since}{most}"
 
@@ -306,17 +310,17 @@ def _look_up_event(claim: Claim) -> str:
     )
 
 
-def _slowly(claim: Claim) -> str:
+def _slow_run_advice(claim: Claim) -> str:
     run, signal = claim.fact("run"), claim.fact("channel")
     return f"Repeat run {run} more slowly, return to zero at its end, and watch the signal of {signal}."
 
 
 def _crosstalk(claim: Claim) -> str:
-    size, more = only(claim, "fraction")
+    size, more = largest_of_kind(claim, "fraction")
     source = claim.fact("source")
     other = f"signal {source}" if source else "another"
     turned = "" if more else ", with the opposite sign"
-    return f"{_where(claim, 'a signal')} contains {size or 'a fraction'} of {other}{turned}"
+    return f"{_subject_words(claim, 'a signal')} contains {size or 'a fraction'} of {other}{turned}"
 
 
 def _disconnect(claim: Claim) -> str:
@@ -326,7 +330,7 @@ def _disconnect(claim: Claim) -> str:
 
 def _curved(claim: Claim) -> str:
     """Return ``signal v1 is not linear, with a quadratic part of ...``, for the most significant term."""
-    who = _where(claim, "")
+    who = _subject_words(claim, "")
     text = f"{who} is not linear" if who else "the signals are not linear"
     size = max(claim.sizes, key=lambda one: abs(one.number or 0.0) / (one.sigma or 1.0), default=None)
     if size is None:
@@ -339,7 +343,7 @@ def _curved(claim: Claim) -> str:
 
 
 def _straighten(claim: Claim) -> str:
-    who = _where(claim, "the signals")
+    who = _subject_words(claim, "the signals")
     return f"Load in smaller steps up to the largest loads, alone and two at a time, and read {who} at each."
 
 
@@ -362,7 +366,7 @@ def _exchanged(claim: Claim) -> str:
     return f"the recorded loads of {_rows(claim)} are exchanged{within}"
 
 
-def _look_up(claim: Claim) -> str:
+def _look_up_loads_advice(claim: Claim) -> str:
     return f"Look up in the laboratory's notes which loads were applied at {_rows(claim)}, or apply both loads again."
 
 
@@ -402,7 +406,7 @@ BENCH = {
         _creep,
         "Hold the largest load for ten time constants, with ten readings each, then unload and continue reading.",
     ),
-    "zero-drift": Wording("zero drift", _walk, _unloaded),
+    "zero-drift": Wording("zero drift", _zero_drift_clause, _unloaded),
     "thermal-drift": Wording("thermal drift", _warm, _zero_against_temperature),
     "cosine-error": Wording("cosine error", _tilted, _align),
     "abbe-offset": Wording("abbe offset", _arm, _shift_beam),
@@ -411,9 +415,9 @@ BENCH = {
         _dead_path,
         "Measure the path from beam splitter to mirror; read it without load while the air pressure changes.",
     ),
-    "fringe-slip": Wording("fringe slip", _slip, _slowly),
+    "fringe-slip": Wording("fringe slip", _slip, _slow_run_advice),
     "zero-step": Wording("zero step", _shifted, _look_up_event),
     "crosstalk": Wording("crosstalk", _crosstalk, _disconnect),
     "signal-nonlinear": Wording("signal nonlinear", _curved, _straighten),
-    "rows-exchanged": Wording("rows exchanged", _exchanged, _look_up),
+    "rows-exchanged": Wording("rows exchanged", _exchanged, _look_up_loads_advice),
 }

@@ -5,7 +5,16 @@ from __future__ import annotations
 from truing.report.diagnosis.findings import subject_words
 from truing.report.wordings.bench_wordings import BENCH
 from truing.report.wordings.chain_wordings import CHAIN
-from truing.report.wordings.claim import Advice, AdviceKind, Claim, Wording, by, only, size_in_words, with_sizes
+from truing.report.wordings.claim import (
+    Advice,
+    AdviceKind,
+    Claim,
+    Wording,
+    by_words,
+    largest_of_kind,
+    size_in_words,
+    with_sizes,
+)
 from truing.report.wordings.mechanism_wordings import BODIES, MECHANISM
 from truing.report.wordings.nonparametric_wordings import FOLLOWED, PARTS_OF_AXES
 
@@ -19,43 +28,45 @@ _FORMS = {
 
 
 def _scale(claim: Claim) -> str:
-    size, large = only(claim, "scale")
+    size, large = largest_of_kind(claim, "scale")
     verb = "travels" if claim.subject == "axis" else "reads"
     if not size:
         return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} {verb} with a scale error"
-    return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} {verb} too {'far' if large else 'little'}{by(size)}"
+    return (
+        f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} {verb} too {'far' if large else 'little'}{by_words(size)}"
+    )
 
 
-def _lost(claim: Claim) -> str:
-    size, _ = only(claim, "backlash")
+def _lost_motion_clause(claim: Claim) -> str:
+    size, _ = largest_of_kind(claim, "backlash")
     sides = " to either side" if size else ""
-    return f"motion is lost between motor and load{by(size)}{sides}"
+    return f"motion is lost between motor and load{by_words(size)}{sides}"
 
 
 def _shift(claim: Claim) -> str:
-    size, _ = only(claim, "shift")
+    size, _ = largest_of_kind(claim, "shift")
     event, pose = claim.fact("event"), claim.fact("from_pose")
     since = f" after the event {event}" if event else f" from row {pose} on" if pose not in (None, "") else ""
-    return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} has a zero shift{since}{by(size)}"
+    return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} has a zero shift{since}{by_words(size)}"
 
 
 def _periodic(claim: Claim) -> str:
-    size, _ = only(claim, "amplitude")
+    size, _ = largest_of_kind(claim, "amplitude")
     period = claim.size("period")
     over = f", with a period of {size_in_words(period)}" if period is not None else ""
     if claim.fact("aliased"):
         over = ", with a period that these commands do not determine"
-    return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} has a periodic error{by(size)}{over}"
+    return f"{PARTS_OF_AXES.get(claim.subject, claim.subject)} has a periodic error{by_words(size)}{over}"
 
 
 def _growth(claim: Claim) -> str:
-    size, grows = only(claim, "growth")
+    size, grows = largest_of_kind(claim, "growth")
     verb = "grows" if grows else "shrinks"
     who = PARTS_OF_AXES.get(claim.subject, claim.subject)
-    return f"{who} {verb} with temperature, in proportion to the position{by(size)}"
+    return f"{who} {verb} with temperature, in proportion to the position{by_words(size)}"
 
 
-def _look_at_event(claim: Claim) -> str:
+def _repeat_event_advice(claim: Claim) -> str:
     event = claim.fact("event")
     again = f"Repeat the event ({event})" if event else "Switch the axis off and on, and reference it again"
     return f"{again}, with the same commands measured before and after."
@@ -69,7 +80,7 @@ _AXIS = {
     ),
     "lost-motion": Wording(
         "lost motion",
-        _lost,
+        _lost_motion_clause,
         "Approach the same commands from both sides, by movements longer than the lost motion. Read both encoders.",
     ),
     "periodic-error": Wording(
@@ -77,7 +88,7 @@ _AXIS = {
         _periodic,
         "Move the axis in steps of a tenth of the period through two periods, and read every encoder.",
     ),
-    "zero-shift": Wording("zero shift", _shift, _look_at_event),
+    "zero-shift": Wording("zero shift", _shift, _repeat_event_advice),
     "axis-growth": Wording(
         "growth with temperature",
         _growth,
@@ -95,14 +106,14 @@ def _unstable(claim: Claim) -> str:
     return with_sizes(f"the {' and the '.join(parts)} of {claim.subject} {many if several else one}", claim)
 
 
-def _hold_still(claim: Claim) -> str:
+def _camera_test_advice(claim: Claim) -> str:
     return (
         f"Photograph a fixed field of targets with {claim.subject} before and after the suspected change, rolled by "
         "90 degrees in every second image, and determine its interior orientation each time."
     )
 
 
-def _bent(claim: Claim) -> str:
+def _refraction_clause(claim: Claim) -> str:
     if claim.subject:
         pane = "looks through a pane of glass, which shifts oblique rays"
         return with_sizes(f"{claim.subject} {pane}", claim)
@@ -135,8 +146,8 @@ def _calibrate_bars(claim: Claim) -> str:
 
 
 RAYS = {
-    "camera-instability": Wording("camera instability", _unstable, _hold_still),
-    "refraction": Wording("refraction", _bent, _without_pane),
+    "camera-instability": Wording("camera instability", _unstable, _camera_test_advice),
+    "refraction": Wording("refraction", _refraction_clause, _without_pane),
     "scale-bar-temperature": Wording("scale bar temperature", _warm_bars, _calibrate_bars),
 }
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from truing.report.diagnosis.findings import subject_words
-from truing.report.wordings.claim import Claim, Wording, by, only, with_sizes
+from truing.report.wordings.claim import Claim, Wording, by_words, largest_of_kind, with_sizes
 
 
 def _whose(claim: Claim) -> str:
@@ -11,18 +11,18 @@ def _whose(claim: Claim) -> str:
 
 
 def _offset(claim: Claim) -> str:
-    size, _ = only(claim, "offset")
-    return f"the zero of {_whose(claim)} is off, beyond its tolerance{by(size)}"
+    size, _ = largest_of_kind(claim, "offset")
+    return f"the zero of {_whose(claim)} is off, beyond its tolerance{by_words(size)}"
 
 
 def _gain(claim: Claim) -> str:
-    size, large = only(claim, "gain")
-    return f"{_whose(claim)} moves {'farther' if large else 'less far'} than it reads{by(size)}"
+    size, large = largest_of_kind(claim, "gain")
+    return f"{_whose(claim)} moves {'farther' if large else 'less far'} than it reads{by_words(size)}"
 
 
 def _backlash(claim: Claim) -> str:
-    size, _ = only(claim, "backlash")
-    return f"{_whose(claim)} has backlash{by(size)}{' to either side' if size else ''}"
+    size, _ = largest_of_kind(claim, "backlash")
+    return f"{_whose(claim)} has backlash{by_words(size)}{' to either side' if size else ''}"
 
 
 def _compliance(claim: Claim) -> str:

@@ -130,7 +130,7 @@ def largest(sizes: tuple[ParameterSize, ...]) -> ParameterSize | None:
     return max(sizes, key=lambda size: abs(size.number or 0.0), default=None)
 
 
-def only(claim: Claim, kind: str) -> tuple[str, bool]:
+def largest_of_kind(claim: Claim, kind: str) -> tuple[str, bool]:
     """Return the absolute value of the largest size of a kind, empty where there is none, and True if it
     is positive."""
     size = largest(claim.sizes_of(kind))
@@ -164,12 +164,12 @@ def by_most(claim: Claim, kind: str) -> str:
     )
 
 
-def by(words: str) -> str:
+def by_words(words: str) -> str:
     """Return ``, by 0.21 ± 0.01 %``; empty without words."""
     return f", by {words}" if words else ""
 
 
-def moves(claim: Claim) -> str:
+def largest_change_words(claim: Claim) -> str:
     """Return the largest change of measured quantities by an effect: ``, by up to 12 um``."""
     return "" if claim.largest_motion is None else f", by up to {rough(claim.largest_motion)} {claim.unit}"
 
@@ -177,7 +177,7 @@ def moves(claim: Claim) -> str:
 def with_sizes(text: str, claim: Claim) -> str:
     """Return a clause with sizes: parameters or, where these are many, the largest change of measured quantities."""
     if len(claim.sizes) > _TOLD and claim.largest_motion is not None:
-        return text + moves(claim)
+        return text + largest_change_words(claim)
     sizes = ", ".join(f"{size.name} {size_in_words(size)}" for size in claim.sizes[:_TOLD])
     return f"{text}: {sizes}" if sizes else text
 

@@ -8,7 +8,17 @@ import re
 from truing.report.diagnosis.effect_units import size_text
 from truing.report.diagnosis.findings import subject_words
 from truing.report.numbers import rough, with_uncertainty
-from truing.report.wordings.claim import Claim, Wording, by, by_most, largest, listed, only, size_in_words, with_sizes
+from truing.report.wordings.claim import (
+    Claim,
+    Wording,
+    by_most,
+    by_words,
+    largest,
+    largest_of_kind,
+    listed,
+    size_in_words,
+    with_sizes,
+)
 from truing.report.wordings.nonparametric_wordings import columns_words, product_words
 from truing.schemas.covariates import own_name
 
@@ -85,14 +95,14 @@ def _base(claim: Claim) -> str:
     return f"the base deforms with {_driver(claim)}{': ' if sizes else ''}{sizes}"
 
 
-def _base_alone(claim: Claim) -> str:
+def _single_drive_advice(claim: Claim) -> str:
     if claim.fact("driver") == "temperature":
         return f"Measure the base alone {_TWO_TEMPERATURES}"
     return f"Move {_driver(claim)} alone through its range and measure the base."
 
 
 def _gain(claim: Claim) -> str:
-    size, further = only(claim, "gain")
+    size, further = largest_of_kind(claim, "gain")
     if size and _verb(claim, "one", ""):
         return f"{_actuators(claim)} moves {'farther' if further else 'less'} than it reads, by {size}"
     does = _verb(claim, "has a gain error", "have gain errors")
@@ -112,7 +122,7 @@ def _periodic(claim: Claim) -> str:
 
 
 def _drift(claim: Claim) -> str:
-    size, grows = only(claim, "drift")
+    size, grows = largest_of_kind(claim, "drift")
     if size and _verb(claim, "one", ""):
         return f"{_legs(claim)} {'grows' if grows else 'shrinks'} by {size} over the campaign"
     return f"the length of {_legs(claim)} drifts over the campaign{by_most(claim, 'drift')}"
@@ -139,8 +149,8 @@ def _flexures(claim: Claim) -> str:
 def _scale(claim: Claim) -> str:
     per_k = claim.size("scale_per_k")
     if per_k is not None or claim.fact("form") not in (None, "constant"):
-        return f"measured lengths change with temperature{by(size_in_words(per_k)) if per_k is not None else ''}"
-    size, large = only(claim, "scale")
+        return f"measured lengths change with temperature{by_words(size_in_words(per_k)) if per_k is not None else ''}"
+    size, large = largest_of_kind(claim, "scale")
     if not size:
         return "measured lengths have a scale error"
     return f"measured lengths are too {'large' if large else 'small'}, by {size}"
@@ -159,7 +169,7 @@ def _heat(claim: Claim) -> str:
     return f"bodies grow with temperature: {', '.join(f'{part} {size}' for part, size in sizes.items())}"
 
 
-def _lands(claim: Claim) -> str:
+def _approach_scatter_clause(claim: Claim) -> str:
     """Return the clause on actuators whose position scatters at each approach: which, when, and by how much."""
     who = f"body {claim.fact('body')}" if claim.fact("body") else _actuators(claim)
     if claim.fact("joint") is not None:
@@ -167,15 +177,15 @@ def _lands(claim: Claim) -> str:
     way = {1: " when approached from below", -1: " when approached from above"}.get(claim.fact("direction") or 0, "")
     poses = [claim.fact(name) for name in ("from_pose", "to_pose")]
     when = "" if poses[0] in (None, "") else f" from pose {poses[0]} to pose {poses[1]}"
-    size, _ = only(claim, "scatter")
-    far = by(f"{size} (standard deviation)") if size else ""
+    size, _ = largest_of_kind(claim, "scatter")
+    far = by_words(f"{size} (standard deviation)") if size else ""
     return f"the position of {who} scatters at each approach{way}{when}{far}"
 
 
 MECHANISM = {
     "approach-scatter": Wording(
         "scatter of approach",
-        _lands,
+        _approach_scatter_clause,
         "Approach one of these poses ten times, and one of the others, and compare their scatter.",
     ),
     "platform-deformation-linear": Wording("platform deformation linear", _deforms, _ATTACHMENTS),
@@ -186,7 +196,7 @@ MECHANISM = {
         "Move one actuator at a time, in at least five steps, and measure the targets at all attachments.",
     ),
     "in-plane-deformation": Wording("in-plane deformation of the platform", _in_plane, _ATTACHMENTS),
-    "base-deformation": Wording("base deformation", _base, _base_alone),
+    "base-deformation": Wording("base deformation", _base, _single_drive_advice),
     "actuator-gain": Wording(
         "actuator gain",
         _gain,
@@ -227,7 +237,7 @@ MECHANISM = {
 }
 
 
-def _since(claim: Claim) -> str:
+def _from_pose_words(claim: Claim) -> str:
     pose = claim.fact("from_pose")
     return "" if pose in (None, "") else f" from pose {pose} on"
 
@@ -236,17 +246,17 @@ def _on_body(claim: Claim) -> str:
     return f" on {claim.fact('body')}" if claim.fact("body") else ""
 
 
-def _moved(claim: Claim) -> str:
+def _displacement_clause(claim: Claim) -> str:
     who = f"{claim.subject or 'a target'}{_on_body(claim)}"
     parts = [size for name in ("dx", "dy", "dz") if (size := claim.size(name)) is not None]
     if not parts:
-        return f"{who} is displaced{_since(claim)}"
+        return f"{who} is displaced{_from_pose_words(claim)}"
     apart = math.hypot(*(size.number or 0.0 for size in parts))
     sigma = max(size.sigma or 0.0 for size in parts)
-    return f"{who} is displaced by {size_text('dx', apart, sigma or None, parts[0].unit)}{_since(claim)}"
+    return f"{who} is displaced by {size_text('dx', apart, sigma or None, parts[0].unit)}{_from_pose_words(claim)}"
 
 
-def _look_at_target(claim: Claim) -> str:
+def _check_target_advice(claim: Claim) -> str:
     body = claim.fact("body")
     return f"Check whether {claim.subject} on {body} is loose or was touched, and survey {body} again."
 
@@ -258,7 +268,7 @@ def _swapped(claim: Claim) -> str:
     return f"{subject_words(claim.subject) or 'two targets'}{_on_body(claim)} have exchanged labels{where}"
 
 
-def _look_at_images(claim: Claim) -> str:
+def _check_images_advice(claim: Claim) -> str:
     return f"Check in the images of these poses which of {listed(claim.fact('targets') or ('the targets',))} is which."
 
 
@@ -296,16 +306,16 @@ def _terms(claim: Claim) -> str:
     return f"{text}, nonlinearly" if len(terms) > len(names) else text
 
 
-def _alone(claim: Claim) -> str:
+def _single_change_advice(claim: Claim) -> str:
     column = own_name((claim.fact("columns") or ("the input",))[0].removeprefix(_CAME_FROM))
     return f"Change only {column}, up and down through its range, and measure {claim.subject} at every step."
 
 
 def _drifts(claim: Claim) -> str:
     whole = claim.fact("whole")
-    if _since(claim):
+    if _from_pose_words(claim):
         said = f"{_body(claim)}, declared still, is displaced" if whole else f"the shape of {_body(claim)} changed"
-        return with_sizes(f"{said}{_since(claim)}", claim)
+        return with_sizes(f"{said}{_from_pose_words(claim)}", claim)
     of_time = claim.fact("column") in (None, "time_s")
     how = (
         ", in smooth waves" if claim.fact("waves") else ", fast at first and slower later" if claim.fact("tau") else ""
@@ -320,18 +330,18 @@ def _drifts(claim: Claim) -> str:
 
 
 def _wait(claim: Claim) -> str:
-    if _since(claim):
+    if _from_pose_words(claim):
         before = f"before pose {claim.fact('from_pose')}"
         return f"Check whether {claim.subject} was touched {before}, and survey it again."
     return f"Measure {claim.subject} repeatedly without moving anything, until it no longer changes."
 
 
-def _sags(claim: Claim) -> str:
+def _gravity_clause(claim: Claim) -> str:
     """Return the clause on shifts with the direction of gravity, with their size."""
     one, body = claim.fact("one"), claim.fact("body") or claim.subject or "a body"
     if one:
         size = claim.size(f"{one}_sag")
-        return f"target {one} on {body} sags with gravity{by(size_in_words(size)) if size is not None else ''}"
+        return f"target {one} on {body} sags with gravity{by_words(size_in_words(size)) if size is not None else ''}"
     if claim.fact("form") == "free":
         return with_sizes(f"the targets on {body} shift with the direction of gravity in its frame", claim)
     size = largest(tuple(size for size in claim.sizes if size.name.endswith("_sag")))
@@ -364,9 +374,9 @@ BODIES = {
         _bursts,
         "Check what ran near the machine at that time and how loads were applied; repeat some of these measurements.",
     ),
-    "gravity-sag": Wording("sag under gravity", _sags, _turn_over),
-    "target-moved": Wording("target moved", _moved, _look_at_target),
-    "targets-swapped": Wording("targets swapped", _swapped, _look_at_images),
-    "body-deformation": Wording("body deformation", _body_deforms, _alone),
+    "gravity-sag": Wording("sag under gravity", _gravity_clause, _turn_over),
+    "target-moved": Wording("target moved", _displacement_clause, _check_target_advice),
+    "targets-swapped": Wording("targets swapped", _swapped, _check_images_advice),
+    "body-deformation": Wording("body deformation", _body_deforms, _single_change_advice),
     "body-drift": Wording("body drift", _drifts, _wait),
 }

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable
 
 from truing.report.diagnosis.findings import subject_words
-from truing.report.wordings.claim import Claim, Wording, moves
+from truing.report.wordings.claim import Claim, Wording, largest_change_words
 from truing.schemas.covariates import own_name
 
 _DRIVE, _LOAD = r"rho(\d+)_mm", r"([fm][xyz])_nm?"
@@ -133,15 +133,15 @@ _LOADS = dict.fromkeys(("fx_n", "fy_n", "fz_n"), "N") | dict.fromkeys(("mx_nm", 
 
 
 def _clause(claim: Claim) -> str:
-    verb = "depends on" if _is_one(claim) else "depend on"
-    return f"{_whose(claim)} {verb} {_inputs_in_words(claim)}{moves(claim)}"
+    verb = "depends on" if _has_one_subject(claim) else "depend on"
+    return f"{_dependent_quantity(claim)} {verb} {_inputs_in_words(claim)}{largest_change_words(claim)}"
 
 
-def _is_one(claim: Claim) -> bool:
+def _has_one_subject(claim: Claim) -> bool:
     return claim.fact("quantity") in (None, "scale") or len(claim.fact("targets") or ()) == 1
 
 
-def _whose(claim: Claim) -> str:
+def _dependent_quantity(claim: Claim) -> str:
     """Return the dependent quantity: of legs, targets of a body, a channel, a camera, a part of an axis."""
     if claim.fact("element"):
         return PARTS_OF_AXES.get(claim.subject, claim.subject)

@@ -68,7 +68,7 @@ def side_by_side(runs: Sequence[Run]) -> SideBySide:
     )
     parts = [_first(numbers[0])]
     for own, before, assessed in zip(numbers[1:], numbers, steps, strict=False):
-        parts.append(_joined(own, before, [step.rows for step in assessed if len(step.rows)]))
+        parts.append(_with_changes(own, before, [step.rows for step in assessed if len(step.rows)]))
     reported = [
         part.assign(place=place, folder=str(run.folder), campaign=run.campaign)
         for place, (part, run) in enumerate(zip(parts, runs, strict=True), start=1)
@@ -124,7 +124,7 @@ def _of_models(before: Run, now: Run) -> RunStep:
     if first is None or second is None:
         return not_assessed(f"{' and '.join(absent)} left no extended model")
     if (start := now.folder / ARTIFACTS["start"].file).is_file():
-        return not_assessed(_begun(tomllib.loads(start.read_text(encoding="utf-8")), now))
+        return not_assessed(_start_words(tomllib.loads(start.read_text(encoding="utf-8")), now))
     if isinstance(first, ExtendedModel) and isinstance(second, ExtendedModel):
         return mechanism_step(first, second)
     if isinstance(first, ExtendedSensor) and isinstance(second, ExtendedSensor):
@@ -136,7 +136,7 @@ def _of_models(before: Run, now: Run) -> RunStep:
     return not_assessed("they are of other machines")
 
 
-def _begun(start: dict[str, Any], now: Run) -> str:
+def _start_words(start: dict[str, Any], now: Run) -> str:
     of = start.get("model", {}).get("campaign", "an earlier campaign")
     return f"{now.campaign} started from the model of {of}, which its numbers rest on; its own page tells what changed"
 
@@ -167,7 +167,7 @@ def _first(numbers: pd.DataFrame) -> pd.DataFrame:
     return numbers.assign(changed=False)
 
 
-def _joined(own: pd.DataFrame, before: pd.DataFrame, assessed: list[pd.DataFrame]) -> pd.DataFrame:
+def _with_changes(own: pd.DataFrame, before: pd.DataFrame, assessed: list[pd.DataFrame]) -> pd.DataFrame:
     """Return the numbers of a run with their assessed changes since the run before."""
     on = [*NAMES, _NTH]
     table = _numbered(own).merge(_numbered(before)[[*on, "value"]], on=on, how="left", suffixes=("", "_before"))

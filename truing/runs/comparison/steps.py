@@ -118,7 +118,7 @@ def mechanism_step(before: ExtendedModel, now: ExtendedModel) -> RunStep:
     prior = mechanism_prior(before, _surveyed(now), common)
     then_at, now_at = (prior.places(one.model) for one in (before, now))
     apart = prior.frames + sum(
-        shift_without_effects(one.shared, one.covariance, own, _of_others(one.model, common))
+        shift_without_effects(one.shared, one.covariance, own, _unshared_effects(one.model, common))
         for one, own in ((before, then_at), (now, now_at))
     )
     value, covariance = now.shared[now_at], now.covariance[np.ix_(now_at, now_at)]
@@ -127,7 +127,7 @@ def mechanism_step(before: ExtendedModel, now: ExtendedModel) -> RunStep:
     columns = {**reported.columns, **figures(prior, reported, found, value, covariance, LEVEL)}
     if len(found.observable) == 0:
         return not_assessed("neither campaign tells more of the machine than its tolerances")
-    known = _known(reported, prior.covariance, np.linalg.inv(prior.shared)) & ~np.isnan(columns["z"])
+    known = _is_informed(reported, prior.covariance, np.linalg.inv(prior.shared)) & ~np.isnan(columns["z"])
     return _step(columns, known)
 
 
@@ -143,13 +143,13 @@ def _step(columns: dict[str, Any], known: NDArray) -> RunStep:
     return RunStep(rows.drop(columns=["before", "sigma_before", "now", "sigma_now", "unit"]), rebuilt=rebuilt)
 
 
-def _known(reported: ReportedNumbers, covariance: NDArray, prior: NDArray) -> NDArray:
+def _is_informed(reported: ReportedNumbers, covariance: NDArray, prior: NDArray) -> NDArray:
     """Return True for rows (R,) on which an estimate holds more information than the prior."""
     by = reported.by_numbers
     return np.diag(by @ covariance @ by.T) < (1.0 - LEAST_REDUCTION) * np.diag(by @ prior @ by.T)
 
 
-def _of_others(model: MechanismModel, common: tuple[Cause, ...]) -> list[NDArray]:
+def _unshared_effects(model: MechanismModel, common: tuple[Cause, ...]) -> list[NDArray]:
     """Return the places of persistent effects that the other model does not have."""
     keys = {cause.key for cause in common}
     own = [model.layout[cause.key] for cause in model.causes if cause.is_persistent and cause.key not in keys]
@@ -210,7 +210,9 @@ def sensor_step(before: ExtendedSensor, now: ExtendedSensor, simulated: NDArray)
     limit[:_ENTRIES] = np.sqrt(1.0 - LEAST_REDUCTION) * simulated
     known = (sigma_old < limit) & (sigma_new < limit)
     scale = _scales(before, keys)
-    return _each(_named(before, keys), (new - old) / scale, np.hypot(sigma_old, sigma_new) / scale, known)
+    return _tested_changes(
+        _number_names(before, keys), (new - old) / scale, np.hypot(sigma_old, sigma_new) / scale, known
+    )
 
 
 def matrix_step(before: pd.DataFrame, now: pd.DataFrame) -> RunStep:
@@ -218,10 +220,10 @@ def matrix_step(before: pd.DataFrame, now: pd.DataFrame) -> RunStep:
     both = before.merge(now, on=NAMES, suffixes=("_before", "_now"))
     spread = np.hypot(both["sigma_before"].to_numpy(float), both["sigma_now"].to_numpy(float))
     difference = (both["value_now"] - both["value_before"]).to_numpy(float)
-    return _each(both[NAMES].to_numpy().tolist(), difference, spread, np.isfinite(spread))
+    return _tested_changes(both[NAMES].to_numpy().tolist(), difference, spread, np.isfinite(spread))
 
 
-def _each(names: Sequence[Sequence[object]], difference: NDArray, spread: NDArray, known: NDArray) -> RunStep:
+def _tested_changes(names: Sequence[Sequence[object]], difference: NDArray, spread: NDArray, known: NDArray) -> RunStep:
     """Return the significant changes of the known numbers (n,), each tested by itself. The level is familywise, valid
     for any correlations."""
     known = known & (spread > 0.0)
@@ -247,16 +249,16 @@ def _common(found: ExtendedSensor, keys: set[str]) -> tuple[NDArray, NDArray]:
     """Return compliance and common effects, by key, with sigmas that include the possible bias by other effects."""
     every = np.concatenate([found.compliance.ravel(), *(effect.values for effect in found.effects)])
     rest = [cause for cause in sorted(found.causes, key=_key) if cause.key not in keys and cause.is_persistent]
-    own, others = found.places(_kept(found, keys)), [np.r_[found.layout[cause.key]] for cause in rest]
+    own, others = found.places(_common_causes(found, keys)), [np.r_[found.layout[cause.key]] for cause in rest]
     spread = found.covariance[np.ix_(own, own)] + shift_without_effects(every, found.covariance, own, others)
     return every[own], np.sqrt(np.diag(spread))
 
 
-def _named(found: ExtendedSensor, keys: set[str]) -> list[tuple[object, ...]]:
+def _number_names(found: ExtendedSensor, keys: set[str]) -> list[tuple[object, ...]]:
     """Return the names of the numbers of ``_common`` in their order."""
     names = (f"{channel} {load}" for channel in CHANNELS for load in LOADS)
     rows: list[tuple[object, ...]] = [("compliance", None, None, name) for name in names]
-    for cause in _kept(found, keys):
+    for cause in _common_causes(found, keys):
         none = np.zeros(len(cause.parameters(_LEGS)))
         rows += [row[:4] for row in _effect_rows(cause, none, none, _LEGS)]
     return rows
@@ -264,11 +266,11 @@ def _named(found: ExtendedSensor, keys: set[str]) -> list[tuple[object, ...]]:
 
 def _scales(found: ExtendedSensor, keys: set[str]) -> NDArray:
     """Return the unit of each number of ``_common`` in SI."""
-    si = [p.si for cause in _kept(found, keys) for p in cause.parameters(_LEGS)]
+    si = [p.si for cause in _common_causes(found, keys) for p in cause.parameters(_LEGS)]
     return np.concatenate([np.ones(_ENTRIES), np.array(si, float)])
 
 
-def _kept(found: ExtendedSensor, keys: set[str]) -> list[ReadingCause]:
+def _common_causes(found: ExtendedSensor, keys: set[str]) -> list[ReadingCause]:
     return sorted((cause for cause in found.causes if cause.key in keys), key=_key)
 
 

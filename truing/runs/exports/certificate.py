@@ -167,7 +167,7 @@ def _size(row: Any) -> str:
     return ", ".join([str(row.reason_code), *parts])
 
 
-def _rest_on_model(run: Run) -> list[str]:
+def _model_based_results(run: Run) -> list[str]:
     """Return the kinds of result that follow from a model; poses too, if a searched relation has no
     simulated machine."""
     relations = run["diagnosis"]["relation"].dropna().unique() if "diagnosis" in run else ()
@@ -175,7 +175,7 @@ def _rest_on_model(run: Run) -> list[str]:
     return [kind for kind in KINDS if kind not in measured]
 
 
-def qualified(run: Run) -> _Qualified:
+def valid_results(run: Run) -> _Qualified:
     """Return the results with a valid uncertainty: not those of a model that fails, or that omits a cause that was
     found."""
     stated, parts = run["uncertainty"], run["uncertainty_budget"]
@@ -183,10 +183,10 @@ def qualified(run: Run) -> _Qualified:
     good = good[good["coverage_factor"] >= 1.0]  # D-SI allows no others
     left_out = []
     if doubted := doubts(run):
-        kinds = [kind for kind in _rest_on_model(run) if (good["result"] == kind).any()]
+        kinds = [kind for kind in _model_based_results(run) if (good["result"] == kind).any()]
         good = good[~good["result"].isin(kinds)]
         left_out += [f"{', '.join(KINDS[kind] for kind in kinds)}: {' '.join(doubted)}"] if kinds else []
-    for kind, off in _off(parts).items():
+    for kind, off in _biasing_causes(parts).items():
         if (good["result"] == kind).any():
             good = good[good["result"] != kind]
             left_out.append(f"{KINDS[kind]}: {', '.join(off)}: {NOT_HELD}.")
@@ -199,7 +199,7 @@ def qualified(run: Run) -> _Qualified:
     return _Qualified(good, tuple(left_out), tuple(dict.fromkeys(omitted)))
 
 
-def _off(parts: pd.DataFrame) -> dict[str, list[str]]:
+def _biasing_causes(parts: pd.DataFrame) -> dict[str, list[str]]:
     """Return by kind of result the causes that bias its estimates and that its uncertainty does not cover."""
     rows = parts[parts["reason"] == NOT_HELD]
     return {str(kind): list(dict.fromkeys(own["input_source"])) for kind, own in rows.groupby("result", sort=False)}
@@ -220,7 +220,7 @@ def temperature(run: Run) -> tuple[float, float] | None:
 
 def certificate(run: Run, document: Certificate) -> Iterator[tuple[str, bytes]]:
     """Yield the certificate of a run; ``document`` must have all keys that a certificate needs."""
-    found = qualified(run)
+    found = valid_results(run)
     root = Element(f"{{{DCC}}}digitalCalibrationCertificate", {"schemaVersion": _VERSION})
     root.set(f"{{{_INSTANCE}}}schemaLocation", f"{DCC} {DCC}/v{_VERSION}/dcc.xsd")
     _administration(dcc(root, "administrativeData"), run, document, found)

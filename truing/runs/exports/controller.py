@@ -40,7 +40,7 @@ def controller(run: Run) -> Iterator[tuple[str, bytes]]:
     """
     yield from _logger(run)
     path = run.folder / ARTIFACTS["model"].file
-    warned = cautions(run)
+    warned = reasons_for_caution(run)
     document = tomllib.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     if "model" not in document:
         return
@@ -51,7 +51,7 @@ def controller(run: Run) -> Iterator[tuple[str, bytes]]:
     yield "controller.csv", _csv(numbers, warned)
 
 
-def cautions(run: Mapping[str, pd.DataFrame]) -> dict[tuple[str, str], str]:
+def reasons_for_caution(run: Mapping[str, pd.DataFrame]) -> dict[tuple[str, str], str]:
     """Return the reason code of numbers that are no physical properties of the machine, by subject and name.
 
     They reproduce poses together with all others, but mislead if used alone, for example as masses and stiffnesses of a

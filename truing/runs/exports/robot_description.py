@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.estimation.rotation import exp_so3
-from truing.runs.exports.controller import FAR, cautions
+from truing.runs.exports.controller import FAR, reasons_for_caution
 from truing.runs.recorded_run import Run
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.mechanisms.chains.causes import (
@@ -44,7 +44,7 @@ def urdf(run: Run) -> Iterator[tuple[str, bytes]]:
         found = "no model" if model is None else "the model of another machine"
         raise CampaignFaults([Fault(str(run.folder), expected, value=found)])
     limits = _limits(run, model.tree)
-    warned = cautions(run)
+    warned = reasons_for_caution(run)
     yield "robot.urdf", urdf_text(model, limits, _notes(model, run.get("chain_parameters"), warned)).encode()
     yield "joint_corrections.csv", _corrections(model, warned)
 

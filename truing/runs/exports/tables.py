@@ -40,7 +40,7 @@ def workbook(run: Run) -> Iterator[tuple[str, bytes]]:
         parts = [(sheet, name, part) for name in run for sheet, part in _parts(name, run.table(name))]
         _contents(book, head, run, parts)
         for sheet, name, part in parts:
-            _fill(book.add_worksheet(sheet), head, part, run[name].attrs["units"])
+            _write_table(book.add_worksheet(sheet), head, part, run[name].attrs["units"])
     yield "tables.xlsx", made.getvalue()
 
 
@@ -60,7 +60,7 @@ def _contents(book: xlsxwriter.Workbook, head: Any, run: Run, parts: Sequence[tu
     sheet.autofit()
 
 
-def _fill(sheet: Any, head: Any, table: pa.Table, units: dict[str, str]) -> None:
+def _write_table(sheet: Any, head: Any, table: pa.Table, units: dict[str, str]) -> None:
     """Write column names, units below them, then the rows; missing numbers stay empty."""
     sheet.write_row(0, 0, table.schema.names, head)
     sheet.write_row(1, 0, [units.get(name, "") for name in table.schema.names], head)

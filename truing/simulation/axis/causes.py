@@ -22,7 +22,7 @@ from truing.simulation.axis.rows import (
     AxisRows,
 )
 from truing.simulation.cause import Cause, ChannelScene, Parameter, ReportedParameter, Step
-from truing.simulation.inputs import TEMPERATURE, Missing, varying
+from truing.simulation.inputs import TEMPERATURE, Missing, varying_columns
 
 # Most probable element first: if readings cannot distinguish two, it is named first.
 ELEMENTS = (TRANSMISSION, LOAD, MEASURED, MOTOR)
@@ -171,7 +171,7 @@ class AxisGrowth(AxisCause):
             return ()
         points = [low + share * travel for share in _FIXED_POINTS] + [0.0] * (low <= 0.0 <= low + travel)
         found = []
-        for column, values in varying(scene.rows.covariates).items():
+        for column, values in varying_columns(scene.rows.covariates).items():
             if is_temperature(column):
                 per_k = max(scene.axis.spread, _PLAUSIBLE[scene.axis.kind]) / float(np.ptp(values))
                 own = replace(self, kind_of_axis=scene.axis.kind, column=column, reference_c=float(np.mean(values)))

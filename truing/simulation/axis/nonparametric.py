@@ -34,7 +34,7 @@ from truing.simulation.axis.rows import (
     AxisRows,
 )
 from truing.simulation.cause import Parameter, Step
-from truing.simulation.inputs import ORDER, TIME, middle_and_half, varying
+from truing.simulation.inputs import ORDER, TIME, middle_and_half, varying_columns
 from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, chebyshev, dependence
 
 # Forms: a curve over the travel since the axis turned, times the direction of approach; an offset during a period.
@@ -169,7 +169,7 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
 
 def _dependences(rows: AxisRows) -> Iterator[tuple[tuple[str, ...], str, int]]:
     """Yield inputs, form and degree of all dependences."""
-    columns = varying(rows.covariates)
+    columns = varying_columns(rows.covariates)
     timed = TIME if TIME in columns else ORDER
     for column in columns:
         smooth = [degree for degree in _SMOOTH if column != COMMAND or degree > 1]

@@ -93,7 +93,7 @@ class AxisRows:
         """Inputs of predictions: the commands (B, 1)."""
         return self.command[:, None]
 
-    def chosen(self, rows: Mask) -> AxisRows:
+    def subset(self, rows: Mask) -> AxisRows:
         """Return some of the rows."""
         return AxisRows(
             tuple(pose for pose, own in zip(self.poses, rows, strict=True) if own),

@@ -125,7 +125,7 @@ def _multiplied(ratio: NDArray, rows: NDArray) -> NDArray:
 def predict_readings(extended: ExtendedSensor, conditions: ReadingConditions) -> PredictedReadings:
     """Return the readings of all six channels at some load steps, with the persistent effects."""
     causes = tuple(cause for cause in extended.causes if cause.is_persistent)
-    model, shared = _at(extended, causes, conditions)
+    model, shared = _model_at(extended, causes, conditions)
     value = model.points(shared, np.zeros((len(conditions.load), 0)))[..., 0]
     slopes = np.concatenate([_by_compliance(extended, conditions, causes, shared), _by_effects(model, shared)], -1)
     places = extended.places(causes)
@@ -146,11 +146,11 @@ def drives(extended: ExtendedSensor) -> tuple[ReadingCause, ...]:
 
 def acting_wrenches(extended: ExtendedSensor, conditions: ReadingConditions) -> NDArray:
     """Return the true wrenches (B, 6) at the recorded loads, N and N m."""
-    model, shared = _at(extended, drives(extended), conditions)
+    model, shared = _model_at(extended, drives(extended), conditions)
     return model.wrenches(shared, np.zeros((len(conditions.load), 0)))
 
 
-def _at(
+def _model_at(
     extended: ExtendedSensor, causes: Sequence[ReadingCause], conditions: ReadingConditions
 ) -> tuple[BenchModel, NDArray]:
     """Return the model with some of the effects at load steps, and its shared unknowns (G,)."""

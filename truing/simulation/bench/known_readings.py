@@ -264,17 +264,17 @@ def gains_of_steps(
         return SignalGains.none() if not count else SignalGains(np.zeros((count, 6)), np.ones((count, 6)), False)
     if sensor.joints is None or count != len(LOADS):
         rows = np.stack([_slopes(steps.load, steps.signal[:, j], steps.run, seen[:, j]) for j in range(count)])
-        return SignalGains(rows, _wide(rows, axis=1), False)
+        return SignalGains(rows, _wide_sigmas(rows, axis=1), False)
     if declared is not None:
         gains = np.broadcast_to(declared, (count,)).copy()
         return SignalGains(gains, np.abs(gains) * max(tolerance or 0.0, 1e-6), True)
     columns = np.linalg.solve(influence_matrix(sensor.joints), steps.load.T).T[..., None]
     own = [_slopes(columns[:, j], steps.signal[:, j], steps.run, seen[:, j])[0] for j in range(count)]
     gains = np.array(own)
-    return SignalGains(gains, _wide(gains), False)
+    return SignalGains(gains, _wide_sigmas(gains), False)
 
 
-def _wide(values: NDArray, axis: int | None = None) -> NDArray:
+def _wide_sigmas(values: NDArray, axis: int | None = None) -> NDArray:
     size = np.abs(values).max(axis=axis, keepdims=axis is not None)
     return np.broadcast_to(_WIDE * np.where(size > 0.0, size, 1.0), values.shape).copy()
 

@@ -208,7 +208,7 @@ class LoadSteps:
         ahead, slope = np.zeros(share.shape), np.zeros(share.shape)
         for again in (False, True) if exercised else (False,):
             for place, own in enumerate(self._in_run):
-                before, at_rest = self.before[own] if place else self._last[own], not (place or again)
+                before, at_rest = self.before[own] if place else self._last_in_run[own], not (place or again)
                 free = share[own] if at_rest else ahead[before] + share[own] - share[before]
                 kept = 0.0 if at_rest else slope[before]
                 slope[own] = np.where(np.abs(free) < threshold, kept, np.sign(free))
@@ -216,7 +216,7 @@ class LoadSteps:
         return ahead / threshold, slope - ahead / threshold
 
     @cached_property
-    def _last(self) -> NDArray:
+    def _last_in_run(self) -> NDArray:
         """Index (B,) of the last step of each step's run."""
         last = np.empty(int(self.code.max(initial=-1)) + 1, int)
         order = np.lexsort((self.rank, self.code))

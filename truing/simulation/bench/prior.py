@@ -49,7 +49,7 @@ class SensorPrior(CampaignPrior[ReadingCause]):
 
     def values(self, model: PartitionedModel, shared: NDArray) -> NDArray:
         """Return the numbers (n,): unknowns, whose identified combinations are computed from the compliance."""
-        sensor, geometry, stiffness = _parted(model, shared)
+        sensor, geometry, stiffness = _sensor_and_stiffness(model, shared)
         own = np.concatenate([geometry, stiffness]) * self._ratio(sensor)
         reported = self.start + self.back @ (sensor.at(geometry, stiffness).compliance.ravel() - self.compliance)
         others = super().values(model, shared)[len(own) :]
@@ -57,7 +57,7 @@ class SensorPrior(CampaignPrior[ReadingCause]):
 
     def slopes(self, model: PartitionedModel, shared: NDArray) -> NDArray:
         """Return the derivative (n, n) of the numbers by their unknowns."""
-        sensor, _, stiffness = _parted(model, shared)
+        sensor, _, stiffness = _sensor_and_stiffness(model, shared)
         own = np.diag(self._ratio(sensor))
         reported = self.back @ _by_unknowns(sensor, stiffness)
         own = own + self.along.T @ (reported - self.along @ own)
@@ -127,7 +127,7 @@ def _by_unknowns(sensor: UncertainSensor, stiffness: NDArray) -> NDArray:
     return np.asarray(slopes.reshape(-1, _ENTRIES).T)
 
 
-def _parted(model: PartitionedModel, shared: NDArray) -> tuple[UncertainSensor, NDArray, NDArray]:
+def _sensor_and_stiffness(model: PartitionedModel, shared: NDArray) -> tuple[UncertainSensor, NDArray, NDArray]:
     """Return the sensor of a model of readings, with its lengths and its stiffnesses at shared unknowns (G,)."""
     known: KnownReadings = model.known  # type: ignore[attr-defined]
     return known.sensor, shared[model.layout["geometry"]], shared[model.layout["stiffness"]]

@@ -198,7 +198,9 @@ class MeasuredBodies:
     lead: int
 
     @classmethod
-    def led(cls, bodies: list[BodyTargets], places: list[BodyPlaces], reference: str | None) -> MeasuredBodies:
+    def relative_to_reference(
+        cls, bodies: list[BodyTargets], places: list[BodyPlaces], reference: str | None
+    ) -> MeasuredBodies:
         """Return bodies led by the reference, otherwise by the body with most determined poses; by none if a body
         stands still."""
         names = [body.name for body in bodies]
@@ -283,7 +285,7 @@ class MeasuredBodies:
         if self.lead >= 0:
             lead = self.bodies[self.lead]
             frames = Frames(lead.R[rows], lead.t[rows])
-        return Epochs(measured, conditions.chosen(rows), frames)
+        return Epochs(measured, conditions.subset(rows), frames)
 
 
 def frame_is_common(body: BodyTargets, order: Array) -> bool:

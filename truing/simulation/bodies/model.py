@@ -55,7 +55,7 @@ class BodyConditions(Conditions):
     t: NDArray = field(default_factory=lambda: np.empty((0, 0, 3)))
     level: NDArray = field(default_factory=lambda: np.empty((0, 0), int))
 
-    def chosen(self, rows: Mask) -> Self:
+    def subset(self, rows: Mask) -> Self:
         """Return the conditions at some poses (mask B)."""
         return replace(
             self,
@@ -90,7 +90,7 @@ class KnownBodies:
     reference_temperature_c: float = 20.0
 
     @property
-    def still(self) -> NDArray:
+    def is_stationary(self) -> NDArray:
         """Mask (N,) of the bodies that stand still."""
         return np.asarray(self.levels > 0)
 
@@ -117,7 +117,7 @@ class BodyModel(RecordedModel):
     @cached_property
     def _local(self) -> dict[int, slice]:
         """Slice of each body's pose among the local unknowns; bodies that stand still come first."""
-        order = [*np.flatnonzero(self.known.still), *np.flatnonzero(~self.known.still)]
+        order = [*np.flatnonzero(self.known.is_stationary), *np.flatnonzero(~self.known.is_stationary)]
         fitted = [int(body) for body in order if body != self.known.lead]
         return {body: slice(_POSE * n, _POSE * (n + 1)) for n, body in enumerate(fitted)}
 
@@ -129,7 +129,7 @@ class BodyModel(RecordedModel):
     @property
     def unpredicted(self) -> NDArray:
         """Mask (H,) of the local unknowns that the model does not predict: poses of bodies that do not stand still."""
-        return np.arange(self.local_size) >= _POSE * int(self.known.still.sum())
+        return np.arange(self.local_size) >= _POSE * int(self.known.is_stationary.sum())
 
     @property
     def blocks(self) -> NDArray | None:
@@ -151,7 +151,7 @@ class BodyModel(RecordedModel):
             self.known.reference_temperature_c,
             drives=self.known.drives,
             placed=self.known.placed,
-            still=tuple(self._name(int(body)) for body in np.flatnonzero(self.known.still)),
+            still=tuple(self._name(int(body)) for body in np.flatnonzero(self.known.is_stationary)),
             photographed=self.photographed,
         )
 
@@ -164,7 +164,7 @@ class BodyModel(RecordedModel):
     @property
     def input_scale(self) -> NDArray:
         """Prior sigma of the shift of each still body, for each component of its pose (H,), m."""
-        jitter = self.known.jitter[self.known.still]
+        jitter = self.known.jitter[self.known.is_stationary]
         return np.repeat(np.sqrt(np.sum(jitter[:, :3] ** 2, (1, 2)) / 3), _POSE)
 
     def with_input_factor(self, factor: NDArray) -> Self:
@@ -174,7 +174,11 @@ class BodyModel(RecordedModel):
     def _jittered(self, body: int) -> NDArray:
         """Return the factor (B, 6), or (1, 6), of the prior sigmas of a body's pose."""
         factor = self.conditions.input_factor
-        return np.ones((1, _POSE)) if factor is None or not self.known.still[body] else factor[:, self._local[body]]
+        return (
+            np.ones((1, _POSE))
+            if factor is None or not self.known.is_stationary[body]
+            else factor[:, self._local[body]]
+        )
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return points and derivatives at shared (G,) and local (B, H) unknowns; by the shared ones on request."""
@@ -198,7 +202,7 @@ class BodyModel(RecordedModel):
         for body, own, slope in self._by_pose(shared, local, recording):
             for level in range(self.known.levels[body]):
                 there = (self.conditions.level[:, body] == level)[:, None, None, None]
-                slopes[:, own, :, self._seat(body, level)] = np.where(there, slope @ _FREE_POSE, 0.0)
+                slopes[:, own, :, self._pose_slice(body, level)] = np.where(there, slope @ _FREE_POSE, 0.0)
         self._fill_structure(slopes, shared, recording)
         slopes = recording.recorded(slopes)
         self._fill_instruments(slopes, shared, recording)
@@ -230,21 +234,21 @@ class BodyModel(RecordedModel):
     def _name(self, body: int) -> str:
         return self.targets.bodies[int(np.flatnonzero(self.channel_groups == body)[0])]
 
-    def _seat(self, body: int, level: int = 0) -> slice:
+    def _pose_slice(self, body: int, level: int = 0) -> slice:
         first = self.layout["seat"].start + _POSE * (int(self.known.levels[:body].sum()) + level)
         return slice(first, first + _POSE)
 
     def _pose_factor(self, body: int) -> NDArray:
-        return np.asarray(self.known.jitter[body]) if self.known.still[body] else _FREE_POSE
+        return np.asarray(self.known.jitter[body]) if self.known.is_stationary[body] else _FREE_POSE
 
     def _pose(self, body: int, shared: NDArray, local: NDArray) -> NDArray:
         """Return the deviation (B, 6) of a body's pose from its start value: shift of its centre, rotation vector."""
         found = np.zeros((len(self.conditions.t), _POSE), np.result_type(shared, local))
         if body in self._local:
             found = found + (local[:, self._local[body]] * self._jittered(body)) @ self._pose_factor(body).T
-        if self.known.still[body]:
+        if self.known.is_stationary[body]:
             levels = int(self.known.levels[body])
-            first = self._seat(body).start
+            first = self._pose_slice(body).start
             seats = shared[first : first + _POSE * levels].reshape(levels, _POSE) @ _FREE_POSE
             found = found + seats[self.conditions.level[:, body]]
         return found
@@ -258,7 +262,7 @@ class BodyModel(RecordedModel):
     def _recording(self, shared: NDArray, local: NDArray) -> Recording:
         """Return the recorded points of the bodies with the effects in force."""
         forward_pass = self._forward_pass(shared)
-        places = self._places(forward_pass)
+        places = self._target_positions(forward_pass)
         kind = np.result_type(places, shared, local)
         points, turn = np.empty(places.shape, kind), np.empty((*places.shape, 3), kind)
         for body, centre in enumerate(self._centres):
@@ -287,7 +291,7 @@ class BodyModel(RecordedModel):
         )
         return ForwardPass(state, (), {}).through(Step.STRUCTURE, self.effects(shared), applied)
 
-    def _places(self, forward_pass: ForwardPass) -> NDArray:
+    def _target_positions(self, forward_pass: ForwardPass) -> NDArray:
         """Return the positions (B, K, 3) of the targets in the frames of their bodies."""
         state = forward_pass.state
         return np.broadcast_to(state.shape + state.moved, (len(self.conditions.t), *state.shape.shape))
@@ -295,7 +299,7 @@ class BodyModel(RecordedModel):
     def _by_pose(self, shared: NDArray, local: NDArray, recording: Recording) -> Iterator[tuple[int, NDArray, NDArray]]:
         """Yield each body, its targets, and their derivatives (B, k, 3, 6) by a shift and a rotation vector of its
         pose."""
-        turn, places = recording.state.turn, self._places(recording.forward_pass)
+        turn, places = recording.state.turn, self._target_positions(recording.forward_pass)
         for body, centre in enumerate(self._centres):
             own = self.channel_groups == body
             arms = np.einsum("bkij,bkj->bki", turn[:, own], places[:, own] - centre)

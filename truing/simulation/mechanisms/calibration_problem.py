@@ -105,7 +105,7 @@ class CalibrationProblem:
         """Raise ValueError if the model cannot use the legs' own poses."""
         if self.leg_bodies and not self.leg_bodies.fits(self.structure, self.nominal):
             legs = f"{self.nominal.legs.closure.name} in the model {self.structure.name}"
-            raise ValueError(f"poses of legs: found {legs}, expected legs of one body each in a model of single legs")
+            raise ValueError(f"poses of legs: found {legs}, expected legs that are one rigid body each")
 
     @property
     def entries(self) -> tuple[LegParameter, ...]:
@@ -160,7 +160,9 @@ class CalibrationProblem:
         if self.leg_bodies is not None:
             joints = joints_of(self.leg_bodies.leg, machine, p, R, rho, change)
             own = _leading(values)[..., len(self.parameters) :]
-            carried = self.leg_bodies.carry(own, deviation[..., readings : self._before_shifts], closing, joints)
+            carried = self.leg_bodies.with_end_closures(
+                own, deviation[..., readings : self._before_shifts], closing, joints
+            )
             closing = carried.closing
         found = _constrained(closing, deviation, change, carried)
         if self.shifts is None:

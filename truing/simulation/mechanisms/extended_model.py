@@ -94,7 +94,7 @@ def with_targets(model: MechanismModel, own: NDArray) -> MechanismModel:
     names, bodies = (tuple(reported[k] for k in kept) if reported else () for reported in (found.names, found.bodies))
     targets = Targets(found.body[kept], found.leg[kept], names, bodies)
     # The covariance already contains the prior knowledge.
-    surveyed = replace(known, shape=known.shape[kept], survey=exact_survey(targets), ridden=np.arange(0))
+    surveyed = replace(known, shape=known.shape[kept], survey=exact_survey(targets), carrying_legs=np.arange(0))
     conditions = replace(model.conditions, common_errors=None, pose_errors=None)
     alone = replace(model, photographed=None, prior_campaign=None)
     return replace(alone, targets=targets, known=surveyed, conditions=conditions)

@@ -31,7 +31,7 @@ class MeasuredTargets:
     seen: NDArray  # (B, K)
     swapped: tuple[TargetsSwapped, ...]
 
-    def some(self, kept: NDArray) -> MeasuredTargets:
+    def subset(self, kept: NDArray) -> MeasuredTargets:
         """Return some of the targets (mask K)."""
         own = self.targets
         names = [tuple(np.array(values, object)[kept]) for values in (own.names, own.bodies)]
@@ -64,7 +64,7 @@ class SeatedLegs:
     seat: NDArray
     dropped: list[str]
 
-    def carry(self, targets: Targets) -> NDArray:
+    def targets_on_legs(self, targets: Targets) -> NDArray:
         """Return the mask (K,) of the targets on one of these legs, or on no leg."""
         return np.asarray((targets.body != LEG) | np.isin(targets.leg, self.legs))
 

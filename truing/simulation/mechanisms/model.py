@@ -51,16 +51,16 @@ class PriorKnowledge:
     """Prior knowledge of a mechanism and its targets; standard deviations in m and rad.
 
     ``geometry`` gives the sigma of a, b, u, l (0: exact, so no unknown). ``shape`` (K, 3) is the survey in the bodies'
-    frames and ``survey`` its unknown errors. ``ridden`` are the legs that carry targets; ``seat_rotation`` (L, 3, 3)
-    and ``seat`` (L, 3) place each leg's survey frame on the leg in its nominal direction, as start values. ``pitch_m``
-    of the leadscrews, ``flexure_length_m`` and ``weight`` are None if unknown.
+    frames and ``survey`` its unknown errors. ``carrying_legs`` are the legs that carry targets; ``seat_rotation``
+    (L, 3, 3) and ``seat`` (L, 3) place each leg's survey frame on the leg in its nominal direction, as start values.
+    ``pitch_m`` of the leadscrews, ``flexure_length_m`` and ``weight`` are None if unknown.
     """
 
     geometry: dict[str, float]
     shape: NDArray
     survey: ShapeUnknowns
     reading_sigma: float
-    ridden: NDArray
+    carrying_legs: NDArray
     seat_rotation: NDArray
     seat: NDArray
     open_geometry: tuple[str, ...] = ()  # of a, b, u, l: those without tolerance, whose sigma is a wide default
@@ -91,7 +91,7 @@ class MechanismModel(RecordedModel):
         count = self.nominal.count
         sizes = {"a": 3 * count, "b": 3 * count, "u": 2 * count, "l": count}
         sizes = {name: size for name, size in sizes.items() if self.known.geometry.get(name, 0.0) > 0}
-        sizes |= {"shape": self.known.survey.modes.shape[-1], "seat": 6 * len(self.known.ridden)}
+        sizes |= {"shape": self.known.survey.modes.shape[-1], "seat": 6 * len(self.known.carrying_legs)}
         return sizes | self._common_sizes
 
     @property
@@ -103,7 +103,7 @@ class MechanismModel(RecordedModel):
     def _rolls(self) -> slice:
         """Slice of the rolls among the local unknowns."""
         first = self.nominal.count * (self.known.reading_sigma > 0)
-        return slice(first, first + len(self.known.ridden))
+        return slice(first, first + len(self.known.carrying_legs))
 
     @property
     def unpredicted(self) -> NDArray:
@@ -163,10 +163,10 @@ class MechanismModel(RecordedModel):
     def shape(self, shared: NDArray) -> NDArray:
         """Return the positions (K, 3) of targets relative to the bodies' origins, along the axes of their surveys."""
         shape = self.known.shape + self.known.survey.modes @ self._part(shared, "shape")
-        rotation, offset = self._seats(shared)
+        rotation, offset = self._seat_of_legs(shared)
         on_leg = self.targets.body == LEG
-        ridden = self.targets.leg[on_leg]
-        shape[on_leg] += np.einsum("kji,kj->ki", rotation[ridden], offset[ridden])
+        carrying_legs = self.targets.leg[on_leg]
+        shape[on_leg] += np.einsum("kji,kj->ki", rotation[carrying_legs], offset[carrying_legs])
         return shape
 
     def unknowns(self, legs: Legs, effects: dict[str, NDArray]) -> NDArray:
@@ -178,7 +178,7 @@ class MechanismModel(RecordedModel):
                 shared[self.layout[name]] = gap.ravel() / self.known.geometry[name]
         if "u" in self.layout:
             ahead = np.sum(legs.u * self.nominal.u, -1)[:, None]
-            tilt = np.einsum("lij,li->lj", self.across, legs.u / ahead)
+            tilt = np.einsum("lij,li->lj", self.transverse_directions, legs.u / ahead)
             shared[self.layout["u"]] = tilt.ravel() / self.known.geometry["u"]
         for cause in self.causes:
             shared[self.layout[cause.key]] = effects[cause.key] / self.effect_sigma(cause)
@@ -199,7 +199,7 @@ class MechanismModel(RecordedModel):
         return np.zeros_like(self.conditions.readings) if exact else local[:, : self.nominal.count]
 
     @cached_property
-    def across(self) -> NDArray:
+    def transverse_directions(self) -> NDArray:
         """Two directions (L, 3, 2) across each nominal actuator; the first is closest to the axis of its smallest
         component."""
         u = self.nominal.u
@@ -209,7 +209,7 @@ class MechanismModel(RecordedModel):
 
     def _tilted(self, shared: NDArray) -> NDArray:
         pulls = self._part(shared, "u").reshape(-1, 2) * self.known.geometry["u"]
-        return self.nominal.u + np.einsum("lij,lj->li", self.across, pulls)
+        return self.nominal.u + np.einsum("lij,lj->li", self.transverse_directions, pulls)
 
     def geometry_changes(self, shared: NDArray) -> list[tuple[str, Change]]:
         """Return the derivative of the geometry by its unknowns: part of the layout, and change per prior sigma."""
@@ -227,15 +227,17 @@ class MechanismModel(RecordedModel):
         """Return the derivative (L, 3, 2L) of the actuators' unit directions."""
         tilted = self._tilted(shared)
         u, length = unit(tilted), np.sqrt(np.sum(tilted * tilted, -1))[:, None, None]
-        own = (self.across - u[..., None] * np.einsum("li,lij->lj", u, self.across)[:, None]) / length
+        own = (
+            self.transverse_directions - u[..., None] * np.einsum("li,lij->lj", u, self.transverse_directions)[:, None]
+        ) / length
         spread = np.einsum("lij,lm->limj", own, np.eye(len(u)))
         return spread.reshape(len(u), 3, -1) * self.known.geometry["u"]
 
-    def _seats(self, shared: NDArray) -> tuple[NDArray, NDArray]:
+    def _seat_of_legs(self, shared: NDArray) -> tuple[NDArray, NDArray]:
         rotation, offset = self.known.seat_rotation.astype(shared.dtype), self.known.seat.astype(shared.dtype)
         pulls = self._part(shared, "seat").reshape(-1, 6)
-        rotation[self.known.ridden] = exp_so3(pulls[:, 3:] * FREE_ANGLE_RAD) @ rotation[self.known.ridden]
-        offset[self.known.ridden] += pulls[:, :3] * FREE_LENGTH_M
+        rotation[self.known.carrying_legs] = exp_so3(pulls[:, 3:] * FREE_ANGLE_RAD) @ rotation[self.known.carrying_legs]
+        offset[self.known.carrying_legs] += pulls[:, :3] * FREE_LENGTH_M
         return rotation, offset
 
     def scale_of(self, name: str) -> NDArray:
@@ -252,13 +254,13 @@ class MechanismModel(RecordedModel):
     def survey_rows(self, shared: NDArray) -> tuple[NDArray, NDArray]:
         """Return the survey of targets on attachments as whitened residuals and derivatives of b."""
         own = np.flatnonzero(self.targets.at_attachment)
-        ridden, factor = self.targets.leg[own], self.known.survey.attachment_factor
-        gap = self.known.shape[own] - self.legs(shared).b[ridden]
+        carrying_legs, factor = self.targets.leg[own], self.known.survey.attachment_factor
+        gap = self.known.shape[own] - self.legs(shared).b[carrying_legs]
         derivative = np.zeros((len(own), 3, self.shared_size))
         if "b" in self.layout:
             sigma, first = self.known.geometry["b"], self.layout["b"].start
             for axis in range(3):
-                derivative[np.arange(len(own)), axis, first + 3 * ridden + axis] = sigma
+                derivative[np.arange(len(own)), axis, first + 3 * carrying_legs + axis] = sigma
         return np.linalg.solve(factor, gap.ravel()), np.linalg.solve(
             factor, derivative.reshape(3 * len(own), self.shared_size)
         )
@@ -390,8 +392,8 @@ class MechanismModel(RecordedModel):
     def _recording(self, shared: NDArray, local: NDArray) -> Recording:
         forward_pass = self._forward_pass(shared, local)
         roll = np.zeros(self.conditions.readings.shape, local.dtype)
-        roll[:, self.known.ridden] = local[:, self._rolls] * FREE_ANGLE_RAD
-        frames = leg_frames(forward_pass.state, self.nominal_direction, roll, self._seats(shared)[0])
+        roll[:, self.known.carrying_legs] = local[:, self._rolls] * FREE_ANGLE_RAD
+        frames = leg_frames(forward_pass.state, self.nominal_direction, roll, self._seat_of_legs(shared)[0])
         state = forward_pass.state
         points, turn = positions(state, self.targets, frames), target_rotations(state, self.targets, frames)
         return record(forward_pass, self.targets, frames, self.effects(shared), points, turn)
@@ -432,10 +434,10 @@ class MechanismModel(RecordedModel):
         turn = recording.state.turn
         follows = turn @ moved_by_shape(recording.forward_pass.before_recording(), turn.shape)
         by_shared[..., self.layout["shape"]] = (turn + follows) @ self.known.survey.modes
-        seat_rotation, offset = self._seats(shared)
+        seat_rotation, offset = self._seat_of_legs(shared)
         pulls = self._part(shared, "seat").reshape(-1, 6)
         jacobian = left_jacobian_so3(pulls[:, 3:] * FREE_ANGLE_RAD) * FREE_ANGLE_RAD
-        for place, leg in enumerate(self.known.ridden):
+        for place, leg in enumerate(self.known.carrying_legs):
             own, seat = self._targets_of_leg(leg), seat_rotation[leg]
             first = self.layout["seat"].start + 6 * place
             seated = turn[:, own] @ seat.T
@@ -448,7 +450,7 @@ class MechanismModel(RecordedModel):
     def _fill_rolls(self, by_local: NDArray, recording: Recording) -> None:
         first = self._rolls.start
         frames, state = recording.frames, recording.state
-        for place, leg in enumerate(self.known.ridden):
+        for place, leg in enumerate(self.known.carrying_legs):
             own = self._targets_of_leg(leg)
             arms = np.einsum("bij,bkj->bki", frames.rotation[:, leg], self._arms(state, own))
             by_local[..., first + place][:, own] = np.cross(frames.z[:, leg, None], arms) * FREE_ANGLE_RAD

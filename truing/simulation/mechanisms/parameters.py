@@ -122,7 +122,7 @@ class ParameterSet:
         largest = np.argmax(np.abs(nominal), -1)[..., None]
         leg, axis = self._slots["u"][1]
         if np.any(largest[..., leg, 0] == axis):
-            raise ValueError("u: found its largest component among the parameters, expected the two smallest")
+            raise ValueError("u: found the largest component of u as a parameter, expected the two smallest")
         np.put_along_axis(u, np.broadcast_to(largest, (*u.shape[:-1], 1)), 0.0, -1)
         square = 1.0 - np.sum(u * u, -1, keepdims=True)
         rest = np.sqrt(np.where(square.real < 0.0, np.nan, square))
@@ -178,7 +178,7 @@ def _array(machine: Machine, field: str) -> NDArray:
     """Return a field of the machine; raises ValueError if the machine lacks it."""
     held = getattr(machine.legs if field in _OF_LEGS else machine, field)
     if held is None:
-        raise ValueError(f"machine: found no {field}, expected one for its parameters")
+        raise ValueError(f"machine: found no {field}, expected values for its parameters")
     return np.stack([held.bending, held.axial, held.torsion], -1) if isinstance(held, BeamSection) else np.asarray(held)
 
 

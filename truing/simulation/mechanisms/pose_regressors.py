@@ -99,7 +99,9 @@ def leg_by_leg(machine: Machine, parameters: ParameterSet) -> Change:
     owners = np.array([entry.leg for entry in parameters.entries])
     own = [np.flatnonzero(owners == leg) for leg in range(machine.legs.count)]
     if np.any(owners < 0) or len({len(columns) for columns in own}) != 1:
-        raise ValueError("parameters: expected as many of every leg, and none that legs share")
+        raise ValueError(
+            "parameters: found shared ones, or different numbers per leg; expected the same number of each"
+        )
     fields = parameters.change(machine).fields
     legs = {name: np.stack([field[i, ..., columns] for i, columns in enumerate(own)]) for name, field in fields.items()}
     return Change({name: np.moveaxis(field, 1, -1) for name, field in legs.items()}, len(own[0]))
@@ -121,6 +123,6 @@ def pose_regressors(
     lever = np.repeat([1.0, np.sqrt(np.mean(machine.legs.b**2) * 3)], 3)  # m per rad, to compare the eigenvalues
     values = np.linalg.eigvalsh(gram / np.outer(lever, lever))
     if not values[0] > 1e-12 * values[-1]:
-        raise ValueError("limits of pose and readings that bound every displacement of the platform")
+        raise ValueError("pose and reading limits that bound the platform in all six directions")
     scale = np.linalg.inv(np.linalg.cholesky(gram).T)
     return PoseRegressors(structure, machine, change, reference, scale)

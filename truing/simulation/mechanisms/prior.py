@@ -79,7 +79,7 @@ def _bridge(old: MechanismModel, new: MechanismModel, names: Sequence[str]) -> N
         ratio = np.broadcast_to(old.scale_of(name), size) / np.broadcast_to(new.scale_of(name), size)
         turn = np.eye(size)
         if name == "u":
-            own = np.einsum("lim,lin->lmn", new.across, old.across)
+            own = np.einsum("lim,lin->lmn", new.transverse_directions, old.transverse_directions)
             turn = np.einsum("lmn,lk->lmkn", own, np.eye(len(own))).reshape(size, size)
         blocks.append(turn * ratio)
     return block_diagonal(*blocks)
@@ -116,13 +116,13 @@ def _by_survey(
 
 def _same_survey(found: ExtendedModel, model: MechanismModel) -> bool:
     """Whether both surveys have the same targets of base and platform at the same positions."""
-    before, now = (_places(one) for one in (found.model, model))
+    before, now = (_attached_positions(one) for one in (found.model, model))
     return before.keys() == now.keys() and all(
         np.abs(before[key] - place).max() < _SAME_M for key, place in now.items()
     )
 
 
-def _places(model: MechanismModel) -> dict[tuple[int, str], NDArray]:
+def _attached_positions(model: MechanismModel) -> dict[tuple[int, str], NDArray]:
     targets = model.targets
     own = np.flatnonzero(np.isin(targets.body, (BASE, PLATFORM)))
     return {(int(targets.body[k]), targets.names[k] if targets.names else str(k)): model.known.shape[k] for k in own}
@@ -158,7 +158,7 @@ def _rigid_information(places: NDArray) -> NDArray:
 def _moved_by_frames(prior: CampaignPrior[PointCause], model: MechanismModel) -> NDArray:
     """Return the derivative of joints and directions by a motion (t, theta) of the base's frame, then of the
     platform's."""
-    legs, across = model.nominal, model.across
+    legs, across = model.nominal, model.transverse_directions
     turned = -skew(legs.u)
     blocks = {
         "a": (0, rigid_motions(legs.a)),

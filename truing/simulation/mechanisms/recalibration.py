@@ -88,10 +88,10 @@ def recalibrate(
 
 def nominal_values(machine: Machine, parameters: ParameterSet) -> NDArray:
     """Return the machine's values (L, P) of the parameters, leg by leg; errors as for `recalibrate`."""
-    own = [_own(parameters, leg) for leg in range(machine.legs.count)]
+    own = [_leg_parameters(parameters, leg) for leg in range(machine.legs.count)]
     counts = [len(entries) for entries in own]
     if len(set(counts)) != 1:
-        raise ValueError(f"parameters: found {counts} per leg, expected as many of each")
+        raise ValueError(f"parameters: found {counts} per leg, expected the same number for each leg")
     return np.stack([entries.values(_single(machine, leg))[0, 0] for leg, entries in enumerate(own)])
 
 
@@ -112,11 +112,13 @@ def minima_from(
     return [distinct_minima(calibrate_leg(leg, start[:, i], method)) for i, leg in enumerate(legs)]
 
 
-def _own(parameters: ParameterSet, leg: int) -> ParameterSet:
+def _leg_parameters(parameters: ParameterSet, leg: int) -> ParameterSet:
     """Return one leg's parameters, as those of a machine with a single leg."""
     strange = sorted({entry.name for entry in parameters.entries if entry.name not in _NUMBERS})
     if strange:
-        raise ValueError(f"parameters: found {', '.join(strange)}, expected a leg's own: {', '.join(_NUMBERS)}")
+        raise ValueError(
+            f"parameters: found {', '.join(strange)}, expected parameters of one leg: {', '.join(_NUMBERS)}"
+        )
     return ParameterSet(tuple(replace(entry, leg=0) for entry in parameters.entries if entry.leg == leg))
 
 
@@ -125,7 +127,7 @@ def leg_draws(machine: Machine, parameters: ParameterSet, leg: int, p: NDArray, 
     others = machine.deformation[leg].copy()
     others[leg] = 0.0
     seen = p + R[..., 2] * ((rho - machine.legs.rho0) @ others)[..., None] if others.any() else p
-    single, own = _single(machine, leg), _own(parameters, leg)
+    single, own = _single(machine, leg), _leg_parameters(parameters, leg)
     return LegDraws(own.machine(single, own.values(single)), own, seen, R, rho[..., leg : leg + 1])
 
 

@@ -34,7 +34,7 @@ from truing.estimation.least_squares.simd_batches import (
     propose,
     start,
 )
-from truing.estimation.rigid_poses.batched_kernel import share_out
+from truing.estimation.rigid_poses.batched_kernel import run_in_threads
 from truing.estimation.simd_arithmetic import LANES, apply, compiled, dot, get3, get9, inner, mix, scale, transpose
 
 _FIELDS = 13  # per pose and draw: p, R, rho
@@ -231,6 +231,6 @@ def solve(
             if len(rows) == 0:
                 break
 
-    share_out(part, range(0, count, _DRAWS_PER_TASK), threads)
+    run_in_threads(part, range(0, count, _DRAWS_PER_TASK), threads)
     x, (cost, _, state, iterations) = ends[:, :size].copy(), ends[:, size:].T.copy()
     return CompiledFits(x, cost, covariance, state == ARRIVED, iterations.astype(np.int64))

@@ -90,7 +90,7 @@ def positions(state: State, targets: Targets, frames: LegFrames) -> NDArray:
     """Return the positions (B, K, 3), m, of the targets in the base frame, with displacements."""
     kind = np.result_type(state.shape, state.moved, state.R, frames.rotation)
     points = np.broadcast_to(state.shape + state.moved, (len(state.rho), len(targets.body), 3)).astype(kind)
-    _seat(points, state, targets)
+    _set_attached_positions(points, state, targets)
     on_platform, on_leg = targets.body == PLATFORM, targets.body == LEG
     points[:, on_platform] = state.p[:, None] + points[:, on_platform] @ np.swapaxes(state.R, -1, -2)
     ridden = targets.leg[on_leg]
@@ -99,7 +99,7 @@ def positions(state: State, targets: Targets, frames: LegFrames) -> NDArray:
     return points
 
 
-def _seat(places: NDArray, state: State, targets: Targets) -> None:
+def _set_attached_positions(places: NDArray, state: State, targets: Targets) -> None:
     """Set the positions (B, K, 3) of targets on attachments, in the platform's frame, with displacements."""
     seats = targets.at_attachment
     upper = attachments(state.legs, state.delta_bz)
@@ -155,16 +155,18 @@ def target_motion(state: State, targets: Targets, frames: LegFrames, bodies: Mot
     back = np.swapaxes(state.R, -1, -2)
     result[:, free] = point_motion(bodies.twist, places[:, free] @ back)
     moved = np.broadcast_to(state.moved, places.shape)[:, seats] @ back
-    result[:, seats] = bodies.attachment[:, targets.leg[seats]] + _turned(bodies.twist[:, None, 3:], moved)
+    result[:, seats] = bodies.attachment[:, targets.leg[seats]] + _motion_under_rotation(
+        bodies.twist[:, None, 3:], moved
+    )
     ridden = targets.leg[on_leg]
     arms = np.einsum("bkij,bkj->bki", frames.rotation[:, ridden], places[:, on_leg])
-    result[:, on_leg] = bodies.lower[:, ridden] + _turned(bodies.turn[:, ridden], arms)
+    result[:, on_leg] = bodies.lower[:, ridden] + _motion_under_rotation(bodies.turn[:, ridden], arms)
     if bodies.moved is not None:
         result += target_rotations(state, targets, frames) @ bodies.moved
     return result
 
 
-def _turned(rotation: NDArray, arms: NDArray) -> NDArray:
+def _motion_under_rotation(rotation: NDArray, arms: NDArray) -> NDArray:
     """Return the motion (B, N, 3, P) of arms (B, N, 3) under rotations (B, N or 1, 3, P)."""
     return np.cross(rotation, arms[..., None], axis=2)
 

@@ -131,7 +131,7 @@ def test_soft_axes_are_a_quarter_turn_apart() -> None:
 def test_parts_that_cannot_be_are_refused(soft: str) -> None:
     with pytest.raises(ValueError, match="expected s1 or s2"):
         leaf_compliance(0.02, 0.03, 0.006, E_PA, NU, soft)
-    with pytest.raises(ValueError, match="no thicker than wide"):
+    with pytest.raises(ValueError, match="expected a thickness of at most the width"):
         leaf_compliance(0.02, 0.006, 0.03, E_PA, NU, "s1")
 
 

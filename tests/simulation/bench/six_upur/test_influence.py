@@ -11,11 +11,11 @@ from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3
 from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres, leg_axes, outward
 from truing.simulation.bench.six_upur.influence import (
-    about,
     characteristic_length,
     force_bound,
     influence_matrix,
     merit,
+    moments_about,
     per_length,
     sensitivities,
 )
@@ -28,7 +28,7 @@ def test_matrix_and_merit_are_those_of_the_reference(name: str) -> None:
     assert_close(G, outputs["G"], atol=1e-15, what="G")
     assert_close(merit(G).condition, outputs["cond"], atol=1e-12 * outputs["cond"], what="condition")
     assert_close(merit(G, 1e-3).condition, outputs["cond_mm"], atol=1e-11 * outputs["cond_mm"], what="in mm")
-    low = merit(about(G, np.array([0.0, 0.0, -0.3]))).condition
+    low = merit(moments_about(G, np.array([0.0, 0.0, -0.3]))).condition
     assert_close(low, outputs["cond_moments_about_base_centre"], atol=1e-11, what="about the base's centre")
     assert_close(merit(G).sensitivity, outputs["sensitivities"], atol=1e-12, what="sensitivities")
 
@@ -112,7 +112,7 @@ def test_joints_that_make_no_sensor_are_refused() -> None:
     with pytest.raises(ValueError, match=r"\(5, 3\) and \(6, 3\)"):
         joint_centres(np.zeros((5, 3)), np.zeros((6, 3)), 0.3)
     lower = np.array(joints_of("S").lower)
-    with pytest.raises(ValueError, match="B and b apart"):
+    with pytest.raises(ValueError, match="expected joints B and b at different points"):
         joint_centres(lower, lower, 0.0)
     parallel = joint_centres(lower, lower, 0.3)
     with pytest.raises(np.linalg.LinAlgError):

@@ -155,10 +155,10 @@ def test_eq_24_as_printed_breaks_the_symmetry_of_K() -> None:
     ("leg", "expected"),
     [
         ([elements.spring(axial=1e7), elements.rigid()], "is rigid"),
-        ([elements.rigid()], "none that gives"),
-        ([elements.cylinder(0.2, 0.01, 2e11, 0.3)], "each leg's length"),
-        ([elements.cylinder(0.4, 0.01, 2e11, 0.3), elements.rigid()], "no more than the shortest leg"),
-        ([elements.rigid(), elements.cylinder(0.1, 0.01, 2e11, 0.3), elements.rigid()], "one at most"),
+        ([elements.rigid()], "found rigid elements only"),
+        ([elements.cylinder(0.2, 0.01, 2e11, 0.3)], "the length of each leg"),
+        ([elements.cylinder(0.4, 0.01, 2e11, 0.3), elements.rigid()], "at most the shortest leg"),
+        ([elements.rigid(), elements.cylinder(0.1, 0.01, 2e11, 0.3), elements.rigid()], "2 elements without length"),
     ],
 )
 def test_elements_that_make_no_leg_are_refused(leg: list[LegElement], expected: str) -> None:
@@ -167,15 +167,15 @@ def test_elements_that_make_no_leg_are_refused(leg: list[LegElement], expected: 
 
 
 def test_a_matrix_that_is_no_compliance_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"expected \(6, 6\)"):
+    with pytest.raises(ValueError, match=r"found a matrix of shape \(5, 5\)"):
         elements.compliance(np.eye(5))
     lopsided = np.eye(6)
     lopsided[0, 1] = 0.5
-    with pytest.raises(ValueError, match="expected a symmetric matrix"):
+    with pytest.raises(ValueError, match="expected a symmetric compliance"):
         elements.compliance(lopsided)
-    with pytest.raises(ValueError, match="expected a symmetric matrix"):
+    with pytest.raises(ValueError, match="expected a symmetric compliance"):
         elements.compliance(np.full((6, 6), np.nan))
-    with pytest.raises(ValueError, match="against its load"):
+    with pytest.raises(ValueError, match="negative eigenvalue"):
         elements.compliance(np.diag([1.0, 1.0, -1.0, 1.0, 1.0, 1.0]))
 
 

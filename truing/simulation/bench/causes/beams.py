@@ -48,7 +48,7 @@ class CosineError(ChannelCause):
         """
         found = []
         for channel in (c for c in read_channels(scene) if c in CHANNELS):
-            across, beside = self._shows(scene, channel)
+            across, beside = self._is_observable(scene, channel)
             found += [CosineError(channel)] if across else []
             found += [] if beside else [CosineError(channel, along=True)]
         return found
@@ -57,30 +57,30 @@ class CosineError(ChannelCause):
         """Return the tilts, rad, or the loss along the axis."""
         if self.along:
             return (Parameter("loss", "1", 0.5 * _PLAUSIBLE_RAD**2 * _LARGEST),)
-        return tuple(Parameter(f"tilt_{CHANNELS[other]}", "rad", _PLAUSIBLE_RAD) for other in self._others)
+        return tuple(Parameter(f"tilt_{CHANNELS[other]}", "rad", _PLAUSIBLE_RAD) for other in self._other_channels)
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
         """Return the loss: a cosine is at most one."""
         return (0,) if self.along else ()
 
     @property
-    def _own(self) -> int:
+    def _channel_index(self) -> int:
         return CHANNELS.index(self.channel)
 
     @property
-    def _others(self) -> list[int]:
-        return _others(self._own)
+    def _other_channels(self) -> list[int]:
+        return _other_channels(self._channel_index)
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return d readings / d tilts, or / d loss."""
-        own = state.readings[:, self._own]
+        own = state.readings[:, self._channel_index]
         found = np.zeros((*state.readings.shape, len(values)), np.result_type(state.readings, values))
         if self.along:
-            found[:, self._own, 0] = -own
+            found[:, self._channel_index, 0] = -own
             return found
-        _, lost_by, _, across_by = _turned(values)
-        motion = state.readings[:, self._others]
-        found[:, self._own] = -own[:, None] * lost_by + motion @ across_by
+        _, lost_by, _, across_by = _cosine_and_sines(values)
+        motion = state.readings[:, self._other_channels]
+        found[:, self._channel_index] = -own[:, None] * lost_by + motion @ across_by
         return found
 
     def moved(self, state: ReadingState, values: NDArray) -> NDArray:
@@ -95,12 +95,12 @@ class CosineError(ChannelCause):
         """Return the change of readings (B, K, ...), which is proportional to them."""
         found = np.zeros(readings.shape, np.result_type(readings, values))
         if self.along:
-            found[:, self._own] = -values[0] * readings[:, self._own]
+            found[:, self._channel_index] = -values[0] * readings[:, self._channel_index]
             return found
-        lost, _, across, _ = _turned(values)
-        found[:, self._own] = -lost * readings[:, self._own]
-        for other, share in zip(self._others, across, strict=True):
-            found[:, self._own] += share * readings[:, other]
+        lost, _, across, _ = _cosine_and_sines(values)
+        found[:, self._channel_index] = -lost * readings[:, self._channel_index]
+        for other, share in zip(self._other_channels, across, strict=True):
+            found[:, self._channel_index] += share * readings[:, other]
         return found
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
@@ -119,13 +119,13 @@ class CosineError(ChannelCause):
         whole = ReportedParameter("angle", angle, float(np.sqrt(along @ covariance @ along)), "rad")
         return (whole, *super().reported(values, covariance, legs))
 
-    def _shows(self, scene: BenchScene, channel: str) -> tuple[bool, bool]:
+    def _is_observable(self, scene: BenchScene, channel: str) -> tuple[bool, bool]:
         """Whether motion across a channel is observable in it, and whether it is so beside motion along the channel."""
         steps, own = scene.steps, CHANNELS.index(channel)
         seen = scene.recorded[:, own]
         if seen.sum() < FEWEST:
             return False, False
-        along, across = steps.motion[seen, own], steps.motion[seen][:, _others(own)]
+        along, across = steps.motion[seen, own], steps.motion[seen][:, _other_channels(own)]
         beside = across - np.outer(along, along @ across) / max(float(along @ along), _TINY)
         least = _SHOWS * (steps.sigma[own] / _PLAUSIBLE_RAD) ** 2
         return bool(np.sum(across**2) > least), bool(np.sum(beside**2) > least)
@@ -169,13 +169,13 @@ class AbbeOffset(ChannelCause):
         return found
 
 
-def _others(own: int) -> list[int]:
+def _other_channels(own: int) -> list[int]:
     """Return the two other channels of the same kind."""
     first = own // LINEAR * LINEAR
     return [n for n in range(first, first + LINEAR) if n != own]
 
 
-def _turned(tilts: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+def _cosine_and_sines(tilts: NDArray) -> tuple[NDArray, NDArray, NDArray, NDArray]:
     """Return 1 - cos of the length of tilts (2,), its derivative (2,); their sines (2,) and the derivative of these."""
     square = tilts @ tilts
     size = np.sqrt(square)

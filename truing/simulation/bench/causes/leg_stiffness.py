@@ -60,15 +60,15 @@ class LegStiffness(ReadingCause):
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return d deflection / d logarithm."""
-        return self._turned(state.deflection, state.steps.legs, values, 1)[..., None]
+        return self._scaled_deflections(state.deflection, state.steps.legs, values, 1)[..., None]
 
     def moved(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return the change of the deflection."""
-        return self._turned(state.deflection, state.steps.legs, values, 0) - state.deflection
+        return self._scaled_deflections(state.deflection, state.steps.legs, values, 0) - state.deflection
 
     def passed_on(self, slopes: NDArray, state: ReadingState, values: NDArray) -> NDArray:
         """Return changes of the deflection for a sensor with such a leg."""
-        return self._turned(slopes, state.steps.legs, values, 0)
+        return self._scaled_deflections(slopes, state.steps.legs, values, 0)
 
     def ratios(self, legs: LegElasticity, values: NDArray) -> tuple[NDArray, NDArray]:
         """Return the left factor (6, 6) of the compliance, and its derivative by the logarithm."""
@@ -89,7 +89,9 @@ class LegStiffness(ReadingCause):
         scale = ReportedParameter("scale", stiffer - 1.0, stiffer * float(np.sqrt(covariance[0, 0])), "1")
         return (scale, ReportedParameter("part", self.part, None, "")) if self.part else (scale,)
 
-    def _turned(self, deflection: NDArray, legs: LegElasticity | None, values: NDArray, place: int) -> NDArray:
+    def _scaled_deflections(
+        self, deflection: NDArray, legs: LegElasticity | None, values: NDArray, place: int
+    ) -> NDArray:
         """Return deflections (B, 6, 6, ...) times the factor, or times its derivative; without legs unchanged, or
         zero."""
         if legs is None:

@@ -46,7 +46,7 @@ class LoadCause(ReadingCause):
         return not self.axis or not other.axis or self.axis == other.axis
 
     @property
-    def _place(self) -> int:
+    def _axis_index(self) -> int:
         return AXES.index(self.axis)
 
 
@@ -75,22 +75,22 @@ class LoadEccentricity(LoadCause):
         """Return the offset across a force's axis, or the force per torque."""
         if self.axis and not is_force(self.axis):
             return tuple(Parameter(f"force_{c}", "1/m", _PLAUSIBLE_PER_M) for c in _XYZ)
-        return tuple(Parameter(f"offset_{_XYZ[c]}", "mm", _PLAUSIBLE_M, MM) for c in self._across)
+        return tuple(Parameter(f"offset_{_XYZ[c]}", "mm", _PLAUSIBLE_M, MM) for c in self._transverse_components)
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return d wrench / d offset: the axis crossed with the force; / d force: the torque along each direction."""
         load = state.steps.load
         wrench = np.zeros((*load.shape, 3))
         if self.axis and not is_force(self.axis):
-            wrench[:, np.arange(3), np.arange(3)] = load[:, self._place, None]
+            wrench[:, np.arange(3), np.arange(3)] = load[:, self._axis_index, None]
             return wrench
-        force = load[:, :3] * (np.eye(3)[self._place] if self.axis else 1.0)
+        force = load[:, :3] * (np.eye(3)[self._axis_index] if self.axis else 1.0)
         wrench[:, 3:] = np.cross(np.eye(3)[None], force[:, None]).swapaxes(1, 2)
-        return wrench[..., self._across]
+        return wrench[..., self._transverse_components]
 
     @property
-    def _across(self) -> list[int]:
-        return [c for c in range(3) if not self.axis or c != self._place]
+    def _transverse_components(self) -> list[int]:
+        return [c for c in range(3) if not self.axis or c != self._axis_index]
 
 
 @dataclass(frozen=True)
@@ -177,6 +177,6 @@ class LoadImbalance(LoadCause):
 
     def _courses(self, steps: LoadSteps) -> NDArray:
         """Return the load course (B, forms), N or N m, of each form."""
-        load, largest = steps.load[:, self._place], steps.largest[self._place]
+        load, largest = steps.load[:, self._axis_index], steps.largest[self._axis_index]
         by_form = {RATIO: load, ASYMMETRY: 0.5 * np.abs(load), GROWTH: load * np.abs(load) / largest}
         return np.stack([by_form[form] for form in self.forms], -1)

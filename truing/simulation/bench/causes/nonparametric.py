@@ -36,7 +36,7 @@ from truing.simulation.bench.load_steps import (
     ReadingState,
 )
 from truing.simulation.cause import Step
-from truing.simulation.inputs import ORDER, TIME, middle_and_half, varying
+from truing.simulation.inputs import ORDER, TIME, middle_and_half, varying_columns
 from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, dependence
 
 # Prefixes of a load's name: whether its size decreases; its largest size so far in the run; sign of its last change.
@@ -213,7 +213,7 @@ def _dependences(steps: LoadSteps, seen: NDArray, channel: str) -> Iterator[tupl
     """Yield columns, form and degree of dependences of a channel, seen at steps (B,)."""
     loads = _applied(steps)
     own = LOADS[CHANNELS.index(channel)] if channel in CHANNELS else ""
-    others = [name for name in varying(steps.covariates, seen) if name not in LOADS]
+    others = [name for name in varying_columns(steps.covariates, seen) if name not in LOADS]
 
     def levels(*columns: str) -> int:
         values = np.prod([_values_of(steps, column)[seen] for column in columns], axis=0)

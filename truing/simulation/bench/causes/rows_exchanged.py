@@ -52,7 +52,7 @@ class RowsExchanged(ReadingCause):
     def moved(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return the applied loads minus the recorded ones."""
         shift = np.zeros_like(state.wrench)
-        places = [_place(state.steps, row) for row in self.rows]
+        places = [_row_index(state.steps, row) for row in self.rows]
         if len(places) == 2 and None not in places:
             columns = [AXES.index(name) for name in self.components]
             load = state.steps.load[np.ix_(places, columns)]  # type: ignore[arg-type]
@@ -89,14 +89,14 @@ class SignalsExchanged(RowsExchanged):
     def _exchanged(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return values (B, K, ...) with the signals of the two rows exchanged."""
         found = np.array(values)
-        places = [_place(state.steps, row) for row in self.rows]
+        places = [_row_index(state.steps, row) for row in self.rows]
         if len(places) == 2 and None not in places:
             signal = np.array([is_signal(name) for name in state.steps.channels])
             found[np.ix_(places, signal)] = values[np.ix_(places[::-1], signal)]  # type: ignore[arg-type]
         return found
 
 
-def _place(steps: LoadSteps, row: Row) -> int | None:
+def _row_index(steps: LoadSteps, row: Row) -> int | None:
     """Return the index of a row among the load steps; None if it is absent."""
     found = np.flatnonzero((steps.run == row[0]) & (steps.step == row[1]))
     return int(found[0]) if len(found) else None

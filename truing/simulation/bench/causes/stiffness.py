@@ -78,7 +78,7 @@ class Deflection(LoadCause):
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return d deflection / d parameters."""
         by_axis = self.excess(state.steps, values)[1]
-        return np.asarray(state.deflection[..., None] * by_axis[:, None] * self._concerned[..., None])
+        return np.asarray(state.deflection[..., None] * by_axis[:, None] * self._affected_responses[..., None])
 
     def moved(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return the change of the deflection."""
@@ -89,10 +89,10 @@ class Deflection(LoadCause):
         return np.asarray(slopes * (1.0 + self._factor(state.steps, values)[..., None]))
 
     def _factor(self, steps: LoadSteps, values: NDArray) -> NDArray:
-        return np.asarray(self.excess(steps, values)[0][:, None] * self._concerned)
+        return np.asarray(self.excess(steps, values)[0][:, None] * self._affected_responses)
 
     @property
-    def _concerned(self) -> NDArray:
+    def _affected_responses(self) -> NDArray:
         """Mask (6, 6) of the responses and loads concerned."""
         axes = np.array([not self.axis or axis == self.axis for axis in AXES])
         return np.where(np.eye(6, dtype=bool) if self.own else np.ones((6, 6), bool), axes, False).astype(float)
@@ -192,14 +192,14 @@ class JointClearance(LoadCause):
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the clearance, the full gap."""
-        channel = CHANNELS[self._place]
+        channel = CHANNELS[self._axis_index]
         unit, si = unit_of(channel)
         return (Parameter("clearance", unit, _PLAUSIBLE_CLEARANCE[is_linear(channel)], si),)
 
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return d deflection / d clearance: half the load's sign, in its own component."""
         found = np.zeros((*state.deflection.shape, 1))
-        found[:, self._place, self._place, 0] = 0.5 * np.sign(state.steps.load[:, self._place])
+        found[:, self._axis_index, self._axis_index, 0] = 0.5 * np.sign(state.steps.load[:, self._axis_index])
         return found
 
 

@@ -107,13 +107,13 @@ def joined_links(chain: DhChain) -> DhLinks:
     found: list[tuple[NDArray, NDArray, NDArray, NDArray]] = []
     for j in range(LINKS):
         towards = {0: chain.first, LINKS - 1: chain.last}.get(j, _ALONG_X)
-        shift, normal = _turned(T, towards), T[..., 0]
+        shift, normal = _rotated_vectors(T, towards), T[..., 0]
         corner = O + chain.a[..., j, None] * shift
         T = T @ _about_x(chain.alpha[..., j]) @ _about_z(chain.theta[..., j])
         O = corner + chain.S[..., j, None] * T[..., 2]  # noqa: E741
         found.append((normal, shift, T[..., 2], corner))
     normal, shift, axis, corner = (np.stack(np.broadcast_arrays(*each), -2) for each in zip(*found, strict=True))
-    return DhLinks(normal, shift, axis, corner, O + _turned(T, chain.tail), T)
+    return DhLinks(normal, shift, axis, corner, O + _rotated_vectors(T, chain.tail), T)
 
 
 def influence_coefficients(links: DhLinks) -> InfluenceCoefficients:
@@ -147,7 +147,7 @@ def _in_axes(axes: NDArray, vectors: NDArray) -> NDArray:
     return np.einsum("...ji,...j->...i", axes, vectors)
 
 
-def _turned(axes: NDArray, vectors: NDArray) -> NDArray:
+def _rotated_vectors(axes: NDArray, vectors: NDArray) -> NDArray:
     return np.einsum("...ij,...j->...i", axes, vectors)
 
 

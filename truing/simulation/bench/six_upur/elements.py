@@ -80,7 +80,7 @@ def leaf_compliance(
     than wide.
     """
     if thickness > width:
-        raise Unfit("leaf", f"thickness {thickness} m and width {width} m", "it no thicker than wide")
+        raise Unfit("leaf", f"thickness {thickness} m and width {width} m", "a thickness of at most the width")
     shear_pa = youngs_pa / (2.0 * (1.0 + poisson))
     thin, wide = (_uniform(length, youngs_pa * width * thickness * size**2 / 12.0) for size in (thickness, width))
     twist = length / (shear_pa * float(rectangle_torsion(np.array(width), np.array(thickness))))
@@ -210,7 +210,7 @@ def notch(width: float, web: float, radius: float, youngs_pa: float, poisson: fl
 def spring(axial: float | None = None, torsion: float | None = None, length: float = 0.0) -> LegElement:
     """Return springs along and about the leg, N/m and N m/rad, rigid if absent; the axial one is the sensor."""
     known = (("axial", 2, axial), ("torsion", 5, torsion))
-    gives = tuple((name, _at(place) / value) for name, place, value in known if value is not None)
+    gives = tuple((name, _unit_entry(place) / value) for name, place, value in known if value is not None)
     return LegElement("spring", length, gives, measures=axial is not None)
 
 
@@ -227,16 +227,20 @@ def passive(matrix: ArrayLike, what: str) -> NDArray:
     """
     given = np.asarray(matrix, float)
     if given.shape != (6, 6):
-        raise Unfit(what, f"shape {given.shape}", "(6, 6)")
+        raise Unfit(what, f"a matrix of shape {given.shape}", "a compliance of shape (6, 6)")
     size = np.sqrt(np.abs(np.diag(given)))
     size = np.where(size > 0.0, size, 1.0)
     scaled = given / np.outer(size, size)
     asymmetry = float(np.abs(scaled - scaled.T).max())
     if not asymmetry <= _TYPED:
-        raise Unfit(what, f"an asymmetry of {asymmetry:.2g} of its diagonal", "a symmetric matrix")
+        raise Unfit(
+            what, f"an asymmetry of {asymmetry:.2g} of the diagonal", f"a symmetric compliance (at most {_TYPED:g})"
+        )
     lowest = float(np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0])
     if lowest < -_TYPED:
-        raise Unfit(what, f"a direction that moves against its load ({lowest:.2g})", "none")
+        raise Unfit(
+            what, f"a negative eigenvalue ({lowest:.2g} of the diagonal)", "a compliance without negative eigenvalues"
+        )
     return 0.5 * (given + given.T)
 
 
@@ -259,8 +263,8 @@ def leg_parts(elements: Sequence[LegElement], length: NDArray) -> LegParts:
 
     Raises ValueError if elements and legs differ in length by more than 0.1 %, or all elements are rigid.
     """
-    beyond = _beyond(elements, length)
-    seat = _seat(elements, beyond, length)
+    beyond = _distance_to_end(elements, length)
+    seat = _force_sensor_index(elements, beyond, length)
     names, compliances, installed, middle = [], [], [], []
     for j, element in enumerate(elements):
         distance = beyond[j]
@@ -272,21 +276,25 @@ def leg_parts(elements: Sequence[LegElement], length: NDArray) -> LegParts:
             installed.append(slope if j < seat else np.zeros_like(slope))
             middle.append(-slope)
     if not names:
-        raise Unfit("elements", "none that gives", "a flexible leg")
+        raise Unfit("elements", "rigid elements only", "at least one flexible element")
     return LegParts(tuple(names), *(np.stack(each, -3) for each in (compliances, installed, middle)))
 
 
-def _beyond(elements: Sequence[LegElement], length: NDArray) -> list[NDArray]:
+def _distance_to_end(elements: Sequence[LegElement], length: NDArray) -> list[NDArray]:
     """Return the distance (..., 6), m, of each element's outer end from the leg's."""
     lengths = [element.length for element in elements]
     given = sum(value for value in lengths if value is not None)
     rest = length - given
     if lengths.count(None) > 1:
-        raise Unfit("elements", f"{lengths.count(None)} without length", "one at most to take the rest")
+        raise Unfit(
+            "elements",
+            f"{lengths.count(None)} elements without length",
+            "at most one, which takes the remaining length",
+        )
     if None in lengths and rest.real.min() < 0.0:
-        raise Unfit("elements", f"{given} m in all", f"no more than the shortest leg, {length.min()} m")
+        raise Unfit("elements", f"a total length of {given} m", f"at most the shortest leg, {length.min()} m")
     if None not in lengths and np.abs(rest).max() > _TYPED * length.max():
-        raise Unfit("elements", f"{given} m in all", f"each leg's length, {length.ravel().tolist()} m")
+        raise Unfit("elements", f"a total length of {given} m", f"the length of each leg, {length.ravel().tolist()} m")
     filled = [rest if value is None else np.full_like(length, value) for value in lengths]
     outer = [np.zeros_like(length)]
     for value in filled[:0:-1]:
@@ -294,7 +302,7 @@ def _beyond(elements: Sequence[LegElement], length: NDArray) -> list[NDArray]:
     return outer[::-1]
 
 
-def _seat(elements: Sequence[LegElement], beyond: list[NDArray], length: NDArray) -> int:
+def _force_sensor_index(elements: Sequence[LegElement], beyond: list[NDArray], length: NDArray) -> int:
     """Return the index of the force sensor: the first element that measures, otherwise the one at the leg's middle."""
     for j, element in enumerate(elements):
         if element.measures:
@@ -311,7 +319,7 @@ def _slope(at_end: NDArray) -> NDArray:
     return moved + np.swapaxes(moved, -1, -2)
 
 
-def _at(place: int) -> NDArray:
+def _unit_entry(place: int) -> NDArray:
     found = np.zeros((6, 6))
     found[place, place] = 1.0
     return found

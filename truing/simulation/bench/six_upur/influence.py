@@ -22,7 +22,7 @@ def influence_matrix(joints: JointCentres) -> NDArray:
     return np.swapaxes(np.concatenate([S, np.cross(joints.arm, S)], -1), -1, -2)
 
 
-def about(G: NDArray, point: NDArray) -> NDArray:
+def moments_about(G: NDArray, point: NDArray) -> NDArray:
     """Return G with its moments about a point (..., 3), m from the platform's origin."""
     force, moment = G[..., :3, :], G[..., 3:, :]
     return np.concatenate([force, moment - np.cross(point[..., None], force, axis=-2)], -2)

@@ -77,7 +77,7 @@ def platform_errors(plan: _LegGeometry, errors: NDArray) -> NDArray:
         if size * size <= before * _ROUNDING * shortest:  # steps shrink by size / before
             break
         before = size
-        step = _combined(plan.inverse, (_squared(_moved(leg, arm, x)) - square) * per_length)
+        step = _combined(plan.inverse, (_squared(_displaced_legs(leg, arm, x)) - square) * per_length)
         if lost.any():
             step[:, lost] = 0.0
         x -= step
@@ -87,7 +87,7 @@ def platform_errors(plan: _LegGeometry, errors: NDArray) -> NDArray:
     return _with_rotation_vector(x)
 
 
-def _moved(leg: Three, arm: Three, x: NDArray) -> Three:
+def _displaced_legs(leg: Three, arm: Three, x: NDArray) -> Three:
     """Return the legs (3 of (6, N)) with the platform moved by x: a shift, and half a rotation in Cayley's form.
 
     R = I + 2 ([c]x + [c]x^2) / (1 + c^2), one matrix per sample instead of one product per leg.
@@ -101,10 +101,10 @@ def _moved(leg: Three, arm: Three, x: NDArray) -> Three:
         (scale * (a * c - b), scale * (b * c + a), -scale * (aa + bb)),
     )
     room = np.empty_like(arm[0])
-    return _three(_turned(row, arm, leg[i] + x[i], room) for i, row in enumerate(rows))
+    return _three(_add_row_product(row, arm, leg[i] + x[i], room) for i, row in enumerate(rows))
 
 
-def _turned(row: Three, arm: Three, total: NDArray, room: NDArray) -> NDArray:
+def _add_row_product(row: Three, arm: Three, total: NDArray, room: NDArray) -> NDArray:
     """Add a row of a matrix times the arms to total (6, N), in place; room is memory for one product."""
     for number, part in zip(row, arm, strict=True):
         total += np.multiply(number, part, out=room)

@@ -95,10 +95,10 @@ class UncertainSensor:
         if (
             self.joints is None
             or self._is_elastic
-            or np.linalg.matrix_rank(self._given((6, 6)), hermitian=True) < _LEGS
+            or np.linalg.matrix_rank(self._given_numbers((6, 6)), hermitian=True) < _LEGS
         ):
             return None
-        return equal_legs(np.linalg.inv(self._given((6, 6))), self.joints)
+        return equal_legs(np.linalg.inv(self._given_numbers((6, 6))), self.joints)
 
     @cached_property
     def legs(self) -> LegElasticity | None:
@@ -194,7 +194,7 @@ class UncertainSensor:
         """Return a given compliance (..., 6, 6) with other elastic parameters (..., stiffness_size)."""
         if self._equal_legs is None or not stiffness.shape[-1]:
             softer = np.exp(-np.sum(stiffness, -1) * self.stiffness_sigma)
-            return self._given((6, 6)) * softer[..., None, None]
+            return self._given_numbers((6, 6)) * softer[..., None, None]
         stiffer = np.exp(self._each_leg(stiffness[..., None])[..., 0])
         return np.asarray(np.linalg.inv(np.einsum("...l,lij->...ij", stiffer, self._equal_legs)))
 
@@ -212,7 +212,7 @@ class UncertainSensor:
     def _response(self, joints: JointCentres | None, giving: NDArray | None) -> Response:
         """Return the response of joints with legs of compliances (..., 6, 6, 6), or without."""
         if joints is None:
-            return Response(self._given((6, 6)), np.zeros((0, 6, 6)))
+            return Response(self._given_numbers((6, 6)), np.zeros((0, 6, 6)))
         G = influence_matrix(joints)
         passive = np.linalg.inv(G)
         if giving is None:
@@ -230,9 +230,9 @@ class UncertainSensor:
     def _displaced(self, G: NDArray) -> NDArray:
         """Return a given compliance (..., 6, 6) for displaced legs with influence matrix G (..., 6, 6)."""
         if self._equal_legs is None or self.joints is None:
-            return self._given(G.shape)
+            return self._given_numbers(G.shape)
         back = influence_matrix(self.joints) @ np.linalg.inv(G)
-        return np.asarray(np.swapaxes(back, -1, -2) @ self._given((6, 6)) @ back)
+        return np.asarray(np.swapaxes(back, -1, -2) @ self._given_numbers((6, 6)) @ back)
 
     def _lengthening(self, G: NDArray) -> NDArray:
         """Return the forces (..., 6, 6) along alike legs of a given compliance, proportional to their elongation G' C.
@@ -243,7 +243,7 @@ class UncertainSensor:
         size = np.trace(lengthened @ G, axis1=-2, axis2=-1) / _LEGS
         return np.asarray(lengthened / np.where(size == 0.0, 1.0, size)[..., None, None])
 
-    def _given(self, shape: tuple[int, ...]) -> NDArray:
+    def _given_numbers(self, shape: tuple[int, ...]) -> NDArray:
         return np.broadcast_to(np.asarray(self.given), shape)
 
 

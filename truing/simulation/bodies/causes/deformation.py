@@ -58,7 +58,7 @@ class BodyCause(PointCause):
         """Body concerned."""
         return self.body
 
-    def lacks(self, scene: PointScene) -> Missing | None:
+    def missing_input(self, scene: PointScene) -> Missing | None:
         """Return the input that was not recorded; None for a mechanism, whose platform and base have other causes."""
         return None if scene.legs else self.lacking
 
@@ -91,7 +91,7 @@ class BodyCause(PointCause):
         """Derivatives (3k, Q) of the targets by the parameters of one function."""
         return self._rigid if self.whole else self._shape_only
 
-    def _moved(self, state: State, functions: NDArray) -> NDArray:
+    def _derivative_of_moved(self, state: State, functions: NDArray) -> NDArray:
         """Return the derivative of `moved` (B, K, 3, m Q) for the pattern times functions (B, m)."""
         pattern = self._pattern
         known = () if state.targets is None else tuple(zip(state.targets.bodies, state.targets.names, strict=True))
@@ -149,7 +149,7 @@ class BodyDeformation(BodyCause):
         return [
             BodyDeformation(*own, whole, terms, *column_scaling(scene, terms), runs_with_time(scene, terms))
             for own in bodies_of(scene)
-            for whole in whole_options(scene, own[0])
+            for whole in whole_body_options(scene, own[0])
             for terms in proposed
             if terms != place_columns(own[0])
             if whole or not is_large(own[1]) or (len(terms) == 1 and TIMES not in terms[0])
@@ -168,7 +168,10 @@ class BodyDeformation(BodyCause):
 
     def change(self, state: State, values: NDArray) -> Change:
         """Return d moved / d shift: the value of the term, without a rigid motion of the body."""
-        return Change({"moved": self._moved(state, self._functions(state))}, len(self.terms) * self._pattern.shape[1])
+        return Change(
+            {"moved": self._derivative_of_moved(state, self._functions(state))},
+            len(self.terms) * self._pattern.shape[1],
+        )
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the pattern, and the columns that drive it."""
@@ -196,6 +199,6 @@ def is_large(targets: tuple[str, ...]) -> bool:
     return len(targets) > _MANY_TARGETS
 
 
-def whole_options(scene: PointScene, body: str) -> tuple[bool, ...]:
+def whole_body_options(scene: PointScene, body: str) -> tuple[bool, ...]:
     """Return the options for a body: shift by a pattern, and also as a whole if it should stand still."""
     return (False, True) if body in scene.still else (False,)

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.bodies.causes.deformation import BodyCause, bodies_of, is_large, whole_options
+from truing.simulation.bodies.causes.deformation import BodyCause, bodies_of, is_large, whole_body_options
 from truing.simulation.bodies.causes.terms import runs_with_time
 from truing.simulation.cause import Parameter, ReportedParameter
 from truing.simulation.change import Change
@@ -83,7 +83,7 @@ class BodyDrift(BodyCause):
         return [
             form
             for own in bodies_of(scene)
-            for whole in whole_options(scene, own[0])
+            for whole in whole_body_options(scene, own[0])
             for form in _forms(BodyDrift(*own, whole, column), scene)
         ]
 
@@ -116,15 +116,15 @@ class BodyDrift(BodyCause):
         if self.waves:
             x = (np.asarray(state.covariates[self.column]) - self.start) / self.span
             functions = (np.cos(np.pi * x[:, None] * np.arange(1, self.waves + 1)) - 1.0) / 2.0
-            return Change({"moved": self._moved(state, functions)}, self.waves * self._pattern.shape[1])
+            return Change({"moved": self._derivative_of_moved(state, functions)}, self.waves * self._pattern.shape[1])
         size = self._pattern.shape[1]
         if self.jumps:
             late = np.asarray(state.covariates[ORDER]) >= self.from_order
-            return Change({"moved": self._moved(state, late[:, None].astype(float))}, size)
+            return Change({"moved": self._derivative_of_moved(state, late[:, None].astype(float))}, size)
         value, slope = self._course(state, values[size] if self.tau_is_fitted else 0.0)
-        moved = self._moved(state, value[:, None])
+        moved = self._derivative_of_moved(state, value[:, None])
         if self.tau_is_fitted:
-            by_tau = self._moved(state, slope[:, None]) @ values[:size]
+            by_tau = self._derivative_of_moved(state, slope[:, None]) @ values[:size]
             moved = np.concatenate([moved, by_tau[..., None]], -1)
         return Change({"moved": moved}, moved.shape[-1])
 
@@ -161,7 +161,7 @@ class BodyDrift(BodyCause):
 
 def _forms(own: BodyDrift, scene: PointScene) -> list[BodyDrift]:
     """Return the forms of drift of a body; only a linear one for the shape of a body with many targets."""
-    start, end = _ends(scene, own.column)
+    start, end = _time_range(scene, own.column)
     own, many = replace(own, start=start, span=end - start), is_large(own.targets) and not own.whole
     waves = min(_WAVES, len(scene.poses) // _POSES_PER_WAVE)
     forms = [own]
@@ -183,7 +183,7 @@ def _onsets(poses: int, whole: bool) -> range:
     return range(FEWEST, poses - FEWEST + 1, -(-poses // most))
 
 
-def _ends(scene: PointScene, column: str) -> tuple[float, float]:
+def _time_range(scene: PointScene, column: str) -> tuple[float, float]:
     """Return the first and the last time of the campaign."""
     if column == TIME and scene.span_s is not None:
         return scene.span_s

@@ -44,7 +44,7 @@ class GravitySag(BodyCause):
     lacking = Missing.UP
     reads = frozenset({"pose"})
 
-    def lacks(self, scene: PointScene) -> Missing | None:
+    def missing_input(self, scene: PointScene) -> Missing | None:
         """Return the missing input: the direction of gravity, or for a mechanism tilts of its platform."""
         return Missing.TILT if scene.legs else self.lacking
 
@@ -72,11 +72,11 @@ class GravitySag(BodyCause):
                 continue
             middle, up = np.mean(down, axis=0).tolist(), () if scene.weight is None else scene.weight.up
             own = GravitySag(body, targets, places, middle=tuple(middle), up=up)
-            found += [own._as(form) for form in (ALONG, *(() if is_large(targets) or up else (FREE,)))]
-            found += [own._as(ALONG, target) for target in targets]
+            found += [own._with_form(form) for form in (ALONG, *(() if is_large(targets) or up else (FREE,)))]
+            found += [own._with_form(ALONG, target) for target in targets]
         return found
 
-    def _as(self, form: str, one: str = "") -> GravitySag:
+    def _with_form(self, form: str, one: str = "") -> GravitySag:
         return replace(self, form=form, one=one)
 
     def prior(self, scene: PointScene) -> float:
@@ -96,12 +96,12 @@ class GravitySag(BodyCause):
     def change(self, state: State, values: NDArray) -> Change:
         """Return d moved / d sag: the direction of gravity in the body's frame; empty if that is unknown."""
         size = len(self.parameters(0))
-        down = self._down(state)
+        down = self._gravity_direction(state)
         if down is None or state.targets is None:
             return Change({}, size)
         away = down - np.array(self.middle)
         if self.form == FREE:
-            return Change({"moved": self._moved(state, away)}, size)
+            return Change({"moved": self._derivative_of_moved(state, away)}, size)
         known = tuple(zip(state.targets.bodies, state.targets.names, strict=True))
         shares = np.zeros((len(known), size))
         for row, target in enumerate(self.targets):
@@ -109,7 +109,7 @@ class GravitySag(BodyCause):
                 shares[known.index((self.body, target))] = self._shares[row]
         return Change({"moved": away[:, None, :, None] * shares[:, None]}, size)
 
-    def _down(self, state: State) -> NDArray | None:
+    def _gravity_direction(self, state: State) -> NDArray | None:
         """Return the direction of gravity (B, 3) in the body's frame; None if it is unknown."""
         if self.up:
             return np.asarray(-np.array(self.up) @ state.R) if len(state.R) else None

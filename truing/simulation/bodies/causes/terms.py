@@ -21,13 +21,13 @@ _SAME_COURSE = 0.99
 
 def proposed_terms(scene: PointScene) -> Iterator[tuple[str, ...]]:
     """Yield the terms of possible deformations."""
-    drives = [drive for drive in scene.drives if _known(scene, drive)]
-    for column in (*drives, *((TEMPERATURE,) if _known(scene, TEMPERATURE) else ())):
+    drives = [drive for drive in scene.drives if _varies_and_is_finite(scene, drive)]
+    for column in (*drives, *((TEMPERATURE,) if _varies_and_is_finite(scene, TEMPERATURE) else ())):
         yield (column,)
         if len(np.unique(scene.covariates[column])) > 2:
             yield (f"{column}{TIMES}{column}",)
             yield (column, f"{column}{TIMES}{column}")
-        if _known(scene, CAME_FROM + column):
+        if _varies_and_is_finite(scene, CAME_FROM + column):
             yield (CAME_FROM + column,)
     yield from (place_columns(body) for body in scene.placed)
     yield from ((f"{first}{TIMES}{second}",) for first, second in combinations(drives, 2))
@@ -40,7 +40,7 @@ def place_columns(body: str) -> tuple[str, ...]:
     return tuple(f"{body} {axis}" for axis in "xyz")
 
 
-def _known(scene: PointScene, column: str) -> bool:
+def _varies_and_is_finite(scene: PointScene, column: str) -> bool:
     return scene.varies(column) and bool(np.isfinite(scene.covariates[column]).all())
 
 

@@ -79,7 +79,7 @@ class InPlanePlatformDeformation(PerLeg):
         """Return kappa_x of each leg concerned, then kappa_y."""
         return tuple(Parameter(n, "1", _PLAUSIBLE) for axis in "xy" for n in self.numbered(f"kappa_{axis}", legs))
 
-    def alike(self, legs: int) -> tuple[int, ...]:
+    def like_sized(self, legs: int) -> tuple[int, ...]:
         """Return all parameters: those of all legs along both axes are of like size."""
         return tuple(range(len(self.parameters(legs))))
 
@@ -201,7 +201,7 @@ class BaseDeformation(PointCause):
         """Return the shift of joints and base targets along z per size of each shape."""
         across = state.legs.a[..., :2]
         radius = np.mean(np.sqrt(np.sum(across * across, -1)), -1)[..., None]
-        q = self._driven(state)[:, None, None]
+        q = self._driver_values(state)[:, None, None]
         fields = {"a": _along_z(q * _shapes(across / radius[..., None]))}
         if state.targets is not None and len(state.shape):
             on_base = (state.targets.body == 0)[:, None]
@@ -209,7 +209,7 @@ class BaseDeformation(PointCause):
             fields["moved"] = _along_z(q * _shapes(places) * on_base)
         return Change(fields, len(_SHAPES))
 
-    def _driven(self, state: State) -> NDArray:
+    def _driver_values(self, state: State) -> NDArray:
         if self.driver == TEMPERATURE:
             return state.heat
         return state.delta_rho[:, int(self.driver.removeprefix(_READING)) - 1]

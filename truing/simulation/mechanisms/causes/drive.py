@@ -116,7 +116,7 @@ class PeriodicError(PerLeg):
         """Return the share of this choice of legs; all pitches are equally probable."""
         return choice_share(len(self.legs), scene.legs)
 
-    def alike(self, legs: int) -> tuple[int, ...]:
+    def like_sized(self, legs: int) -> tuple[int, ...]:
         """Return none: S and C of waves of like amplitude may have any size."""
         return ()
 
@@ -151,7 +151,7 @@ class PeriodicError(PerLeg):
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return amplitude and phase of each leg concerned, with the pitch between them, and sigmas to first order."""
-        own = self.concerned(legs)
+        own = self.leg_numbers(legs)
         amplitudes, phases = [], []
         for place, leg in enumerate(own):
             size, phase, by_both = _polar(values[2 * place], values[2 * place + 1])

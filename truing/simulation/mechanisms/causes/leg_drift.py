@@ -62,9 +62,9 @@ class LegDrift(PerLeg):
         """Return the form with a fitted time constant; unchanged if the drift is linear."""
         return self if self.tau_s == 0 else replace(self, free=True)
 
-    def alike(self, legs: int) -> tuple[int, ...]:
+    def like_sized(self, legs: int) -> tuple[int, ...]:
         """Return the drifts of the legs concerned."""
-        return tuple(range(len(self.concerned(legs))))
+        return tuple(range(len(self.leg_numbers(legs))))
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the time."""

@@ -29,7 +29,7 @@ from truing.simulation.inputs import (
     TIME,
     drive_of,
     middle_and_half,
-    varying,
+    varying_columns,
 )
 from truing.simulation.mechanisms.causes.per_leg import choice_share, choices
 from truing.simulation.mechanisms.point_causes import PointCause, PointScene
@@ -131,7 +131,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
     def higher_order_terms(self, scene: PointScene) -> Sequence[NonparametricMechanismEffect]:
         """Return the candidates with the next terms, for all legs concerned or for single ones, as far as the poses
         suffice."""
-        several = self._concerned(scene.legs) if self._is_of_legs and not self._is_one else ()
+        several = self._leg_numbers(scene.legs) if self._is_of_legs and not self._has_one_subject else ()
         chosen = (self.legs, *((leg,) for leg in several))
         most = len(scene.poses) // PER_FUNCTION
         return [
@@ -147,7 +147,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
 
     def inputs(self, legs: int) -> tuple[str, ...]:
         """Return the columns of the configurations that it depends on."""
-        concerned = self._concerned(legs)
+        concerned = self._leg_numbers(legs)
         if self.form == ALL_DRIVES:
             return tuple(f"rho{leg}_mm" for leg in range(1, legs + 1))
         found: list[str] = []
@@ -164,12 +164,12 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         looks_back = any(column in (*LOOKING_BACK, ORDER) for column in self.columns)
         return tuple(dict.fromkeys((*self.inputs(legs), *([TIME] if looks_back else []))))
 
-    def alike(self, legs: int) -> tuple[int, ...]:
+    def like_sized(self, legs: int) -> tuple[int, ...]:
         """Return the amplitudes of the legs concerned; with several functions, those of the last."""
         if self.quantity not in _ALONG:
             return ()
         functions = self._count(legs)
-        return tuple(range(functions - 1, len(self._concerned(legs)) * functions, functions))
+        return tuple(range(functions - 1, len(self._leg_numbers(legs)) * functions, functions))
 
     def functions(self, state: State) -> NDArray:
         """Return the values (B, L or 1, m) of the functions at the poses of a state."""
@@ -188,7 +188,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
             return Change(
                 {} if state.targets is None else {"moved": self._target_derivatives(state, basis[:, 0])}, size
             )
-        rows = np.eye(state.legs.count)[:, np.array(self._concerned(state.legs.count)) - 1]
+        rows = np.eye(state.legs.count)[:, np.array(self._leg_numbers(state.legs.count)) - 1]
         own = rows[:, :, None] * basis[:, :, None, :]
         if self.quantity == Quantity.ATTACHMENTS_SIDEWAYS:
             sideways = own[:, :, None, :, None, :] * np.eye(3)[:, None, :2, None]
@@ -213,7 +213,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         moved = np.einsum("kq,ij,bm->bkiqjm", over, np.eye(3), basis)
         return moved.reshape(*moved.shape[:3], -1)
 
-    def _concerned(self, legs: int) -> tuple[int, ...]:
+    def _leg_numbers(self, legs: int) -> tuple[int, ...]:
         return self.legs or tuple(range(1, legs + 1))
 
     def _count(self, legs: int) -> int:
@@ -224,7 +224,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         return self.quantity not in (Quantity.SCALE, Quantity.TARGETS)
 
     @property
-    def _is_one(self) -> bool:
+    def _has_one_subject(self) -> bool:
         return len(self.legs) == 1 or len(self.targets) == 1 or self.quantity == Quantity.SCALE
 
     @property
@@ -240,7 +240,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         if self.quantity == Quantity.SCALE:
             return ("",)
         patterns = tuple(f"{self.body}_{pattern}" for pattern in _PATTERNS) if self.places else self.targets
-        names = patterns or tuple(f"leg{leg}" for leg in self._concerned(legs))
+        names = patterns or tuple(f"leg{leg}" for leg in self._leg_numbers(legs))
         return [f"{name}{axis}_" for name in names for axis in _AXES.get(Quantity(self.quantity), ("",))]
 
 
@@ -289,7 +289,7 @@ class _Inputs:
     def __init__(self, scene: PointScene) -> None:
         self._scene = scene
         self.moved = scene.readings - scene.rho0 if scene.legs else np.zeros((len(scene.poses), 0))
-        self._columns = {name: v for name, v in varying(scene.covariates).items() if name not in LOOKING_BACK}
+        self._columns = {name: v for name, v in varying_columns(scene.covariates).items() if name not in LOOKING_BACK}
         self._distinct = {name: len(np.unique(values)) for name, values in self._columns.items()}
         stroke = 0.0, float(np.abs(self.moved).max(initial=0.0)) or 1.0
         self._drives = [f"rho{leg}_mm" for leg in range(1, scene.legs + 1)]
@@ -302,7 +302,7 @@ class _Inputs:
         yield from self.columns(1)
         yield from self.columns(_SMOOTH)
         yield from self.waves()
-        yield from (self._on(OWN_DRIVE, degree=2), self._on(OWN_DRIVE, degree=_SMOOTH))
+        yield from (self._dependence(OWN_DRIVE, degree=2), self._dependence(OWN_DRIVE, degree=_SMOOTH))
         yield from self._gain_by_columns()
         yield from self._previous_movements()
         yield from self.drives(1, apart_from=others)
@@ -318,7 +318,7 @@ class _Inputs:
             yield from self.columns(1, apart_from=(TIME, TEMPERATURE))
             yield from self.columns(_SMOOTH)
             yield from self.waves()
-            yield self._on(OWN_DRIVE)
+            yield self._dependence(OWN_DRIVE)
 
     def attachment_dependences(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
         """Yield dependences of attachments along z."""
@@ -334,7 +334,7 @@ class _Inputs:
     def sideways_attachment_dependences(self, legs: tuple[int, ...]) -> Iterator[Dependence]:
         """Yield dependences of attachments across z."""
         yield from self.columns(1)
-        yield from (self._on(OWN_DRIVE), self._on(OWN_DRIVE, degree=2))
+        yield from (self._dependence(OWN_DRIVE), self._dependence(OWN_DRIVE, degree=2))
 
     def scale_dependences(self) -> Iterator[Dependence]:
         """Yield dependences of the scale of the measurement."""
@@ -355,22 +355,22 @@ class _Inputs:
         """Yield polynomials of a degree in every column with more distinct values than the degree."""
         for name, distinct in self._distinct.items():
             if name not in apart_from and distinct > degree:
-                yield self._on(name, degree=degree)
+                yield self._dependence(name, degree=degree)
 
     def waves(self) -> Iterator[Dependence]:
         """Yield slow waves of time, as many as the poses allow."""
         name = TIME if TIME in self._columns else ORDER
         count = min(_WAVES, len(self._scene.poses) // PER_FUNCTION)
         if name in self._columns and count > _SMOOTH:
-            yield self._on(name, form=WAVES, degree=count)
+            yield self._dependence(name, form=WAVES, degree=count)
 
     def drives(self, degree: int, apart_from: Iterable[str] = ()) -> Iterator[Dependence]:
         """Yield polynomials of a degree in every single drive."""
-        yield from (self._on(drive, degree=degree) for drive in self._drives if drive not in apart_from)
+        yield from (self._dependence(drive, degree=degree) for drive in self._drives if drive not in apart_from)
 
     def _gain_by_columns(self) -> Iterator[Dependence]:
         """Yield the product of each leg's own drive with a column: a gain that depends on it."""
-        yield from (self._on(OWN_DRIVE, name) for name in self._columns)
+        yield from (self._dependence(OWN_DRIVE, name) for name in self._columns)
 
     def _previous_movements(self) -> Iterator[Dependence]:
         """Yield the last step and the memory of each actuator; its direction alone is backlash."""
@@ -381,12 +381,12 @@ class _Inputs:
                 yield dependence((name,), lambda _, half=half: (0.0, half))  # type: ignore[misc]
 
     def _squares(self, names: Iterable[str]) -> Iterator[Dependence]:
-        yield from (self._on(name, name) for name in names)
+        yield from (self._dependence(name, name) for name in names)
 
     def _products(self) -> Iterator[Dependence]:
-        yield from (self._on(*pair) for pair in combinations(self._drives, 2))
+        yield from (self._dependence(*pair) for pair in combinations(self._drives, 2))
 
-    def _on(self, *columns: str, form: str = POLYNOMIAL, degree: int = 1) -> Dependence:
+    def _dependence(self, *columns: str, form: str = POLYNOMIAL, degree: int = 1) -> Dependence:
         return dependence(columns, self._ranges.__getitem__, form, degree)
 
 

@@ -33,23 +33,28 @@ class PerLeg(PointCause):
         """Legs as the tables name them; empty for all."""
         return " ".join(f"leg{leg}" for leg in self.legs)
 
-    def concerned(self, legs: int) -> tuple[int, ...]:
+    @property
+    def concerns_several(self) -> bool:
+        """True for several single legs."""
+        return len(self.legs) > 1
+
+    def leg_numbers(self, legs: int) -> tuple[int, ...]:
         """Return the numbers of the legs concerned, counted from 1, in a mechanism with ``legs`` legs."""
         return self.legs or tuple(range(1, legs + 1))
 
     def numbered(self, name: str, legs: int) -> tuple[str, ...]:
         """Return the name of a parameter for each leg concerned, with the leg as suffix."""
-        return tuple(f"{name}_{leg}" for leg in self.concerned(legs))
+        return tuple(f"{name}_{leg}" for leg in self.leg_numbers(legs))
 
     def spread(self, values: NDArray) -> NDArray:
         """Return values (..., L) of each leg as derivatives (..., L, P) by one parameter per leg concerned."""
         legs = values.shape[-1]
-        return values[..., None] * np.eye(legs)[:, np.array(self.concerned(legs)) - 1]
+        return values[..., None] * np.eye(legs)[:, np.array(self.leg_numbers(legs)) - 1]
 
-    def alike(self, legs: int) -> tuple[int, ...]:
+    def like_sized(self, legs: int) -> tuple[int, ...]:
         """Return the parameters of the legs concerned; if each leg has several, the last ones."""
         count = len(self.parameters(legs))
-        return tuple(range(count - len(self.concerned(legs)), count))
+        return tuple(range(count - len(self.leg_numbers(legs)), count))
 
     def excludes(self, other: PointCause) -> bool:
         """Whether the other cause is of the same kind and shares a leg with this one."""
@@ -62,7 +67,7 @@ class PerLeg(PointCause):
 
         A participating leg is expected to have an effect of the same size as the others.
         """
-        parameters, concerned = self.parameters(legs), self.concerned(legs)
+        parameters, concerned = self.parameters(legs), self.leg_numbers(legs)
         scale = np.array([parameter.scale for parameter in parameters])
         values, covariance = values / scale, covariance / np.outer(scale, scale)
         leg_of = np.array([int(parameter.name.rpartition("_")[2]) for parameter in parameters])
@@ -99,18 +104,18 @@ class SharedOrPerLeg(PerLeg):
 
     def candidates(self, scene: PointScene) -> Sequence[Self]:
         """Return one candidate for all legs alike, every single leg and every pair."""
-        return [replace(self, legs=chosen) for chosen in self._chosen(scene)]
+        return [replace(self, legs=chosen) for chosen in self._leg_choices(scene)]
 
     def prior(self, scene: PointScene) -> float:
         """Return the share of this choice of legs: all alike is more probable than a single one, a single one than a
         pair."""
-        sizes = [len(chosen) for chosen in self._chosen(scene)]
+        sizes = [len(chosen) for chosen in self._leg_choices(scene)]
         offered = sum(_SHARE_OF_LEGS[size] for size in set(sizes))
         return _SHARE_OF_LEGS[len(self.legs)] / offered / sizes.count(len(self.legs))
 
-    def alike(self, legs: int) -> tuple[int, ...]:
+    def like_sized(self, legs: int) -> tuple[int, ...]:
         """Return the parameters of the legs, if each has its own."""
-        return super().alike(legs) if self.legs else ()
+        return super().like_sized(legs) if self.legs else ()
 
     def narrowed(self, values: NDArray, covariance: NDArray, legs: int) -> Self:
         """Return the cause without legs of zero effect; unchanged for all legs alike."""
@@ -125,7 +130,7 @@ class SharedOrPerLeg(PerLeg):
         """Return values (..., L) of each leg as derivatives (..., L, P) by the parameters."""
         return self.spread(values) if self.legs else values[..., None]
 
-    def _chosen(self, scene: PointScene) -> list[tuple[int, ...]]:
+    def _leg_choices(self, scene: PointScene) -> list[tuple[int, ...]]:
         """Return the choices of legs: all of them (empty), single ones, pairs."""
         return choices(scene.legs, len(_SHARE_OF_LEGS) - 1)
 

@@ -73,7 +73,12 @@ class ApproachScatter(PointCause):
         """Legs of the actuators, or the body."""
         return self.body or " ".join(f"leg{leg}" for leg in self.legs)
 
-    def lacks(self, scene: PointScene) -> Missing | None:
+    @property
+    def concerns_several(self) -> bool:
+        """True for several single actuators."""
+        return not self.body and len(self.legs) > 1
+
+    def missing_input(self, scene: PointScene) -> Missing | None:
         """Return the missing input: poses or, without a mechanism, a body that stands still."""
         return Missing.POSES if scene.legs or scene.still else Missing.STILL
 

@@ -122,16 +122,16 @@ class TargetMoved(PointCause):
             turned = self._arms[0] @ np.swapaxes(exp_so3(values[3:]), -1, -2)
             shift = np.broadcast_to(np.eye(3), (len(turned), 3, 3))
             slope = np.concatenate([shift, -skew(turned) @ left_jacobian_so3(values[3:])], -1)
-        return Change(self._moved(state, slope), slope.shape[-1])
+        return Change(self._moved_at_target(state, slope), slope.shape[-1])
 
     def shift(self, state: State, values: NDArray) -> dict[str, NDArray]:
         """Return the displacement (B, K, 3) of the targets; a marker may turn by any angle."""
         if not self.corners:
             return super().shift(state, values)
         arms = self._arms[0]
-        return self._moved(state, arms @ np.swapaxes(exp_so3(values[3:]), -1, -2) - arms + values[:3])
+        return self._moved_at_target(state, arms @ np.swapaxes(exp_so3(values[3:]), -1, -2) - arms + values[:3])
 
-    def _moved(self, state: State, by: NDArray) -> dict[str, NDArray]:
+    def _moved_at_target(self, state: State, by: NDArray) -> dict[str, NDArray]:
         """Return ``moved`` (B, K, ...), equal to ``by`` (n, ...) at the target or corners from the pose on.
 
         Empty if the state has none of these targets.
@@ -169,6 +169,11 @@ class TargetsSwapped(PointCause):
     def subject(self) -> str:
         """The two targets."""
         return f"targets {' '.join(self.targets)}"
+
+    @property
+    def concerns_several(self) -> bool:
+        """True: two targets are exchanged."""
+        return True
 
     def candidates(self, scene: PointScene) -> Sequence[TargetsSwapped]:
         """Return none: exchanged labels are found among the measured points, before any fit."""

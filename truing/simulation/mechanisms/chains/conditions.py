@@ -50,7 +50,7 @@ class ChainConditions:
     input_factor: NDArray | None = None
     deviations: NDArray | None = None
 
-    def chosen(self, own: Mask) -> ChainConditions:
+    def subset(self, own: Mask) -> ChainConditions:
         """Return the conditions of some poses."""
         return replace(
             self,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Parameter, Step
-from truing.simulation.inputs import ORDER, TEMPERATURE, TIME, middle_and_half, varying
+from truing.simulation.inputs import ORDER, TEMPERATURE, TIME, middle_and_half, varying_columns
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
 from truing.simulation.mechanisms.chains.conditions import ChainInputs, usual_range
 from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, dependence
@@ -55,7 +55,7 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
     def candidates(self, scene: ChainScene) -> Sequence[NonparametricChainEffect]:
         """Return all dependences of all joints that moved, and of the base, for which there are enough poses."""
         machine = scene.inputs_of_machine
-        columns = varying(scene.covariates)
+        columns = varying_columns(scene.covariates)
         found: list[NonparametricChainEffect] = []
         for k, name in enumerate(machine.tree.readings):
             if np.ptp(machine.readings[:, k]) > 0.0:

@@ -80,7 +80,7 @@ class LegBodies:
         single = isinstance(structure, KinematicModel) or structure.name == "beam"
         return single and machine.legs.closure.one_body
 
-    def carry(self, values: NDArray, deviation: NDArray, closing: Closing, joints: Joints) -> LegEndClosing:
+    def with_end_closures(self, values: NDArray, deviation: NDArray, closing: Closing, joints: Joints) -> LegEndClosing:
         """Replace the closure equations of these legs by the conditions at their ends: six per leg, after the other
         equations.
 
@@ -88,9 +88,9 @@ class LegBodies:
         """
         parts = deviation.reshape(*deviation.shape[:-1], len(self.leg), 6)
         R, turn = exp_so3(parts[..., 3:]) @ self.R, left_jacobian_so3(parts[..., 3:])
-        c, w, slope = self._seats(values)
+        c, w, slope = self._seats_on_legs(values)
         length, length_slope = joints.lengths(closing)
-        along, near = _turned(R, w), _turned(R, c)
+        along, near = _rotated(R, w), _rotated(R, c)
         far = near + length[..., None] * along
         origin = self.t + parts[..., :3]
         value = np.stack([near + origin - joints.lower, far + origin - joints.upper], -2)
@@ -103,7 +103,7 @@ class LegBodies:
         """Return the axes (K, 2) of the two smallest components of the expected directions."""
         return np.sort(np.argsort(np.abs(self.w), -1, kind="stable")[:, :2], -1)
 
-    def _seats(self, values: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    def _seats_on_legs(self, values: NDArray) -> tuple[NDArray, NDArray, NDArray]:
         """Return c0 and w (..., K, 3) at values (..., 5 K), and dw (..., K, 3, 2) by its two components."""
         parts = values.reshape(*values.shape[:-1], len(self.leg), _OWN)
         free = np.eye(3)[self._free()]
@@ -152,13 +152,13 @@ def seated(legs: Legs, p: NDArray, R: NDArray, rho: NDArray, measured: LegPoses)
     turned = np.where(measured.seen[..., None, None], measured.R, shortest_turn(z[first], z) @ measured.R[first])
     back = np.swapaxes(turned, -1, -2)
     weight = measured.seen / measured.seen.sum(0)
-    c = np.einsum("bk,bki->ki", weight, _turned(back, lower - np.where(measured.seen[..., None], measured.t, 0.0)))
-    w = unit(np.einsum("bk,bki->ki", weight, _turned(back, z)))
-    t = np.where(measured.seen[..., None], measured.t, lower - _turned(turned, c))
+    c = np.einsum("bk,bki->ki", weight, _rotated(back, lower - np.where(measured.seen[..., None], measured.t, 0.0)))
+    w = unit(np.einsum("bk,bki->ki", weight, _rotated(back, z)))
+    t = np.where(measured.seen[..., None], measured.t, lower - _rotated(turned, c))
     return LegBodies(measured.leg, turned, t, c, w)
 
 
-def _turned(R: NDArray, v: NDArray) -> NDArray:
+def _rotated(R: NDArray, v: NDArray) -> NDArray:
     return (R @ v[..., None])[..., 0]
 
 

@@ -188,17 +188,17 @@ class BeamModel:
         Raises ValueError if the model does not fit the machine.
         """
         reference, legs = reference_pose(machine.legs), machine.legs
-        bend = bent(self.distance, machine, reference, p, R, rho)
+        bend = flexure_bending(self.distance, machine, reference, p, R, rho)
         by_twist = -closure_rows(legs, R, bend.pull, machine.delta_bz(rho))
         by_twist[..., 3:] += bend.b.by_cosine[..., None] * np.cross(bend.turned, bend.z)
         driven = Change({"rho": np.eye(legs.count), "delta_bz": machine.deformation}, legs.count)
-        by_rho = _moved(legs, R, rho, bend, driven)
-        by_parameter = _moved(legs, R, rho, bend, shifting(machine, rho, change))
+        by_rho = _joint_derivative(legs, R, rho, bend, driven)
+        by_parameter = _joint_derivative(legs, R, rho, bend, shifting(machine, rho, change))
         by_parameter = by_parameter + _by_nominal_flexures(legs, reference, R, bend, change)
         return Closing(bend.value, by_twist, by_rho, by_parameter)
 
 
-def bent(
+def flexure_bending(
     distance: BendLaw, machine: Machine, reference: ReferencePose, p: NDArray, R: NDArray, rho: NDArray
 ) -> LegBending:
     """Return the bending of the flexures at poses p (B, 3), R (B, 3, 3) and readings rho (B, L), m.
@@ -218,7 +218,7 @@ def bent(
     return LegBending(value, z, turned, a, b, z - sideways / apart[..., None])
 
 
-def _moved(legs: Legs, R: NDArray, rho: NDArray, bend: LegBending, change: Change) -> NDArray:
+def _joint_derivative(legs: Legs, R: NDArray, rho: NDArray, bend: LegBending, change: Change) -> NDArray:
     """Return the derivative (B, L, P) of the residual by joints and lengths, at fixed directions of straight
     flexures."""
     apart = attachment_change(legs, R, change) - legs.closure.lower_change(legs, rho, change)

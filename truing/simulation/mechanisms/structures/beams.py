@@ -33,17 +33,17 @@ def section(diameter_m: float, youngs_pa: float, poisson: float) -> BeamSection:
 def element_stiffness(length: NDArray, beam: BeamSection) -> NDArray:
     """Return K (..., 12, 12) of beams of lengths (...), m."""
     k1, k2, k3 = beam.bending, beam.axial, beam.torsion
-    share = np.stack([k2 / length, k3 / length, *_bent(k1, length)], -1)
+    share = np.stack([k2 / length, k3 / length, *_bending_stiffness(k1, length)], -1)
     return np.tensordot(share, _PATTERNS, 1)
 
 
 def element_change(length: NDArray, beam: BeamSection) -> NDArray:
     """Return the derivatives (..., 4, 12, 12) of K by length and by bending, axial and torsion stiffness."""
     k1, k2, k3, zero, one = beam.bending, beam.axial, beam.torsion, 0.0 * length, 1.0 + 0.0 * length
-    turn, couple, shear = _bent(k1, length)
+    turn, couple, shear = _bending_stiffness(k1, length)
     rows = (
         (-k2 / length**2, -k3 / length**2, -turn / length, -2 * couple / length, -3 * shear / length),
-        (zero, zero, *_bent(one, length)),
+        (zero, zero, *_bending_stiffness(one, length)),
         (one / length, zero, zero, zero, zero),
         (zero, one / length, zero, zero, zero),
     )
@@ -51,7 +51,7 @@ def element_change(length: NDArray, beam: BeamSection) -> NDArray:
     return np.tensordot(share, _PATTERNS, 1)
 
 
-def _bent(k1: NDArray | float, length: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+def _bending_stiffness(k1: NDArray | float, length: NDArray) -> tuple[NDArray, NDArray, NDArray]:
     """Return the bending stiffness between rotations, between rotation and shift, and between shifts."""
     return 2 * k1 / length, 6 * k1 / length**2, 12 * k1 / length**3
 
@@ -60,17 +60,17 @@ def _patterns() -> NDArray:
     """Return the patterns (5, 12, 12) of a beam's stiffnesses in K: axial, torsion, turn, couple, shear."""
     axial, torsion, turn, couple, shear = patterns = np.zeros((5, 12, 12))
     apart = np.array([[1.0, -1.0], [-1.0, 1.0]])
-    _fill(axial, (0, 6), apart)
-    _fill(torsion, (3, 9), apart)
+    _write_block(axial, (0, 6), apart)
+    _write_block(torsion, (3, 9), apart)
     for shift, angle, sign in ((1, 5, 1.0), (2, 4, -1.0)):  # a shift along y bends about z, one along z about -y
-        _fill(shear, (shift, shift + 6), apart)
-        _fill(turn, (angle, angle + 6), np.array([[2.0, 1.0], [1.0, 2.0]]))
+        _write_block(shear, (shift, shift + 6), apart)
+        _write_block(turn, (angle, angle + 6), np.array([[2.0, 1.0], [1.0, 2.0]]))
         couple[np.ix_((shift, shift + 6), (angle, angle + 6))] = sign * np.array([[1.0, 1.0], [-1.0, -1.0]])
     couple += couple.T
     return patterns
 
 
-def _fill(pattern: NDArray, places: tuple[int, int], block: NDArray) -> None:
+def _write_block(pattern: NDArray, places: tuple[int, int], block: NDArray) -> None:
     pattern[np.ix_(places, places)] = block
 
 

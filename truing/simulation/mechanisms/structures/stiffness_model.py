@@ -147,7 +147,7 @@ def balance(machine: Machine, rest: ReferenceLegs, p: NDArray, R: NDArray, rho: 
     moved = rho - machine.legs.rho0
     missing = _total(arm, _loads(rest, shift, theta, moved)[1]) - machine.load
     pushed = -np.einsum("...lij,...lj->...li", rest.stiffness[..., :3], rest.drive)
-    inverse = np.linalg.inv(np.swapaxes(_carried(arm, pushed), -1, -2))
+    inverse = np.linalg.inv(np.swapaxes(_about_origin(arm, pushed), -1, -2))
     excess = np.einsum("...ij,...j->...i", inverse, missing)
     strain, load = _loads(rest, shift, theta, moved - excess)
     return Balance(arm, theta, inverse, excess, moved - excess, strain, load)
@@ -176,10 +176,10 @@ def _loads(rest: ReferenceLegs, shift: NDArray, theta: NDArray, moved: NDArray) 
 
 
 def _total(arm: NDArray, load: NDArray) -> NDArray:
-    return _carried(arm, load).sum(-2)
+    return _about_origin(arm, load).sum(-2)
 
 
-def _carried(arm: NDArray, load: NDArray) -> NDArray:
+def _about_origin(arm: NDArray, load: NDArray) -> NDArray:
     """Return wrenches (B, L, 6) at arms (B, L, 3) as wrenches about the platform's origin: M P (eq. 19)."""
     force, moment = np.broadcast_arrays(load[..., :3], arm)[0], load[..., 3:]
     return np.concatenate([force, moment + np.cross(arm, force)], -1)

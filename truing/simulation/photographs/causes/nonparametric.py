@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.simulation.inputs import ORDER, TEMPERATURE, TIME, middle_and_half, varying
+from truing.simulation.inputs import ORDER, TEMPERATURE, TIME, middle_and_half, varying_columns
 from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, dependence
 from truing.simulation.photographs.causes.ray_causes import RayCause, RayScene, at_numbers
 from truing.simulation.photographs.ray_poses import BAR, CAMERA, RayPoses
@@ -43,7 +43,7 @@ class NonparametricRayEffect(NonparametricEffect[RayScene], RayCause):
     def candidates(self, scene: RayScene) -> Sequence[NonparametricRayEffect]:
         """Return all dependences of each parameter for which there are enough poses."""
         rays = scene.rays
-        columns = varying(rays.covariates)
+        columns = varying_columns(rays.covariates)
         ranges = {column: middle_and_half(values) for column, values in columns.items()}
         found: list[NonparametricRayEffect] = []
         for place, number in enumerate(rays.parameters):

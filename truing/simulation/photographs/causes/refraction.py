@@ -116,10 +116,10 @@ class EvenAir(PointCause):
 
         The horizontal origin of x is arbitrary: another one adds only a motion of the whole.
         """
-        return Change({"points": _bent(state.points, self.scale_height_m)[..., None]}, 1)
+        return Change({"points": _ray_displacement(state.points, self.scale_height_m)[..., None]}, 1)
 
 
-def _bent(points: NDArray, scale_height_m: float) -> NDArray:
+def _ray_displacement(points: NDArray, scale_height_m: float) -> NDArray:
     """Return the displacement (B, K, 3) of points (B, K, 3) per gradient."""
     arms = points - points.mean(1, keepdims=True)
     arms[..., 2] = points[..., 2] - scale_height_m

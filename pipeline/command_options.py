@@ -1,0 +1,218 @@
+"""Arguments and options of the command line, one type each."""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class QaGate(StrEnum):
+    """Effect of a failed quality check on the exit code."""
+
+    WARN = "warn"
+    FAIL = "fail"
+
+
+class SearchMethod(StrEnum):
+    """Search method of `design`."""
+
+    EXCHANGE = "exchange"
+    DIRECT = "direct"
+    IOOPS = "ioops"
+    RANDOM = "random"
+
+
+class SearchLimits(StrEnum):
+    """Limits on the configurations of `design`."""
+
+    WORKSPACE = "workspace"
+    ACTUATORS = "actuators"
+
+
+Campaigns = Annotated[list[Path], typer.Argument(metavar="CAMPAIGN", help="Folders with a campaign.toml.")]
+OneCampaign = Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="Folder with a campaign.toml.")]
+RunFolder = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Folder of the run; default: runs/<campaign name>.")
+]
+OutTable = Annotated[
+    Path | None, typer.Option("--out", metavar="FILE", help="A .csv or .parquet file; default: CSV on stdout.")
+]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of the random numbers.")]
+Gate = Annotated[QaGate, typer.Option("--qa", help="fail: a failed quality check gives exit code 3; warn: it gives 0.")]
+ReadAnew = Annotated[
+    bool, typer.Option("--check", help="Read every file again, even if its size, time and inode are unchanged.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Print only problems.")]
+Workers = Annotated[
+    int | None, typer.Option("--workers", min=1, max=1000, metavar="N", help="Number of parallel processes.")
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler", metavar="ADDRESS", help="Dask scheduler, tcp://host:port; local: start one for this call."
+    ),
+]
+
+# `truing run`.
+RunFirst = Annotated[
+    str | None, typer.Option("--from", metavar="STAGE", help="Run this stage and all later stages again.")
+]
+RunOnly = Annotated[
+    str | None, typer.Option("--only", metavar="STAGE", help="Run only this stage and the stages that it needs.")
+]
+RunForce = Annotated[bool, typer.Option("--force", help="Run all stages, even if up to date.")]
+
+# `truing stages`.
+StagesCampaign = Annotated[
+    Path | None, typer.Argument(metavar="CAMPAIGN", help="Folder with a campaign.toml; absent: list all stages.")
+]
+
+# `truing init`.
+InitFolder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder with raw files and without campaign.toml.")]
+InitEveryKey = Annotated[bool, typer.Option("--all", help="Write all keys, with explanations.")]
+
+# `truing predict`.
+PredictModel = Annotated[
+    Path, typer.Argument(metavar="MODEL", help="Folder of a run, or its model.toml or sensor.toml.")
+]
+PredictInputs = Annotated[
+    Path,
+    typer.Argument(
+        metavar="INPUTS",
+        help="Table of configurations, load steps, commands or signals, .csv or .parquet; or the folder of a "
+        "second campaign of the same machine.",
+    ),
+]
+
+# `truing design`.
+DesignPoses = Annotated[int, typer.Option("--poses", min=1, max=1000, help="Number of configurations to choose.")]
+DesignVerification = Annotated[
+    int, typer.Option("--verification", min=0, max=1000, help="Number of additional verification poses.")
+]
+DesignExtend = Annotated[
+    Path | None, typer.Option("--extend", metavar="FILE", help="Keep the poses of this table and add others.")
+]
+DesignAvoid = Annotated[
+    Path | None,
+    typer.Option("--avoid", metavar="FILE", help="Table of forbidden regions, one per row: x_min_mm, rho1_max_mm, ..."),
+]
+DesignMethod = Annotated[SearchMethod, typer.Option("--method", help="Search method.")]
+DesignWithin = Annotated[
+    SearchLimits, typer.Option("--within", help="workspace: all limits of [workspace]; actuators: only rho_mm.")
+]
+DesignParameters = Annotated[
+    str,
+    typer.Option(
+        "--parameters",
+        metavar="NAMES",
+        help="Parameters of each leg, such as a_x,b_x,l; default: all identifiable.",
+    ),
+]
+DesignTradeOff = Annotated[
+    float,
+    typer.Option(
+        "--trade-off",
+        min=0.0,
+        max=1.0,
+        help="Order of poses: 0 shortest travel, 1 least correlation of time with poses.",
+    ),
+]
+DesignAtOnce = Annotated[
+    int,
+    typer.Option("--at-once", min=1, max=6, help="Interferometer: number of load components that act together."),
+]
+DesignCauses = Annotated[
+    str,
+    typer.Option(
+        "--causes",
+        metavar="NAMES",
+        help="Interferometer: choose loads that show these causes instead of loads for a calibration.",
+    ),
+]
+DesignAccuracy = Annotated[
+    bool, typer.Option("--accuracy", help="Instead: accuracy of the pose from that of the actuators.")
+]
+DesignUniqueness = Annotated[
+    bool, typer.Option("--uniqueness", help="Instead: proof that readings determine the pose over the workspace.")
+]
+DesignTolerances = Annotated[
+    bool, typer.Option("--tolerances", help="Instead: errors of a force sensor's platform by each tolerance.")
+]
+
+# `truing power`.
+PowerCauses = Annotated[
+    str,
+    typer.Option("--causes", metavar="NAMES", help="Ids of causes, separated by commas; default: the whole catalogue."),
+]
+PowerDraws = Annotated[
+    int, typer.Option("--draws", min=0, max=10000, help="Simulated campaigns per size and effect; 0: theory only.")
+]
+PowerGross = Annotated[float, typer.Option("--gross", min=0.0, max=0.2, help="Share of points with gross errors.")]
+PowerOut = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="FILE", help=".csv or .parquet file; default: runs/<name>/power.parquet."),
+]
+
+# `truing plan`.
+PlanStations = Annotated[int, typer.Option("--stations", min=3, max=200, help="Largest number of photographs.")]
+PlanWanted = Annotated[
+    float | None,
+    typer.Option(
+        "--wanted", metavar="MM", min=1e-6, help="Stop once the standard deviation of every target is below this."
+    ),
+]
+PlanDistance = Annotated[
+    str,
+    typer.Option(
+        "--distance", metavar="MM,MM", help="Nearest and farthest distance of sharp focus; default: no limit."
+    ),
+]
+PlanElevation = Annotated[
+    str,
+    typer.Option("--elevation", metavar="DEG,DEG", help="Lowest and highest elevation of stations above the xy-plane."),
+]
+PlanIncidence = Annotated[
+    float, typer.Option("--incidence", min=1.0, max=89.0, help="Largest angle from a target's normal, degrees.")
+]
+PlanLeast = Annotated[float, typer.Option("--least", min=0.0, max=1000.0, help="Smallest image of a target, pixels.")]
+PlanDirections = Annotated[int, typer.Option("--directions", min=8, max=500, help="Number of directions to try.")]
+PlanCamera = Annotated[
+    str | None, typer.Option("--camera", metavar="NAME", help="Name of the camera, if the campaign has several.")
+]
+PlanRun = Annotated[
+    Path | None,
+    typer.Option("--run", metavar="RUN", help="Run folder from which to take the adjusted camera and its noise."),
+]
+PlanNormals = Annotated[
+    Path | None,
+    typer.Option(
+        "--normals", metavar="FILE", help="Table of target normals: body, target, normal_x, normal_y, normal_z."
+    ),
+]
+PlanOut = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="FILE", help=".csv or .parquet file; default: runs/<name>/plan.csv."),
+]
+
+# `truing export`.
+ExportRun = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run, such as runs/telescope.")]
+ExportTo = Annotated[
+    str,
+    typer.Option(
+        "--to",
+        metavar="FORMS",
+        help="csv, xlsx, json, controller (default: these four), urdf or dcc, separated by commas.",
+    ),
+]
+ExportOut = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Output folder; default: RUN/exports.")]
+ExportCampaign = Annotated[
+    Path | None, typer.Option("--campaign", metavar="CAMPAIGN", help="For dcc: folder with campaign.toml.")
+]
+
+# `truing compare`.
+CompareRuns = Annotated[list[Path], typer.Argument(metavar="RUN RUN...", help="Folders of runs, in order of time.")]
+CompareOut = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="DIR", help="Output folder; default: comparison, next to the first run."),
+]
