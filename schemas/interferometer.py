@@ -79,7 +79,7 @@ class Growth(Section):
     expansion_sigma_per_k: NotNegative = Field(0.0, description="standard deviation of the expansion")
 
 
-class AxisGrowth(Section):
+class MaterialGrowth(Section):
     """Thermal expansion of a positioned axis."""
 
     expansion_per_k: Expansion = Field(description="expansion of the material")
@@ -92,7 +92,7 @@ class Material(Section):
     dx: Growth | None = Field(None, description="channel dx")
     dy: Growth | None = Field(None, description="channel dy")
     dz: Growth | None = Field(None, description="channel dz")
-    axis: AxisGrowth | None = Field(None, description="positioning runs")
+    axis: MaterialGrowth | None = Field(None, description="positioning runs")
 
 
 class SurroundingsSigma(Section):

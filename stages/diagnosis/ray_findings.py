@@ -138,17 +138,17 @@ def with_shared_errors(
     photographed = Photographed(rays.common.shape[-1], 0 if errors is None else MOST_PATTERNS, rays.bars)
     names = list(zip(dataset.model.targets.bodies, dataset.model.targets.names, strict=True))
 
-    def told(poses: Epochs | None) -> Epochs | None:
+    def with_errors(poses: Epochs | None) -> Epochs | None:
         if poses is None:
             return None
         rows = np.array([[row.get((pose, *name), -1) for name in names] for pose in poses.conditions.poses], int)
         return points_with_shared_errors(poses, np.where(poses.measured.seen, rows, -1), common, errors)
 
-    calibration = told(dataset.calibration)
+    calibration = with_errors(dataset.calibration)
     assert calibration is not None
     photographed = replace(photographed, scale_height_m=scale_height(tables, calibration))
     model = replace(dataset.model.at(calibration.conditions), photographed=photographed)
-    return replace(dataset, model=model, calibration=calibration, held_out=told(dataset.held_out))
+    return replace(dataset, model=model, calibration=calibration, held_out=with_errors(dataset.held_out))
 
 
 def _keys(table: pa.Table) -> list[tuple[Any, str]]:
