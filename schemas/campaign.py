@@ -88,7 +88,7 @@ class Campaign(Section):
     campaign: CampaignSection
     mechanism: Annotated[Mechanism, BeforeValidator(_typed)] = NoMechanism()
     loading: Loading = Loading()
-    external_load: ExternalLoad = ExternalLoad()
+    load: ExternalLoad = ExternalLoad()
     interferometer: Interferometer = Interferometer()
     signals: Signals = Signals()
     photographs: Photographs = Photographs()

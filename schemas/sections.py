@@ -274,7 +274,7 @@ class Measurement(Section):
 
 
 class ExternalLoad(Section):
-    """[external_load]: load on the platform of a legged mechanism, besides the weight of its payload."""
+    """[load]: load on the platform of a legged mechanism, besides the weight of its payload."""
 
     force_n: Vector = Field(
         (0.0, 0.0, 0.0),

@@ -45,7 +45,7 @@ DECLARATION = Stage(
         *("noise.point_mm", "noise.actuator_mm", "noise.signal_mv", "noise.load_n", "noise.load_nm"),
         *(
             "mechanism.stiffness_along_motion",
-            "external_load",
+            "load",
             "measurement.up",
             "mechanism.payload_kg",
             "mechanism.payload_com_mm",

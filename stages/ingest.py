@@ -36,7 +36,7 @@ DECLARATION = Stage(
     ),
     settings=(
         *("campaign.kind", "campaign.drives", "mechanism.type", "mechanism.legs", "mechanism.model"),
-        *("mechanism.flexure", "mechanism.leg_tube", "external_load"),
+        *("mechanism.flexure", "mechanism.leg_tube", "load"),
         *(
             "mechanism.height_mm",
             "mechanism.elements",

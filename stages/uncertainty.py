@@ -33,7 +33,7 @@ DECLARATION = Stage(
         "signals",
         "noise",
         "calibration",
-        "external_load",
+        "load",
         "measurement.up",
         "exclude",
         "keep",

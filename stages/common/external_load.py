@@ -31,7 +31,7 @@ def weight_of(section: LeggedMechanism, settings: Campaign) -> Weight | None:
 def external_loads(settings: Campaign, configurations: pa.Table, R: Array) -> Array | None:
     """Wrenches (B, 6) on the platform at its origin, base axes, N and N m, one per row of configurations; None without
     any. R (B, 3, 3): measured rotations of the platform."""
-    names, given = configurations.column_names, settings.external_load.wrench
+    names, given = configurations.column_names, settings.load.wrench
     section = cast("LeggedMechanism", settings.mechanism)
     found = np.zeros((len(R), 6))
     for k, name in enumerate(WRENCH):

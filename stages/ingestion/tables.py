@@ -76,8 +76,8 @@ def _check_loads(found: CollectedRows, log: FaultLog, settings: Any) -> None:
             if name in found.table.column_names:
                 expected = "a load in every row; 0 where there is none"
                 found.fault(log, ~np.isfinite(numbers(found, name)), name, expected)
-    elif any((*settings.external_load.force_n, *settings.external_load.torque_nm)):
-        log.add(Fault("campaign.toml", _ELASTIC, column="external_load"))
+    elif any((*settings.load.force_n, *settings.load.torque_nm)):
+        log.add(Fault("campaign.toml", _ELASTIC, column="load"))
 
 
 def with_role_and_time(table: pa.Table) -> pa.Table:

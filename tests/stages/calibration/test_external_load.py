@@ -34,7 +34,7 @@ def _loads(folder: Path) -> np.ndarray | None:
 
 def test_columns_have_precedence_over_keys_and_the_payload_adds(tmp_path: Path) -> None:
     assert _loads(_campaign(tmp_path / "none")) is None
-    text = "\n[external_load]\nforce_n = [1.0, 2.0, 3.0]\ntorque_nm = [0.0, 0.0, 4.0]\n"
+    text = "\n[load]\nforce_n = [1.0, 2.0, 3.0]\ntorque_nm = [0.0, 0.0, 4.0]\n"
     keys = _loads(_campaign(tmp_path / "keys", text))
     assert keys is not None
     assert (keys == [1.0, 2.0, 3.0, 0.0, 0.0, 4.0]).all()
@@ -68,10 +68,10 @@ def test_an_empty_cell_of_a_load_is_a_fault(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("lacking", ["flexure", "leg_tube"])
 def test_a_load_on_legs_of_unknown_stiffness_is_a_fault(tmp_path: Path, lacking: str) -> None:
-    folder = _campaign(tmp_path / "c", "\n[external_load]\nforce_n = [0.0, 0.0, -10.0]\n")
+    folder = _campaign(tmp_path / "c", "\n[load]\nforce_n = [0.0, 0.0, -10.0]\n")
     run_line(folder, "ingest")
     settings = (folder / "campaign.toml").read_text(encoding="utf-8")
     start = settings.index(f"[mechanism.{lacking}]")
     end = settings.index("\n\n", start)
     (folder / "campaign.toml").write_text(settings[:start] + settings[end:], encoding="utf-8")
-    assert_fault(faults_of(lambda: run_line(folder, "ingest")), file="campaign.toml", column="external_load")
+    assert_fault(faults_of(lambda: run_line(folder, "ingest")), file="campaign.toml", column="load")
