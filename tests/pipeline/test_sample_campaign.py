@@ -16,6 +16,8 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner, Result
 
+from tests.blind.generator.arms import draw
+from tests.blind.generator.arms import write as write_arm
 from tests.blind.generator.axis import AxisLayout, record, write
 from tests.blind.generator.schedule import random_moves
 from tests.broken.good import axis
@@ -45,6 +47,19 @@ point_mm = 0.01
 reference = "frame"
 """
 
+PLATES = """
+[measurement]
+frame = "campaign"
+up = [0.0, 0.0, 1.0]
+[mechanism.platform]
+thickness_mm = 20.0
+rigid_radius_mm = 5.0
+youngs_gpa = 70.0
+poisson = 0.3
+density_kg_m3 = 2700.0
+"""
+# Notation and instrument of simulated arms.
+ARMS = (("urdf", "points-campaign"), ("standard", "points-series"), ("screws", "poses"))
 SECOND = """
 [diagnosis]
 judge_on = "../second"
@@ -168,6 +183,10 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
     driven_campaign(folder / "slide", "linear")
     write_campaign(folder / "sensor", *measured(np.random.default_rng(1)), campaign_toml(more=BEAMS + SECOND))
     write_campaign(folder / "second", *measured(np.random.default_rng(2)), campaign_toml(more=BEAMS))
+    write_campaign(folder / "plated", *measured(np.random.default_rng(3)), campaign_toml(more=BEAMS + PLATES))
+    for number, (notation, instrument) in enumerate(ARMS):
+        arm = draw(number, notation=notation, instrument=instrument, causes=(), poses=40)
+        write_arm(arm, folder / f"arm-{notation}")
     views: dict[str, list[SettingsView]] = {}
 
     with pytest.MonkeyPatch.context() as patch:
@@ -189,7 +208,8 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
         parts += [("rays", "pose"), ("barless", "bundle"), ("scaleless", "bundle"), ("pictures", "images")]
         parts += [("poses", "calibrate"), ("axis", "deformation")]
         parts += [("sensor", "qa"), ("sensor", "uncertainty"), ("sensor", "transfer")]
-        parts += [("turntable", "diagnose"), ("slide", "diagnose")]
+        parts += [("turntable", "diagnose"), ("slide", "diagnose"), ("plated", "report")]
+        parts += [(f"arm-{notation}", "diagnose") for notation, _ in ARMS]
         for name, only in (("telescope", None), *parts):
             out = folder / "runs" / name
             code = run_campaign(

@@ -11,7 +11,7 @@ import numpy as np
 
 from tests.blind.generator.arms.draw import ArmCampaign
 from tests.blind.generator.arms.effects import parameters
-from tests.blind.generator.arms.notation import mechanism_lines, urdf
+from tests.blind.generator.arms.notation import half_turn_vector, mechanism_lines, urdf
 from tests.blind.generator.arms.schedule import Schedule
 from tests.blind.generator.arms.transforms import Array
 
@@ -159,11 +159,21 @@ def _distances(campaign: ArmCampaign) -> Lines:
 
 def rotation_columns(turned: Array, style: str, euler: str) -> tuple[list[str], Array]:
     """Columns and values (N, 3 or 4) of rotations (N, 3, 3) in one of the styles."""
-    from scipy.spatial.transform import Rotation
-
-    whole = Rotation.from_matrix(turned)
+    vectors = np.stack([half_turn_vector(own) for own in turned])
     if style == "quaternion":
-        return ["qw", "qx", "qy", "qz"], whole.as_quat()[:, [3, 0, 1, 2]]
+        half = np.linalg.norm(vectors, axis=1, keepdims=True) / 2.0
+        return ["qw", "qx", "qy", "qz"], np.concatenate([np.cos(half), vectors / 2.0 * np.sinc(half / np.pi)], 1)
     if style == "rotation vector":
-        return ["rx_rad", "ry_rad", "rz_rad"], whole.as_rotvec()
-    return ["euler_a_deg", "euler_b_deg", "euler_c_deg"], whole.as_euler(euler, degrees=True)
+        return ["rx_rad", "ry_rad", "rz_rad"], vectors
+    return ["euler_a_deg", "euler_b_deg", "euler_c_deg"], np.degrees(euler_angles(turned, euler))
+
+
+def euler_angles(turned: Array, order: str) -> Array:
+    """Angles (N, 3) of rotations (N, 3, 3): capitals about turned axes, small letters about fixed ones."""
+    R = np.moveaxis(turned, 0, -1)
+    if order == "XYZ":
+        return np.stack([np.arctan2(-R[1, 2], R[2, 2]), np.arcsin(R[0, 2]), np.arctan2(-R[0, 1], R[0, 0])], -1)
+    if order == "ZYZ":
+        return np.stack([np.arctan2(R[1, 2], R[0, 2]), np.arccos(R[2, 2]), np.arctan2(R[2, 1], -R[2, 0])], -1)
+    turns = np.stack([np.arctan2(R[1, 0], R[0, 0]), -np.arcsin(R[2, 0]), np.arctan2(R[2, 1], R[2, 2])], -1)
+    return turns if order == "ZYX" else turns[:, ::-1]
