@@ -38,7 +38,14 @@ def ingest(
     tables: Mapping[str, pa.Table], settings: Any, source: CampaignFiles, log: FaultLog, progress: Progress
 ) -> Outcome:
     """The tables of the campaign, and `joints`; raises CampaignFaults with all faults together."""
-    tree, limits = read_chain(settings, source)
+    try:
+        tree, limits = read_chain(settings, source)
+    except CampaignFaults as error:
+        for fault in error.faults:
+            log.add(fault)
+        ingest_points(tables, settings, source, log, progress)  # for its faults, reported with those of the description
+        log.raise_faults()
+        raise
     outcome = ingest_points(tables, settings, source, log, progress, tuple(tree.links))
     table = outcome.artifacts["configurations"]
     assert isinstance(table, pa.Table)

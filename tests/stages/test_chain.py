@@ -15,12 +15,15 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.blind.generator.arms import draw, write
+from tests.packaging.source_tree import PROJECT
 from tests.runs.test_robot_description import _textbook
+from tests.stages.line import run_line
 from truing.estimation.rotation import exp_so3
 from truing.formats.urdf import read_urdf
 from truing.pipeline.command_line import app
 from truing.runs.comparison.side_by_side import mechanism_of
 from truing.runs.recorded_run import load
+from truing.schemas.faults import CampaignFaults
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
 
 READINGS = ("axis_1_deg", "axis_2_deg", "axis_3_mm", "axis_4_deg")
@@ -183,3 +186,17 @@ def test_a_robot_description_with_macros_names_the_command_that_expands_them(cam
     assert code == 2
     assert "robot.urdf" in output
     assert "xacro robot.urdf.xacro > robot.urdf" in output
+
+
+def test_faults_of_the_description_and_of_a_table_are_reported_together(tmp_path: Path) -> None:
+    campaign = shutil.copytree(PROJECT / "sample_data" / "robot", tmp_path / "robot")
+    settings, table = campaign / "campaign.toml", campaign / "configurations.csv"
+    settings.write_text(settings.read_text().replace('tip = "tool0"', 'tip = "tool9"'))
+    lines = table.read_text().splitlines()
+    cells = lines[4].split(",")
+    lines[4] = ",".join([*cells[:3], "abc", *cells[4:]])
+    table.write_text("\n".join(lines) + "\n")
+    with pytest.raises(CampaignFaults) as raised:
+        run_line(campaign, "ingest")
+    assert {fault.file for fault in raised.value.faults} == {"robot.urdf", "configurations.csv"}
+    assert {fault.value for fault in raised.value.faults} == {"tool9", "abc"}
