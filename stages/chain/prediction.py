@@ -9,8 +9,8 @@ from truing.estimation.rotation import log_so3
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.covariates import own_name
 from truing.schemas.faults import CampaignFaults, Fault
-from truing.simulation.inputs import ORDER, approach, order_in_time
-from truing.simulation.mechanisms.chains.conditions import APPROACH, ChainConditions
+from truing.simulation.inputs import ORDER, order_in_time
+from truing.simulation.mechanisms.chains.conditions import ChainConditions, movements
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain, predict_tip, read_chain
 from truing.simulation.mechanisms.chains.joint_table import joint_column, joint_columns
 from truing.stages.common.chain_tables import joint_readings
@@ -57,7 +57,7 @@ def conditions_of(extended: ExtendedChain, table: pa.Table) -> ChainConditions:
         if field.name not in ("pose", "role") and str(field.type) in ("double", "int64")
     }
     covariates[ORDER] = order_in_time(covariates.get("time_s"), len(table))
-    covariates[APPROACH] = approach(readings, covariates[ORDER], 0.0)
+    covariates |= movements(readings, covariates, np.zeros(readings.shape[1]))
     payload = covariates.get("payload_kg", np.full(len(table), extended.payload_kg))
     return ChainConditions(
         readings,

@@ -14,8 +14,8 @@ from truing.estimation.rigid_poses.points import PosePoints
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3
 from truing.schemas.covariates import column_alias
-from truing.simulation.inputs import ORDER, approach, between_neighbours, order_in_time
-from truing.simulation.mechanisms.chains.conditions import APPROACH, ChainConditions, MeasuredChannels
+from truing.simulation.inputs import ORDER, between_neighbours, order_in_time
+from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels, movements
 from truing.simulation.mechanisms.chains.joint_table import joint_columns
 from truing.simulation.mechanisms.chains.tree import Tree
 from truing.stages.common.chain_tables import payload_of
@@ -169,13 +169,9 @@ def chain_conditions(
         time = None
     if time is not None:
         covariates |= {name: between_neighbours(own, time) for name, own in covariates.items() if name != ORDER}
-    steps = [
-        approach(readings[:, k : k + 1], covariates[ORDER], _MOVED * np.ptp(readings[usable, k]))
-        for k in range(readings.shape[1])
-    ]
-    covariates[APPROACH] = np.concatenate(steps, 1)
+    covariates |= movements(readings, covariates, _MOVED * np.ptp(readings[usable], axis=0))
     return ChainConditions(
-        readings,
+        np.nan_to_num(readings),
         covariates,
         poses,
         _series(settings, table),

@@ -66,6 +66,7 @@ from truing.simulation.mechanisms.chains.causes import (
     LinkGrowth,
 )
 from truing.simulation.mechanisms.chains.nonparametric import NonparametricChainEffect
+from truing.simulation.mechanisms.chains.settling import JointSettling
 from truing.simulation.mechanisms.point_causes import PointCause
 from truing.simulation.photographs.causes.camera_instability import CameraInstability
 from truing.simulation.photographs.causes.nonparametric import NonparametricRayEffect
@@ -138,6 +139,7 @@ OWN_CAUSES_OF_CHAINS: tuple[ChainCause, ...] = (
     JointBacklash(),
     JointEccentricity(),
     JointHarmonic(),
+    JointSettling(),
     JointCompliance(),
     LinkBending(),
     LinkGrowth(),

@@ -30,6 +30,7 @@ class Missing(StrEnum):
     PAYLOAD = "no-payload"
     TILT = "no-tilt"
     WEIGHT = "no-weight"
+    WAITS = "no-waits"
 
 
 GRAVITY_IN = "gravity "  # prefix of a body's name

@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 from truing.report.diagnosis.findings import subject_words
-from truing.report.wordings.claim import Claim, Wording, by_words, largest_of_kind, with_sizes
+from truing.report.wordings.claim import (
+    Claim,
+    Wording,
+    by_words,
+    largest_of_kind,
+    positive,
+    size_in_words,
+    with_sizes,
+)
 
 
 def _whose(claim: Claim) -> str:
@@ -23,6 +31,20 @@ def _gain(claim: Claim) -> str:
 def _backlash(claim: Claim) -> str:
     size, _ = largest_of_kind(claim, "backlash")
     return f"{_whose(claim)} has backlash{by_words(size)}{' to either side' if size else ''}"
+
+
+def _settling(claim: Claim) -> str:
+    named = "share" if claim.fact("form") == "share of the movement" else "lag"
+    size, tau, wait = claim.size(named), claim.size("tau"), claim.size("shortest_wait")
+    text = f"{_whose(claim)} still settles after its movements when it is measured"
+    if size is None or tau is None or wait is None:
+        return text
+    of = " of the movement" if named == "share" else ""
+    short = "short of" if (size.number or 0.0) > 0.0 else "beyond"
+    return (
+        f"{text}: {size_in_words(wait)} after a movement it is {size_in_words(positive(size))}{of} {short} its end, "
+        f"and approaches it with a time constant of {size_in_words(tau)}"
+    )
 
 
 def _compliance(claim: Claim) -> str:
@@ -75,6 +97,11 @@ CHAIN = {
     ),
     "joint-backlash": Wording(
         "joint backlash", _backlash, "Send this joint to the same readings from both sides, ten times each."
+    ),
+    "joint-settling": Wording(
+        "settling of a joint",
+        _settling,
+        "Move this joint alone by a large angle, and measure one target 1, 2, 5, 10, 30 and 60 s after it stops.",
     ),
     "joint-eccentricity": Wording("eccentricity of a joint", _eccentric, _TURNING),
     "joint-harmonic": Wording("harmonic error of a joint", _harmonic, _TURNING),

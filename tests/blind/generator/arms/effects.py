@@ -19,6 +19,7 @@ JOINT_CAUSES = (
     "joint-backlash",
     "joint-eccentricity",
     "joint-harmonic",
+    "joint-settling",
     "joint-compliance",
     "approach-scatter",
 )
@@ -109,6 +110,12 @@ def _of_joint(cause: str, column: int, arm: Arm, schedule: Schedule, rng: np.ran
         shape = angle
     elif cause == "joint-backlash":
         shape = -schedule.approach[:, column]
+    elif cause == "joint-settling":
+        tau = float(rng.uniform(0.2, 0.6) * np.median(schedule.waits))
+        form = str(rng.choice(["share", "lag"]))
+        moved = schedule.steps[:, column]
+        left = np.exp(-schedule.waits / tau)
+        shape, fixed = -(moved if form == "share" else np.sign(moved)) * left, {"tau": tau, "form": form}
     elif cause == "approach-scatter":
         shape = rng.normal(size=len(angle))
     elif cause in ("joint-eccentricity", "joint-harmonic"):
@@ -179,6 +186,9 @@ def parameters(effect: Effect, arm: Arm) -> dict[str, dict[str, float | str]]:
         named = {"sine": (size * np.cos(phase), "rad"), "cosine": (size * np.sin(phase), "rad")}
         if effect.cause == "joint-harmonic":
             named = {"order": (float(fixed["order"]), "1"), "amplitude": (abs(size), "rad"), **named}
+    elif effect.cause == "joint-settling":
+        form = str(fixed["form"])
+        named = {form: (size, "1" if form == "share" else unit), "tau": (float(fixed["tau"]), "s")}
     elif effect.cause == "joint-compliance":
         named = {"compliance": (size, "rad/(N m)")}
     elif effect.cause == "link-bending":

@@ -105,11 +105,13 @@ def _configurations(campaign: ArmCampaign) -> Lines:
     factor = np.where(slides, 1e3, 1.0 if radians else np.degrees(1.0))
     units = np.where(slides, "mm", "rad" if radians else "deg")
     parted = bool(schedule.series[-1]) or bench.instrument.frame == "series"
-    heads = ["pose", "role", "time_s", *(["series"] if parted else [])]
+    waits = any(effect.cause == "joint-settling" for effect in campaign.effects)
+    heads = ["pose", "role", "time_s", *(["since_motion_s"] if waits else []), *(["series"] if parted else [])]
     yield [*heads, *(f"{n}_{u}" for n, u in zip(names, units, strict=True)), "temperature_c"]
     for n, row in enumerate(campaign.readings):
         role = "verification" if schedule.held_out[n] else "calibration"
-        part = [_series(schedule, n)] if parted else []
+        part = [f"{schedule.waits[n]:.2f}"] if waits else []
+        part += [_series(schedule, n)] if parted else []
         values = [f"{value:.8f}" for value in row * factor]
         yield [n + 1, role, f"{schedule.time[n]:.1f}", *part, *values, f"{REFERENCE_C + schedule.warmth[n]:.4f}"]
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tests.blind.generator.arms.arm import Arm
 from tests.blind.generator.arms.transforms import Array
 
+SPEED = 0.6  # rad/s or m/s of the joint that moves farthest
 MOVED = 5.0  # standard deviations of the reading: a smaller step is no movement
 
 
@@ -23,6 +24,17 @@ class Schedule:
     held_out: NDArray[np.bool_]
     series: NDArray[np.int64]
     approach: Array  # (N, K) direction of each joint's last movement
+
+    @property
+    def steps(self) -> Array:
+        """Movement (N, K) of each joint before each pose; none before the first."""
+        return np.diff(self.readings, axis=0, prepend=self.readings[:1])
+
+    @property
+    def waits(self) -> Array:
+        """Seconds (N,) from the end of the movement to the measurement; the arm leaves after each measurement."""
+        passed = np.diff(self.time, prepend=self.time[0] - 60.0)
+        return np.asarray(passed - np.minimum(np.abs(self.steps).max(axis=1) / SPEED, 0.8 * passed))
 
 
 def draw_schedule(arm: Arm, sigmas: Array, rng: np.random.Generator, count: int | None = None) -> Schedule:

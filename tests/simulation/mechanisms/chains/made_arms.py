@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from truing.estimation.rotation import exp_so3
-from truing.simulation.inputs import approach
-from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels
+from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels, movements
 from truing.simulation.mechanisms.chains.model import ChainModel, KnownChain
 from truing.simulation.mechanisms.chains.notations import DenavitHartenberg, tree_of_rows
 from truing.simulation.mechanisms.chains.tree import Tree, geometry_modes
@@ -37,14 +36,15 @@ def campaign(rng: np.random.Generator, poses: int, targets: int = 2, orientation
     turned = np.array([False] * targets + [True] * orientation)
     channels = MeasuredChannels(tuple(names), ("tip",) * len(names), np.full(len(names), 6), turned)
     order = np.arange(poses, dtype=float)
-    came = approach(q, order, 1e-3)
+    waits = 2.0 + 40.0 * (np.arange(poses) * 0.618 % 1.0)
     covariates = {
         "time_s": 60.0 * order,
         "order": order,
         "temperature_c": 20.0 + 3.0 * np.sin(order / 7.0) + 0.02 * order,
-        "approach": came,
+        "since_motion_s": waits,
         **{f"j{k + 1}_deg": np.degrees(q[:, k]) for k in range(5)},
     }
+    covariates |= movements(q, covariates, np.full(5, 1e-3))
     conditions = ChainConditions(
         q,
         covariates,

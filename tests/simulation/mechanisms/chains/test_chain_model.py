@@ -14,7 +14,7 @@ from truing.estimation.rotation import exp_so3
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.inference.selection import CauseDiagnosis, CauseSelection, Settings
 from truing.simulation.catalogue import catalogue_of_chains
-from truing.simulation.cause import Effect
+from truing.simulation.cause import Effect, ReportedParameter
 from truing.simulation.mechanisms.chains.causes import (
     BaseDrift,
     BaseJump,
@@ -29,6 +29,8 @@ from truing.simulation.mechanisms.chains.causes import (
     LinkBending,
     LinkGrowth,
 )
+from truing.simulation.mechanisms.chains.conditions import BETWEEN, movements
+from truing.simulation.mechanisms.chains.settling import SIDE, JointSettling
 
 NOISE_M, NOISE_RAD = 2e-5, 5e-5
 
@@ -38,6 +40,8 @@ EVERY: tuple[ChainCause, ...] = (
     JointBacklash("j2"),
     JointEccentricity("j4"),
     JointHarmonic("j2", order=3),
+    JointSettling("j3", column="since_motion_s", start_s=2.0, tau_s=9.0),
+    JointSettling("j1", form=SIDE, column="time_s", start_s=20.0, tau_s=9.0, free=True),
     JointCompliance("j3", load=20.0),
     LinkGrowth("link2"),
     LinkBending("link2", load=10.0),
@@ -99,9 +103,32 @@ def names(diagnosis: CauseDiagnosis) -> list[tuple[str, str]]:
     return [(v.cause.id, v.cause.subject) for v in diagnosis.verdicts if v.verdict == "found"]
 
 
+def reported(diagnosis: CauseDiagnosis) -> tuple[ReportedParameter, ...]:
+    """Parameters of the only cause found."""
+    (found,) = (verdict for verdict in diagnosis.verdicts if verdict.verdict == "found")
+    return found.cause.reported(found.values, found.covariance, 5)
+
+
 @pytest.mark.parametrize("orientation", [False, True])
 def test_nothing_is_found_in_an_arm_within_its_tolerances(orientation: bool) -> None:
     assert names(diagnosed([], 3, orientation)) == []
+
+
+def test_waits_and_steps_are_those_of_the_movement_before() -> None:
+    readings = np.array([[0.0], [0.5], [0.5], [np.nan], [0.2]])
+    time = np.array([0.0, 10.0, 25.0, 30.0, 70.0])
+    found = movements(readings, {"order": np.arange(5.0), "time_s": time}, np.array([0.1]))
+    assert found["last step"][:, 0].tolist() == [0.0, 0.5, 0.5, 0.0, pytest.approx(-0.3)]
+    assert found[BETWEEN][:, 0].tolist() == [np.inf, 10.0, 25.0, np.inf, 45.0]
+    assert found["approach"][:, 0].tolist() == [1.0, 1.0, 1.0, 1.0, -1.0]
+
+
+def test_settling_needs_waits_that_differ() -> None:
+    model = campaign(np.random.default_rng(1), 30)
+    assert JointSettling().candidates(model.scene)
+    for waits in (np.full(30, 5.0), np.full(30, np.nan)):
+        even = replace(model.conditions, covariates={**model.conditions.covariates, "since_motion_s": waits})
+        assert not JointSettling().candidates(model.at(even).scene)
 
 
 @pytest.mark.parametrize(
@@ -112,6 +139,8 @@ def test_nothing_is_found_in_an_arm_within_its_tolerances(orientation: bool) -> 
         (JointBacklash("j3"), [1.5e-4]),
         (JointEccentricity("j2"), [3e-4, -2e-4]),
         (JointHarmonic("j4", order=3), [2e-4, 2e-4]),
+        (JointSettling("j2", column="since_motion_s", start_s=2.0, tau_s=6.0), [4e-4]),
+        (JointSettling("j3", form=SIDE, column="since_motion_s", start_s=2.0, tau_s=6.0), [-5e-4]),
         (JointCompliance("j2", load=40.0), [8e-6]),
         (LinkGrowth("link2"), [4e-5]),
         (BaseJump(from_pose=30, from_order=30.0), [1e-4, 0, 5e-5, 0, 1e-4, 0]),
@@ -121,3 +150,8 @@ def test_nothing_is_found_in_an_arm_within_its_tolerances(orientation: bool) -> 
 def test_a_clear_effect_is_found_named_and_measured(cause: ChainCause, values: list[float]) -> None:
     diagnosis = diagnosed([Effect(cause, np.array(values, float))], 5)
     assert names(diagnosis) == [(cause.id, cause.subject)]
+    if isinstance(cause, JointSettling):
+        size, tau, wait = reported(diagnosis)
+        hidden = values[0] * np.exp((cause.start_s - wait.value) / cause.tau_s)
+        assert abs(size.value - hidden) < 3.5 * size.sigma < 0.5 * abs(hidden)
+        assert abs(tau.value - cause.tau_s) < 3.5 * tau.sigma < 2.0 * cause.tau_s

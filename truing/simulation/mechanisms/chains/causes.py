@@ -65,6 +65,15 @@ class ChainCause(Cause[ChainScene]):
         """Return the twists (B, N, 6, P) of all nodes per unit of the parameters, SI; None if none moves."""
         return None
 
+    def slopes(self, machine: ChainInputs, values: NDArray) -> NDArray | None:
+        """Return the derivatives (B, N, 6, P) of the twists at values (P,), SI; the twists of a linear cause."""
+        return self.twists(machine)
+
+    def moved(self, machine: ChainInputs, values: NDArray) -> NDArray | None:
+        """Return the twists (B, N, 6) of all nodes at values (P,), SI; None if none moves."""
+        own = self.twists(machine)
+        return None if own is None else own @ values
+
     def shifts(self, machine: ChainInputs) -> NDArray | None:
         """Return the shifts (B, K, 3, P) of targets in their links per unit of the parameters, m; None if none
         moves."""
@@ -108,7 +117,8 @@ class JointCause(ChainCause):
         reading = machine.tree.readings.index(self.joint)
         return machine.on_axis(reading, self.motion(machine, reading))
 
-    def _size(self, name: str) -> Parameter:
+    def size_named(self, name: str) -> Parameter:
+        """Return an angle or a length of plausible size as a parameter."""
         return Parameter(name, "rad", _ANGLE) if self.is_angle else Parameter(name, "mm", _LENGTH, _MM)
 
 
@@ -120,7 +130,7 @@ class JointOffset(JointCause):
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the offset."""
-        return (self._size("offset"),)
+        return (self.size_named("offset"),)
 
     def motion(self, machine: ChainInputs, reading: int) -> NDArray:
         """Return one."""
@@ -161,7 +171,7 @@ class JointBacklash(JointCause):
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return half of the gap."""
-        return (self._size("backlash"),)
+        return (self.size_named("backlash"),)
 
     def motion(self, machine: ChainInputs, reading: int) -> NDArray:
         """Return minus the direction of approach."""

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
-from truing.simulation.inputs import ORDER, TEMPERATURE
+from truing.simulation.inputs import LAST_STEP, ORDER, TEMPERATURE, TIME, approach
 from truing.simulation.mechanisms.chains.tree import Tree
 
 APPROACH = "approach"
+# Seconds since a joint stopped: (B,) as the campaign has it, and (B, n) by the times of the poses.
+SINCE_MOTION, BETWEEN = "since_motion_s", "time since the pose before the last movement"
 # Share of the poses beyond either end of the usual range of an input.
 _BEYOND = 0.01
 
@@ -148,3 +150,29 @@ class ChainInputs:
 def usual_range(values: NDArray) -> Array:
     """Return the ends (2, ...) of the range in which nearly all values (B, ...) lie; a few beyond show no function."""
     return np.asarray(np.quantile(values, (_BEYOND, 1.0 - _BEYOND), axis=0))
+
+
+def movements(readings: NDArray, covariates: Mapping[str, NDArray], least: NDArray) -> dict[str, NDArray]:
+    """Return what readings (B, n) in order of time say of each joint's last movement larger than ``least`` (n,).
+
+    Its direction (B, n), +1 before any; its size (B, n), rad or m, 0 before any; and, where times are known, the
+    seconds (B, n) since the pose before it, infinite before any. Rows with a reading that is not finite are passed
+    over.
+    """
+    order, time = covariates[ORDER], covariates.get(TIME)
+    read = np.flatnonzero(np.isfinite(readings).all(1))
+    found = {APPROACH: np.ones(readings.shape), LAST_STEP: np.zeros(readings.shape)}
+    if time is not None:
+        found[BETWEEN] = np.full(readings.shape, np.inf)
+    own = read[np.argsort(order[read], kind="stable")]
+    if not len(own):
+        return found
+    for k, limit in enumerate(least):
+        found[APPROACH][own, k] = approach(readings[own, k : k + 1], order[own], float(limit))[:, 0]
+    steps = np.diff(readings[own], axis=0, prepend=readings[own][:1])
+    numbers = np.arange(len(own))[:, None]
+    last = np.maximum.accumulate(np.where(np.abs(steps) > least, numbers, 0), axis=0)
+    found[LAST_STEP][own] = np.where(last > 0, np.take_along_axis(steps, last, 0), 0.0)
+    if time is not None:
+        found[BETWEEN][own] = np.where(last > 0, time[own][:, None] - time[own][np.maximum(last - 1, 0)], np.inf)
+    return found

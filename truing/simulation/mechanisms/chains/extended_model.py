@@ -153,10 +153,11 @@ def persistent_twists(extended: ExtendedChain, conditions: ChainConditions) -> t
     twists, slopes = np.tile(extended.twists, (count, 1, 1)), []
     held = replace(machine, conditions=replace(conditions, readings=np.clip(conditions.readings, *extended.measured)))
     for effect in extended.effects:
-        own = effect.cause.twists(held if effect.cause.is_held_beyond else machine)
-        if own is None or not effect.cause.is_persistent:
-            own = np.zeros((count, tree.size, TWIST, len(effect.values)))
-        twists = twists + own @ effect.values
+        at = held if effect.cause.is_held_beyond else machine
+        own, moved = effect.cause.slopes(at, effect.values), effect.cause.moved(at, effect.values)
+        if own is None or moved is None or not effect.cause.is_persistent:
+            own, moved = np.zeros((count, tree.size, TWIST, len(effect.values))), np.zeros(1)
+        twists = twists + moved
         slopes.append(own)
     return twists, slopes
 

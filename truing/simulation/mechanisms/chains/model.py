@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index
 from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, left_jacobian_so3, log_so3
-from truing.simulation.cause import OBSERVED, Effect
+from truing.simulation.cause import OBSERVED
 from truing.simulation.effects_model import EffectsModel, Prediction
 from truing.simulation.inputs import ORDER, ranks
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene, JointsExchanged
@@ -196,8 +196,8 @@ class ChainModel(EffectsModel[ChainCause]):
         if self.local_size:
             found += np.einsum("bh,hni->bni", local * self._input_factor, self._reading_twists)
         for effect in self.effects(shared):
-            if (moved := effect.cause.twists(self.machine)) is not None:
-                found += moved @ effect.values
+            if (moved := effect.cause.moved(self.machine, effect.values)) is not None:
+                found += moved
         return found
 
     def places(self, shared: NDArray) -> Array:
@@ -239,7 +239,7 @@ class ChainModel(EffectsModel[ChainCause]):
         """Return the channels (B, K, 3), m and rad, and derivatives at shared (G,) and local (B, H) unknowns."""
         values, by_twist, by_place = self._measured(shared, local)
         by_local = self._by_local(by_twist)
-        slopes = self._by_shared(by_twist, by_place) if by_shared else None
+        slopes = self._by_shared(by_twist, by_place, shared) if by_shared else None
         return self._prediction(shared, values, slopes, by_local)
 
     def points(self, shared: NDArray, local: NDArray) -> Array:
@@ -273,7 +273,7 @@ class ChainModel(EffectsModel[ChainCause]):
         slopes = np.einsum("bkinc,hnc->bkih", by_twist, self._reading_twists)
         return np.asarray(slopes * self._input_factor[:, None, None])
 
-    def _by_shared(self, by_twist: NDArray, by_place: NDArray) -> Array:
+    def _by_shared(self, by_twist: NDArray, by_place: NDArray, shared: NDArray) -> Array:
         """Return the derivatives (B, K, 3, G) by the shared unknowns."""
         count, channels = by_twist.shape[:2]
         slopes = np.zeros((count, channels, 3, self.shared_size))
@@ -281,7 +281,7 @@ class ChainModel(EffectsModel[ChainCause]):
         slopes[..., self.layout["links"]] = (flat @ self.known.modes.reshape(flat.shape[-1], -1)).reshape(
             count, channels, 3, -1
         )
-        moved = [*self._own_twists(), *((self.layout[e.cause.key], m) for e, m in self._effect_twists())]
+        moved = [*self._own_twists(), *self._effect_twists(shared)]
         for part, own in moved:
             slopes[..., part] += (flat @ own.reshape(len(own), flat.shape[-1], -1)).reshape(count, channels, 3, -1)
         slopes[..., self.layout["shape"]] = by_place @ self.known.shape_modes
@@ -290,13 +290,11 @@ class ChainModel(EffectsModel[ChainCause]):
                 slopes[..., self.layout[cause.key]] += by_place @ shift * self.effect_sigma(cause)
         return slopes
 
-    def _effect_twists(self) -> list[tuple[Effect[ChainCause], NDArray]]:
-        """Return the causes in force with their twists per prior sigma."""
-        found = []
-        for cause in self.causes:
-            if (own := cause.twists(self.machine)) is not None:
-                found.append((Effect(cause, np.zeros(0)), own * self.effect_sigma(cause)))
-        return found
+    def _effect_twists(self, shared: NDArray) -> Iterator[tuple[slice, NDArray]]:
+        """Yield the place of each cause among the unknowns, and its twists (B, N, 6, P) per prior sigma."""
+        for effect in self.effects(shared):
+            if (own := effect.cause.slopes(self.machine, effect.values)) is not None:
+                yield self.layout[effect.cause.key], own * self.effect_sigma(effect.cause)
 
     def rotations(self, shared: NDArray, local: NDArray) -> Array:
         """Return the derivatives (B, K, 3, 3) of the channels by their places in their links."""
