@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field, model_validator
 
 from truing.schemas.mechanism import MechanismSection
-from truing.schemas.section import TYPED, Finite, Name, NotNegative, Path, Section, Vector
+from truing.schemas.section import TYPED, Finite, Name, NotNegative, Path, Positive, Section, Vector
 
 _PARENTS = ("urdf", "dh", "screws")
 
@@ -86,6 +86,10 @@ class ChainMechanism(MechanismSection):
         0.0, description="mass at the tip; a column payload_kg of configurations.csv has precedence"
     )
     payload_com_mm: Vector = Field((0.0, 0.0, 0.0), description="centre of this mass, frame of the tip")
+    gear_orders: dict[Name, tuple[Positive, ...]] = Field(
+        {},
+        description="periods per turn of errors by gears, by joint; for other joints orders up to 200 are searched",
+    )
     tolerance: ChainTolerance = Field(ChainTolerance(), description="prior uncertainty of geometry and joint zeros")
 
     @model_validator(mode="after")

@@ -43,7 +43,8 @@ NOISE_OF_ENCODERS = tuple(f"noise.{name}_{unit}" for name in ("motor", "load", "
 
 # Settings of stages that evaluate points on a chain.
 OF_CHAINS = tuple(
-    f"mechanism.{name}" for name in ("base", "tip", "gravity", "payload_kg", "payload_com_mm", "tolerance")
+    f"mechanism.{name}"
+    for name in ("base", "tip", "gravity", "payload_kg", "payload_com_mm", "tolerance", "gear_orders")
 )
 NOISE_OF_JOINTS = ("noise.joint_deg", "noise.joint_mm")
 

@@ -335,6 +335,7 @@ def _known(
         None if section.gravity is None else np.array(section.gravity, float),
         (tip, np.array(section.payload_com_mm, float) * _MM),
         section.reference_temperature_c,
+        section.gear_orders,
     )
 
 

@@ -51,6 +51,7 @@ def ingest(
     assert isinstance(table, pa.Table)
     _check_columns(tree, table, log)
     _check_series(settings, table, log)
+    _check_gears(settings, tree, log)
     _check_links(tree, outcome.artifacts, log)
     artifacts = {**outcome.artifacts, "joints": tree_table(tree, limits)}
     if source.entries("distances"):
@@ -196,6 +197,15 @@ def _check_links(tree: Tree, artifacts: Mapping[str, Any], log: FaultLog) -> Non
         for body in (body for body in bodies if body not in tree.links):
             hint = did_you_mean(body, list(tree.links)) or f"; there are {', '.join(tree.links)}"
             log.add(Fault(file, f"a link of the chain as body{hint}", column="body", value=body))
+
+
+def _check_gears(settings: Any, tree: Tree, log: FaultLog) -> None:
+    """Note every joint with orders of gears that is read by no column, or slides."""
+    turning = [name for name, turns in zip(tree.readings, tree.is_revolute, strict=True) if turns]
+    for joint in (name for name in settings.mechanism.gear_orders if name not in turning):
+        hint = did_you_mean(joint, turning) or f"; there are {', '.join(turning)}"
+        text = f"a joint that turns and is read{hint}"
+        log.add(Fault("campaign.toml", text, column="mechanism.gear_orders", value=joint))
 
 
 def _check_series(settings: Any, table: pa.Table, log: FaultLog) -> None:

@@ -19,11 +19,10 @@ from truing.simulation.mechanisms.chains.causes import (
     ChainCause,
     ChainScene,
     JointCompliance,
-    JointEccentricity,
     JointGain,
-    JointHarmonic,
     LinkBending,
 )
+from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
 from truing.stages.diagnosis.chain_points import assemble
 from truing.stages.diagnosis.chain_results import text_of_model
 from truing.stages.second_campaign.compared import SecondCampaign

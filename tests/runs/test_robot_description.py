@@ -19,13 +19,12 @@ from truing.simulation.mechanisms.chains.causes import (
     BaseJump,
     ChainCause,
     JointBacklash,
-    JointEccentricity,
     JointGain,
-    JointHarmonic,
     JointOffset,
 )
 from truing.simulation.mechanisms.chains.distances import with_ground
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
+from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
 from truing.simulation.mechanisms.chains.notations import (
     MODIFIED,
     DenavitHartenberg,

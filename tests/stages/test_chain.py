@@ -166,6 +166,12 @@ def _rewritten(campaign: Path, folder: Path, of: str, old: str, new: str) -> Pat
         ("configurations.csv", "axis_3_mm", "axis_3_deg", "axis_3_mm or axis_3_m; joint axis_3 slides"),
         ("points.csv", ",tool0,", ",tool9,", "tool9"),
         ("campaign.toml", 'tip = "tool0"', 'tip = "tool1"', "a link of this file as [mechanism] tip"),
+        (
+            "campaign.toml",
+            "[mechanism.tol",
+            "gear_orders = { axis_3 = [50.0] }\n[mechanism.tol",
+            "a joint that turns and is",
+        ),
         ("campaign.toml", '"axis_4"]', '"axis_5"]', "a joint that moves and mimics no other"),
     ],
 )

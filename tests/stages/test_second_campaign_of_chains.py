@@ -15,8 +15,9 @@ from truing.estimation.rotation import log_so3
 from truing.inference.fitted_model import Fitter
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
-from truing.simulation.mechanisms.chains.causes import JointCompliance, JointEccentricity
+from truing.simulation.mechanisms.chains.causes import JointCompliance
 from truing.simulation.mechanisms.chains.extended_model import persistent_twists, read_chain, write_chain
+from truing.simulation.mechanisms.chains.harmonics import JointEccentricity
 from truing.simulation.mechanisms.chains.notations import DenavitHartenberg, tree_of_rows
 from truing.simulation.mechanisms.chains.tree import Tree, axis_twist
 from truing.stages.chain.prediction import conditions_of

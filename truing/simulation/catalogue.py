@@ -56,15 +56,14 @@ from truing.simulation.mechanisms.chains.causes import (
     ChainTargetMoved,
     JointBacklash,
     JointCompliance,
-    JointEccentricity,
     JointGain,
-    JointHarmonic,
     JointOffset,
     JointScatter,
     JointsExchanged,
     LinkBending,
     LinkGrowth,
 )
+from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
 from truing.simulation.mechanisms.chains.nonparametric import NonparametricChainEffect
 from truing.simulation.mechanisms.chains.settling import JointSettling
 from truing.simulation.mechanisms.point_causes import PointCause

@@ -64,9 +64,18 @@ def _eccentric(claim: Claim) -> str:
     return with_sizes(f"the reading of {_whose(claim)} has an error once per turn", claim)
 
 
+def _order(claim: Claim) -> float | None:
+    """Return the fitted order, or that of the candidate."""
+    size = claim.size("order")
+    order = claim.fact("order") if size is None else size.value
+    return None if order is None else float(order)
+
+
 def _harmonic(claim: Claim) -> str:
-    order = claim.fact("order")
-    times = f"{float(order):.0f} times" if order is not None else "several times"
+    order = _order(claim)
+    times = f"{order:.4g} times" if order is not None else "several times"
+    if claim.fact("aliased"):
+        times += ", or as often as other waves that these readings do not distinguish from it,"
     return with_sizes(f"the motion of {_whose(claim)} has an error {times} per turn", claim)
 
 
@@ -88,6 +97,17 @@ _TURNING = (
     "Move this joint alone through its range in steps of 10 degrees, and measure a target far from its axis. "
     "The error repeats with every turn."
 )
+
+
+def _turning_advice(claim: Claim) -> str:
+    order = _order(claim)
+    step = 10.0 if order is None else min(10.0, 36.0 / order)
+    return (
+        f"Move this joint alone in 40 steps of {step:.2g} degrees, and measure a target far from its axis. "
+        "The error repeats with its period."
+    )
+
+
 CHAIN = {
     "joint-offset": Wording(
         "joint offset", _offset, "Move this joint to its zero mark, and compare its reading with a level or a pin."
@@ -104,7 +124,7 @@ CHAIN = {
         "Move this joint alone by a large angle, and measure one target 1, 2, 5, 10, 30 and 60 s after it stops.",
     ),
     "joint-eccentricity": Wording("eccentricity of a joint", _eccentric, _TURNING),
-    "joint-harmonic": Wording("harmonic error of a joint", _harmonic, _TURNING),
+    "joint-harmonic": Wording("harmonic error of a joint", _harmonic, _turning_advice),
     "joint-compliance": Wording("compliance of a joint", _compliance, _LOADED),
     "link-bending": Wording("bending of a link", _bending, _LOADED),
     "link-growth": Wording("growth of links", _growth, "Repeat the same poses at two temperatures at least 5 K apart."),

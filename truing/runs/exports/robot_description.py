@@ -16,15 +16,12 @@ from truing.estimation.rotation import exp_so3
 from truing.runs.exports.controller import FAR, reasons_for_caution
 from truing.runs.recorded_run import Run
 from truing.schemas.faults import CampaignFaults, Fault
-from truing.simulation.mechanisms.chains.causes import (
-    ChainCause,
-    JointCause,
-    JointEccentricity,
-    JointHarmonic,
-    JointOffset,
-)
+from truing.simulation.cause import Effect
+from truing.simulation.mechanisms.chains.causes import ChainCause, JointCause, JointOffset
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
+from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
 from truing.simulation.mechanisms.chains.joint_table import joint_column
+from truing.simulation.mechanisms.chains.settling import JointSettling
 from truing.simulation.mechanisms.chains.tree import JointKind, Node, Tree, axis_twist
 
 if TYPE_CHECKING:
@@ -33,6 +30,7 @@ if TYPE_CHECKING:
 _OFFSET, _WHOLE = "offset", ("model", "")
 _HEAD = ("joint", "correction", "order", "value", "sigma", "unit", "in_urdf", "caution")
 _MM = 1e-3
+_WITHIN_ORDER = "order_distance"  # column order has it
 _EXACT = 1e-15  # m and rad: a smaller sigma is rounding
 
 
@@ -230,14 +228,28 @@ def _deviations(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> 
     """Yield the parameters of every effect on a joint's motion that no origin of a URDF can express."""
     for effect in model.effects:
         cause = effect.cause
-        if not isinstance(cause, JointCause) or isinstance(cause, JointOffset):
+        if (
+            not isinstance(cause, JointCause)
+            or isinstance(cause, JointOffset | JointSettling)
+            or not cause.is_persistent
+        ):
             continue
-        order = 1 if isinstance(cause, JointEccentricity) else cause.order if isinstance(cause, JointHarmonic) else ""
+        order = _order(effect)
         caution, legs = _caution_of(cause, warned), len(model.tree.readings)
         spread = np.sqrt(np.diag(model.covariance_of(cause)))
         for size, value, sigma in zip(cause.parameters(legs), effect.values, spread, strict=True):
+            if size.name == _WITHIN_ORDER:
+                continue
             numbers = repr(float(value) / size.si), repr(float(sigma) / size.si)
             yield cause.joint, size.name, order, *numbers, size.unit, "no", caution
+
+
+def _order(effect: Effect[ChainCause]) -> str:
+    """Return the order of a harmonic, 1 of an eccentricity; empty for other effects."""
+    if isinstance(effect.cause, JointHarmonic):
+        order = effect.cause.order_at(effect.values)
+        return str(int(order)) if order == int(order) else repr(order)
+    return "1" if isinstance(effect.cause, JointEccentricity) else ""
 
 
 def _caution_of(cause: ChainCause, warned: Mapping[tuple[str, str], str]) -> str:

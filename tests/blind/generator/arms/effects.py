@@ -119,8 +119,10 @@ def _of_joint(cause: str, column: int, arm: Arm, schedule: Schedule, rng: np.ran
     elif cause == "approach-scatter":
         shape = rng.normal(size=len(angle))
     elif cause in ("joint-eccentricity", "joint-harmonic"):
-        order = 1 if cause == "joint-eccentricity" else int(rng.integers(2, 7))
-        shape, fixed = np.sin(order * angle + phase), {"order": float(order), "phase": phase}
+        order = 1.0 if cause == "joint-eccentricity" else float(rng.integers(2, 7))
+        if cause == "joint-harmonic" and rng.random() < 0.5:
+            order = round(float(rng.uniform(20.0, 180.0)), 1)
+        shape, fixed = np.sin(order * angle + phase), {"order": order, "phase": phase}
     return Effect(cause, f"joint {arm.names()[column]}", column, shape, fixed=fixed)
 
 

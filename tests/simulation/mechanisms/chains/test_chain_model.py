@@ -22,14 +22,13 @@ from truing.simulation.mechanisms.chains.causes import (
     ChainTargetMoved,
     JointBacklash,
     JointCompliance,
-    JointEccentricity,
     JointGain,
-    JointHarmonic,
     JointOffset,
     LinkBending,
     LinkGrowth,
 )
 from truing.simulation.mechanisms.chains.conditions import BETWEEN, movements
+from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
 from truing.simulation.mechanisms.chains.settling import SIDE, JointSettling
 
 NOISE_M, NOISE_RAD = 2e-5, 5e-5
@@ -40,6 +39,7 @@ EVERY: tuple[ChainCause, ...] = (
     JointBacklash("j2"),
     JointEccentricity("j4"),
     JointHarmonic("j2", order=3),
+    JointHarmonic("j4", order=50, beside=0.75, free=True),
     JointSettling("j3", column="since_motion_s", start_s=2.0, tau_s=9.0),
     JointSettling("j1", form=SIDE, column="time_s", start_s=20.0, tau_s=9.0, free=True),
     JointCompliance("j3", load=20.0),
@@ -72,10 +72,17 @@ def test_derivatives_are_those_of_the_channels(orientation: bool) -> None:
         assert_close(found.by_local[..., j], slope, atol=1e-9)
 
 
-def diagnosed(effects: Sequence[Effect[ChainCause]], seed: int, orientation: bool = False) -> CauseDiagnosis:
-    """What a search says of a campaign whose geometry and zeros are drawn from their tolerances."""
+def diagnosed(
+    effects: Sequence[Effect[ChainCause]], seed: int, orientation: bool = False, gears: bool = False
+) -> CauseDiagnosis:
+    """What a search says of a campaign whose geometry and zeros are drawn from their tolerances.
+
+    Orders of ``gears`` are searched only where a test is about them, because that takes time.
+    """
     rng = np.random.default_rng(seed)
     model = campaign(rng, 60, 1 if orientation else 2, orientation)
+    if not gears:
+        model = replace(model, known=replace(model.known, gear_orders=dict.fromkeys(model.tree.readings, ())))
     true = model.with_causes([effect.cause for effect in effects])
     shared = rng.normal(size=true.shared_size)
     shared[true.layout["base"]] *= 0.01
@@ -111,7 +118,7 @@ def reported(diagnosis: CauseDiagnosis) -> tuple[ReportedParameter, ...]:
 
 @pytest.mark.parametrize("orientation", [False, True])
 def test_nothing_is_found_in_an_arm_within_its_tolerances(orientation: bool) -> None:
-    assert names(diagnosed([], 3, orientation)) == []
+    assert names(diagnosed([], 3, orientation, gears=True)) == []
 
 
 def test_waits_and_steps_are_those_of_the_movement_before() -> None:
@@ -121,6 +128,37 @@ def test_waits_and_steps_are_those_of_the_movement_before() -> None:
     assert found["last step"][:, 0].tolist() == [0.0, 0.5, 0.5, 0.0, pytest.approx(-0.3)]
     assert found[BETWEEN][:, 0].tolist() == [np.inf, 10.0, 25.0, np.inf, 45.0]
     assert found["approach"][:, 0].tolist() == [1.0, 1.0, 1.0, 1.0, -1.0]
+
+
+def test_a_gear_error_of_any_order_is_found_with_its_order() -> None:
+    hidden = Effect(JointHarmonic("j2", order=73.4), np.array([8e-5, -6e-5]))
+    diagnosis = diagnosed([hidden], 6, gears=True)
+    assert names(diagnosis) == [("joint-harmonic", "joint j2")]
+    sine, cosine, order = reported(diagnosis)
+    assert abs(order.value - 73.4) < 3.5 * order.sigma < 0.4
+    for found, true in zip((sine, cosine), hidden.values, strict=True):
+        assert abs(found.value - true) < 3.5 * found.sigma < 1e-4
+
+
+def test_orders_that_readings_do_not_distinguish_are_said_to_be_open() -> None:
+    model = campaign(np.random.default_rng(2), 80)
+    readings = model.conditions.readings.copy()
+    readings[:, 1] = np.radians(np.arange(80) % 36 * 10.0)
+    model = model.at(replace(model.conditions, readings=readings))
+    found = [cause for cause in JointHarmonic().candidates(model.scene) if cause.joint == "j2"]
+    assert {cause.order for cause in found} == set(range(2, 19))  # 19 periods per turn are 17
+    assert all(cause.aliased and not cause.is_persistent for cause in found)
+    free = [cause for cause in JointHarmonic().candidates(model.scene) if cause.joint == "j4"]
+    assert len(free) > 150
+    assert not any(cause.aliased for cause in free)
+
+
+def test_known_orders_of_gears_replace_the_search() -> None:
+    model = campaign(np.random.default_rng(2), 80)
+    model = replace(model, known=replace(model.known, gear_orders={"j2": (81.5,)}))
+    found = [cause for cause in JointHarmonic().candidates(model.scene) if cause.joint == "j2"]
+    assert {cause.order for cause in found} == {2, 3, 4, 5, 6, 7, 8, 81.5}
+    assert found[-1].refined() == found[-1]
 
 
 def test_settling_needs_waits_that_differ() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truing.inference.model import ChannelCandidates, ScatterCandidate
 from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
 from truing.simulation.inputs import ORDER, TIME, Missing
-from truing.simulation.mechanisms.chains.conditions import ChainInputs, usual_range
+from truing.simulation.mechanisms.chains.conditions import ChainInputs
 
 _ANGLE, _LENGTH = 5e-4, 3e-4  # plausible errors of a joint, rad and m
 _GAIN = 5e-4
@@ -23,7 +23,6 @@ _MM = 1e-3
 _FEWEST, _MOST_ONSETS = 4, 60
 _FEW_ONSETS = 2  # of these, every so many for targets seen by distances
 _FEWEST_POSES = 12  # of a group that may scatter
-HARMONICS = (2, 3, 4, 5, 6, 7, 8)
 
 
 @dataclass(frozen=True)
@@ -181,69 +180,6 @@ class JointBacklash(JointCause):
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return no column: the direction follows from the order of the readings."""
         return ()
-
-
-@dataclass(frozen=True)
-class JointEccentricity(JointCause):
-    """A joint turns by sine x sin(q) + cosine x cos(q) more than it reads, once per turn."""
-
-    id = "joint-eccentricity"
-    reach = 10.0
-    is_held_beyond = True
-
-    def applies(self, machine: ChainInputs) -> bool:
-        """Whether the joint turns."""
-        return self.is_angle
-
-    def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the two amplitudes."""
-        return Parameter("sine", "rad", _ANGLE), Parameter("cosine", "rad", _ANGLE)
-
-    def motion(self, machine: ChainInputs, reading: int) -> NDArray:
-        """Return sine and cosine of the reading."""
-        return _waves(machine.readings[:, reading], 1)
-
-
-@dataclass(frozen=True)
-class JointHarmonic(JointCause):
-    """A joint turns by sine x sin(order q) + cosine x cos(order q) more than it reads: gears, bearings, encoders."""
-
-    order: int = 2
-
-    id = "joint-harmonic"
-    reach = 10.0
-    is_held_beyond = True
-
-    def candidates(self, scene: ChainScene) -> Sequence[Self]:
-        """Return every revolute joint with every order of which nearly all poses cover half a period."""
-        machine = scene.inputs_of_machine
-        found: list[Self] = []
-        for cause in super().candidates(scene):
-            low, high = usual_range(machine.readings[:, machine.tree.readings.index(cause.joint)])
-            travel = float(high - low)
-            found += [replace(cause, order=k) for k in HARMONICS if travel * k >= np.pi]
-        return found
-
-    def applies(self, machine: ChainInputs) -> bool:
-        """Whether the joint turns."""
-        return self.is_angle
-
-    def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the two amplitudes; errors of higher orders are smaller."""
-        scale = _ANGLE / self.order
-        return Parameter("sine", "rad", scale), Parameter("cosine", "rad", scale)
-
-    def motion(self, machine: ChainInputs, reading: int) -> NDArray:
-        """Return sine and cosine of the order times the reading."""
-        return _waves(machine.readings[:, reading], self.order)
-
-    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the amplitudes, and the order."""
-        return (*super().reported(values, covariance, legs), ReportedParameter("order", float(self.order), None, "1"))
-
-
-def _waves(angle: NDArray, order: int) -> NDArray:
-    return np.stack([np.sin(order * angle), np.cos(order * angle)], -1)
 
 
 @dataclass(frozen=True)

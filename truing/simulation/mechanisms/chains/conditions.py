@@ -73,7 +73,7 @@ class ChainInputs:
 
     ``force``, ``moment`` (B, N, 3) are those of weight at each joint's origin, along the axes of its frame, N and N m;
     zero where no mass is known. ``shape`` (K, 3) are the targets in their links, m; ``noisy`` are the readings with
-    noise.
+    noise. ``gear_orders``: known orders of errors by joint, per turn.
     """
 
     tree: Tree
@@ -84,6 +84,7 @@ class ChainInputs:
     reference_temperature_c: float
     shape: NDArray = field(default_factory=lambda: np.zeros((0, 3)))
     noisy: Index = field(default_factory=lambda: np.zeros(0, int))
+    gear_orders: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     @classmethod
     def of(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
 
@@ -34,7 +34,8 @@ class KnownChain:
     prior sigma of each joint's zero, 0 if exact. ``shape`` (K, 3): start values of the channels' places in their
     links; ``shape_modes`` (K, 3, W) their errors per prior sigma, ``shape_known`` (W,) if surveyed. ``tool`` (K, 3, 3):
     start values of the orientations. ``reading_sigma`` (n,): noise of the readings. ``gravity`` (3,): its direction
-    in the base's frame; ``payload``: the node that carries it, and its centre of mass, m.
+    in the base's frame; ``payload``: the node that carries it, and its centre of mass, m. ``gear_orders``: known orders
+    of errors by joint, per turn.
     """
 
     base_R: NDArray
@@ -51,6 +52,7 @@ class KnownChain:
     gravity: NDArray | None = None
     payload: tuple[int, NDArray] = (0, np.zeros(3))
     reference_temperature_c: float = 20.0
+    gear_orders: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -159,7 +161,7 @@ class ChainModel(EffectsModel[ChainCause]):
     def machine(self) -> ChainInputs:
         """What effects may depend on."""
         known = self.known
-        return ChainInputs.of(
+        inputs = ChainInputs.of(
             self.tree,
             self.channels,
             self.own_conditions,
@@ -169,6 +171,7 @@ class ChainModel(EffectsModel[ChainCause]):
             known.shape,
             self.noisy,
         )
+        return replace(inputs, gear_orders=known.gear_orders)
 
     @property
     def scene(self) -> ChainScene:

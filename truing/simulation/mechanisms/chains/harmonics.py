@@ -1,0 +1,177 @@
+"""Causes of an error that repeats with the turn of a joint: eccentricity, and harmonics up to the mesh of gears."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.arrays import Array, Mask
+from truing.simulation.cause import Parameter, ReportedParameter
+from truing.simulation.mechanisms.chains.causes import ChainScene, JointCause
+from truing.simulation.mechanisms.chains.conditions import ChainInputs, usual_range
+
+_PLAUSIBLE, _OF_GEARS = 5e-4, 5e-5  # rad: an error once per turn, and the least of any order
+LOW, HIGHEST = (2, 3, 4, 5, 6, 7, 8), 200
+# Fewest poses for a search above the low orders.
+_FEWEST = 30
+_SEARCHED = 2.0  # prior weight of all searched orders of a joint together, relative to a low one
+# Fewest half periods over the range of the readings: of a low or known order, and of a searched one.
+_HALVES, _HALVES_SEARCHED = 1.0, 4.0
+# Range of a searched order about its candidate, in steps of the search.
+_BESIDE = 0.75
+# Waves count as equal at the readings if the sine of the angle between their spans is below this.
+_ALIKE = 0.2
+_VANISHING = 0.05  # a wave of this rms size at the readings shows nothing
+
+
+@dataclass(frozen=True)
+class JointEccentricity(JointCause):
+    """A joint turns by sine x sin(q) + cosine x cos(q) more than it reads, once per turn."""
+
+    id = "joint-eccentricity"
+    reach = 10.0
+    is_held_beyond = True
+
+    def applies(self, machine: ChainInputs) -> bool:
+        """Whether the joint turns."""
+        return self.is_angle
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the two amplitudes."""
+        return Parameter("sine", "rad", _PLAUSIBLE), Parameter("cosine", "rad", _PLAUSIBLE)
+
+    def motion(self, machine: ChainInputs, reading: int) -> NDArray:
+        """Return sine and cosine of the reading."""
+        return _waves(machine.readings[:, reading], 1.0)
+
+
+@dataclass(frozen=True)
+class JointHarmonic(JointCause):
+    """A joint turns by sine x sin(order q) + cosine x cos(order q) more than it reads: gears, bearings, encoders.
+
+    A searched order lies within ``beside`` of ``order``; if ``free``, its distance is a further parameter, limited by a
+    hyperbolic tangent. If ``aliased``, other orders give the same waves at the readings; the effect then ends with its
+    campaign, because no other reading can be predicted.
+    """
+
+    order: float = 2
+    beside: float = 0.0
+    free: bool = False
+    aliased: bool = False
+
+    id = "joint-harmonic"
+    reach = 10.0
+    is_held_beyond = True
+
+    @property
+    def is_persistent(self) -> bool:
+        """Whether the order is determined."""
+        return not self.aliased
+
+    def candidates(self, scene: ChainScene) -> Sequence[Self]:
+        """Return every revolute joint with every order that its readings distinguish, up to 200.
+
+        Of orders with like waves at the readings, such as those of a joint that stops in equal steps, the lowest
+        stands for all. A joint with known orders of gears, even none, has these and the low ones.
+        """
+        machine = scene.inputs_of_machine
+        found: list[Self] = []
+        for cause in super().candidates(scene):
+            angle = machine.readings[:, machine.tree.readings.index(cause.joint)]
+            for order, beside, aliased in _orders(angle, machine.gear_orders.get(cause.joint)):
+                found.append(replace(cause, order=order, beside=beside, aliased=aliased))
+        return found
+
+    def applies(self, machine: ChainInputs) -> bool:
+        """Whether the joint turns."""
+        return self.is_angle
+
+    def prior(self, scene: ChainScene) -> float:
+        """Return the weight of the order: all searched ones of a joint together have that of two low ones."""
+        return 1.0 if not self.beside else _SEARCHED * self.beside / (_BESIDE * HIGHEST)
+
+    def refined(self) -> Self:
+        """Return the form with a fitted order; unchanged if the order is known or ambiguous."""
+        return replace(self, free=True) if self.beside and not self.aliased else self
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the two amplitudes, errors of higher orders being smaller; then the order's distance if it is free."""
+        scale = max(_PLAUSIBLE / self.order, _OF_GEARS)
+        waves = Parameter("sine", "rad", scale), Parameter("cosine", "rad", scale)
+        return (*waves, Parameter("order_distance", "1", self.beside)) if self.free else waves
+
+    def order_at(self, values: NDArray) -> float:
+        """Return the order at values (P,) of the parameters."""
+        return self.order + (self.beside * float(np.tanh(values[2] / self.beside)) if self.free else 0.0)
+
+    def motion(self, machine: ChainInputs, reading: int) -> NDArray:
+        """Return sine and cosine of the order times the reading."""
+        return self._slopes(machine.readings[:, reading], np.zeros(2 + self.free))
+
+    def slopes(self, machine: ChainInputs, values: NDArray) -> NDArray:
+        """Return the derivatives of the twists by the amplitudes and a free order."""
+        reading = machine.tree.readings.index(self.joint)
+        return machine.on_axis(reading, self._slopes(machine.readings[:, reading], values))
+
+    def moved(self, machine: ChainInputs, values: NDArray) -> NDArray:
+        """Return the twists at given amplitudes and order."""
+        reading = machine.tree.readings.index(self.joint)
+        motion = _waves(machine.readings[:, reading], self.order_at(values)) @ values[:2]
+        return np.asarray(machine.on_axis(reading, motion[:, None])[..., 0])
+
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
+        """Return the amplitudes, and the order."""
+        sigma = None
+        if self.free:
+            sigma = min(float(np.sqrt(covariance[2, 2])) / np.cosh(values[2] / self.beside) ** 2, self.beside)
+        order = ReportedParameter("order", self.order_at(values), sigma, "1")
+        return (*super().reported(values, covariance, legs)[:2], order)
+
+    def _slopes(self, angle: NDArray, values: NDArray) -> NDArray:
+        waves = _waves(angle, self.order_at(values))
+        if not self.free:
+            return waves
+        by_phase = waves @ np.array([-values[1], values[0]])
+        return np.column_stack([waves, angle * by_phase / np.cosh(values[2] / self.beside) ** 2])
+
+
+def _waves(angle: NDArray, order: float) -> NDArray:
+    return np.stack([np.sin(order * angle), np.cos(order * angle)], -1)
+
+
+def _orders(angle: NDArray, known: Sequence[float] | None) -> Iterator[tuple[float, float, bool]]:
+    """Yield orders worth trying, the range of each about it (0 if exact), and whether the readings leave it open."""
+    low, high = usual_range(angle)
+    travel = float(high - low)
+    if not travel > 0.0:
+        return
+    step = max(1, int(np.pi / travel))
+    ladder = range(LOW[-1] + 1, HIGHEST + 1, step)
+    every = np.unique([1.0, *LOW, *ladder, *(known or ())])
+    same = _same_waves(angle, every) & (np.abs(every[:, None] - every) > 2.0 * np.pi / travel)
+    shows = _same_waves(angle, every).diagonal()
+    exact = {float(order) for order in (*LOW, *(known or ()))}
+    for k, order in enumerate(map(float, every)):
+        is_searched = order not in exact
+        halves = _HALVES_SEARCHED if is_searched else _HALVES
+        if order == 1.0 or not shows[k] or same[k, :k].any() or travel * order < halves * np.pi:
+            continue
+        if is_searched and (known is not None or len(angle) < _FEWEST):
+            continue
+        yield order, _BESIDE * step if is_searched else 0.0, bool(same[k].any())
+
+
+def _same_waves(angle: NDArray, orders: NDArray) -> Mask:
+    """Return the mask (F, F) of orders whose waves at the readings are alike; an order without a wave is like none."""
+    waves = np.stack([_waves(angle, order) for order in orders])
+    directions, sizes, _ = np.linalg.svd(waves - waves.mean(1, keepdims=True), full_matrices=False)
+    spans: Array = directions * (sizes > _VANISHING * np.sqrt(len(angle)))[:, None]
+    flat = np.moveaxis(spans, 1, 0).reshape(len(angle), -1)
+    products = (flat.T @ flat).reshape(len(orders), 2, len(orders), 2)
+    within, own = np.sum(products**2, 3), np.sum(spans**2, 1)  # (F, 2, F), (F, 2)
+    alike = (own[:, :, None] - within < _ALIKE**2).all(1)
+    return np.asarray(alike & own.any(1)[:, None] & own.any(1))
