@@ -35,14 +35,13 @@ def overview(checks: Checks) -> str:
 
 
 def entries(checks: Checks, above: Checks = MappingProxyType({})) -> str:
-    """Return an entry of every check, under a heading of its name; ``above`` are checks with entries on the page."""
-    return "\n\n".join(_entry(name, check, above.get(name)) for name, check in checks.items())
+    """Return a table of reason and remedy of every check; a check that equals one of ``above`` links to that table."""
+    return table(["check", "why", "remedy"], [_entry(name, one, above.get(name)) for name, one in checks.items()])
 
 
-def _entry(name: str, check: QualityCheck, above: QualityCheck | None) -> str:
-    """Return why a check is made and what to do, or a link to an equal entry; its question and limits are above."""
+def _entry(name: str, check: QualityCheck, above: QualityCheck | None) -> list[str]:
     equal = above is not None and (check.why, check.to_do) == (above.why, above.to_do)
-    return f"### `{name}`\n\n" + (f"[As above](#{name})." if equal else f"{check.why} *Remedy*: {check.to_do}")
+    return [f"`{name}`", *(["[as above](#every-check-of-object-points)", ""] if equal else [check.why, check.to_do])]
 
 
 TABLES: Mapping[str, Callable[[], str]] = {
