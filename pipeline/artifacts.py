@@ -35,7 +35,7 @@ class SchemaBreach(Exception):
 
 
 class Unreadable(Exception):
-    """A file of a run that differs from what was written."""
+    """A file of a run that changed after its stage wrote it."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ def _write_parquet(file: BinaryIO, artifact: Artifact, content: pa.Table | pa.Re
 
 
 def _repeats(column: Column) -> bool:
-    """Whether a dictionary encoding pays; for measured numbers it does not."""
+    """True if a dictionary encoding pays; for measured numbers it does not."""
     return column.kind != "real" or column.name.startswith("sigma")
 
 

@@ -173,7 +173,7 @@ def _without_faulty_keys(campaign: CampaignFolder) -> CampaignFolder | None:
 
 
 def _is_read_otherwise(campaign: CampaignFolder, corrected: CampaignFolder) -> bool:
-    """Whether a campaign without its faulty keys has another kind of mechanism, which needs other files."""
+    """True if a campaign without its faulty keys has another kind of mechanism, which needs other files."""
     of_types = getattr(stage_module("ingest"), "OF_TYPES", {})
     own, left = (document.get("mechanism") for document in (campaign.document, corrected.document))
     return isinstance(own, dict) and own.get("type") in of_types and not left
@@ -193,7 +193,7 @@ def _remove(document: Mapping[str, Any], dotted: str) -> bool:
 
 
 def report_check(place: Path) -> ExitCode:
-    """`truing check` for one campaign: print what can be evaluated, or raise CampaignFaults."""
+    """`truing check` for one campaign: print the evaluable stages, or raise CampaignFaults."""
     campaign = open_campaign(place)
     found, console = check_campaign(campaign), RunConsole(quiet=False)
     unrelated = campaign.has_photographs or found.rows > _MOST_ROWS
@@ -228,7 +228,7 @@ def _contradictions(place: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def _is_far(ratio: float | None) -> bool:
-    """Whether a scatter differs so much from the declared noise that only another unit explains it."""
+    """True if a scatter differs so much from the declared noise that only another unit explains it."""
     from truing.stages.quality.unit_slips import FAR
 
     return ratio is not None and not 1.0 / FAR <= ratio <= FAR

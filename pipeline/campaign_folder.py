@@ -48,7 +48,7 @@ class CampaignFolder:
 
     @property
     def has_photographs(self) -> bool:
-        """Whether its object points come from photographs."""
+        """True if its object points come from photographs."""
         from truing.formats.source import has_photographs
 
         return self.kind == "photogrammetry" and has_photographs(self.folder, self.document)
@@ -67,7 +67,7 @@ class CampaignFolder:
 
     @property
     def has_second(self) -> bool:
-        """Whether its models predict a second campaign."""
+        """True if its models predict a second campaign."""
         return self.section("diagnosis.judge_on") is not None
 
     def section(self, dotted: str) -> Any:
@@ -139,7 +139,7 @@ def _text_or_none(value: object) -> str | None:
 
 
 def is_safe_name(name: str) -> bool:
-    """Whether a campaign's name is a valid file name on Linux, macOS and Windows."""
+    """True if a campaign's name is a valid file name on Linux, macOS and Windows."""
     if not 0 < len(os.fsencode(name)) <= 120 or _UNSAFE.search(name) or _RESERVED.fullmatch(name):
         return False
     return name == name.strip(" .") and name.isprintable()

@@ -224,7 +224,7 @@ class CampaignRun:
         return tuple(check for entry in entries for check in entry.failed_checks)
 
     def is_refused(self, stages: tuple[Stage, ...]) -> bool:
-        """Whether the verdict refuses the data; without a verdict among these stages, whether a check failed."""
+        """True if the verdict refuses the data, or, without a verdict among these stages, if a check failed."""
         entries = self._entries(stages)
         verdicts = [entry for entry in entries if _VERDICT in entry.artifacts]
         return any(entry.failed_checks for entry in verdicts or entries)

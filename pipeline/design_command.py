@@ -122,7 +122,7 @@ def _write_table(
 
 
 def design_tables(campaign: CampaignFolder, files: DesignFiles) -> DesignTables:
-    """Tables of a design: files of the call, and what the campaign holds; raises CampaignFaults."""
+    """Tables of a design: files of the call, and those of the campaign; raises CampaignFaults."""
     extend = None if files.extend is None else read_given(files.extend, "a configurations table")
     avoid = None if files.avoid is None else read_given(files.avoid, "a table of forbidden regions")
     existing, survey = _measured(campaign)

@@ -65,7 +65,7 @@ class Workforce:
 
     @property
     def is_alone(self) -> bool:
-        """Whether this process does all the work."""
+        """True if this process does all the work."""
         return self.scheduler is None and (self.workers or 1) == 1
 
     def __str__(self) -> str:
@@ -149,7 +149,7 @@ class _Queue:
                 return
 
     def _submit_pieces(self, pool: ProcessPoolExecutor, under_way: dict[Future[Any], int], workers: int) -> bool:
-        """Keep the workers busy; returns whether anything is in progress. A broken pool refuses all further work."""
+        """Keep the workers busy; returns True if anything is in progress. A broken pool refuses all further work."""
         while self.suspects and not under_way:
             self._submit(pool, under_way, self.suspects.popleft())
         while self.waiting and not self.suspects and len(under_way) < workers and not self._is_alone(under_way):
@@ -275,7 +275,7 @@ def _completed_futures(
 
 
 def _lost_its_workers(future: DaskFuture, workforce: Workforce) -> bool:
-    """Whether a piece ended because it lost its workers; raises EnvironmentProblem without a scheduler."""
+    """True if a piece ended because it lost its workers; raises EnvironmentProblem without a scheduler."""
     from distributed import KilledWorker
 
     if future.cancelled():

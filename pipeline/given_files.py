@@ -107,7 +107,7 @@ def _is_same_folder(place: Path, other: Path) -> bool:
 
 
 def _is_raw_file(place: Path) -> bool:
-    """Whether the campaign in the same folder reads a file; True if its campaign.toml cannot be read."""
+    """True if the campaign in the same folder reads a file; True if its campaign.toml cannot be read."""
     if not place.exists() or not os.path.lexists(place.parent / FILE):
         return False
     try:

@@ -222,7 +222,7 @@ def _printable(text: str) -> str:
 
 
 def _is_text(name: str) -> bool:
-    """Whether a file's name is valid text; other bytes appear as surrogates in Python."""
+    """True if a file's name is valid text; other bytes appear as surrogates in Python."""
     try:
         name.encode()
     except UnicodeEncodeError:
@@ -348,7 +348,7 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOW
 
 
 def _names_a_body(guess: Guess, mapping: dict[str, Any]) -> bool:
-    """Whether anything names the body of a file's targets."""
+    """True if anything names the body of a file's targets."""
     given = (*guess.columns, *mapping.get("columns", {}), *mapping.get("constants", {}), mapping.get("wide", ""))
     return "body" in given or "body" in mapping.get("from_name", "") or "constants" in mapping or "{body}" in given[-1]
 
@@ -384,7 +384,7 @@ def _with_names(group: RawGroup, mapping: dict[str, Any], guess: Guess) -> dict[
 
 
 def _rows_are_poses(group: RawGroup, guess: Guess) -> bool:
-    """Whether each of a few long files of bare coordinates holds one target, with poses as rows."""
+    """True if each of a few long files of bare coordinates holds one target, with poses as rows."""
     from truing.formats.compression import open_plain
 
     if set(guess.mapping.get("columns", {})) != {"x_mm", "y_mm", "z_mm"} or len(guess.columns) != _AXES:

@@ -72,7 +72,7 @@ def glob_without_others(pattern: str, names: Sequence[str], others: Sequence[str
 
 
 def similar_names(tokens: Sequence[Sequence[str]]) -> bool:
-    """Whether names have the same structure: equal numbers of tokens, numbers, words and marks in order."""
+    """True if names have the same structure: equal numbers of tokens, numbers, words and marks in order."""
     return len({tuple(_kind(token) for token in own) for own in tokens}) == 1
 
 
@@ -154,7 +154,7 @@ def scanned_body(pattern: str) -> str:
 
 
 def is_picture(path: Path) -> bool:
-    """Whether a file is a photograph by its extension."""
+    """True if a file is a photograph by its extension."""
     return path.suffix.lower().removeprefix(".") in PICTURES
 
 
@@ -228,7 +228,7 @@ def network_tables(guesses: Sequence[tuple[_Group, Guess]]) -> list[tuple[_Group
 
 
 def _is_adjusted(group: Any, guess: Guess) -> bool:
-    """Whether a file is a program's list of adjusted points."""
+    """True if a file is a program's list of adjusted points."""
     if guess.table not in ("points", "targets"):
         return False
     return guess.mapping.get("format") in _ADJUSTED or group.example.name.lower().startswith("points3d.bin")

@@ -58,7 +58,7 @@ class _Request:
 
     @property
     def is_lost(self) -> bool:
-        """Whether other code has discarded the exception."""
+        """True if other code has discarded the exception."""
         return not self.answered and self._raised is not None and self._raised() is None
 
     def raise_until_answered(self) -> None:

@@ -325,7 +325,7 @@ def _rows(own: pd.DataFrame) -> tuple[tuple[str, ...], ...]:
 
 
 def asks_for_ray_causes(causes: Sequence[str], campaign: CampaignFolder) -> bool:
-    """Whether the causes are those that rays show; raises CampaignFaults for a mixture with others."""
+    """True if the causes are those that rays show; raises CampaignFaults for a mixture with others."""
     if not campaign.has_photographs:
         return False
     known = _names_of_rays()

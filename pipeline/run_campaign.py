@@ -54,7 +54,7 @@ class StageSelection:
         return order if self.only is None else needed_for(self.only, order)
 
     def forces(self, stage: Stage, order: tuple[Stage, ...]) -> bool:
-        """Whether a stage runs although it is fresh."""
+        """True if a stage runs although it is fresh."""
         if self.only is not None:
             return self.force and stage.name == self.only
         names = [each.name for each in order]
@@ -121,7 +121,7 @@ def _check_before_photographs(run: CampaignRun, stages: tuple[Stage, ...], setti
 
 
 def _bring_up_to_date(run: CampaignRun, stage: Stage, settings: RunOptions, console: RunConsole) -> bool:
-    """Run a stage unless it is fresh; returns whether it ran."""
+    """Run a stage unless it is fresh; returns True if it ran."""
     log = run.folder / _LOG
     with defects_logged(log, f"stage {stage.name}"):
         now = run.made_from(stage)

@@ -84,7 +84,7 @@ def _refuse_strange_files(folder: Path) -> None:
 
 
 def _holds_measurements(run: CampaignRun) -> bool:
-    """Whether the folder's tables were made from the campaign's present raw files."""
+    """True if the folder's tables were made from the campaign's present raw files."""
     made = {name: entry.made_from.raw for name, entry in run.manifest.entries.items() if entry.made_from is not None}
     read = [stage for stage in run.order if made.get(stage.name)]
     return bool(read) and all(run.made_from(stage).raw == made[stage.name] for stage in read)

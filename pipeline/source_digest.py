@@ -102,7 +102,7 @@ class SourceTree:
         return self._files[name]
 
     def _is_file(self, path: str) -> bool:
-        """Whether a file exists; most names are those of functions, without a file."""
+        """True if a file exists; most names are those of functions, without a file."""
         folder, name = os.path.split(path)
         if folder not in self._names:
             self._names[folder] = frozenset(os.listdir(folder)) if os.path.isdir(folder) else frozenset()

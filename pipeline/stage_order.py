@@ -39,7 +39,7 @@ def stage_module(name: str) -> ModuleType:
 
 
 def is_optional(artifact: str) -> bool:
-    """Whether a declared artifact is marked as optional."""
+    """True if a declared artifact is marked as optional."""
     return artifact.endswith("?")
 
 

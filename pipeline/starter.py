@@ -85,7 +85,7 @@ def _commented_line(line: str, remark: str) -> str:
 
 
 def _any_file_has(guesses: Sequence[Guess], *columns: str) -> bool:
-    """Whether any file gives one of these columns, or one with such a prefix."""
+    """True if any file gives one of these columns, or one with such a prefix."""
     named = (name for guess in guesses for name in (*guess.columns, *guess.mapping.get("columns", {})))
     return any(name.startswith(columns) for name in named)
 

@@ -37,7 +37,7 @@ class Artifact:
 
     @cached_property
     def is_table(self) -> bool:
-        """Whether the artifact is Parquet."""
+        """True if the artifact is Parquet."""
         return bool(self.columns)
 
     def column(self, name: str) -> Column | None:

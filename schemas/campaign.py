@@ -142,7 +142,7 @@ class Campaign(Section):
 
     @property
     def is_frame_fixed(self) -> bool:
-        """Whether one instrument frame holds for the whole campaign, or on a chain for each series."""
+        """True if one instrument frame holds for the whole campaign, or on a chain for each series."""
         if self.mechanism.type == "chain" and self.measurement.frame == "series":
             return True
         return self.measurement.frame == "campaign"

@@ -67,7 +67,7 @@ class ChainTolerance(Section):
 
 
 class ChainMechanism(MechanismSection):
-    """[mechanism] of type chain: joints and links, what reads them, and their tolerance."""
+    """[mechanism] of type chain: joints and links, their readings, and their tolerance."""
 
     type: Literal["chain"] = Field(description="an open chain: serial arm, gantry, arm on a rail")
     urdf: Path | None = Field(None, description="robot description, in m and rad")

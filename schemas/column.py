@@ -45,7 +45,7 @@ class Column:
     family: str = ""
 
     def matches(self, name: str) -> bool:
-        """Whether this definition covers the column called ``name``."""
+        """True if this definition covers the column called ``name``."""
         return re.fullmatch(self.family, name) is not None if self.family else name == self.name
 
 

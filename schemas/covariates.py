@@ -45,7 +45,7 @@ def marked(name: str) -> str:
 
 
 def is_marked(column: str) -> bool:
-    """Whether a column has a name made by `marked`."""
+    """True if a column has a name made by `marked`."""
     return column.startswith(_MARK)
 
 

@@ -67,7 +67,7 @@ class Beams(Section):
 
     @property
     def are_plain(self) -> bool:
-        """Whether every channel is declared as along its own axis through the platform's origin."""
+        """True if every channel is declared as along its own axis through the platform's origin."""
         return self == Beams()
 
 

@@ -144,7 +144,7 @@ class RawValue(Section):
 
     @property
     def is_plain(self) -> bool:
-        """Whether numbers are used unchanged except for their unit."""
+        """True if numbers are used unchanged except for their unit."""
         return (self.scale, self.offset, self.modulo, self.coverage) == (1.0, 0.0, None, None)
 
 
@@ -207,7 +207,7 @@ def _is_constant(value: Any) -> Any:
 
 
 def is_uncertainty(name: str) -> bool:
-    """Whether a column holds standard deviations."""
+    """True if a column holds standard deviations."""
     return name == "sigma" or name.startswith("sigma_")
 
 

@@ -128,7 +128,7 @@ class MechanismSection(Section):
 
     @property
     def is_legged(self) -> bool:
-        """Whether legs with actuators carry a platform, so that readings determine its pose."""
+        """True if legs with actuators carry a platform, so that readings determine its pose."""
         return self.type not in WITHOUT_LEGS
 
 
@@ -182,7 +182,7 @@ class LeggedMechanism(MechanismSection):
 
     @property
     def is_elastic(self) -> bool:
-        """Whether flexures and legs are known, so that the stiffness model takes up loads."""
+        """True if flexures and legs are known, so that the stiffness model takes up loads."""
         known = self.flexure is not None and self.leg_tube is not None
         return known and len(self.legs) == 6 and all(leg.flexure_length_mm is not None for leg in self.legs)
 

@@ -1,4 +1,4 @@
-"""Declaration of a quality check: question, reason, limits, and what to do when it warns or fails."""
+"""Declaration of a quality check: question, reason, limits, and remedy for a warning or failure."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def _missing_file(path: Path) -> FileNotFoundError:
 
 
 def is_special(path: Path) -> bool:
-    """Return whether a path leads, also through links, to a file that the kernel generates; raises OSError.
+    """True if a path leads, also through links, to a file that the kernel generates; raises OSError.
 
     Such a file may hold secrets of the reading process, or block the reader for ever.
     """

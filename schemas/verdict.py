@@ -132,7 +132,7 @@ class Relation(StrEnum):
 
     @property
     def is_simulated(self) -> bool:
-        """Whether a simulation of the machine predicts the relation."""
+        """True if a simulation of the machine predicts the relation."""
         return self not in (Relation.BODIES_SURVEY, Relation.RAYS_POINTS)
 
 
@@ -142,7 +142,7 @@ BY_A_FACTOR = 2.0  # an error above this multiple of the noise fails, because no
 
 
 def does_not_fit(p_value: float, ratio: float) -> bool:
-    """Whether a model's misfit exceeds what chance and declared noise explain.
+    """True if a model's misfit exceeds what chance and declared noise explain.
 
     ``ratio``: rms misfit over declared noise; ``p_value``: probability of such a misfit for a correct model.
     """

@@ -32,7 +32,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Artifacts of a stage, and its closing line: what it read, what it left out and why, its main figure."""
+    """Artifacts of a stage, and its closing line: data read, data left out with reasons, main figure."""
 
     artifacts: Mapping[str, pa.Table | pa.RecordBatchReader | str]
     read: str

@@ -33,7 +33,7 @@ DECLARATION = Stage(
 def run(
     tables: Mapping[str, pa.Table], settings: Any, progress: Progress, source: CampaignFiles, each: Each | None = None
 ) -> Outcome:
-    """Rays with covariance, and what is known of the network; raises CampaignFaults with all that is wrong.
+    """Rays with covariance, and prior knowledge of the network; raises CampaignFaults with all faults.
 
     ``each`` measures photographs, several at a time; absent: one after the other, in this process.
     """

@@ -68,7 +68,7 @@ def _limits(settings: Campaign) -> Array:
 
 
 def _existing(tables: Mapping[str, pa.Table], limits: LoadLimits) -> LoadDesign | None:
-    """The campaign's own calibration loads, all axes at once allowed to what they are held against."""
+    """The campaign's own calibration loads; the loads they are compared with may act on all axes at once."""
     held = {name: table for name, table in tables.items() if name in ("signals", "readings")}
     if not held:
         return None

@@ -74,7 +74,7 @@ def _conditions(configurations: pa.Table, extended: ExtendedModel, file: str) ->
 
 
 def _check(configurations: pa.Table, needed: dict[str, str], file: str) -> None:
-    """Raise CampaignFaults where a needed column (name to what it is) is missing, or a row of it holds no number."""
+    """Raise CampaignFaults where a needed column (name to meaning) is missing, or a row of it holds no number."""
     import numpy as np
 
     from truing.stages.common.point_arrays import number_column

@@ -43,7 +43,7 @@ DECLARATION = Stage(
 
 
 def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
-    """State what can be stated, and say of the rest why it cannot."""
+    """Write the uncertainty of every result, and a reason for each result without one."""
     from truing.report.numbers import count
     from truing.stages.uncertainty_statement.bench import state_compliance, state_sensor
     from truing.stages.uncertainty_statement.causes import state_causes

@@ -64,7 +64,7 @@ def _provide_graphics(package: Path) -> None:
 
 
 def _loads(library: str) -> bool:
-    """Whether the system has a shared library."""
+    """True if the system has a shared library."""
     try:
         ctypes.CDLL(library)
     except OSError:

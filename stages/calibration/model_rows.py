@@ -126,8 +126,9 @@ def add_uncalibrated(rows: Rows, machine: Machine, measured: MeasuredPlatform) -
 
 
 def _moved_by_load(structure: Structure, machine: Machine, measured: MeasuredPlatform) -> list[Figure]:
-    """Rms shift of the platform by its load, and rms of what differs between poses: the load's share that a calibration
-    of the geometry cannot take up."""
+    """Rms shift of the platform by its load, and rms of its difference between poses: the load's share that a
+    calibration of the geometry cannot take up.
+    """
     loaded = under_load(machine, measured)
     free, held = (poses_at(structure, one, measured.rho) for one in (machine, loaded))
     moved = (held.p - free.p)[free.converged & held.converged] * 1e6
@@ -262,7 +263,7 @@ def _observed_rows(rows: Rows, model: str, deformation: str, leg: int | None, fo
 
 
 def flexure_rows(found: Sequence[DesignParameter]) -> Rows:
-    """Design parameters of flexures and legs, with what the data say of them."""
+    """Design parameters of flexures and legs, with their identifiability."""
     rows = Rows("flexure_parameters")
     for one in found:
         unit = one.entry.si

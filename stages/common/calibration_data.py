@@ -158,7 +158,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> CalibrationD
 
 
 def _rests_on_attachments(platform: SurveyPoints) -> bool:
-    """Whether the attachments themselves define the platform's frame, so that their motion is not observable."""
+    """True if the attachments themselves define the platform's frame, so that their motion is not observable."""
     return bool(np.any(platform.frame & (platform.leg > 0)))
 
 

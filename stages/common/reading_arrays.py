@@ -92,7 +92,7 @@ def _complete(found: dict[str, Array], name: str, rows: Index, values: Array, co
 
 
 def _columns_differ(known: Array | None, rows: Index, values: Array) -> bool:
-    """Whether two tables have a column of the same name with different values for the same steps."""
+    """True if two tables have a column of the same name with different values for the same steps."""
     if known is None:
         return False
     both = np.isfinite(known[rows]) & np.isfinite(values)

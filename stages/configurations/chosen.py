@@ -39,7 +39,7 @@ class DesignOptions:
 
     @property
     def may_all_act(self) -> bool:
-        """Whether all components of a load may act together."""
+        """True if all components of a load may act together."""
         return self.at_once >= len(LOADS)
 
 

@@ -1,4 +1,4 @@
-"""Tables of what interval arithmetic proves of a machine over its workspace: statements, range, and undecided parts."""
+"""Tables of proofs by interval arithmetic over a machine's workspace: statements, range, and undecided parts."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def uniqueness_tables(settings: Campaign, options: DesignOptions, _: DesignTable
 
 
 def _box(problem: DesignProblem, limits: ConfigurationLimits) -> tuple[PoseBox, list[str]]:
-    """Return the range of poses and readings, and by what each of its 6 + L limits is given."""
+    """Return the range of poses and readings, and the source of each of its 6 + L limits."""
     reference, machine = problem.regressors.reference, problem.regressors.machine
     x = problem.region.corners()
     reach = np.abs(problem.regressors.quantities(x)[0]).max(0) * _BEYOND

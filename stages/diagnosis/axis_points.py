@@ -113,7 +113,7 @@ def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Camp
 
 
 def _errors(diagnosis: CauseDiagnosis, channels: Channels, unit: str) -> pa.Table:
-    """Rows of axis_errors.parquet: every reading without and with what was found."""
+    """Rows of axis_errors.parquet: every reading without and with the findings."""
     floor = np.sqrt(diagnosis.final.floor.square) / channels.si
     rows: list[dict[str, Any]] = []
     for role, before, after in errors_by_role(diagnosis):

@@ -201,7 +201,7 @@ def _add(rows: Rows, final: FittedModel, cause: Cause, given: Contribution, legs
 
 
 def _source(final: FittedModel, given: Contribution) -> tuple[str, bool]:
-    """A source in words, with whether its size was estimated from measurements."""
+    """A source in words, and True if its size was estimated from measurements."""
     readings, survey = final.learned
     if given.source == OBSERVATIONS:
         return f"{_MEASURED[final.model.channel_word]}, at the noise found", True

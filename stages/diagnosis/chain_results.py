@@ -134,7 +134,7 @@ def _zeros(model: ChainModel, shared: NDArray, covariance: NDArray) -> Iterator[
 def _row(
     joint: str, name: str, unit: str, si: float, value: float, spread: float, prior: float, is_free: bool
 ) -> dict[str, Any]:
-    """One number; its pull compares the shift with what tolerance and data leave uncertain."""
+    """One number; its pull compares the shift with the uncertainty by tolerance and data."""
     expected = np.sqrt(max(prior**2 - spread**2, 0.0))
     return {
         "joint": joint,

@@ -93,7 +93,7 @@ RAYS = ReportedRms(
 
 @dataclass(frozen=True)
 class Channels:
-    """The units (K,) of channels and what one of each is in SI; ``signal`` (K,) which are no readings.
+    """The units (K,) of channels and their SI value; ``signal`` (K,): True for signals, which are no readings.
 
     In words as in `ReportedRms`; ``epoch`` is what a reading is taken at.
     """

@@ -88,7 +88,7 @@ class PossibleMeasurements:
         return [{**readings, **set_to, "conditions": self.words[k] or None, "repeat_of": again}]
 
     def sets_conditions(self, k: int) -> bool:
-        """Whether covariates must be set to unusual values."""
+        """True if covariates must be set to unusual values."""
         return bool(self.words[k]) and bool(self.settable)
 
     def seconds(self, times: Mapping[int, int]) -> float | None:

@@ -45,7 +45,7 @@ _USUAL_S = 60.0  # between steps, where no run has two of them
 
 @dataclass(frozen=True)
 class _Run:
-    """One run: loads (S, 6), how long a step takes, a column that changes evenly by so much, and words for both.
+    """One run: loads (S, 6), duration of a step, a column with its even change, and words for both.
 
     ``repeats``: measured runs that hold all of these loads; empty where one of them is new.
     """
@@ -85,7 +85,7 @@ class PossibleRuns:
         return ", ".join(filter(None, (run.loads_in_words, run.words, reading, again)))
 
     def sets_conditions(self, k: int) -> bool:
-        """Whether a temperature must change within the run."""
+        """True if a temperature must change within the run."""
         return bool(self.made[self.runs.run[k]].changing)
 
     def seconds(self, times: Mapping[int, int]) -> float | None:
@@ -113,7 +113,7 @@ class PossibleRuns:
 
 
 def _branches(load: Array) -> Iterator[str]:
-    """Yield for each step whether its load grew or came back; a held load keeps its branch."""
+    """Yield the branch of each step, up or back; a held load keeps its branch."""
     size, branch = np.abs(load).sum(1), "loading"
     for step, own in enumerate(size):
         if step and own != size[step - 1]:
@@ -233,7 +233,7 @@ def _runs_under_other_conditions(model: BenchModel, plain: Sequence[_Run]) -> It
 
 
 def _predicts_difference(fitted: Fitted, plain: Sequence[_Run], other: Sequence[_Run], sigma: Array) -> bool:
-    """Whether a model predicts other readings for runs under other conditions."""
+    """True if a model predicts other readings for runs under other conditions."""
     model: BenchModel = fitted.model
     local = np.zeros((len(plain) * _STEPS, model.local_size))
     usual, then = (model.at(_conditions(model, runs)).points(fitted.shared, local)[..., 0] for runs in (plain, other))

@@ -64,7 +64,7 @@ class Options(Protocol):
         """Return a candidate in words."""
 
     def rows(self, k: int) -> list[dict[str, Any]]:
-        """Return a candidate as rows of its table, which hold what is asked for."""
+        """Return a candidate as rows of its table: the requested measurements."""
 
     def sets_conditions(self, k: int) -> bool:
         """True if a candidate requires a change of conditions, which takes additional time."""
@@ -124,7 +124,7 @@ class MeasurementPlan:
         return Advice(kind, f"{short} {what[:1].upper()}{what[1:]}: {named}{more}", short, self.purpose)
 
     def request(self, first: str) -> str:
-        """Return sentences that begin with some words: what to measure, how often, how long it takes, the result."""
+        """Return sentences that begin with some words: measurement, repeats, duration, result."""
         count_of, (one, several) = len(self.choice.chosen), self.options.what
         what = f"this {one}" if count_of == 1 else f"these {count_of} {several}"
         return f"{first} {self.options.do} {what}{self._repeats()}. {self._duration()}{self.given}"

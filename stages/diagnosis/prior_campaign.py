@@ -66,7 +66,7 @@ def started(data: DiagnosisData[Any], text: str, seed: int) -> DiagnosisData[Any
 
 
 def _parsed_prior(text: str, model: Any) -> tuple[str, tuple[Cause, ...], CampaignPrior]:
-    """The earlier campaign's name, its effects, and what it tells of a model of points or of readings."""
+    """The earlier campaign's name, its effects, and its information on a model of points or of readings."""
     if is_sensor(parsed_toml(text)):
         sensor = read_sensor(text)
         return sensor.context.get("campaign", _UNNAMED), sensor.causes, sensor_prior(sensor, model)

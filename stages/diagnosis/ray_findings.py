@@ -184,7 +184,7 @@ def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -
 
 
 def _ranked(rays: list[dict[str, Any]], points: pa.Table) -> pa.Table:
-    """All rows in the order of their verdicts, those of rays first; what either found is rejected by neither."""
+    """All rows in the order of their verdicts, those of rays first; a finding of either is rejected by neither."""
     rows = [*rays, *points.to_pylist()]
     reported = {row["cause"] for row in rows if row["verdict"] not in _LOST}
     kept: list[dict[str, Any]] = []

@@ -33,7 +33,7 @@ _EXACT_MM = 1e-6  # bars without any uncertainty count alike
 
 
 def has_rays(tables: Mapping[str, pa.Table]) -> bool:
-    """Whether the campaign's points were adjusted from rays, in enough poses for a comparison."""
+    """True if the campaign's points were adjusted from rays, in enough poses for a comparison."""
     names = ("ray_statistics", "ray_information", "ray_effects")
     return all(name in tables for name in names) and len(pose_ids(tables["ray_statistics"])) >= _FEWEST_POSES
 
@@ -102,7 +102,7 @@ def _vertical(table: pa.Table, poses: tuple[int | str, ...], body: str | None) -
 
 
 def _nothing_more(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
-    """No table of rays alone: what they tell stands among that of points."""
+    """No table of rays alone: their results are in the tables of points."""
     return InstrumentResults({})
 
 

@@ -132,7 +132,7 @@ def _without_noise(steps: RecordedSteps) -> str:
 
 
 def simulated_sensor(tables: Mapping[str, pa.Table], settings: Campaign, steps: RecordedSteps) -> UncertainSensor:
-    """The sensor with what is not known of it; raises ValueError where what was read of it cannot be simulated.
+    """The sensor with its uncertain numbers; raises ValueError where its readings cannot be simulated.
 
     Signals alone need no compliance, and where they are compared with loads no geometry either.
     """
@@ -169,7 +169,7 @@ def _why_too_little(steps: RecordedSteps, fitted: NDArray[np.bool_], settings: C
 
 
 def _loads_change(steps: RecordedSteps, rows: NDArray[np.bool_]) -> bool:
-    """Whether any run has steps of different loads."""
+    """True if any run has steps of different loads."""
     first = {run: np.flatnonzero(steps.run == run)[0] for run in np.unique(steps.run)}
     return bool(np.any(steps.load[rows] != steps.load[[first[run] for run in steps.run[rows]]]))
 
@@ -273,7 +273,7 @@ def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Camp
 
 
 def _errors_table(diagnosis: CauseDiagnosis, channels: Channels, settings: Campaign) -> pa.Table:
-    """Rows of reading_errors.parquet: every reading without and with what was found."""
+    """Rows of reading_errors.parquet: every reading without and with the findings."""
     floor = _floors(diagnosis, channels, settings)
     rows: list[dict[str, Any]] = []
     for role, before, after in errors_by_role(diagnosis):

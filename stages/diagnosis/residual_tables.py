@@ -48,7 +48,7 @@ def prediction_table(
     data: DiagnosisData[Any],
     part: Callable[[PredictionError], PredictionError] = lambda error: error,
 ) -> pa.Table:
-    """Rows of prediction.parquet: every pose without and with what was found; ``part``: channels that count."""
+    """Rows of prediction.parquet: every pose without and with the findings; ``part``: channels that count."""
     poses = {"calibration": data.calibration.conditions.poses}
     poses |= {} if data.held_out is None else {HELD_OUT: data.held_out.conditions.poses}
     rows: list[dict[str, Any]] = []

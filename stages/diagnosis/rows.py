@@ -51,7 +51,7 @@ class DetectionAdvice:
 
 
 def diagnosis_table(diagnosis: CauseDiagnosis, words: DetectionAdvice, noise_level: float) -> pa.Table:
-    """Rows of the verdicts in their order, noise that is larger than declared behind what was found.
+    """Rows of the verdicts in their order, noise that is larger than declared behind the findings.
 
     ``noise_level`` is the p-value below which it is.
     """
@@ -198,7 +198,7 @@ def claim_of(cause: Cause, legs: int) -> Claim:
 
 
 def _plain(value: Any) -> Any:
-    """A setting as JSON holds it; None for what is not finite."""
+    """A setting as JSON holds it; None if it is not finite."""
     if isinstance(value, (list, tuple, np.ndarray)):
         return [_plain(one) for one in value]
     if isinstance(value, np.generic):
@@ -236,7 +236,7 @@ def _noise_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, level:
 def _attributed_rows(
     diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, noise_level: float
 ) -> Iterator[dict[str, Any]]:
-    """Inputs that predict what the simulation misses, and that no effect without a name follows already.
+    """Inputs that predict the residuals of the simulation, and that no nonparametric effect has.
 
     If the final model holds, an effect without a name needs no inputs but its own: others help by chance.
     """
@@ -263,7 +263,7 @@ def _attributed_rows(
 
 
 def _larger_row(level: NoiseLevel, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
-    """Noise larger than declared is structure too: something moves what was measured that nothing here explains."""
+    """Noise larger than declared is structure too: an unknown effect moves the measurements."""
     missed = shown.rms(final.error), shown.floor(final.floor)
     text = noise_explanation(level.ratio, level.sigma, *missed, unit=shown.unit)
     return _of_noise(level, final, shown) | {"explanation": text, "next_measurement": shown.scatter}

@@ -32,8 +32,9 @@ _CIRCLE = ("semi_major_px", "semi_minor_px", "axis_angle_rad", "contrast")
 
 @dataclass(frozen=True)
 class RayTables:
-    """The tables image_points, photographs and image_rejections, what was left out, by (file, reason), and how many
-    rays measured elsewhere came without a standard deviation."""
+    """The tables image_points, photographs and image_rejections, counts left out by (file, reason), and number of rays
+    measured elsewhere without a standard deviation.
+    """
 
     image_points: pa.Table
     photographs: pa.Table
@@ -43,7 +44,7 @@ class RayTables:
 
 
 def artifact_table(name: str, columns: Mapping[str, Any], identifier: str) -> pa.Table:
-    """The columns as an artifact, NaN as empty; what is wrong with them is told elsewhere."""
+    """The columns as an artifact, NaN as empty; their faults are reported elsewhere."""
     schema = ARTIFACTS[name].arrow_schema(identifier, tuple(columns))
     made = [
         columns[field.name].cast(field.type)

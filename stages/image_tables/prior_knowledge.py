@@ -108,7 +108,7 @@ def read_known_points(source: CampaignFiles, targets: pa.Table | None, log: Faul
 
 
 def lacks_columns(found: CollectedRows, required: tuple[str, ...]) -> bool:
-    """Whether columns are missing; the fault was reported when the file was read."""
+    """True if columns are missing; the fault was reported when the file was read."""
     return any(name not in found.table.column_names for name in required)
 
 
@@ -120,7 +120,7 @@ def _named_points(table: pa.Table, column: str, targets: pa.Table | None) -> NDA
 
 
 def _as_artifact(name: str, table: pa.Table) -> pa.Table:
-    """A table in the artifact's columns and types; what is wrong with it has been noted elsewhere."""
+    """A table in the artifact's columns and types; its faults are reported elsewhere."""
     artifact = ARTIFACTS[name]
     names = [key for key in (*artifact.columns, *artifact.optional) if key in table.column_names]
     text = "pose" in names and pa.types.is_string(table.schema.field("pose").type)

@@ -145,7 +145,7 @@ class LoadingTables:
 
     @property
     def figure(self) -> str:
-        """Description of the runs, and of what cannot be evaluated because a table is absent."""
+        """Description of the runs, and of results that an absent table excludes."""
         every = (self.readings, self.signals, self.positions)
         tables = [table.table for table in every if table is not None]
         runs = {run for table in tables for run in table.column("run").to_pylist()}

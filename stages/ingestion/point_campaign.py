@@ -165,7 +165,7 @@ def _adjusted(
 
 
 def _check_any_points(source: CampaignFiles, log: FaultLog) -> None:
-    """Raise CampaignFaults where there is nothing to read, with what was passed over as no photograph."""
+    """Raise CampaignFaults where there is nothing to read, with the files that are no photographs."""
     if any(source.entries(table) for table in ("points", "poses", "scans", "distances")):
         return
     log.add(Fault("points.csv", "this file (or points.parquet, poses.csv), or [files.points] in campaign.toml"))

@@ -231,7 +231,7 @@ def as_artifact(name: str, table: pa.Table) -> pa.Table:
 
 
 def read_start(source: CampaignFiles, settings: Any, log: FaultLog) -> str | None:
-    """The earlier model as text; None where the campaign starts from none, or from what is at fault."""
+    """The earlier model as text; None where the campaign starts from none, or from a faulty one."""
     if getattr(settings.mechanism, "model", None) is None or source.prior_model is None:
         return None
     try:

@@ -51,7 +51,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
 
 
 def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> RelationTest:
-    """Test whether the nominal chain at the joint readings reaches the measured places, up to a calibration."""
+    """Test that the nominal chain at the joint readings reaches the measured places, up to a calibration."""
     if "joints" not in tables or not any(
         name in tables and tables[name].num_rows for name in ("observations", "measured_poses")
     ):

@@ -1,4 +1,4 @@
-"""The checks of a campaign of object points: its bodies as they see them, and how they share the budget of chance.
+"""The checks of a campaign of object points: its bodies, and their shares of the budget of chance.
 
 A failing check gates the exit code, so together they may trip on one good campaign in a hundred at most: that budget
 (``[qa] false_alarm``) is shared out among the checks that rest on chance, and within a check among its
@@ -63,7 +63,7 @@ _CHANCE_CHECKS = 3  # noise per body, noise per pose, repeatability: the failing
 
 
 def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
-    """Every check of object points, of the network that gave them, and of whether tables belong together."""
+    """Every check of object points, of the network that gave them, and of the relations between tables."""
     observations = tables["observations"]
     if not observations.num_rows:
         return CheckResults((), "", why_not="no object points")
@@ -191,7 +191,7 @@ def _temperature_units(configurations: pa.Table | None, reference_c: float) -> I
 
 
 def _repeats(configurations: pa.Table | None, around: PoseSurroundings, settings: Campaign) -> tuple[list[Index], str]:
-    """Poses that repeat one another, as numbers of those that were seen, and how that is known."""
+    """Poses that repeat one another, as numbers of those that were seen, and the source of this knowledge."""
     if configurations is None:
         return [], ""
     groups, how = repeated_poses(configurations, settings.campaign.drives, settings.noise.actuator_mm)

@@ -228,7 +228,7 @@ def _has_load_between(rows: Index, empty: Index) -> bool:
 
 
 def exchanged_channels(view: LoadingView) -> Iterator[Check]:
-    """Runs in which a channel reads what another should: of a pair both ways, or one that reads a main answer."""
+    """Runs in which a channel has the readings of another: of a pair both ways, or one that reads a main answer."""
     expected = view.simulated if view.simulated is not None else as_others(view)
     reported, count = most_similar_channels(view, expected)
     pairs = {(int(view.axis[run]), has, like) for run, has, like, _ in reported}

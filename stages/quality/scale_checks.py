@@ -52,7 +52,7 @@ def rows_of(table: pa.Table, column: str, value: object) -> pa.Table:
 
 @dataclass(frozen=True)
 class Contradiction:
-    """A length, or several, that contradict the others: names, by how much relative to these, its sigma."""
+    """A length, or several, that contradict the others: names, relative difference, its sigma."""
 
     odd: tuple[str, ...]
     others: tuple[str, ...]
@@ -90,7 +90,7 @@ def scale_contradiction(figures: Figures) -> Contradiction | None:
 
 
 def _statements(figures: Figures) -> tuple[list[str], Array, Array]:
-    """Names, ratios and sigmas of what states lengths; bodies of one survey that agree are one statement."""
+    """Names, ratios and sigmas of the sources of lengths; bodies of one survey that agree are one statement."""
     ratio, spread = figures[LENGTH], figures[LENGTH_SIGMA]
     bodies = [name for name in ratio if name.startswith(_SURVEY)]
     others = [name for name in ratio if name not in bodies]
@@ -206,7 +206,7 @@ def bar_lengths(lengths: pa.Table | None, limits: CampaignLimits) -> Iterator[Ch
 
 
 def _errors(checking: pa.Table) -> LengthErrors:
-    """Errors of reference lengths; what poses have in common in them is left to the scale that is told beside."""
+    """Errors of reference lengths; their part common to all poses is left to the scale, reported next to them."""
     measured, calibrated = number_column(checking, "adjusted_mm"), number_column(checking, "length_mm")
     sigma = 1e-3 * number_column(checking, "adjusted_sigma_mm")
     _, line = np.unique(text_column(checking, "bar").astype(str), return_inverse=True)

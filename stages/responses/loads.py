@@ -274,7 +274,7 @@ def with_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: C
 
 
 def with_tolerances(found: Outcome, settings: Campaign) -> Outcome:
-    """What was made of loads, and the errors of the sensor as designed by its tolerances, which no data change.
+    """Results of the loads, and the errors of the sensor as designed by its tolerances, which no data change.
 
     A sensor whose legs do not hold the platform, or do not close, has none; `truing design --tolerances` says why.
     """

@@ -204,7 +204,7 @@ def _compare_with_simulation(
     shifts: LegShifts,
     given: tuple[Array, Array],
 ) -> str:
-    """Add the comparison with the simulated K, and what that K leaves of the shifts; the closing words."""
+    """Add the comparison with the simulated K, and its residuals of the shifts; the closing words."""
     one = simulated_shifts.compared(found, shifts, given)
     artifacts["simulated_deformation"] = simulated_shifts.entry_rows(one).table()
     if one is not None:

@@ -38,7 +38,7 @@ def compared(found: AttachmentModels, shifts: LegShifts, given: tuple[Array, Arr
 
 
 def simulated_fit(drive: Array, found: AttachmentModels, shifts: LegShifts, simulated: Array) -> ResponseFit:
-    """What the simulated K leaves of the shifts that models are fitted to, with the offset of the survey alone."""
+    """Residuals of the fitted shifts by the simulated K, with the offset of the survey alone."""
     fitted = found.fitted
     left = found.kept[fitted] - drive[fitted] @ simulated.T
     return fit_response(drive[fitted], left, shifts.noise[fitted], form="none", offset_cov=shifts.survey)
@@ -85,7 +85,7 @@ def add_comparison(rows: Rows, one: MatrixComparison) -> None:
 
 
 def words(one: MatrixComparison | None) -> str:
-    """How many entries agree with the simulated ones."""
+    """Number of entries that agree with the simulated ones, in words."""
     if one is None:
         return "not compared with the simulated K"
     pull = np.abs(one.difference[one.sigma > 0.0] / one.sigma[one.sigma > 0.0])

@@ -43,7 +43,7 @@ def tolerance_tables(settings: Campaign, seed: int = _SEED) -> dict[str, pa.Tabl
 
 
 def has_tolerances(settings: Campaign) -> bool:
-    """Whether campaign.toml has a force sensor with the tolerance of a length."""
+    """True if campaign.toml has a force sensor with the tolerance of a length."""
     if settings.mechanism.type != "6-upur":
         return False
     tolerance = cast("SensorMechanism", settings.mechanism).tolerance

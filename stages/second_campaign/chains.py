@@ -82,7 +82,7 @@ def _check_columns(extended: ExtendedChain, conditions: ChainConditions) -> None
 
 
 def _usable(second: SecondCampaign, tree: Tree) -> tuple[MeasuredLinks, ChainConditions, Mask]:
-    """Return what was measured, its conditions, and the poses that have readings and a frame."""
+    """Return the measurements, their conditions, and the poses that have readings and a frame."""
     table = second.tables["configurations"]
     measured = measured_links(second.tables, tree, pose_ids(table), gross_errors)
     readings = joint_readings(tree, table)

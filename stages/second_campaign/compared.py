@@ -38,7 +38,7 @@ class SecondCampaign:
 
 @dataclass(frozen=True)
 class PredictionErrors:
-    """Measured minus predicted by one model: errors (N,) of a quantity, in its unit; what noise alone leaves, rms."""
+    """Measured minus predicted by one model: errors (N,) of a quantity, in its unit; the rms of noise alone."""
 
     prediction_by: str
     model: str

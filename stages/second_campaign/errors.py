@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 def second_campaign_errors(
     text: str, second: SecondCampaign, tables: Mapping[str, pa.Table], settings: Campaign | None = None
 ) -> tuple[pa.Table, str]:
-    """Return rows of second_campaign_errors.parquet, and what of the first campaign could predict nothing, and why.
+    """Return rows of second_campaign_errors.parquet, and models of the first campaign without prediction, with the
+    reasons.
 
     text: the extended model of the first campaign; tables, settings: what else there is of that campaign, its
     ``calibration`` and ``model_choice``, and its signals. Raises CampaignFaults where the second campaign is of another

@@ -20,7 +20,7 @@ _KEPT = ("run", "step", "time_s")
 
 
 def is_of_signals(table: pa.Table) -> bool:
-    """Return whether a table holds signals of a sensor and no channel of an interferometer."""
+    """True if a table holds signals of a sensor and no channel of an interferometer."""
     return "v1_mv" in table.schema.names and "channel" not in table.schema.names
 
 

@@ -25,7 +25,7 @@ def sizes_table(curves: Iterable[Curve]) -> pa.Table:
 
 
 def rates_table(curves: Iterable[Curve], alarms: Rate) -> pa.Table:
-    """A row per sort of effect and size: how often it was found, named, its subject right; nothing hidden first."""
+    """A row per sort of effect and size: counts found, named, and with the right subject; nothing hidden first."""
     rows = [_nothing_row(alarms)] if alarms.of else []
     rows += [row for curve in curves for row in _rate_rows(curve)]
     return _table(rows, _RATES)

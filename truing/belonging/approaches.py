@@ -35,7 +35,7 @@ class TargetMatch:
 
     @property
     def is_slip(self) -> bool:
-        """Whether one of the tested slips explains the misfit."""
+        """True if one of the tested slips explains the misfit."""
         return bool(self.slips) or self.deviations or self.still
 
 

@@ -45,7 +45,7 @@ class DesignParameter:
 
     @property
     def identifiable(self) -> bool:
-        """Whether the data determine the parameter better than its tolerance."""
+        """True if the data determine the parameter better than its tolerance."""
         return self.sigma < 1.0
 
 

@@ -20,7 +20,7 @@ _ROUNDING = 1e-9
 @dataclass(frozen=True)
 class NeededConfigurations:
     """Least number of configurations of a model: names of its separable parameters, their number over all legs, and
-    equations of each pose; shared: how many of the parameters belong to no leg."""
+    equations of each pose; shared: number of the parameters that belong to no leg."""
 
     model: str
     names: tuple[str, ...]
@@ -31,7 +31,7 @@ class NeededConfigurations:
 
 
 def needed_configurations(structure: Structure, machine: Machine, placed: Placed) -> NeededConfigurations | None:
-    """Return how many generic poses determine the parameters that all configurations (B) together separate.
+    """Return the least number of generic poses that determine the parameters separable by all configurations (B).
 
     The last configurations count as generic. None where the model does not reach the poses.
     """

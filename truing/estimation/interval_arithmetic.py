@@ -190,7 +190,7 @@ def tangent_of_half(angle_high: float) -> float:
 
 
 def is_regular(matrices: IntervalArray) -> NDArray:
-    """Return whether every matrix in intervals (..., m, n), m >= n, has rank n: True (...) where this is proven.
+    """True if every matrix in intervals (..., m, n), m >= n, has rank n: True (...) where this is proven.
 
     With C an inverse of the middle, computed in floating point, C A is within I + E. If a positive vector d has
     |E| d < d, row by row, C A is regular (Neumaier, Interval Methods, 1990, section 4.1), and so no vector is in the

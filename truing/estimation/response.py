@@ -108,7 +108,7 @@ def fit_response(
 
 
 def _separate(cov: Array, seen: Mask, offset_cov: Array | None) -> bool:
-    """Whether components have independent errors, so that each can be fitted separately."""
+    """True if components have independent errors, so that each can be fitted separately."""
     apart = ~np.eye(cov.shape[1], dtype=bool)
     both = seen[:, :, None] & seen[:, None, :] & apart
     return not np.any(cov[both]) and (offset_cov is None or not np.any(offset_cov[apart]))

@@ -56,7 +56,7 @@ def compiled(*made_of: str) -> Callable[[Callable], Callable]:
 
 
 def _can_cache(folder: Path) -> bool:
-    """Whether there is a cache folder next to the source, or one named by the user; otherwise numba would use
+    """True if there is a cache folder next to the source, or one named by the user; otherwise numba would use
     the home folder."""
     beside = folder / "__pycache__"
     return "NUMBA_CACHE_DIR" in os.environ or os.access(beside if beside.is_dir() else folder, os.W_OK)

@@ -155,7 +155,7 @@ def _upper_parts(value: Array) -> Iterator[Mask]:
 
 
 def _is_undone(value: Array, celsius: Array, high: Mask) -> bool:
-    """Whether values (N,) continue without a step after conversion of the high ones."""
+    """True if values (N,) continue without a step after conversion of the high ones."""
     change = np.abs(np.diff(celsius))
     steps = change[np.diff(high.astype(int)) != 0]
     ordinary = np.concatenate([np.abs(np.diff(celsius[high])), np.abs(np.diff(celsius[~high]))])
@@ -231,7 +231,7 @@ def _is_by_the_clock(pace: float, is_even: bool) -> bool:
 
 
 def _is_by_day(time: Array) -> bool:
-    """Whether nearly all times of day leave out a night."""
+    """True if nearly all times of day leave out a night."""
     of_day = np.sort(np.mod(time, _DAY) / _DAY)
     twice = np.concatenate([of_day, of_day + 1.0])
     last = np.searchsorted(twice, of_day + (1.0 - _NIGHT), side="right")

@@ -57,7 +57,7 @@ class PlyElement:
     properties: tuple[tuple[str, np.dtype] | ListProperty, ...]
 
     def fits(self, words: list[bytes], vertices: int) -> bool:
-        """Whether the words of a line of text can be an element; corners of faces are vertex numbers."""
+        """True if the words of a line of text can be an element; corners of faces are vertex numbers."""
         at = 0
         for part in self.properties:
             is_list = isinstance(part, ListProperty)
@@ -71,7 +71,7 @@ class PlyElement:
         return at == len(words)
 
     def names_corners(self, part: object) -> bool:
-        """Whether a property holds the vertices of a face."""
+        """True if a property holds the vertices of a face."""
         return (
             self.name == "face" and isinstance(part, ListProperty) and part.name in ("vertex_indices", "vertex_index")
         )

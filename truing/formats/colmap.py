@@ -126,7 +126,7 @@ def read_points(path: Path) -> list[ColmapPoint]:
 
 
 def _is_text(path: Path) -> bool:
-    """Whether a file is text: a binary one begins with a count of eight bytes, the last of them 0."""
+    """True if a file is text: a binary one begins with a count of eight bytes, the last of them 0."""
     with path.open("rb") as stream:
         head = stream.read(64)
     return b"\0" not in head and bool(head)

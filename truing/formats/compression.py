@@ -18,7 +18,7 @@ from truing.formats.source import RawFile
 
 
 class Refused(Exception):
-    """A compressed file that is valid but not supported: what was expected, and what was found."""
+    """A compressed file that is valid but not supported: expected and found content."""
 
     def __init__(self, expected: str, found: str | None = None) -> None:
         self.expected, self.found = expected, found

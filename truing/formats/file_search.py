@@ -54,7 +54,7 @@ def find_files(folder: Path, pattern: str) -> list[str]:
 
 
 def is_raw_file(path: Path) -> bool:
-    """Whether a path is a regular file outside of system folders; False for invalid names."""
+    """True if a path is a regular file outside of system folders; False for invalid names."""
     try:
         return path.is_file() and not is_special(path)
     except OSError as error:

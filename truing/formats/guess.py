@@ -96,14 +96,14 @@ def _points(file_format: str, names: tuple[str, ...], note: str, **more: Any) ->
 
 
 def is_id(records: Sequence[Sequence[str]]) -> bool:
-    """Whether the first column holds point numbers: unique integers, next to coordinates that are not."""
+    """True if the first column holds point numbers: unique integers, next to coordinates that are not."""
     first = [record[0] for record in records]
     marks = [re.search(r"\d[.,]\d", cell) is not None for record in records for cell in record[1:4]]
     return all(cell.isdigit() for cell in first) and len(set(first)) == len(first) and bool(marks) and all(marks)
 
 
 def _are_sigmas(records: Sequence[Sequence[str]]) -> bool:
-    """Whether columns 5 to 7 are positive and mostly below one."""
+    """True if columns 5 to 7 are positive and mostly below one."""
     cells = [cell.replace(",", ".") for record in records for cell in record[4:7]]
     values = [float(cell) if re.fullmatch(r"\d+\.\d+", cell) else -1.0 for cell in cells]
     return all(value >= 0.0 for value in values) and sum(value < 1.0 for value in values) > 0.5 * len(values)
@@ -170,7 +170,7 @@ def guess_by_first_lines(lines: Sequence[str]) -> Guess | None:
 
 
 def is_rig_file(name: str, head: str = "") -> bool:
-    """Whether a file belongs to a COLMAP model but holds no table, by its name or its first line."""
+    """True if a file belongs to a COLMAP model but holds no table, by its name or its first line."""
     return name.lower().startswith(("rigs.bin", "frames.bin")) or head.startswith(_RIGS)
 
 
@@ -186,7 +186,7 @@ def _colmap(model: str, *, named: bool = False) -> Guess | None:
 
 
 def _is_photomodeler(lines: Sequence[str]) -> bool:
-    """Whether a title is followed by five lines of numbers, then a number and the first photo's name."""
+    """True if a title is followed by five lines of numbers, then a number and the first photo's name."""
     counts = [len(line.split()) for line in lines[1:5]]
     numbers = all(re.fullmatch(r"[-+.\deE\s]+", line) for line in lines[1:5])
     return len(lines) > 6 and numbers and counts == [4, 9, 10, 10] and re.match(r"\s*\d+ \S", lines[5]) is not None

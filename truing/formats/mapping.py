@@ -351,7 +351,7 @@ class MappingPlan:
         return self.entry.unit if column.unit == "mm" and self.shape.has_coordinates else None
 
     def is_given_unit(self, name: str) -> bool:
-        """Whether the mapping gives the unit of a column, or the scale of its numbers."""
+        """True if the mapping gives the unit of a column, or the scale of its numbers."""
         return self._unit_of(name) is not None or not self.entry.value(name).is_plain
 
     def scale(self, name: str) -> tuple[float, float]:
@@ -393,7 +393,7 @@ def _contradicted_columns(plan: MappingPlan) -> Iterator[Misfit]:
 
 
 def _units_differ(unit: str, wanted: str) -> bool:
-    """Whether two units of one dimension differ."""
+    """True if two units of one dimension differ."""
     try:
         return conversion(unit, wanted) != (1.0, 0.0)
     except UnknownUnit:

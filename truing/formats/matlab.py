@@ -39,7 +39,7 @@ _WHOLE = 2**53
 
 @dataclass(frozen=True)
 class Opaque:
-    """A variable of neither numbers nor text: its kind, and what to save instead."""
+    """A variable of neither numbers nor text: its kind, and the form to save instead."""
 
     what: str
     cure: str

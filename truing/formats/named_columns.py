@@ -195,7 +195,7 @@ def _spreads(
 
 
 def is_spread_of(name: str, raw: str) -> bool:
-    """Whether a column holds the uncertainties of another one, by a word before, after or within its name."""
+    """True if a column holds the uncertainties of another one, by a word before, after or within its name."""
     bare = bare_and_unit(name)[0]
     return _SPREAD.search(bare) is not None and _bare_word(_SPREAD.sub("_", bare, count=1)) == _bare_word(
         bare_and_unit(raw)[0]
@@ -264,7 +264,7 @@ def bare_poses(values: Array) -> Poses | None:
 
 
 def is_one_motion(values: Array) -> bool:
-    """Whether a small table is a single rigid motion: a transformation between two frames, not a measurement."""
+    """True if a small table is a single rigid motion: a transformation between two frames, not a measurement."""
     return values.shape in ((3, 4), (4, 4)) and bool(np.isfinite(values).all()) and _are_motions(values[None])
 
 
@@ -276,5 +276,5 @@ def _are_motions(matrices: Array) -> bool:
 
 
 def _counts(column: Array) -> bool:
-    """Whether a column numbers the rows."""
+    """True if a column numbers the rows."""
     return bool(np.all(column == np.round(column)) and (len(column) < 2 or np.all(np.diff(column) == 1.0)))

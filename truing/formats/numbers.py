@@ -93,7 +93,7 @@ def _settings(now: Notation, then: Notation) -> str:
 
 
 def is_plain_number(text: str) -> bool:
-    """Whether Python reads a text as a finite number."""
+    """True if Python reads a text as a finite number."""
     return re.fullmatch(Notation().pattern, text.strip()) is not None and text.strip()[-1].isdigit()
 
 

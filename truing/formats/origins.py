@@ -35,7 +35,7 @@ class RowNumber:
 
 
 def is_side_by_side(entry: FileMapping, table: str) -> bool:
-    """Whether several rows of a file form one row of a table with one row per pose."""
+    """True if several rows of a file form one row of a table with one row per pose."""
     return entry.rows_per_pose is not None and table in _ROW_PER_POSE
 
 

@@ -49,7 +49,7 @@ class PhotographFiles:
 
     @property
     def poses_are_numbers(self) -> bool:
-        """Whether every pose is an integer."""
+        """True if every pose is an integer."""
         return all(re.fullmatch(r"[+-]?\d{1,18}", one.pose) for one in self.found)
 
 

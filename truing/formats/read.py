@@ -225,7 +225,7 @@ def _with_sheet(raw: RawFile, entry: FileMapping, file_format: str) -> RawFile:
 
 
 def _is_separated(file_format: str) -> bool:
-    """Whether the reader of separated text reads a format."""
+    """True if the reader of separated text reads a format."""
     added = None if file_format in _TEXT else added_format(file_format)
     return file_format in _TEXT or (added is not None and added.is_text)
 

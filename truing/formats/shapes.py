@@ -108,12 +108,12 @@ class TableShape:
         return Column(name, "real", "covariate", _carried_unit(name), nullable=True) if self.covariates else None
 
     def is_covariate(self, name: str) -> bool:
-        """Whether a column would be included as a covariate, and is not one of this table's own."""
+        """True if a column would be included as a covariate, and is not one of this table's own."""
         known = _defined(name)
         return self.covariates and not (known is not None and self._allows(known, name))
 
     def is_set_apart(self, name: str) -> bool:
-        """Whether a covariate has the name of a column that the run creates; it is then stored under another
+        """True if a covariate has the name of a column that the run creates; it is then stored under another
         name."""
         made = ARTIFACTS.get(self.name)
         is_added = "run" in self.required and name in OF_LOADS
@@ -131,7 +131,7 @@ class TableShape:
 
     @property
     def has_coordinates(self) -> bool:
-        """Whether rows are positions in space: points or poses."""
+        """True if rows are positions in space: points or poses."""
         return "x_mm" in (*self.required, *self.optional)
 
 

@@ -374,7 +374,7 @@ def _positions(records: list[list[str]], notation: Notation) -> tuple[dict[str, 
 
 
 def _counts(records: list[list[str]]) -> bool:
-    """Whether the first column counts: 1, 2, 3, ... or other successive integers."""
+    """True if the first column counts: 1, 2, 3, ... or other successive integers."""
     first = [record[0].strip() for record in records]
     return all(cell.isdigit() for cell in first) and all(
         int(after) == int(before) + 1 for before, after in itertools.pairwise(first)

@@ -87,13 +87,13 @@ class CampaignFiles:
         return tuple(FileMapping(path=name) for name in present)
 
     def _is_of_another_table(self, name: str) -> bool:
-        """Whether campaign.toml assigns a file of the folder to some table."""
+        """True if campaign.toml assigns a file of the folder to some table."""
         entries = (entry for mapped in self._files.values() for entry in mapped)
         return any(name in _expand(self.folder, pattern) for entry in entries for pattern in entry.paths)
 
     @property
     def has_photographs(self) -> bool:
-        """Whether points come from photographs, or from rays measured in them."""
+        """True if points come from photographs, or from rays measured in them."""
         return _has_photographs(self.folder, self._files)
 
     @property
@@ -106,7 +106,7 @@ class CampaignFiles:
         return tuple(path.rstrip("/") for path in paths if os.path.isdir(self.folder / path))
 
     def is_mapped(self, table: str) -> bool:
-        """Whether campaign.toml has a mapping for a table."""
+        """True if campaign.toml has a mapping for a table."""
         return table in self._files
 
     def resolve(self, pattern: str) -> tuple[RawFile, ...]:
@@ -123,7 +123,7 @@ class CampaignFiles:
         return f"a regular file: {NOTHING_SPECIAL}" if is_there else "an existing file"
 
     def is_outside(self, raw: RawFile) -> bool:
-        """Whether a file is outside the campaign's folder, also through a link."""
+        """True if a file is outside the campaign's folder, also through a link."""
         return not raw.path.resolve().is_relative_to(self.folder.resolve())
 
     @property
@@ -148,12 +148,12 @@ class CampaignFiles:
 
 
 def has_photographs(folder: Path, document: Mapping[str, Any]) -> bool:
-    """Whether a campaign's points come from photographs; the parsed campaign.toml need not be valid."""
+    """True if a campaign's points come from photographs; the parsed campaign.toml need not be valid."""
     return _has_photographs(folder, _mapped(document))
 
 
 def _has_photographs(folder: Path, mapped: Mapping[str, Any]) -> bool:
-    """Whether [files] maps photographs or rays; else whether such files exist, and no points that replace
+    """True if [files] maps photographs or rays; else if such files exist, and no points that replace
     them."""
     if any(table in mapped for table in _RAYS):
         return True

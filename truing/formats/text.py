@@ -47,7 +47,7 @@ class Lines:
         return Lines(self.comment, self.quote, None, self.blanks)
 
     def is_record(self, line: bytes) -> bool:
-        """Whether a line (or several, inside quotation marks) is a record."""
+        """True if a line (or several, inside quotation marks) is a record."""
         bare = line.strip(self.blanks)
         if not bare or (self.comment is not None and bare.startswith(self.comment)):
             return False
@@ -58,7 +58,7 @@ class Lines:
         return b"".join(line for line in split_lines(block, self.quote) if self.is_record(line))
 
     def may_pass_over(self, block: bytes) -> bool:
-        """Whether a block may hold lines other than records and blank ones, which parsers would not handle."""
+        """True if a block may hold lines other than records and blank ones, which parsers would not handle."""
         return self.keep is not None or (self.comment is not None and self.comment in block)
 
 

@@ -172,7 +172,7 @@ def known_unit(text: str) -> str | None:
 
 
 def may_be(unit: str | None, column: Column | None) -> bool:
-    """Whether a column may have a unit: a length in radians may not."""
+    """True if a column may have a unit: a length in radians may not."""
     if unit is None or column is None or not column.unit:
         return True
     try:

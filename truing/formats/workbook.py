@@ -231,7 +231,7 @@ def _with_merged_cells(
 
 
 def _sheet_structure(path: Path, book: Workbook, name: str) -> tuple[bool, dict[int, list[tuple[int, int]]]]:
-    """Whether a sheet holds formulas, and its vertically merged cells: by first row, column and last row."""
+    """True if a sheet holds formulas, and its vertically merged cells: by first row, column and last row."""
     from openpyxl.utils import column_index_from_string
 
     has_formulas, rest, count = False, b"", 0

@@ -42,7 +42,7 @@ class MisfitKind(StrEnum):
 
 
 class WhyUntested(StrEnum):
-    """Why a kind of misfit was not tested."""
+    """Reasons that leave a kind of misfit untested."""
 
     NO_REPEATS = "no-repeats"  # nothing was measured twice at the same command
     TOO_FEW = "too-few"
@@ -88,7 +88,7 @@ class Adequacy:
         return [lack for lack in MisfitKind if lack not in known]
 
     def why_untested(self, lack: MisfitKind) -> WhyUntested:
-        """Why a kind of misfit was not tested."""
+        """Reason that leaves a kind of misfit untested."""
         is_known = lack == MisfitKind.PURE_ERROR and not self.repeated
         return WhyUntested.NO_REPEATS if is_known else WhyUntested.TOO_FEW
 

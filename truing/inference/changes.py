@@ -88,8 +88,9 @@ class NumberComparison:
         return tuple(int(i) for i in np.flatnonzero(alike & (score > 0.0)))
 
     def _scores(self, free: list[int]) -> tuple[Array, float]:
-        """Return the score (n,) of each number's change on what changes of others leave, and the sum of squares left.
-        Scores are in standard deviations, zero where the data do not determine the change."""
+        """Return the score (n,) of each number's change on the remainder of the other changes, and the sum of squares
+        left. Scores are in standard deviations, zero where the data do not determine the change.
+        """
         away, answers = self._whitened
         basis = np.linalg.qr(answers[:, free])[0]
         rest, columns = (part - basis @ (basis.T @ part) for part in (away, answers))

@@ -70,7 +70,7 @@ class EffectSensitivity(Generic[CauseT]):
     per_scale: Array
 
     def power(self, size: float) -> float:
-        """Return the probability of finding the effect at a size in plausible scales; zero for what cannot be seen."""
+        """Return the probability of finding the effect at a size in plausible scales; zero if it is invisible."""
         if self.rule.rank == 0:
             return 0.0
         return float(self.rule.power(size * self.per_scale).mean())
@@ -87,7 +87,7 @@ class EffectSensitivity(Generic[CauseT]):
 
     @property
     def is_plausible(self) -> bool:
-        """Whether an effect of at most ten plausible scales would be found."""
+        """True if an effect of at most ten plausible scales would be found."""
         return self.power(_IMPLAUSIBLE) >= POWER
 
     def signal_to_noise(self, size: float) -> float:

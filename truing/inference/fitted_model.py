@@ -88,7 +88,7 @@ class FittedModel(Generic[CauseT]):
 
     @cached_property
     def scene(self) -> SceneLike[CauseT]:
-        """Candidates that the campaign offers, restricted to what was seen."""
+        """Candidates that the campaign offers, restricted to its measurements."""
         return self.model.scene.with_seen(self.measured.seen)
 
     @cached_property

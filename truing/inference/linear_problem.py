@@ -140,7 +140,7 @@ class Whitened:
 
     @cached_property
     def basis(self) -> Array:
-        """Orthonormal basis (N, G) of what the shared unknowns explain."""
+        """Orthonormal basis (N, G) of the space that the shared unknowns explain."""
         nearly = _times_upper(self._informative_rows, self._inverse)
         orthonormal = _times_upper(nearly, _inverse_of(np.linalg.cholesky(nearly.T @ nearly).T))
         if len(orthonormal) == len(self.rows):

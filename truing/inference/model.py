@@ -24,7 +24,7 @@ class ParameterLike(Protocol):
 
 
 class CauseLike(Protocol):
-    """What inference needs of a cause. Causes of one sort belong to one sort of model; `SceneLike` proposes
+    """Properties of a cause that inference uses. Causes of one sort belong to one sort of model; `SceneLike` proposes
     candidates."""
 
     @property
@@ -41,7 +41,7 @@ class CauseLike(Protocol):
 
     @property
     def catalogued(self) -> bool:
-        """Whether its form is in the catalogue; otherwise it is a nonparametric effect."""
+        """True if its form is in the catalogue; otherwise it is a nonparametric effect."""
 
     @property
     def subject(self) -> str:
@@ -49,14 +49,14 @@ class CauseLike(Protocol):
 
     @property
     def concerns_several(self) -> bool:
-        """Whether it concerns several things, named one by one."""
+        """True if it concerns several things, named one by one."""
 
     @property
     def is_higher_order(self) -> bool:
-        """Whether this adds higher-order terms to a cause that must be accepted first."""
+        """True if this adds higher-order terms to a cause that must be accepted first."""
 
     def excludes(self, other: Self, /) -> bool:
-        """Whether a model that holds this cause cannot take up another."""
+        """True if a model that holds this cause cannot take up another."""
 
     def parameters(self, parts: int, /) -> Sequence[ParameterLike]:
         """Return the parameters for a number of like parts."""

@@ -237,7 +237,7 @@ class Driver:
 
     @property
     def is_one_sided(self) -> bool:
-        """Whether the noise can only be larger where values are larger."""
+        """True if the noise can only be larger where values are larger."""
         return bool(self.channels) or self.cause is not None
 
 

@@ -1,5 +1,6 @@
-"""Decisions of the search on noise: which observations or inputs scatter more than declared, and on what
-this depends."""
+"""Decisions of the search on noise: which observations or inputs scatter more than declared, and the inputs of this
+dependence.
+"""
 
 from __future__ import annotations
 

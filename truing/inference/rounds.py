@@ -185,7 +185,7 @@ class Round(Generic[CauseT]):
         return self._rests[form.key]
 
     def p_value_of_rivals(self, name: CauseCandidate[CauseT], before: Round[CauseT]) -> float:
-        """Return the p-value of what nonparametric rivals of an accepted cause still explain next to it.
+        """Return the p-value of nonparametric rivals of an accepted cause next to it.
 
         Rivals were probable themselves in the round ``before`` its acceptance, and explained at least a quarter of its
         squares that they do not explain any more. A name of the right form leaves them nothing but chance.

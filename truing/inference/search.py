@@ -206,8 +206,9 @@ class Search(Generic[CauseT]):
 
     @cached_property
     def _standard(self) -> Array:
-        """Standardised residuals without what the best candidate explains, so that an effect does not widen the null
-        distribution."""
+        """Standardised residuals without the part that the best candidate explains, so that an effect does not widen
+        the null distribution.
+        """
         whitened, rows = self.pathways.whitened, self._best_rows
         rest = whitened.rest - rows @ (rows.T @ whitened.rest)
         leverage = whitened.leverage + np.sum(rows**2, 1)

@@ -37,7 +37,7 @@ class EndOfSearch(Generic[CauseT]):
 
     @property
     def is_complete(self) -> bool:
-        """Whether no significant candidate is left."""
+        """True if no significant candidate is left."""
         return self.end is SearchEnd.COMPLETE
 
 

@@ -1,4 +1,4 @@
-"""Signatures of candidate effects: their derivatives in the rows of a whitened problem, free of what nuisances explain.
+"""Signatures of candidate effects: their derivatives in the rows of a whitened problem, orthogonal to the nuisances.
 
 A candidate acts through a few pathways (an input of each part, a shift of a part, an observation). The pathways are
 projected once, and a candidate is a design over them, a thin matrix per epoch. Each of thousands of candidates then
@@ -198,7 +198,7 @@ class Signature:
         return self.design @ (self.loadings / self.strengths)
 
     def rows(self, pathways: Pathways) -> Array:
-        """Return its directions as orthonormal rows (N, r) of the whitened problem, free of what nuisances explain."""
+        """Return its directions as orthonormal rows (N, r) of the whitened problem, orthogonal to the nuisances."""
         epochs = len(pathways.columns)
         own = pathways.columns[:, :, self.index] @ self.unit_design.reshape(epochs, len(self.index), -1)
         full = np.zeros((len(pathways.whitened.rest), self.rank))

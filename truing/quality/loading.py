@@ -136,7 +136,7 @@ class LoadingView:
 
     @cached_property
     def is_counted(self) -> bool:
-        """Whether times merely count the steps of every run."""
+        """True if times merely count the steps of every run."""
         return merely_counts(self.steps.time_s, self.steps.step, self.steps.run)
 
     @cached_property

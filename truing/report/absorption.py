@@ -116,7 +116,7 @@ def _bias(r: Any) -> str:
 
 
 def agreement(absorbed: pd.DataFrame) -> str:
-    """Return in words how closely the fit agrees with the linear prediction."""
+    """Return in words the agreement of the fit with the linear prediction."""
     both = absorbed.dropna(subset=["predicted", "observed", "sigma"])
     off = ((both["observed"] - both["predicted"]) / both["sigma"]).abs()
     within = int((off <= 1.96).sum())

@@ -164,7 +164,7 @@ def _meant_words(tested: RelationTest) -> str:
 
 
 def slip_words(slip: RecordSlip) -> str:
-    """Return one slip as a phrase that says what was recorded and what to change."""
+    """Return one slip as a phrase: the recorded values and the correction."""
     return _WORDS[slip.kind](slip)
 
 

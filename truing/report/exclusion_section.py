@@ -1,4 +1,4 @@
-"""Section of excluded data: what was excluded, by which rule or person, and why."""
+"""Section of excluded data, with the rule or person that excluded them, and the reason."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def figure_template() -> Iterator[None]:
 
 
 def style(figure: go.Figure, title: str, subtitle: str, height: int) -> go.Figure:
-    """Set title, subtitle (how to read the figure) and layout of a figure."""
+    """Set title, subtitle (the reading of the figure) and layout of a figure."""
     if pio.templates.default != _TEMPLATE:  # made outside of `common_look`
         figure.update_layout(template=_TEMPLATE)
     figure.update_layout(

@@ -41,7 +41,7 @@ def build_head(campaign: str, tables: Tables) -> PageHead:
 
 
 def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
-    """Return the campaign's verdict, then what needs attention, what passes, and what was not tested."""
+    """Return the campaign's verdict, then sections that need attention, that pass, and that were not tested."""
     if not rows:
         return []
     lead = rows[CAMPAIGN]

@@ -21,7 +21,7 @@ Facts = Mapping[tuple[str, str], float]
 
 
 def in_plane_sentence(facts: Facts) -> list[str]:
-    """Return the shift in the plane that follows the actuators, next to that along z, and what the test would find."""
+    """Return the shift in the plane that follows the actuators, next to that along z, and the detectable size."""
     p = facts.get((_MODEL, "p_value_over_none"))
     if p is None:
         return []

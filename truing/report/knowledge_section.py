@@ -1,4 +1,4 @@
-"""Section of identifiability: what the data determine, what they cannot distinguish, and what an omission biases."""
+"""Section of identifiability: determined and inseparable parameters, and the bias by an omission."""
 
 from __future__ import annotations
 

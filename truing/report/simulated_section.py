@@ -24,7 +24,7 @@ Facts = Mapping[tuple[str, str], float]
 
 
 def simulated_sentence(tables: Tables, facts: Facts) -> list[str]:
-    """Return how many entries agree with the simulated ones, those that differ, and whether a factor explains it."""
+    """Return the number of entries that agree with simulated ones, those that differ, and a common factor."""
     entries = table_or_none(tables, "simulated_deformation")
     p = facts.get(("matrix", "agreement_p_value"))
     if entries is None or p is None:
@@ -48,7 +48,7 @@ def simulated_sentence(tables: Tables, facts: Facts) -> list[str]:
 
 
 def _explained(facts: Facts) -> list[str]:
-    """Return whether a common factor, or a motion of the whole platform, explains differences beyond chance."""
+    """True if a common factor, or a motion of the whole platform, explains differences beyond chance."""
     factor, sigma = (facts.get(("matrix", f"measured_over_simulated{part}")) for part in ("", "_sigma"))
     texts = []
     if factor is not None and sigma is not None:

@@ -1,4 +1,4 @@
-"""Page of what is proven of a machine over its workspace: one pose, no singular pose, one reading; and its flexures."""
+"""Page of proofs on a machine over its workspace: one pose, no singular pose, one reading; and its flexures."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def _model(name: str) -> str:
 
 
 def _where(own: pd.DataFrame) -> str:
-    """Return the extent of what is not decided, or the legs."""
+    """Return the extent of the undecided part, or the legs."""
     open_ = own[own["state"] != "proven"]
     if not len(open_):
         return ""

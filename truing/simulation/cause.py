@@ -173,16 +173,16 @@ class Cause(Generic[SceneT_contra]):
 
     @property
     def is_higher_order(self) -> bool:
-        """Whether this adds higher-order terms to a cause that must be accepted first."""
+        """True if this adds higher-order terms to a cause that must be accepted first."""
         return False
 
     @property
     def is_persistent(self) -> bool:
-        """Whether the effect stays with the machine; False if it depends on the time or the targets of one campaign."""
+        """True if the effect stays with the machine; False if it depends on the time or the targets of one campaign."""
         return True
 
     def excludes(self, other: Self) -> bool:
-        """Whether a model that holds this cause cannot also hold the other: both are forms of one family."""
+        """True if a model that holds this cause cannot also hold the other: both are forms of one family."""
         return self.family == other.family
 
     def settings(self) -> dict[str, Any]:

@@ -1,5 +1,6 @@
-"""Detection trials: hide effects of several sizes in drawn campaigns, and estimate how often the diagnosis finds
-them."""
+"""Detection trials: hide effects of several sizes in drawn campaigns, and estimate the rate at which the diagnosis
+finds them.
+"""
 
 from __future__ import annotations
 
@@ -313,7 +314,7 @@ def false_alarms(answers: Iterable[Answer]) -> Rate:
 
 @dataclass(frozen=True)
 class Curve:
-    """A question with its answers: detection rates by size, and what was found instead."""
+    """A question with its answers: detection rates by size, and causes found instead."""
 
     question: DetectionQuestion
     factors: tuple[float, ...]

@@ -109,7 +109,7 @@ def read_document(text: str, made: Callable[[dict[str, Any]], Read]) -> Read:
 
 
 def describes(document: dict[str, Any], mechanism: str) -> bool:
-    """Whether a parsed model.toml describes this kind of mechanism."""
+    """True if a parsed model.toml describes this kind of mechanism."""
     about = document.get("model", {})
     return isinstance(about, dict) and about.get("mechanism") == mechanism
 

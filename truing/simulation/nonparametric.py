@@ -62,12 +62,12 @@ class NonparametricEffect(Cause[SceneT_contra]):
 
     @property
     def is_higher_order(self) -> bool:
-        """Whether this holds the higher-order terms of a form of lower degree."""
+        """True if this holds the higher-order terms of a form of lower degree."""
         return self.first > 1
 
     @property
     def is_persistent(self) -> bool:
-        """Whether the effect stays with the machine; False if it depends on time."""
+        """True if the effect stays with the machine; False if it depends on time."""
         return self.of_time.isdisjoint(self.columns)
 
     def covers(self, covariates: Mapping[str, NDArray], poses: int) -> NDArray:

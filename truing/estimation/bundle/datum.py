@@ -46,8 +46,7 @@ class Freedom:
 
 
 def freedoms(layout: EquationLayout, state: NetworkState) -> tuple[Freedom, ...]:
-    """Return the freedoms that the observations leave each pose: bars fix the scale, known points what they
-    determine."""
+    """Return the freedoms that the observations leave each pose: bars fix the scale, known points more."""
     points, centres = state.points[layout.points], state.centre[layout.images]
     middle, size = _middles(points, layout.point_start)
     of_point, of_image = _pose_numbers(layout.point_start), _pose_numbers(layout.image_start)

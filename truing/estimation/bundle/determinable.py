@@ -35,7 +35,7 @@ class UndeterminedNetworkError(ValueError):
 
 @dataclass(frozen=True)
 class Determinable:
-    """Masks of what can be adjusted: rays (N,), points (P,), images (I,)."""
+    """Masks of the adjustable rays (N,), points (P,), images (I,)."""
 
     rays: Mask
     points: Mask

@@ -1,4 +1,4 @@
-"""Photogrammetric network: cameras, images, rays, points, what is known beforehand, and the names.
+"""Photogrammetric network: cameras, images, rays, points, prior knowledge, and the names.
 
 A pose of the campaign is a state of the object that does not move while it is photographed. Each pose has its own
 points and measurement frame; cameras and scale bars are common to all poses. The collinearity equations with exact

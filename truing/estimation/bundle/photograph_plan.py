@@ -91,7 +91,7 @@ class PhotographPlan:
 
     @property
     def reaches(self) -> bool:
-        """Whether every target reaches the wanted precision."""
+        """True if every target reaches the wanted precision."""
         wanted = self.options.target_sigma_mm
         return not self.undetermined and (wanted is None or self.worst_mm <= wanted)
 

@@ -254,7 +254,7 @@ def _score(network: Network, now: Grown) -> float:
 
 
 def _is_clear(network: Network, now: Grown) -> bool:
-    """Whether a seed explains nearly all rays of enough images closely."""
+    """True if a seed explains nearly all rays of enough images closely."""
     image, oriented = now.rays.image, now.oriented
     count = np.bincount(image, minlength=len(oriented))
     mine = oriented[image] & (

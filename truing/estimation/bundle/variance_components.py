@@ -51,7 +51,7 @@ class GlobalTest:
 
     @property
     def passed(self) -> bool:
-        """Whether sigma0^2 lies within its limits."""
+        """True if sigma0^2 lies within its limits."""
         return not (self.variance_factor < self.low or self.variance_factor > self.high)
 
 

@@ -1,1 +1,1 @@
-"""Design of measurements: identifiability before measuring, and choice of what to measure."""
+"""Design of measurements: identifiability before measuring, and choice of measurements."""

@@ -175,7 +175,7 @@ class Inseparable:
 
     @property
     def text(self) -> str:
-        """Return it in words: ``a_z3 − b_z3 + 1.03 l3 cannot be told apart``."""
+        """Return the combination in words: ``a_z3 − b_z3 + 1.03 l3 cannot be told apart``."""
         if len(self.seen) == 0:
             return f"{' and '.join(self.labels)} cannot be seen"
         if len(self.seen) == 1:
@@ -398,8 +398,9 @@ def _members(groups: Sequence[object], count: int) -> list[list[int]]:
 
 
 def _next_group(left: NDArray, members: Sequence[list[int]], rank: NDArray) -> tuple[int, float]:
-    """Return the group of the lowest preference number and, among these, of the largest volume in what is left. Also
-    returns its mean length, the side of a cube of that volume: an upper bound of the least visible direction."""
+    """Return the group of the lowest preference number and, among these, of the largest volume in the remaining space.
+    Also returns its mean length, the side of a cube of that volume: an upper bound of the least visible direction.
+    """
     lengths = np.linalg.norm(left, axis=0)
     sides = [lengths[group[0]] if len(group) == 1 else _side(left[:, group]) for group in members]
     place = min(range(len(members)), key=lambda i: (rank[members[i]].min(), -sides[i]))

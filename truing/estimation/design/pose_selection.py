@@ -377,7 +377,7 @@ def ascend(region: FeasibleRegion, objective: Objective, start: NDArray, max_ite
 
 
 def _has_converged(past: list[float]) -> bool:
-    """Whether the best value has hardly grown over the memory."""
+    """True if the best value has hardly grown over the memory."""
     if len(past) <= 2 * _MEMORY:
         return False
     return max(past[-_MEMORY:]) - max(past[:-_MEMORY]) <= _GAIN * max(1.0, abs(past[-1]))

@@ -287,7 +287,7 @@ def _status(point: Point, damping: _Damping) -> SolverStatus:
 
 
 def _has_stalled(promise: float, before: float) -> bool:
-    """Whether the predicted decrease, compared with the one before, is too small to continue."""
+    """True if the predicted decrease, compared with the one before, is too small to continue."""
     return promise < _SETTLED or before / 2 < promise < NEAR
 
 

@@ -254,7 +254,7 @@ class ErrorsInVariablesFit:
 
     @property
     def ok(self) -> bool:
-        """Whether the fit is a maximum that determines all values."""
+        """True if the fit is a maximum that determines all values."""
         return self.status == SolverStatus.CONVERGED
 
     def covariance_at(self, noise_ratio: float) -> NDArray:

@@ -262,7 +262,7 @@ def _gather(grey, p, ring, coded, outer, noise, pixels):  # type: ignore[no-unty
 
 @inner
 def _is_lit(pixels, n):  # type: ignore[no-untyped-def]
-    """Whether the light of a ring falls on any of the pixels."""
+    """True if the light of a ring falls on any of the pixels."""
     brightest = 0.0
     for m in range(n):
         brightest = max(brightest, pixels[4, m])

@@ -71,7 +71,7 @@ def overflow(deviation: Array, step: float) -> Overflow | None:
 
 
 def _by_direction_alone(values: Array) -> bool:
-    """Whether values (P, 2, C) depend on the direction alone."""
+    """True if values (P, 2, C) depend on the direction alone."""
     return bool((values == values[:1, :, :1]).all())
 
 

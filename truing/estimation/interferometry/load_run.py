@@ -104,7 +104,7 @@ def _p_value(squares: Array, freedom: int) -> float:
 
 
 def _is_linear_in(z: Array, steps: RecordedSteps, rows: Index) -> bool:
-    """Whether a line in a column of the steps' rows (N,) explains all but the expected scatter of z (N,)."""
+    """True if a line in a column of the steps' rows (N,) explains all but the expected scatter of z (N,)."""
     if len(z) < _FEWEST:
         return False
     for values in (column[rows] for column in steps.covariates.values()):

@@ -169,7 +169,7 @@ def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> LogFaults:
 
 
 def _drives_differ(drive: ArrayLike, there: Mask) -> bool:
-    """Whether drives (N,) differ among some samples by more than a hundredth of their range."""
+    """True if drives (N,) differ among some samples by more than a hundredth of their range."""
     level = np.asarray(drive, float)
     return bool(np.ptp(level[there]) > 0.01 * np.ptp(level))
 

@@ -237,7 +237,7 @@ def _rescaled(found: PlatformDisplacement, factor: Array) -> PlatformDisplacemen
 
 
 def _revisits_a_case(case: Index, time: Array) -> bool:
-    """Whether a run visits a load case at two or more times."""
+    """True if a run visits a load case at two or more times."""
     visits = np.unique(case, return_inverse=True)[1]
     low, high = np.full(visits.max() + 1, np.inf), np.full(visits.max() + 1, -np.inf)
     np.minimum.at(low, visits, time)

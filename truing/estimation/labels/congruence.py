@@ -70,7 +70,7 @@ class Constellation:
 
     @cached_property
     def on_a_line(self) -> bool:
-        """Whether all points are within a gate of the principal axis."""
+        """True if all points are within a gate of the principal axis."""
         centred = self.points - self.points.mean(0)
         axis = np.linalg.svd(centred, full_matrices=False)[2][0]
         across = np.linalg.norm(centred - np.outer(centred @ axis, axis), axis=1)
@@ -131,7 +131,7 @@ class Hypothesis:
 
 
 def contradict(cloud: Constellation, survey: Constellation, best: Hypothesis, other: Hypothesis) -> bool:
-    """Whether two hypotheses assign different labels, or the other explains a point out of the best one's reach.
+    """True if two hypotheses assign different labels, or the other explains a point out of the best one's reach.
 
     Hypotheses that differ only by a point at the edge of its gate agree, and so do two motions with equal labels.
     """

@@ -401,7 +401,7 @@ class Minima:
 
     @property
     def is_unique(self) -> bool:
-        """Whether every start led to the same minimum."""
+        """True if every start led to the same minimum."""
         return len(self.x) == 1 and self.failed == 0
 
 

@@ -424,6 +424,6 @@ def _distinct(converged: list[tuple[float, NDArray]], voxel: float) -> list[tupl
 
 
 def same_pose(T: NDArray, other: NDArray, shift: float) -> bool:
-    """Whether two poses (4, 4) differ by less than 6 degrees and, at their origin, by less than a shift in m."""
+    """True if two poses (4, 4) differ by less than 6 degrees and, at their origin, by less than a shift in m."""
     cosine = (np.trace(T[:3, :3].T @ other[:3, :3]) - 1) / 2
     return bool(cosine > np.cos(_SAME_ANGLE) and np.linalg.norm(T[:3, 3] - other[:3, 3]) < shift)

@@ -183,7 +183,7 @@ def _lines(sensor: CalibratedSensor, context: Mapping[str, str]) -> Iterator[str
 
 
 def is_calibrated_sensor(document: Mapping[str, Any]) -> bool:
-    """Whether a TOML document holds a calibrated sensor."""
+    """True if a TOML document holds a calibrated sensor."""
     return isinstance(document.get("calibration"), dict)
 
 

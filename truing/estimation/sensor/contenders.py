@@ -273,7 +273,7 @@ class SensorCalibrations:
 
 
 def calibrations(found: RecordedLoads) -> SensorCalibrations:
-    """Return the fits and tests of all contenders; raises UndeterminedCalibrationError, naming what is missing."""
+    """Return the fits and tests of all contenders; raises UndeterminedCalibrationError, naming missing data."""
     rows = ~found.steps.held_out
     table, words = by_cases(found, rows)
     choice = choose_calibration(table, contenders(found))
@@ -332,7 +332,7 @@ def _named_runs(found: RecordedLoads) -> NDArray:
 
 
 def _check(table: LoadTable) -> None:
-    """Raise UndeterminedCalibrationError, naming what is missing, unless signals and loads determine a wrench. With
+    """Raise UndeterminedCalibrationError, naming missing data, unless signals and loads determine a wrench. With
     more channels than components, as many of them as components must be independent."""
     channels, components = table.signals.shape[1], table.loads.shape[1]
     check_loads(table.loads, table.load_names)

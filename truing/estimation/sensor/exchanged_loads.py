@@ -101,7 +101,7 @@ def _calibrated(signals: NDArray, loads: NDArray, zeros: _Zeros) -> tuple[NDArra
 
 
 def _is_smooth(columns: tuple[NDArray, NDArray], loads: tuple[NDArray, NDArray], zeros: _Zeros) -> bool:
-    """Whether further terms explain the recorded loads (N, W), in sigmas, better than exchanging rows does. The
+    """True if further terms explain the recorded loads (N, W), in sigmas, better than exchanging rows does. The
     expected gain of random terms is subtracted; with too few rows the answer is False."""
     fitted, more = columns
     written, exchanged = loads

@@ -360,7 +360,7 @@ def _failures(fitted: pd.DataFrame) -> str:
 
 
 def _free(fitted: pd.DataFrame) -> str:
-    """Return in words why there are no errors of poses, if there are too few legs."""
+    """Return in words the reason that errors of poses are missing, if there are too few legs."""
     if fitted["leg"].nunique() >= _LEAST_LEGS:
         return ""
     return "Fewer than six legs do not constrain the platform: readings predict no pose, so no pose error is stated."
@@ -392,7 +392,7 @@ def _departures(tables: Tables) -> str:
 
 
 def _load(nominal: pd.DataFrame) -> str:
-    """Return how far the external load moves the platform by the stiffness model."""
+    """Return the motion of the platform by the external load, from the stiffness model."""
     if "load_shift_rms" not in nominal or not nominal["load_shift_rms"].notna().any():
         return ""
     whole, varying = (

@@ -83,7 +83,7 @@ def _change_verdicts(found: RunComparison) -> list[Verdict]:
 
 
 def _why_words(found: RunComparison, step: int) -> str:
-    """Return in words why numbers of a step were not assessed."""
+    """Return in words the reason that numbers of a step were not assessed."""
     what = "some numbers were not compared" if len(found.assessed(step)) else "no number was compared"
     return f"{what}: {'; '.join(found.between[step].why)}."
 
@@ -291,7 +291,7 @@ def _trend_figures(found: RunComparison) -> tuple[tuple[tuple[go.Figure, str], .
 
 
 def _caption(changed: pd.DataFrame) -> str:
-    """Return the meaning of the rings, and why a change may not be visible."""
+    """Return the meaning of the rings, and the reasons that may hide a change."""
     texts = []
     for r in changed.itertuples():
         together = cell(r.instead)

@@ -151,7 +151,7 @@ def shortcoming_words(worst: Any) -> str:
 
 
 def _limit_words(row: Any) -> str:
-    """Return in words that the search reached a limit, and what remains, without a full stop."""
+    """Return in words that the search reached a limit, and the remainder, without a full stop."""
     of = f" of {subject_words(row.left_subject)}" if cell(row.left_subject) else ""
     why = " because too many effects match no catalogued cause," if row.search_end == _UNNAMED else ""
     accepted = count(round(row.value), "accepted cause")

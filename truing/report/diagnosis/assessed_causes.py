@@ -27,7 +27,7 @@ EQUAL_ODDS = 20.0
 
 @dataclass(frozen=True, kw_only=True)
 class AssessedCause(Claim):
-    """One candidate cause with its verdict; rms in ``unit``, None for what was not evaluated."""
+    """One candidate cause with its verdict; rms in ``unit``, None if not evaluated."""
 
     rank: int
     verdict: str
@@ -54,13 +54,13 @@ class AssessedCause(Claim):
 
     @property
     def is_noise(self) -> bool:
-        """Whether it has no mean effect in the model: larger scatter than declared, or inputs that
+        """True if it has no mean effect in the model: larger scatter than declared, or inputs that
         predict residuals."""
         return self.is_remainder or self.reason_code == "noise" or any(s.name == "noise_ratio" for s in self.sizes)
 
     @property
     def is_remainder(self) -> bool:
-        """Whether it names inputs that predict the residuals where no model of causes holds."""
+        """True if it names inputs that predict the residuals where no model of causes holds."""
         return self.reason_code == REMAINDER
 
     @property

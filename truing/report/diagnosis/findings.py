@@ -1,4 +1,4 @@
-"""Sentences on the findings of the diagnosis: what, where, how large, how sure."""
+"""Sentences on the findings of the diagnosis: cause, place, size, certainty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Findings in one clause each (who, what, how large), and the gain by modelling them."""
+"""Findings in one clause each (subject, effect, size), and the gain by modelling them."""
 
 from __future__ import annotations
 

@@ -158,7 +158,7 @@ class Overall:
 
     @property
     def is_beyond_noise(self) -> bool:
-        """Whether the error exceeds the noise floor by a clear factor, and by more than chance does once in 100
+        """True if the error exceeds the noise floor by a clear factor, and by more than chance does once in 100
         campaigns."""
         if not self.floor or self.after <= AT_THE_FLOOR * self.floor:
             return False
@@ -170,7 +170,7 @@ class Overall:
 
     @property
     def is_below_noise(self) -> bool:
-        """Whether noise as declared would hardly ever leave so small an error."""
+        """True if noise as declared would hardly ever leave so small an error."""
         if self.floor is None or self.after * AT_THE_FLOOR >= self.floor or not self.freedom > 0.0:
             return False
         from scipy.special import chdtr

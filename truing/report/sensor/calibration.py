@@ -300,7 +300,7 @@ def _types(merit: pd.DataFrame) -> list[Listing]:
 
 
 def _without_types(merit: pd.DataFrame) -> list[Listing]:
-    """Say why theory is not compared with a calibration that has other channels than the drawing has legs."""
+    """Return the reason that theory is not compared with a calibration whose channels are not the drawing's legs."""
     if not (merit["matrix"] == "G_B'").any() or not (merit["matrix"] == "G'").any():
         return []
     why = "G_B' has another number of channels than the drawing has legs: no channel has a leg to be compared with."

@@ -159,7 +159,7 @@ def _opening_sentences(tables: Tables, compliance: pd.DataFrame) -> str:
 
 
 def _wrong_entries(measured: pd.DataFrame) -> list[str]:
-    """Return how many entries the simulation reproduces, and those that it misses, the worst first."""
+    """Return the number of entries that the simulation reproduces, and those that it misses, the worst first."""
     if "pull" not in measured or not measured["pull"].notna().any():
         return ["There is no simulation to compare with."]
     apart = measured[measured["verdict"] == "differs"]
@@ -257,7 +257,7 @@ def _comparison_map(compliance: pd.DataFrame) -> go.Figure:
 
 
 def _short(value: float) -> str:
-    """Return three digits, or zero for what is negligible."""
+    """Return three digits, or zero for a negligible value."""
     return "0" if abs(value) < 5e-4 else plain(value)
 
 

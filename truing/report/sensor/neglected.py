@@ -38,7 +38,7 @@ def neglected(tables: Tables) -> ReportSection | None:
 
 
 def _sentence(name: str, own: pd.DataFrame) -> str:
-    """Return whether neglect of an effect matters, with the entry that it changes most."""
+    """True if neglect of an effect matters, with the entry that it changes most."""
     known = own[own["effect_over_sigma"].notna()]
     if not len(known):
         return f"{name.capitalize()}: not assessed, because the compliance has no uncertainty."

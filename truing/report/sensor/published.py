@@ -93,7 +93,7 @@ def _why_not(source: str) -> str:
 
 
 def published_sentence(tables: Tables) -> list[str]:
-    """Return how many published values this campaign reproduces, and those that it does not, the worst first."""
+    """Return the number of published values that this campaign reproduces, and the others, the worst first."""
     table = table_or_none(tables, "published_compared")
     if table is None:
         return []

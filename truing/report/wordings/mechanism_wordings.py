@@ -170,7 +170,7 @@ def _heat(claim: Claim) -> str:
 
 
 def _approach_scatter_clause(claim: Claim) -> str:
-    """Return the clause on actuators whose position scatters at each approach: which, when, and by how much."""
+    """Return the clause on actuators whose position scatters at each approach: subject, poses and size."""
     who = f"body {claim.fact('body')}" if claim.fact("body") else _actuators(claim)
     if claim.fact("joint") is not None:
         who = claim.subject or "all joints"

@@ -1,4 +1,4 @@
-"""Changes from one run to the next in the numbers that both have, or the reason why they cannot be compared."""
+"""Changes from one run to the next in the numbers that both have, or the reason that excludes a comparison."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def _unshared_effects(model: MechanismModel, common: tuple[Cause, ...]) -> list[
 
 
 def _stated_otherwise(before: MechanismModel, now: MechanismModel) -> str:
-    """Return in words how campaign.toml of the two differs; empty where both start from the same nominal machine."""
+    """Return in words the differences of campaign.toml; empty where both start from the same nominal machine."""
     old, new = before.nominal, now.nominal
     for name in ("a", "b", "u", "l", "rho0"):
         if np.abs(getattr(old, name) - getattr(new, name)).max() > _SAME_M:

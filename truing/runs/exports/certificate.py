@@ -227,7 +227,7 @@ def certificate(run: Run, document: Certificate) -> Iterator[tuple[str, bytes]]:
     results = dcc(root, "measurementResults")
 
     def circumstances(result: Element) -> None:
-        """What belongs to every result: PTB's rules look for it there."""
+        """Conditions that belong to every result; PTB's rules look for them there."""
         _software(dcc(result, "usedSoftware"), run)
         if document.equipment:
             equipment = dcc(result, "measuringEquipments")

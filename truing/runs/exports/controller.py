@@ -151,7 +151,7 @@ def _joint_numbers(run: Run) -> Iterator[_Number]:
 
 
 def _joint_text(numbers: list[_Number]) -> Iterator[str]:
-    """Yield a table per joint of a chain: what was identified, as a change of its nominal frame in the link below."""
+    """Yield a table per joint of a chain: the identified change of its nominal frame in the link below."""
     for joint in dict.fromkeys(of for of, *_ in numbers):
         yield from ("", f"[{json.dumps(joint, ensure_ascii=False)}]  # changes of the nominal frame, along its axes")
         for of, name, value, sigma, unit in numbers:

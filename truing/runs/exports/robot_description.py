@@ -1,4 +1,4 @@
-"""Export of an identified chain: a URDF with what was identified in its transforms, and corrections of its joints."""
+"""Export of an identified chain: a URDF with the identified transforms, and corrections of its joints."""
 
 from __future__ import annotations
 
@@ -165,7 +165,9 @@ def _of_comment(words: str) -> str:
 def _notes(
     model: ExtendedChain, parameters: pd.DataFrame | None, warned: Mapping[tuple[str, str], str]
 ) -> dict[str, list[str]]:
-    """Return comments by joint, "" for the whole robot: what the data determine, and what the file leaves out."""
+    """Return comments by joint, "" for the whole robot: numbers that the data determine, and effects that the file
+    leaves out.
+    """
     campaign = model.context.get("campaign", "")
     notes = {
         "": [

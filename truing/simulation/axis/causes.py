@@ -294,7 +294,7 @@ class ZeroShift(AxisCause):
 
 
 def is_temperature(column: str) -> bool:
-    """Return whether a column holds temperatures: ``temperature_c``, ``scale_temperature_c``."""
+    """True if a column holds temperatures: ``temperature_c``, ``scale_temperature_c``."""
     return column.endswith(TEMPERATURE)
 
 

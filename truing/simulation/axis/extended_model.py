@@ -75,7 +75,7 @@ def write_axis(extended: ExtendedAxis) -> str:
 
 
 def is_axis(document: dict[str, Any]) -> bool:
-    """Whether a parsed model.toml is that of an axis."""
+    """True if a parsed model.toml is that of an axis."""
     return describes(document, MECHANISM)
 
 

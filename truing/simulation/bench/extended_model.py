@@ -108,12 +108,12 @@ def extended_sensor(model: BenchModel, shared: NDArray, covariance: NDArray, con
 
 
 def concerns_signals(cause: ReadingCause) -> bool:
-    """Whether a cause concerns only signals, and no readings of displacements."""
+    """True if a cause concerns only signals, and no readings of displacements."""
     return cause.subject.startswith("signal")
 
 
 def is_of_compliance(cause: ReadingCause) -> bool:
-    """Whether a cause changes only the compliance, which then contains it."""
+    """True if a cause changes only the compliance, which then contains it."""
     return isinstance(cause, LegStiffness)
 
 
@@ -135,7 +135,7 @@ def predict_readings(extended: ExtendedSensor, conditions: ReadingConditions) ->
 
 
 def changes_loads(cause: Cause[Any]) -> bool:
-    """Whether a cause implies that the load at a step differs from the recorded one."""
+    """True if a cause implies that the load at a step differs from the recorded one."""
     return cause.step is Step.DRIVE or isinstance(cause, RowsExchanged)
 
 
@@ -232,7 +232,7 @@ def _rows(matrix: NDArray) -> list[str]:
 
 
 def is_sensor(document: dict[str, Any]) -> bool:
-    """Whether a parsed model.toml is that of a sensor."""
+    """True if a parsed model.toml is that of a sensor."""
     return describes(document, MECHANISM)
 
 

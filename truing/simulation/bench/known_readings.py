@@ -166,7 +166,7 @@ class SignalGains:
 
     @property
     def are_of_legs(self) -> bool:
-        """Whether each signal is that of one leg."""
+        """True if each signal is that of one leg."""
         return self.start.ndim == 1
 
 

@@ -168,7 +168,7 @@ class LoadSteps:
         return np.asarray(values - values[self.first])
 
     def varies(self, column: str) -> bool:
-        """Whether a column is known at all steps and changes within a run."""
+        """True if a column is known at all steps and changes within a run."""
         values = self.covariates.get(column)
         return values is not None and bool(np.isfinite(values).all()) and bool(np.any(self.since_first(column) != 0.0))
 
@@ -183,7 +183,7 @@ class LoadSteps:
 
     @property
     def air_varies(self) -> bool:
-        """Whether the air's refractive index is known to change within a run."""
+        """True if the air's refractive index is known to change within a run."""
         return any(self.varies(column) for column in (AIR, PRESSURE))
 
     def lagging(self, threshold: float, *, exercised: bool) -> tuple[NDArray, NDArray]:

@@ -289,7 +289,7 @@ class MeasuredBodies:
 
 
 def frame_is_common(body: BodyTargets, order: Array) -> bool:
-    """Whether a body hardly moves from one pose to the next, so that the measurement has one frame for the campaign."""
+    """True if a body hardly moves from one pose to the next, so that the measurement has one frame for the campaign."""
     in_time = np.argsort(order, kind="stable")
     points, seen = body.points[in_time], (body.seen & body.ok[:, None])[in_time]
     both = seen[1:] & seen[:-1]

@@ -117,13 +117,13 @@ def survey_noise(model: MechanismModel) -> NDArray:
 
 
 def concerns_targets(cause: PointCause) -> bool:
-    """Whether a cause concerns single targets only, and so does not affect the poses of bodies."""
+    """True if a cause concerns single targets only, and so does not affect the poses of bodies."""
     settings = cause.settings()
     return bool(settings.get("target") or settings.get("targets"))
 
 
 def acts_on_poses(cause: PointCause) -> bool:
-    """Whether a cause changes the pose of the platform, and not only what is recorded of it."""
+    """True if a cause changes the pose of the platform, and not only its record."""
     return cause.step is not Step.INSTRUMENT and not concerns_targets(cause)
 
 

@@ -73,7 +73,7 @@ class PointScene(Scene["PointCause"]):
         return len(self.rho0)
 
     def varies(self, column: str) -> bool:
-        """Whether a covariate exists and takes more than one value."""
+        """True if a covariate exists and takes more than one value."""
         found = self.covariates.get(column)
         return found is not None and bool(np.ptp(found) > 0)
 

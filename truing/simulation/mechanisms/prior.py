@@ -115,7 +115,7 @@ def _by_survey(
 
 
 def _same_survey(found: ExtendedModel, model: MechanismModel) -> bool:
-    """Whether both surveys have the same targets of base and platform at the same positions."""
+    """True if both surveys have the same targets of base and platform at the same positions."""
     before, now = (_attached_positions(one) for one in (found.model, model))
     return before.keys() == now.keys() and all(
         np.abs(before[key] - place).max() < _SAME_M for key, place in now.items()

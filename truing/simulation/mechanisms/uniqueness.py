@@ -71,7 +71,7 @@ class Flexures:
 
 @dataclass(frozen=True)
 class UniquenessProof:
-    """What is proven over a box of poses; ``boxes``: parts examined.
+    """Statements proven over a box of poses; ``boxes``: parts examined.
 
     unique: two poses of the box never have equal readings; regular: no pose is singular; undecided (U, 2, 6): ends of
     the parts without proof of uniqueness, position, m, and Cayley's parameters; reading_slope (L, 2): bounds of the
@@ -88,7 +88,7 @@ class UniquenessProof:
 
     @property
     def inverse_unique(self) -> NDArray:
-        """Whether at most one reading closes each leg (L,), over all poses and readings of the box."""
+        """True if at most one reading closes each leg (L,), over all poses and readings of the box."""
         return np.asarray(self.reading_slope[:, 0] > 0.0)
 
 
@@ -108,7 +108,7 @@ class _Rows:
     extra: IntervalArray
 
     def decide(self, low: NDArray, high: NDArray, *, one_pose: bool = False) -> NDArray:
-        """Return whether boxes low, high (N, 6) hold no midpoint of two poses with equal readings of the range.
+        """True where boxes low, high (N, 6) hold no midpoint of two poses with equal readings of the range.
 
         The vector g of a leg at the midpoint is the mean of those at the two poses, so it is no longer than they are.
         one_pose: whether they hold no singular pose, where g is as long as the leg.
@@ -140,7 +140,7 @@ class _Rows:
 def prove_uniqueness(
     legs: Legs, box: PoseBox, flexures: Flexures | None = None, most: int = _MOST_BOXES
 ) -> UniquenessProof:
-    """Return what interval arithmetic proves of straight legs, 6-pus or ups, over a box of poses.
+    """Prove statements on straight legs, 6-pus or ups, over a box of poses by interval arithmetic.
 
     With ``flexures``, lengths follow the report's eq. 14 to 18. Raises ValueError for another type of leg.
     """
@@ -163,7 +163,7 @@ def _proof(legs: Legs, box: PoseBox, flexures: Flexures | None, most: int) -> Un
 
 
 def _prepared(legs: Legs, box: PoseBox, whole: IntervalArray, flexures: Flexures | None) -> tuple[_Rows, NDArray]:
-    """Return the rows with what is common to all midpoints, and the slopes by the readings."""
+    """Return the rows with the terms common to all midpoints, and the slopes by the readings."""
     size = float(np.abs(legs.b).max())
     turned = legs.b @ box.R.T
     b = hull(turned - _ROUNDING * size, turned + _ROUNDING * size)
@@ -247,7 +247,7 @@ def _turned(g: IntervalArray, vectors: IntervalArray) -> IntervalArray:
 def _halved(
     decides: Callable[[NDArray, NDArray], NDArray], half: NDArray, lever: NDArray, most: int
 ) -> tuple[bool, int, NDArray]:
-    """Return whether all parts of a box are decided, their number, and the ends (U, 2, 6) of those that are not.
+    """Return True if all parts of a box are decided, their number, and the ends (U, 2, 6) of the undecided ones.
 
     lever (6,): motion of the joints per coordinate; the widest one is halved.
     """

@@ -73,7 +73,7 @@ class RayPoses:
         return ranks(order)
 
     def varies(self, column: str) -> bool:
-        """Whether a column is known at all poses and takes more than one value."""
+        """True if a column is known at all poses and takes more than one value."""
         values = self.covariates.get(column)
         return values is not None and bool(np.isfinite(values).all() and np.ptp(values) > 0)
 

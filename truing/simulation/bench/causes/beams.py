@@ -120,7 +120,7 @@ class CosineError(ChannelCause):
         return (whole, *super().reported(values, covariance, legs))
 
     def _is_observable(self, scene: BenchScene, channel: str) -> tuple[bool, bool]:
-        """Whether motion across a channel is observable in it, and whether it is so beside motion along the channel."""
+        """True if motion across a channel is observable in it, and next to motion along the channel."""
         steps, own = scene.steps, CHANNELS.index(channel)
         seen = scene.recorded[:, own]
         if seen.sum() < FEWEST:

@@ -54,7 +54,7 @@ class ChannelCause(ReadingCause):
         return f"{self.id} {self.channel}".strip()
 
     def excludes(self, other: ReadingCause) -> bool:
-        """Whether the other cause is of the same kind and shares a channel with this one."""
+        """True if the other cause is of the same kind and shares a channel with this one."""
         if not isinstance(other, ChannelCause) or self.id != other.id:
             return False
         mine, theirs = self.channel, other.channel
@@ -87,7 +87,7 @@ class RunChannelCause(ChannelCause):
         return f"{self.id} {self.channel} {self.run}".strip()
 
     def excludes(self, other: ReadingCause) -> bool:
-        """Whether the other is the same: a run may also drift with its channel, or lose fringes twice."""
+        """True if the other is the same: a run may also drift with its channel, or lose fringes twice."""
         return self.key == other.key
 
 

@@ -40,7 +40,7 @@ class LoadCause(ReadingCause):
         return f"{self.id} {self.axis}".strip()
 
     def excludes(self, other: ReadingCause) -> bool:
-        """Whether the other cause is of the same kind and shares an axis with this one."""
+        """True if the other cause is of the same kind and shares an axis with this one."""
         if not isinstance(other, LoadCause) or self.id != other.id:
             return False
         return not self.axis or not other.axis or self.axis == other.axis

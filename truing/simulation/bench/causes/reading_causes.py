@@ -69,12 +69,12 @@ def unit_of(channel: str) -> tuple[str, float]:
 
 
 def is_linear(channel: str) -> bool:
-    """Whether a channel reads a displacement."""
+    """True if a channel reads a displacement."""
     return channel in CHANNELS[:LINEAR]
 
 
 def is_signal(channel: str) -> bool:
-    """Whether a channel is a signal of the sensor itself."""
+    """True if a channel is a signal of the sensor itself."""
     return channel not in CHANNELS
 
 
@@ -91,7 +91,7 @@ def at_channels(steps: LoadSteps, channel: str) -> NDArray:
 
 
 def is_force(axis: str) -> bool:
-    """Whether a load axis is that of a force."""
+    """True if a load axis is that of a force."""
     return axis in AXES[:LINEAR]
 
 

@@ -149,7 +149,7 @@ def confirmed_by_readings(
 
 
 def _agrees_with_exchange(one: RowsExchanged, steps: RecordedSteps, compliance: NDArray) -> bool:
-    """Whether readings agree better with the exchanged loads; also if there are no readings."""
+    """True if readings agree better with the exchanged loads; also if there are no readings."""
     names: list[Row] = [(steps.runs[run], int(step)) for run, step in zip(steps.run, steps.step, strict=True)]
     rows = [names.index(row) for row in one.rows]
     motion, other = (loads[rows] @ compliance.T for loads in (steps.load, with_corrected_loads(steps, (one,)).load))

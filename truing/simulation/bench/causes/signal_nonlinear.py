@@ -65,7 +65,7 @@ class SignalNonlinear(ReadingCause):
         return f"{self.id} {self.signal}".strip()
 
     def excludes(self, other: ReadingCause) -> bool:
-        """Whether the other cause is of the same kind and shares a signal with this one."""
+        """True if the other cause is of the same kind and shares a signal with this one."""
         if not isinstance(other, SignalNonlinear):
             return False
         return not self.signal or not other.signal or self.signal == other.signal
@@ -152,7 +152,7 @@ def _reading_count(scene: BenchScene, cause: SignalNonlinear) -> int:
 
 
 def _has_levels(steps: LoadSteps) -> bool:
-    """Whether some axis was loaded by several amounts, which a square needs to differ from a slope."""
+    """True if some axis was loaded by several amounts, which a square needs to differ from a slope."""
     return any(len(np.unique(np.round(own, 9))) > _POWERS[QUADRATIC] for own in steps.share.T)
 
 

@@ -53,7 +53,7 @@ class Deflection(LoadCause):
         return found
 
     def shows(self, steps: LoadSteps, axis: int) -> bool:
-        """Whether loads of an axis could show it."""
+        """True if loads of an axis could show it."""
         return True
 
     def prior(self, scene: BenchScene) -> float:
@@ -119,7 +119,7 @@ class StiffnessAsymmetry(Deflection):
     parameter = "asymmetry"
 
     def shows(self, steps: LoadSteps, axis: int) -> bool:
-        """Whether an axis was loaded in both directions."""
+        """True if an axis was loaded in both directions."""
         return bool(steps.load[:, axis].min() < 0.0 < steps.load[:, axis].max())
 
     def course(self, steps: LoadSteps) -> NDArray:
@@ -135,7 +135,7 @@ class StiffnessNonlinear(Deflection):
     parameter = "cubic"
 
     def shows(self, steps: LoadSteps, axis: int) -> bool:
-        """Whether an axis was loaded by several amounts."""
+        """True if an axis was loaded by several amounts."""
         sizes = np.abs(steps.load[:, axis])
         return len(np.unique(sizes[sizes > 0.0])) >= _LEVELS
 
@@ -155,7 +155,7 @@ class Hysteresis(Deflection):
     plausible = 0.02
 
     def shows(self, steps: LoadSteps, axis: int) -> bool:
-        """Whether an axis was unloaded step by step."""
+        """True if an axis was unloaded step by step."""
         return int(np.sum(steps.unloading[:, axis] & (steps.load[:, axis] != 0.0))) >= _LEVELS
 
     def one_sided(self, legs: int) -> tuple[int, ...]:
@@ -204,6 +204,6 @@ class JointClearance(LoadCause):
 
 
 def _is_observable(scene: BenchScene, axis: int, *, own: bool) -> bool:
-    """Whether, under loads of an axis, its own component was read, or any other of the platform's."""
+    """True if, under loads of an axis, its own component was read, or any other of the platform's."""
     under_load = scene.recorded[scene.steps.load[:, axis] != 0.0][:, : len(CHANNELS)].any(0)
     return bool(under_load[axis] if own else np.delete(under_load, axis).any())

@@ -64,7 +64,7 @@ class ZeroStep(ReadingCause):
         return f"{self.family} {self.from_rank}"
 
     def excludes(self, other: ReadingCause) -> bool:
-        """Whether the other is the same, or shares a channel from the same step on."""
+        """True if the other is the same, or shares a channel from the same step on."""
         return self.key == other.key or (
             isinstance(other, ZeroStep)
             and (self.run, self.from_rank) == (other.run, other.from_rank)

@@ -60,7 +60,7 @@ class UncertainSensor:
 
     @property
     def _is_elastic(self) -> bool:
-        """Whether the compliance is that of the legs' elements."""
+        """True if the compliance is that of the legs' elements."""
         return self.elastic is not None and (self.given is None or np.array_equal(self.given, self.elastic.compliance))
 
     @cached_property
@@ -111,7 +111,7 @@ class UncertainSensor:
 
     @property
     def is_split(self) -> bool:
-        """Whether elastic parameters have a part common to all legs and one per leg."""
+        """True if elastic parameters have a part common to all legs and one per leg."""
         return self.stiffness_size > 1
 
     @property

@@ -57,7 +57,7 @@ class BodyDrift(BodyCause):
 
     @property
     def jumps(self) -> bool:
-        """Whether it is a jump from one pose to the next."""
+        """True if it is a jump from one pose to the next."""
         return bool(np.isfinite(self.from_order))
 
     @property

@@ -57,7 +57,7 @@ def column_scaling(
 
 
 def runs_with_time(scene: PointScene, terms: tuple[str, ...]) -> bool:
-    """Whether the terms' columns changed nearly linearly with time, so that data cannot distinguish them from it."""
+    """True if the terms' columns changed nearly linearly with time, so that data cannot distinguish them from it."""
     time = scene.covariates.get(TIME if scene.varies(TIME) else ORDER)
     columns = [scene.covariates.get(c) for term in terms for c in term.split(TIMES) if not c.startswith(CAME_FROM)]
     if time is None or not columns or any(values is None or np.ptp(values) == 0 for values in columns):

@@ -1,1 +1,1 @@
-"""Causes that act on mechanisms, and on what instruments record of bodies in space."""
+"""Causes that act on mechanisms, and on records of bodies in space."""

@@ -114,7 +114,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
 
     @property
     def is_persistent(self) -> bool:
-        """Whether the effect stays with the machine; False if it depends on time or concerns targets."""
+        """True if the effect stays with the machine; False if it depends on time or concerns targets."""
         return super().is_persistent and self.quantity != Quantity.TARGETS
 
     def candidates(self, scene: PointScene) -> Sequence[NonparametricMechanismEffect]:

@@ -57,7 +57,7 @@ class PerLeg(PointCause):
         return tuple(range(count - len(self.leg_numbers(legs)), count))
 
     def excludes(self, other: PointCause) -> bool:
-        """Whether the other cause is of the same kind and shares a leg with this one."""
+        """True if the other cause is of the same kind and shares a leg with this one."""
         if self.id != other.id or not isinstance(other, PerLeg):
             return False
         return not self.legs or not other.legs or bool(set(self.legs) & set(other.legs))

@@ -126,7 +126,7 @@ def _targets_on_legs(state: State, fields: dict[str, NDArray], own: NDArray) -> 
 
 
 def warms(scene: PointScene) -> bool:
-    """Whether the temperature is known at all poses and departs from the reference at any."""
+    """True if the temperature is known at all poses and departs from the reference at any."""
     found = scene.covariates.get(TEMPERATURE)
     return found is not None and bool(np.isfinite(found).all() and np.any(found != scene.reference_temperature_c))
 

@@ -104,7 +104,7 @@ class JointCause(ChainCause):
         return [cause for cause in found if cause.applies(machine)]
 
     def applies(self, machine: ChainInputs) -> bool:
-        """Whether the joint can have the effect in this campaign."""
+        """True if the joint can have the effect in this campaign."""
         return True
 
     def motion(self, machine: ChainInputs, reading: int) -> NDArray:
@@ -160,7 +160,7 @@ class JointBacklash(JointCause):
     lacking = Missing.APPROACH
 
     def applies(self, machine: ChainInputs) -> bool:
-        """Whether the joint was approached from both sides."""
+        """True if the joint was approached from both sides."""
         came = machine.approach
         return came is not None and bool(np.ptp(came[:, machine.tree.readings.index(self.joint)]) > 0.0)
 

@@ -49,7 +49,7 @@ def foreign_share(start: StartValues) -> float:
 
 
 def does_not_belong(start: StartValues) -> bool:
-    """Whether the nominal chain misses the measured positions by more than any real machine."""
+    """True if the nominal chain misses the measured positions by more than any real machine."""
     return start.rms > foreign_share(start)
 
 

@@ -1,4 +1,4 @@
-"""Data of the poses of a chain: `ChainConditions`; what is measured on it: `Channels`; both for model and causes."""
+"""Data of the poses of a chain: `ChainConditions`; measurements on it: `Channels`; both for model and causes."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class ChainConditions:
 
 @dataclass(frozen=True)
 class ChainInputs:
-    """What an effect on a chain may depend on: the tree, readings, covariates, and the load that each node carries.
+    """Inputs of an effect on a chain: the tree, readings, covariates, and the load that each node carries.
 
     ``force``, ``moment`` (B, N, 3) are those of weight at each joint's origin, along the axes of its frame, N and N m;
     zero where no mass is known. ``shape`` (K, 3) are the targets in their links, m; ``noisy`` are the readings with
@@ -154,7 +154,7 @@ def usual_range(values: NDArray) -> Array:
 
 
 def movements(readings: NDArray, covariates: Mapping[str, NDArray], least: NDArray) -> dict[str, NDArray]:
-    """Return what readings (B, n) in order of time say of each joint's last movement larger than ``least`` (n,).
+    """Return each joint's last movement larger than ``least`` (n,), from readings (B, n) in order of time.
 
     Its direction (B, n), +1 before any; its size (B, n), rad or m, 0 before any; and, where times are known, the
     seconds (B, n) since the pose before it, infinite before any. Rows with a reading that is not finite are passed

@@ -44,7 +44,7 @@ _OWN = (
 
 @dataclass(frozen=True)
 class ExtendedChain(IdentifiedInSI[ChainCause]):
-    """An identified chain: its tree holds the nominal transforms and ``twists`` (N, 6) what was identified, m and rad.
+    """An identified chain: its tree holds the nominal transforms, ``twists`` (N, 6) the identified changes, m and rad.
 
     The covariance is that of the twists of the nodes ``moved`` (M,), then of the effects. ``tip`` is the node whose
     pose is predicted; the payload of ``payload_kg`` sits at ``payload_com`` (3,) m in its
@@ -64,7 +64,7 @@ class ExtendedChain(IdentifiedInSI[ChainCause]):
 
     @property
     def identified(self) -> Tree:
-        """The tree with what was identified in its transforms: links, and joint zeros also beyond their tolerance."""
+        """The tree with identified transforms: links, and joint zeros also beyond their tolerance."""
         twists = self.twists.copy()
         for effect in self.effects:
             if isinstance(effect.cause, JointOffset):
@@ -206,7 +206,7 @@ def write_chain(extended: ExtendedChain) -> str:
 
 
 def is_chain(document: dict[str, Any]) -> bool:
-    """Whether a parsed model.toml is that of a chain."""
+    """True if a parsed model.toml is that of a chain."""
     return describes(document, MECHANISM)
 
 

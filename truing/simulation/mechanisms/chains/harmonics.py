@@ -37,7 +37,7 @@ class JointEccentricity(JointCause):
     is_held_beyond = True
 
     def applies(self, machine: ChainInputs) -> bool:
-        """Whether the joint turns."""
+        """True if the joint turns."""
         return self.is_angle
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
@@ -69,7 +69,7 @@ class JointHarmonic(JointCause):
 
     @property
     def is_persistent(self) -> bool:
-        """Whether the order is determined."""
+        """True if the order is determined."""
         return not self.aliased
 
     def candidates(self, scene: ChainScene) -> Sequence[Self]:
@@ -87,7 +87,7 @@ class JointHarmonic(JointCause):
         return found
 
     def applies(self, machine: ChainInputs) -> bool:
-        """Whether the joint turns."""
+        """True if the joint turns."""
         return self.is_angle
 
     def prior(self, scene: ChainScene) -> float:

@@ -159,7 +159,7 @@ class ChainModel(EffectsModel[ChainCause]):
 
     @cached_property
     def machine(self) -> ChainInputs:
-        """What effects may depend on."""
+        """Inputs of the effects."""
         known = self.known
         inputs = ChainInputs.of(
             self.tree,

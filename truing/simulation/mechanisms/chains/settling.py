@@ -125,7 +125,7 @@ class JointSettling(JointCause):
         return course, course * passed
 
     def _shows(self, machine: ChainInputs, reading: int) -> bool:
-        """Whether enough poses show the deviation."""
+        """True if enough poses show the deviation."""
         course = np.abs(self._course(machine, reading, np.zeros(1))[0])
         return bool((course > _SEEN * course.max(initial=0.0)).sum() >= _FEWEST)
 

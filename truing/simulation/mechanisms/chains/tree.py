@@ -283,7 +283,7 @@ def _seen_from(tree: Tree, below: int, node: int) -> Array:
 
 
 def _complement(rows: NDArray) -> Array:
-    """Return an orthonormal basis (n, m) of what is perpendicular to rows (k, n)."""
+    """Return an orthonormal basis (n, m) of the complement of rows (k, n)."""
     _, values, vectors = np.linalg.svd(rows)
     rank = int(np.sum(values > 1e-9 * max(values.max(initial=0.0), 1e-300)))
     return np.asarray(vectors[rank:].T)

@@ -70,7 +70,7 @@ def forward(legs: Legs, rho: NDArray, delta_bz: NDArray | float = 0.0) -> Forwar
 
 
 def is_batched(legs: Legs) -> bool:
-    """Whether the legs differ from pose to pose."""
+    """True if the legs differ from pose to pose."""
     return legs.a.ndim > 2 or legs.b.ndim > 2 or legs.u.ndim > 2 or legs.l.ndim > 1
 
 

@@ -75,7 +75,7 @@ class LegBodies:
         return 6 * len(self.leg)
 
     def fits(self, structure: Structure, machine: Machine) -> bool:
-        """Whether legs are single rigid bodies, in a model that closes a leg by its length minus the distance of its
+        """True if legs are single rigid bodies, in a model that closes a leg by its length minus the distance of its
         joints."""
         single = isinstance(structure, KinematicModel) or structure.name == "beam"
         return single and machine.legs.closure.one_body

@@ -179,7 +179,7 @@ class BeamModel:
     distance: BendLaw = circle_distance
 
     def fits(self, machine: Machine) -> bool:
-        """Whether the joints are flexures of known length and the reference pose follows from the readings."""
+        """True if the joints are flexures of known length and the reference pose follows from the readings."""
         return machine.flexure_length is not None and machine.legs.count >= 6
 
     def close(self, machine: Machine, p: NDArray, R: NDArray, rho: NDArray, change: Change) -> Closing:

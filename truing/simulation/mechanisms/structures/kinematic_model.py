@@ -28,7 +28,7 @@ class KinematicModel:
     name: str
 
     def fits(self, machine: Machine) -> bool:
-        """Whether the machine's legs are of the type that the model is named after."""
+        """True if the machine's legs are of the type that the model is named after."""
         return machine.legs.closure.name == self.name
 
     def close(self, machine: Machine, p: NDArray, R: NDArray, rho: NDArray, change: Change) -> Closing:
@@ -108,7 +108,7 @@ class JacobianModel:
     name: str = "jacobian"
 
     def fits(self, machine: Machine) -> bool:
-        """Whether readings determine the pose, which is needed at the reference."""
+        """True if readings determine the pose, which is needed at the reference."""
         return machine.legs.count >= 6
 
     def close(self, machine: Machine, p: NDArray, R: NDArray, rho: NDArray, change: Change) -> Closing:

@@ -198,7 +198,7 @@ class StiffnessModel:
     follows: float = 0.0
 
     def fits(self, machine: Machine) -> bool:
-        """Whether there are six legs with known flexures and tubes."""
+        """True if there are six legs with known flexures and tubes."""
         known = (machine.flexure_length, machine.flexure, machine.tube)
         return machine.legs.count == 6 and all(part is not None for part in known)
 

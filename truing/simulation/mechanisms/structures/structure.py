@@ -105,7 +105,7 @@ class Structure(Protocol):
         """Unique name of the model."""
 
     def fits(self, machine: Machine) -> bool:
-        """Whether the machine has the numbers that this model needs."""
+        """True if the machine has the numbers that this model needs."""
 
     def close(self, machine: Machine, p: NDArray, R: NDArray, rho: NDArray, change: Change) -> Closing:
         """Return the closure residuals at poses p (B, 3), R (B, 3, 3) and readings rho (B, L), m."""

@@ -70,7 +70,7 @@ class CameraInstability(RayCause):
         return f"{self.id} {self.camera} {' '.join(self.what)}"
 
     def excludes(self, other: RayCause) -> bool:
-        """Whether the other has the same course in the same camera; a camera may both jump and drift."""
+        """True if the other has the same course in the same camera; a camera may both jump and drift."""
         if not isinstance(other, CameraInstability) or self.camera != other.camera:
             return False
         shared = bool(set(self.what) & set(other.what))

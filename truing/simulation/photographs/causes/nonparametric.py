@@ -83,7 +83,7 @@ def _dependences(columns: list[str]) -> list[tuple[tuple[str, ...], str, int]]:
 
 
 def _is_catalogued(kind: str, columns: tuple[str, ...], degree: int) -> bool:
-    """Whether a linear course is that of a catalogued cause: of cameras in time and temperature, of bars in
+    """True if a linear course is that of a catalogued cause: of cameras in time and temperature, of bars in
     temperature."""
     named = {TIME, TEMPERATURE} if kind == CAMERA else {TEMPERATURE}
     return degree == 1 and len(columns) == 1 and columns[0] in named
