@@ -64,6 +64,7 @@ from truing.simulation.mechanisms.chains.causes import (
     LinkGrowth,
 )
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
+from truing.simulation.mechanisms.chains.loads import ColumnTilt, JointSag
 from truing.simulation.mechanisms.chains.nonparametric import NonparametricChainEffect
 from truing.simulation.mechanisms.chains.settling import JointSettling
 from truing.simulation.mechanisms.point_causes import PointCause
@@ -140,7 +141,9 @@ OWN_CAUSES_OF_CHAINS: tuple[ChainCause, ...] = (
     JointHarmonic(),
     JointSettling(),
     JointCompliance(),
+    JointSag(),
     LinkBending(),
+    ColumnTilt(),
     LinkGrowth(),
     BaseDrift(),
     BaseJump(),

@@ -30,6 +30,7 @@ class Missing(StrEnum):
     PAYLOAD = "no-payload"
     TILT = "no-tilt"
     WEIGHT = "no-weight"
+    GRAVITY = "no-gravity"
     WAITS = "no-waits"
 
 

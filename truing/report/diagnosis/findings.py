@@ -31,6 +31,7 @@ NEEDS = {
     "no-turns": "loads that are raised and lowered again, step by step",
     "no-payload": "six legs, what they carry (payload_kg), and which way is up ([measurement] up)",
     "no-weight": "the direction of gravity ([mechanism] gravity), and masses of links or a payload (payload_kg)",
+    "no-gravity": "the direction of gravity ([mechanism] gravity)",
     "no-waits": "times since the last motion that differ between poses: time_s, or a column since_motion_s",
     "no-tilt": "which way is up ([measurement] up), and poses that tilt the platform by 0.1 rad",
 }

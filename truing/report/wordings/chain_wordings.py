@@ -15,7 +15,8 @@ from truing.report.wordings.claim import (
 
 
 def _whose(claim: Claim) -> str:
-    return subject_words(claim.subject) or "the chain"
+    words = subject_words(claim.subject).strip()
+    return f"a {words}" if words in ("joint", "link") else words or "the chain"
 
 
 def _offset(claim: Claim) -> str:
@@ -53,6 +54,15 @@ def _compliance(claim: Claim) -> str:
 
 def _bending(claim: Claim) -> str:
     return with_sizes(f"{_whose(claim)} bends under the weight that it carries", claim)
+
+
+def _tilt(claim: Claim) -> str:
+    about = f" about its {claim.fact('about')} axis" if claim.fact("about") else ""
+    return with_sizes(f"what carries {_whose(claim)} tilts{about} under the moment of the weight above", claim)
+
+
+def _sag(claim: Claim) -> str:
+    return with_sizes(f"{_whose(claim)} gives way under the weight of links whose masses are not given", claim)
 
 
 def _growth(claim: Claim) -> str:
@@ -127,6 +137,17 @@ CHAIN = {
     "joint-harmonic": Wording("harmonic error of a joint", _harmonic, _turning_advice),
     "joint-compliance": Wording("compliance of a joint", _compliance, _LOADED),
     "link-bending": Wording("bending of a link", _bending, _LOADED),
+    "joint-sag": Wording(
+        "sag of a joint",
+        _sag,
+        "Give the masses of the links in the description, or repeat the same poses with two known payloads: "
+        "only these separate the compliance from the weight.",
+    ),
+    "column-tilt": Wording(
+        "tilt of a column",
+        _tilt,
+        "Place a level or three targets on the base, and stretch the arm to four sides with a known payload.",
+    ),
     "link-growth": Wording("growth of links", _growth, "Repeat the same poses at two temperatures at least 5 K apart."),
     "base-drift": Wording(
         "drift of the base", _drift, "Measure three targets on the base at the start, in the middle and at the end."

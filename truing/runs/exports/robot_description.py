@@ -21,6 +21,7 @@ from truing.simulation.mechanisms.chains.causes import ChainCause, JointCause, J
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
 from truing.simulation.mechanisms.chains.joint_table import joint_column
+from truing.simulation.mechanisms.chains.loads import JointSag
 from truing.simulation.mechanisms.chains.settling import JointSettling
 from truing.simulation.mechanisms.chains.tree import JointKind, Node, Tree, axis_twist
 
@@ -232,7 +233,7 @@ def _deviations(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> 
         cause = effect.cause
         if (
             not isinstance(cause, JointCause)
-            or isinstance(cause, JointOffset | JointSettling)
+            or isinstance(cause, (JointOffset, JointSettling, JointSag))
             or not cause.is_persistent
         ):
             continue

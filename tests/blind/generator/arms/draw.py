@@ -76,7 +76,9 @@ def draw(
             if layout:
                 raise ValueError(f"layout {layout!r} has no rows: notation urdf or screws is expected")
             continue
-        bench = _bench(name, notation, kind, any(c in hidden.OF_GRAVITY for c in wanted), rng, poses)
+        loaded = any(c in hidden.OF_GRAVITY for c in wanted)
+        own = "urdf" if "joint-sag" in wanted else notation
+        bench = _bench(name, own, kind, loaded, rng, poses, tells_masses="joint-sag" not in wanted)
         effects = _effects(bench, wanted, strength, rng)
         if effects is not None:
             return record(seed, name, bench, effects, rng)
@@ -112,9 +114,17 @@ def _instrument(asked: str | None, wanted: Sequence[str], rng: np.random.Generat
 
 
 def _bench(
-    name: str, notation: str | None, kind: str, loaded: bool, rng: np.random.Generator, poses: int | None
+    name: str,
+    notation: str | None,
+    kind: str,
+    loaded: bool,
+    rng: np.random.Generator,
+    poses: int | None,
+    tells_masses: bool = True,
 ) -> Bench:
     design = _design(name, notation, loaded, rng)
+    if not tells_masses:
+        design = replace(design, arm=replace(design.arm, payload=0.0), tells_masses=False)
     tolerance = None
     if rng.random() < 0.75:
         degrees = np.round([rng.uniform(0.05, 0.3), rng.uniform(0.02, 0.1)], 3)

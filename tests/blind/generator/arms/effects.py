@@ -9,7 +9,7 @@ import numpy as np
 
 from tests.blind.generator.arms.arm import Arm
 from tests.blind.generator.arms.instrument import Instrument
-from tests.blind.generator.arms.motion import State, at_rest
+from tests.blind.generator.arms.motion import State, at_rest, base_moment, places
 from tests.blind.generator.arms.schedule import Schedule
 from tests.blind.generator.arms.transforms import Array
 
@@ -21,20 +21,22 @@ JOINT_CAUSES = (
     "joint-harmonic",
     "joint-settling",
     "joint-compliance",
+    "joint-sag",
     "approach-scatter",
 )
 LINK_CAUSES = ("link-bending", "link-growth")
-BASE_CAUSES = ("base-drift", "base-jump")
+BASE_CAUSES = ("base-drift", "base-jump", "column-tilt")
 CAUSES = (*JOINT_CAUSES, *LINK_CAUSES, *BASE_CAUSES, "target-moved", "joints-exchanged")
-OF_GRAVITY = ("joint-compliance", "link-bending")
-OF_ANGLE = ("joint-eccentricity", "joint-harmonic", "joint-compliance")  # revolute joints alone
+OF_GRAVITY = ("joint-compliance", "joint-sag", "link-bending", "column-tilt")
+OF_ANGLE = ("joint-eccentricity", "joint-harmonic", "joint-compliance", "joint-sag")  # revolute joints alone
 SIX = ("dx", "dy", "dz", "rx", "ry", "rz")
 
 
 @dataclass(frozen=True)
 class Effect:
     """One hidden effect. ``shape`` is what one unit of ``size`` adds: to a joint (N,), a link's growth (N,), the base's
-    motion (N, 6) or a target's place (N, 3); of compliance and flexibility it is empty.
+    motion (N, 6) or a target's place (N, 3); of compliance and flexibility it is empty. ``joint-sag`` is the compliance
+    of a joint in an arm whose file holds no masses.
     """
 
     cause: str
@@ -56,7 +58,7 @@ def hide(effects: Sequence[Effect], arm: Arm, schedule: Schedule, targets: int) 
 
 def _added(state: State, effect: Effect) -> State:
     change, where = effect.size * effect.shape, effect.where
-    if effect.cause == "joint-compliance":
+    if effect.cause in ("joint-compliance", "joint-sag"):
         return replace(state, compliance=_at(state.compliance, where, effect.size))
     if effect.cause == "link-bending":
         return replace(state, flexibility=_at(state.flexibility, where, effect.size))
@@ -87,7 +89,7 @@ def draw_effect(
         shape = schedule.warmth if cause == "link-growth" else np.zeros(0)
         found = [Effect(cause, f"link {arm.links[n].name}", n, shape) for n in _beams(cause, arm)]
     elif cause in BASE_CAUSES:
-        found = [] if instrument.frame == "pose" else [_of_base(cause, schedule, rng)]
+        found = [] if instrument.frame == "pose" else [_of_base(cause, arm, schedule, rng)]
     elif cause == "target-moved":
         found = [_of_target(n, instrument, schedule, rng) for n in range(len(instrument.targets))]
     elif cause == "joints-exchanged":
@@ -98,7 +100,10 @@ def draw_effect(
 
 
 def _fits(cause: str, arm: Arm, column: int) -> bool:
-    return cause not in OF_ANGLE or arm.joints[arm.actuated[column]].kind == "revolute"
+    own = arm.actuated[column]
+    if cause == "joint-sag" and any(j.kind == "prismatic" for j in arm.joints if j.child in arm.outboard(own)):
+        return False
+    return cause not in OF_ANGLE or arm.joints[own].kind == "revolute"
 
 
 def _of_joint(cause: str, column: int, arm: Arm, schedule: Schedule, rng: np.random.Generator) -> Effect:
@@ -137,7 +142,12 @@ def _beams(cause: str, arm: Arm) -> list[int]:
     return found
 
 
-def _of_base(cause: str, schedule: Schedule, rng: np.random.Generator) -> Effect:
+def _of_base(cause: str, arm: Arm, schedule: Schedule, rng: np.random.Generator) -> Effect:
+    if cause == "column-tilt":
+        height = float(rng.uniform(0.0, 1.0))
+        moment = base_moment(arm, places(arm, at_rest(arm, schedule.readings, 0)))
+        way = np.concatenate([np.cross(moment, -height * arm.gravity), moment], axis=1)
+        return Effect(cause, f"link {arm.links[0].name}", 0, way, fixed={"height": height})
     way = rng.normal(size=6) * np.array([1.0, 1.0, 1.0, 1.5, 1.5, 1.5])  # turns per metre of motion: a base of 0.7 m
     way, count = way / np.linalg.norm(way[:3]), len(schedule.time)
     fixed = {f"way_{name}": float(part) for name, part in zip(SIX, way, strict=True)}
@@ -191,7 +201,9 @@ def parameters(effect: Effect, arm: Arm) -> dict[str, dict[str, float | str]]:
     elif effect.cause == "joint-settling":
         form = str(fixed["form"])
         named = {form: (size, "1" if form == "share" else unit), "tau": (float(fixed["tau"]), "s")}
-    elif effect.cause == "joint-compliance":
+    elif effect.cause == "column-tilt":
+        named = {"tilt": (size, "rad/(N m)"), "shift": (size * float(fixed["height"]), "m/(N m)")}
+    elif effect.cause in ("joint-compliance", "joint-sag"):
         named = {"compliance": (size, "rad/(N m)")}
     elif effect.cause == "link-bending":
         named = {"flexibility": (size, "1/(N m^2)")}

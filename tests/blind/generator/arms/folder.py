@@ -5,10 +5,12 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from tests.blind.generator.arms.arm import Link
 from tests.blind.generator.arms.draw import ArmCampaign
 from tests.blind.generator.arms.effects import parameters
 from tests.blind.generator.arms.notation import half_turn_vector, mechanism_lines, urdf
@@ -25,7 +27,10 @@ def write(campaign: ArmCampaign, folder: Path | str, name: str | None = None) ->
     bench, instrument = campaign.bench, campaign.bench.instrument
     (folder / "campaign.toml").write_text(settings_text(campaign, name or folder.name), encoding="utf-8")
     if bench.design.notation == "urdf":
-        text = urdf(bench.design.arm, campaign.layout, on_floor=campaign.layout in ("gantry", "two-tips"))
+        arm = bench.design.arm
+        if not bench.design.tells_masses:
+            arm = replace(arm, links=tuple(Link(link.name) for link in arm.links))
+        text = urdf(arm, campaign.layout, on_floor=campaign.layout in ("gantry", "two-tips"))
         (folder / "robot.urdf").write_text(text, encoding="utf-8")
     _write(folder / "configurations.csv", _configurations(campaign))
     if instrument.targets:

@@ -29,11 +29,12 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Design:
-    """The nominal arm, the notation of its file, and the rows of that notation if it has rows."""
+    """The nominal arm, the notation of its file, its rows if it has rows, and whether the file holds masses."""
 
     arm: Arm
     notation: str
     rows: tuple[Row, ...] = ()
+    tells_masses: bool = True
 
     def sigmas(self, tolerance: Tolerance) -> Array:
         """Standard deviations (P,) of all numbers of the geometry."""

@@ -111,6 +111,12 @@ def gravity_torques(arm: Arm, found: Places) -> Array:
     return torques
 
 
+def base_moment(arm: Arm, found: Places) -> Array:
+    """Moment (N, 3), N m, of all weights about the origin of the base link, in its frame."""
+    masses, centres, _ = _masses(arm, found)
+    return np.cross(np.einsum("b,nbi->ni", masses, centres), STANDARD_GRAVITY * arm.gravity)
+
+
 def potential_energy(arm: Arm, found: Places) -> Array:
     """Potential energy (N,) of all masses in the field of gravity, J."""
     masses, centres, _ = _masses(arm, found)

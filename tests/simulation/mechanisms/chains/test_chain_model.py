@@ -15,6 +15,7 @@ from truing.inference.observations import Epochs, Frames, Observations
 from truing.inference.selection import CauseDiagnosis, CauseSelection, Settings
 from truing.simulation.catalogue import catalogue_of_chains
 from truing.simulation.cause import Effect, ReportedParameter
+from truing.simulation.inputs import Missing
 from truing.simulation.mechanisms.chains.causes import (
     BaseDrift,
     BaseJump,
@@ -29,6 +30,8 @@ from truing.simulation.mechanisms.chains.causes import (
 )
 from truing.simulation.mechanisms.chains.conditions import BETWEEN, movements
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
+from truing.simulation.mechanisms.chains.loads import ColumnTilt, JointSag
+from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.settling import SIDE, JointSettling
 
 NOISE_M, NOISE_RAD = 2e-5, 5e-5
@@ -43,6 +46,8 @@ EVERY: tuple[ChainCause, ...] = (
     JointSettling("j3", column="since_motion_s", start_s=2.0, tau_s=9.0),
     JointSettling("j1", form=SIDE, column="time_s", start_s=20.0, tau_s=9.0, free=True),
     JointCompliance("j3", load=20.0),
+    JointSag("j2", parts=("link2 x", "link3 x")),
+    ColumnTilt("base", load=50.0),
     LinkGrowth("link2"),
     LinkBending("link2", load=10.0),
     BaseDrift(span=9.0),
@@ -73,11 +78,16 @@ def test_derivatives_are_those_of_the_channels(orientation: bool) -> None:
 
 
 def diagnosed(
-    effects: Sequence[Effect[ChainCause]], seed: int, orientation: bool = False, gears: bool = False
+    effects: Sequence[Effect[ChainCause]],
+    seed: int,
+    orientation: bool = False,
+    gears: bool = False,
+    tells_masses: bool = True,
 ) -> CauseDiagnosis:
     """What a search says of a campaign whose geometry and zeros are drawn from their tolerances.
 
-    Orders of ``gears`` are searched only where a test is about them, because that takes time.
+    Orders of ``gears`` are searched only where a test is about them, because that takes time. Without ``tells_masses``
+    the search knows no mass.
     """
     rng = np.random.default_rng(seed)
     model = campaign(rng, 60, 1 if orientation else 2, orientation)
@@ -102,8 +112,16 @@ def diagnosed(
     covariance = np.broadcast_to((sigma**2)[..., None] * np.eye(3), (*values.shape, 3))
     measured = Observations(values, covariance, np.ones(values.shape[:2], bool))
     frames = Frames(np.tile(np.eye(3), (60, 1, 1)), np.zeros((60, 3)), free=False)
+    if not tells_masses:
+        model = weightless(model)
     epochs = Epochs(measured, model.conditions, frames)
     return CauseSelection(model, epochs, None, Settings(0.05, 200, 1)).run(list(catalogue_of_chains().values()))
+
+
+def weightless(model: ChainModel) -> ChainModel:
+    """The model of a description without masses."""
+    tree = replace(model.tree, nodes=tuple(replace(node, mass=0.0) for node in model.tree.nodes))
+    return replace(model, tree=tree, conditions=replace(model.conditions, payload_kg=np.zeros(len(model.blocks))))
 
 
 def names(diagnosis: CauseDiagnosis) -> list[tuple[str, str]]:
@@ -161,6 +179,34 @@ def test_known_orders_of_gears_replace_the_search() -> None:
     assert found[-1].refined() == found[-1]
 
 
+def test_under_unknown_masses_the_sag_of_a_joint_is_found_with_its_course() -> None:
+    soft, rng = Effect(JointCompliance("j2", load=40.0), np.array([8e-6])), np.random.default_rng(5)
+    diagnosis = diagnosed([soft], 5, tells_masses=False)
+    assert names(diagnosis) == [("joint-sag", "joint j2")]
+    (found,) = (verdict for verdict in diagnosis.verdicts if verdict.verdict == "found")
+    true = soft.values[0] * campaign(rng, 60, 2).machine.torque(1)
+    sag = found.cause.motion(diagnosis.plain.model.machine, 1) @ found.values
+    true, sag = true - true.mean(), sag - sag.mean()  # a constant is the joint's zero
+    assert np.sqrt(np.mean(true**2)) > 1e-5
+    assert np.sqrt(np.mean((sag - true) ** 2)) < 0.2 * np.sqrt(np.mean(true**2))
+
+
+def test_a_sag_is_a_candidate_only_under_unknown_masses() -> None:
+    model = campaign(np.random.default_rng(1), 30)
+    assert not JointSag().candidates(model.scene)
+    bare = weightless(model)
+    parts = {(cause.joint, len(cause.parts)) for cause in JointSag().candidates(bare.scene)}
+    assert {joint for joint, _ in parts} == {"j2", "j3", "j4", "j5"}  # the first axis is vertical
+    assert ("j2", 2) in parts  # a link has two directions across the axis
+    assert JointSag().missing_input(bare.scene) is None
+    blind = replace(bare, known=replace(bare.known, gravity=None))
+    assert not JointSag().candidates(blind.scene)
+    assert JointSag().missing_input(blind.scene) is Missing.GRAVITY
+    assert not ColumnTilt().candidates(bare.scene)
+    about = {cause.about for cause in ColumnTilt().candidates(model.scene)}
+    assert about == {"", "x", "y"}
+
+
 def test_settling_needs_waits_that_differ() -> None:
     model = campaign(np.random.default_rng(1), 30)
     assert JointSettling().candidates(model.scene)
@@ -180,6 +226,7 @@ def test_settling_needs_waits_that_differ() -> None:
         (JointSettling("j2", column="since_motion_s", start_s=2.0, tau_s=6.0), [4e-4]),
         (JointSettling("j3", form=SIDE, column="since_motion_s", start_s=2.0, tau_s=6.0), [-5e-4]),
         (JointCompliance("j2", load=40.0), [8e-6]),
+        (ColumnTilt("base", load=50.0), [4e-6, 1.6e-6]),
         (LinkGrowth("link2"), [4e-5]),
         (BaseJump(from_pose=30, from_order=30.0), [1e-4, 0, 5e-5, 0, 1e-4, 0]),
     ],
@@ -188,6 +235,10 @@ def test_settling_needs_waits_that_differ() -> None:
 def test_a_clear_effect_is_found_named_and_measured(cause: ChainCause, values: list[float]) -> None:
     diagnosis = diagnosed([Effect(cause, np.array(values, float))], 5)
     assert names(diagnosis) == [(cause.id, cause.subject)]
+    if isinstance(cause, ColumnTilt):
+        tilt, shift = reported(diagnosis)
+        assert abs(tilt.value - 4e-6) < 3.5 * tilt.sigma < 2e-6
+        assert abs(shift.value - 1.6e-3) < 3.5 * shift.sigma < 1.6e-3
     if isinstance(cause, JointSettling):
         size, tau, wait = reported(diagnosis)
         hidden = values[0] * np.exp((cause.start_s - wait.value) / cause.tau_s)

@@ -73,7 +73,8 @@ class ChainInputs:
 
     ``force``, ``moment`` (B, N, 3) are those of weight at each joint's origin, along the axes of its frame, N and N m;
     zero where no mass is known. ``shape`` (K, 3) are the targets in their links, m; ``noisy`` are the readings with
-    noise. ``gear_orders``: known orders of errors by joint, per turn.
+    noise. ``gravity`` (3,): its direction in the base's frame; None if it is unknown. ``gear_orders``: known orders of
+    errors by joint, per turn.
     """
 
     tree: Tree
@@ -84,6 +85,7 @@ class ChainInputs:
     reference_temperature_c: float
     shape: NDArray = field(default_factory=lambda: np.zeros((0, 3)))
     noisy: Index = field(default_factory=lambda: np.zeros(0, int))
+    gravity: NDArray | None = None
     gear_orders: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     @classmethod
@@ -107,7 +109,7 @@ class ChainInputs:
         else:
             carried = {payload[0]: (conditions.payload_kg, payload[1])} if conditions.payload_kg.any() else {}
             force, moment = tree.gravity_load(conditions.readings, gravity, carried)
-        return cls(tree, channels, conditions, force, moment, reference_temperature_c, shape, noisy)
+        return cls(tree, channels, conditions, force, moment, reference_temperature_c, shape, noisy, gravity)
 
     @property
     def readings(self) -> NDArray:

@@ -1,0 +1,168 @@
+"""Causes by weight beside the compliance of joints and links: a column that tilts, and joints under unknown masses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.simulation.cause import Parameter
+from truing.simulation.inputs import Missing
+from truing.simulation.mechanisms.chains.causes import ChainScene, JointCause, LinkCause
+from truing.simulation.mechanisms.chains.conditions import ChainInputs
+from truing.simulation.mechanisms.chains.tree import JointKind
+
+_TILT, _PIVOT_M = 2e-4, 0.5  # plausible tilt under the largest moment, and height above the place that it turns about
+_SAG = 5e-4  # rad
+_MM = 1e-3
+_AXES = "xyz"
+_VARIES = 1e-6  # N m
+# A function of the pose is a further one if this share of its rms size is independent of the others and of a constant.
+_INDEPENDENT = 1e-3
+_DEPTHS = (1, 2, 0)  # nearest moving links with an unknown centre of mass; 0: all
+
+
+@dataclass(frozen=True)
+class ColumnTilt(LinkCause):
+    """A column or rail under the chain tilts by tilt x moment of the weight on it, and shifts by shift x moment.
+
+    The link is the base, or one that slides; the moment acts at its origin. ``shift`` is tilt x height of that origin
+    above the place about which it turns. ``about``: an axis of the joint's frame that alone tilts, as of a rail; empty
+    for all.
+    """
+
+    about: str = ""
+    load: float = 1.0  # largest moment, N m
+
+    id = "column-tilt"
+    lacking = Missing.WEIGHT
+
+    def candidates(self, scene: ChainScene) -> Sequence[ColumnTilt]:
+        """Return the base and every link that slides, in all directions or about one axis, where moments vary."""
+        machine, found = scene.inputs_of_machine, []
+        for k, node in enumerate(machine.tree.nodes):
+            if not (k == 0 or (node.kind is JointKind.PRISMATIC and node.reading == node.joint)):
+                continue
+            varying = np.ptp(self._moment(machine, k), axis=0) > _VARIES
+            axes = ["", *(axis for axis, own in zip(_AXES, varying, strict=True) if own)] if varying.any() else []
+            for about in axes if sum(varying) > 1 else axes[:1]:
+                own = replace(self, link=node.link, about=about)
+                found.append(replace(own, load=float(np.abs(own._moment(machine, k)).max())))
+        return found
+
+    def one_sided(self, legs: int) -> tuple[int, ...]:
+        """Return the tilt: it cannot be negative."""
+        return (0,)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return tilt and shift per moment."""
+        scale = _TILT / self.load
+        return Parameter("tilt", "rad/(N m)", scale), Parameter("shift", "mm/(N m)", _PIVOT_M * scale, _MM)
+
+    def twists(self, machine: ChainInputs) -> NDArray:
+        """Return the rotation of the link about its origin, and its horizontal shift."""
+        k = machine.tree.links[self.link]
+        moment, force = self._moment(machine, k), machine.force[:, k]
+        up = -force / np.maximum(np.sqrt(np.sum(force**2, -1, keepdims=True)), 1e-12)
+        found = np.zeros((len(moment), 6, 2))
+        found[:, :3, 0] = np.cross(self._way(machine, k), moment)
+        found[:, 3:, 0] = moment
+        found[:, :3, 1] = np.cross(moment, up)
+        return machine.at_node(k, found)
+
+    def _way(self, machine: ChainInputs, k: int) -> NDArray:
+        """Return the way (B, 3), m, from the joint's origin to that of the link, in the joint's frame."""
+        node, own = machine.tree.nodes[k], machine.tree.input_of[k]
+        slid = np.zeros(len(machine.readings)) if own < 0 else node.factor * machine.readings[:, own] + node.shift
+        return np.multiply.outer(slid, node.axis)
+
+    def _moment(self, machine: ChainInputs, k: int) -> NDArray:
+        """Return the moment (B, 3), N m, about the link's origin, along the axes of the joint's frame."""
+        moment = machine.moment[:, k] - np.cross(self._way(machine, k), machine.force[:, k])
+        return moment * np.array([self.about in ("", axis) for axis in _AXES], float)
+
+
+@dataclass(frozen=True)
+class JointSag(JointCause):
+    """A joint gives way under links of unknown mass: its deviation is a sum over directions fixed in these links.
+
+    Each parameter is the deviation for one direction of the centre of mass when that is horizontal and square to the
+    axis: compliance x weight x distance, of which only the product shows. ``parts`` are those directions, link by
+    link, that the poses distinguish.
+    """
+
+    parts: tuple[str, ...] = ()
+
+    id = "joint-sag"
+    lacking = Missing.GRAVITY
+
+    @property
+    def family(self) -> str:
+        """All forms of one joint."""
+        return f"{self.id} {self.joint}"
+
+    def missing_input(self, scene: ChainScene) -> Missing | None:
+        """Return the direction of gravity if it is unknown; with known masses the compliance is tested instead."""
+        return self.lacking if scene.inputs_of_machine.gravity is None else None
+
+    def candidates(self, scene: ChainScene) -> Sequence[Self]:
+        """Return every revolute joint that carries links of unknown mass alone, with the nearest link, two, or all."""
+        found: dict[str, Self] = {}
+        for cause in super().candidates(scene):
+            for depth in _DEPTHS:
+                parts = _independent_parts(scene.inputs_of_machine, cause.joint, depth)
+                if parts:
+                    own = replace(cause, parts=parts)
+                    found.setdefault(own.key, own)
+        return list(found.values())
+
+    def applies(self, machine: ChainInputs) -> bool:
+        """Whether gravity is known and no mass that the joint carries, except a payload that changes."""
+        own = machine.tree.node_of(machine.tree.readings.index(self.joint))
+        carried = [node for k, node in enumerate(machine.tree.nodes) if machine.tree.above[k, own]]
+        payload = machine.conditions.payload_kg
+        weighed = any(node.mass > 0.0 for node in carried) or bool(payload.any() and not np.ptp(payload) > 0.0)
+        slides = any(node.kind is JointKind.PRISMATIC for node in carried)
+        return machine.gravity is not None and self.is_angle and not weighed and not slides
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return a deviation for each direction."""
+        return tuple(Parameter(f"sag {part}", "rad", _SAG) for part in self.parts)
+
+    def motion(self, machine: ChainInputs, reading: int) -> NDArray:
+        """Return the lever of the weight about the axis (B, P), per unit of mass times distance in each direction."""
+        levers = _levers(machine, reading)
+        return np.stack([levers[part] for part in self.parts], -1)
+
+
+def _levers(machine: ChainInputs, reading: int) -> dict[str, NDArray]:
+    """Return the levers (B,) of unit vectors fixed in each moving link that a joint carries, the nearest link first."""
+    assert machine.gravity is not None
+    tree, frames = machine.tree, machine.tree.frames(machine.readings)
+    own = tree.node_of(reading)
+    down = machine.gravity / np.sqrt(np.sum(machine.gravity**2))
+    axis = frames.R_before[:, own] @ tree.nodes[own].axis
+    across = np.cross(down, axis)  # axis . (arm x down) = arm . (down x axis)
+    moving = [k for k in np.flatnonzero(tree.above[:, own]) if tree.nodes[k].kind is not JointKind.FIXED]
+    return {
+        f"{tree.nodes[k].link} {name}": np.einsum("bi,bi->b", frames.R[:, k, :, c], across)
+        for k in moving
+        for c, name in enumerate(_AXES)
+    }
+
+
+def _independent_parts(machine: ChainInputs, joint: str, depth: int) -> tuple[str, ...]:
+    """Return the directions of the nearest links whose levers the poses distinguish from each other and a constant."""
+    levers = _levers(machine, machine.tree.readings.index(joint))
+    basis = np.full((len(machine.readings), 1), 1.0 / np.sqrt(len(machine.readings)))
+    found: list[str] = []
+    for part, lever in list(levers.items())[: len(_AXES) * depth or None]:
+        rest = lever - basis @ (basis.T @ lever)
+        size = float(np.sqrt(np.sum(rest**2)))
+        if size > _INDEPENDENT * np.sqrt(len(lever)):
+            basis = np.column_stack([basis, rest / size])
+            found.append(part)
+    return tuple(found)
