@@ -120,7 +120,7 @@ class JointSag(JointCause):
         return list(found.values())
 
     def applies(self, machine: ChainInputs) -> bool:
-        """Whether gravity is known and no mass that the joint carries, except a payload that changes."""
+        """True if gravity is known and no mass that the joint carries, except a payload that changes."""
         own = machine.tree.node_of(machine.tree.readings.index(self.joint))
         carried = [node for k, node in enumerate(machine.tree.nodes) if machine.tree.above[k, own]]
         payload = machine.conditions.payload_kg
