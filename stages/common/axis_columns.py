@@ -28,6 +28,9 @@ SI = {"deg": np.pi / 180.0, "mm": 1e-3}
 TOLD = {"deg": ("arcsec", np.pi / 180.0 / 3600.0), "mm": ("um", 1e-6)}
 """Unit of reported errors by the unit of the axis, and its value in SI."""
 _TURN = 2.0 * np.pi
+_COUNTS = "_counts"
+# Sizes of counters, and the part of their range within which all deviations lie if nothing but overflows is large.
+_BITS, _WITHIN = range(16, 33), 0.02
 # Smallest change of the command that counts as a movement, in standard deviations of the axis from its command.
 _MOVED = 5.0
 
@@ -68,12 +71,30 @@ class AxisColumns:
 
     def si(self, table: pa.Table, column: str) -> Array:
         """Return a column (N,) in rad or m, NaN if empty."""
-        per = self.per_unit if column.endswith("_counts") and self.per_unit else 1.0
-        return number_column(table, column) / per * SI[self.unit]
+        return number_column(table, column) / self._counts(column) * SI[self.unit]
+
+    def _counts(self, column: str) -> float:
+        """Return the counts per deg or mm of a column; 1 if it holds no counts."""
+        return self.per_unit if column.endswith(_COUNTS) and self.per_unit else 1.0
+
+    def commands(self, table: pa.Table) -> Array:
+        """Return the commands (N,), rad or m; those of a rotary axis within one turn go on over turns that an encoder
+        counts."""
+        command = self.si(table, self.command)
+        known = np.isfinite(command)
+        if self.kind != ROTARY or not known.any() or np.ptp(command[known]) >= _TURN:
+            return command
+        for column in self.encoders.values():
+            reading = self.si(table, column)
+            both = known & np.isfinite(reading)
+            if both[known].all() and np.ptp(reading[known]) > _TURN:
+                off = reading - command
+                return np.asarray(command + _TURN * np.round((off - np.median(off[known])) / _TURN))
+        return command
 
     def rows(self, table: pa.Table, command_sigma: float) -> AxisRows:
         """Return the rows of a table; command_sigma: standard deviation of the axis from its command, rad or m."""
-        command, time_s = self.si(table, self.command), number_column(table, "time_s")
+        command, time_s = self.commands(table), number_column(table, "time_s")
         held = {self.command, *self.encoders.values(), *NUMBERED}
         others = {
             field.name: number_column(table, field.name)
@@ -84,13 +105,34 @@ class AxisColumns:
         return AxisRows.of(poses, time_s, command, least, _events_in_time(table, time_s), others)
 
     def deviations(self, table: pa.Table) -> Array:
-        """Return encoder readings minus command (N, K), rad or m, without whole turns; NaN if empty."""
-        command = self.si(table, self.command)
-        found = np.column_stack([self.si(table, column) for column in self.encoders.values()]) - command[:, None]
+        """Return encoder readings minus command (N, K), rad or m, without whole turns and overflows; NaN if empty."""
+        command, columns = self.si(table, self.command), self.encoders.values()
+        found = np.column_stack([self.si(table, column) - command for column in columns])
+        for own, column in zip(found.T, columns, strict=True):
+            if column.endswith(_COUNTS):
+                own -= _overflows(own, number_column(table, column), SI[self.unit] / self._counts(column))
         if self.kind != ROTARY:
             return found
         middle = np.array([np.median(own[np.isfinite(own)]) if np.isfinite(own).any() else 0.0 for own in found.T])
         return np.asarray(found - _TURN * np.round((found - middle) / _TURN))
+
+
+def _overflows(off: Array, counts: Array, count: float) -> Array:
+    """Return what the overflows of a counter removed from deviations (N,); ``count`` is the size of one count.
+
+    All counts lie within a range of 16 to 32 bits, and the deviations, apart from whole ranges, within a small part of
+    it.
+    """
+    none, known = np.zeros(len(off)), np.isfinite(off)
+    low, high = (counts[known].min(), counts[known].max()) if known.any() else (0.0, 0.0)
+    for bits in _BITS:
+        first = 0.0 if low >= 0.0 else -(2.0 ** (bits - 1))
+        if first <= low and high < first + 2.0**bits:
+            whole = 2.0**bits * count
+            away = np.where(known, off - np.median(off[known]), 0.0)
+            ranges = whole * np.round(away / whole)
+            return ranges if np.abs(away - ranges).max() < _WITHIN * whole else none
+    return none
 
 
 def columns_of(settings: Any, table: pa.Table) -> AxisColumns:

@@ -33,6 +33,8 @@ Mask = NDArray[np.bool_]
 
 # Prior of an encoder's zero, as a multiple of the distance of its readings from the commands.
 _WIDE = 1e3
+# Prior of the load's stop behind the motor, as a share of the encoders' noise: hardly any, but it may prove larger.
+_HARDLY = 0.2
 _SCATTER = "Send the axis to one command ten times over from the same side: the scatter is the true noise."
 
 
@@ -54,7 +56,8 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     middle = np.nanmedian(np.where(seen, deviations, np.nan), axis=0)
     spread = float(np.abs(np.where(seen, deviations - middle, 0.0)).max())
     axis = replace(columns.axis(off), spread=spread, noise=float(np.hypot(off, np.median(sigma))))
-    model = AxisModel(axis, rows.subset(fitted), _WIDE * max(largest, float(sigma.max())), off)
+    zero, stop = _WIDE * max(largest, float(sigma.max())), _HARDLY * float(np.median(sigma))
+    model = AxisModel(axis, rows.subset(fitted), zero, off, stop)
 
     def poses(own: Mask) -> Epochs:
         covariance = np.broadcast_to(sigma**2, seen[own].shape)[..., None, None]

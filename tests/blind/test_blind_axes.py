@@ -7,13 +7,26 @@ draws other campaigns.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import pyarrow as pa
 import pytest
 
-from tests.blind.generator.axis import CAUSES, AxisCampaign, Hidden, draw_layout, draw_one, record, settings_text
+from tests.blind.generator.axis import (
+    CAUSES,
+    AxisCampaign,
+    AxisLayout,
+    Hidden,
+    draw_layout,
+    draw_one,
+    draw_scatter,
+    draw_slip,
+    draw_uneven_layout,
+    record,
+    settings_text,
+)
 from tests.blind.generator.axis_courses import COURSES, SCATTER, draw_course
 from tests.blind.judging import fewest_of
 from truing.inference.selection import CauseDiagnosis
@@ -24,9 +37,10 @@ from truing.stages.diagnosis.axis_points import assemble
 from truing.stages.diagnosis.search import decided
 
 SEED = int(os.environ.get("TRUING_BLIND_SEED", "1"))
-CLEAN, HIDDEN, UNNAMED = 40, 30, 6
+CLEAN, HIDDEN, UNNAMED, PARTED = 40, 30, 6, 16
 CLEAR = 12.0  # standard deviations of the hidden size, as a fit by eye would know it
 DECLARED = 0.05
+FACTORS = ("scale-error", "axis-growth", "encoders-disagree")
 SI = {"rotary": np.pi / 180.0, "linear": 1e-3}
 
 
@@ -45,7 +59,7 @@ class Judged:
     def pull(self, hidden: Hidden) -> float:
         """How far the found size is from the hidden one, over its standard deviation."""
         own = next(verdict for verdict in self.found if verdict.cause.id == hidden.cause)
-        si = 1.0 if hidden.cause in ("scale-error", "axis-growth") else SI[self.campaign.layout.kind]
+        si = 1.0 if hidden.cause in FACTORS else SI[self.campaign.layout.kind]
         value, sigma = own.values[0], np.sqrt(own.covariance[0, 0])
         if hidden.cause == "periodic-error":
             value = np.hypot(*own.values[:2])
@@ -162,3 +176,55 @@ def test_what_follows_something_is_told_as_an_unnamed_dependence(unnamed: dict[s
     whole = [one for course, own in unnamed.items() if course != SCATTER for one in own]
     told = [one for one in whole if any(not own.cause.catalogued for own in one.found)]
     assert len(told) >= fewest_of(len(whole), 0.9)
+
+
+def _drawn(draw: Callable[[np.random.Generator], tuple[AxisLayout, Hidden]], stream: int) -> list[Judged]:
+    found = []
+    for number in range(PARTED):
+        rng = np.random.default_rng([SEED, stream, number])
+        layout, error = draw(rng)
+        found.append(_judged(record(layout, (error,), rng)))
+    return found
+
+
+def _bounds(pulls: list[float]) -> tuple[float, float]:
+    """Bounds of a mean square of unit normals, left once in a thousand."""
+    spread = 3.3 * np.sqrt(2.0 / len(pulls))
+    return max(1.0 - spread, 0.0), 1.0 + spread
+
+
+def test_encoders_that_part_with_the_path_are_named_with_the_one_that_is_wrong() -> None:
+    found = _drawn(lambda rng: draw_slip(CLEAR, rng), 25)
+    named = [one for one in found if [own.cause.id for own in one.found] == ["encoders-disagree"]]
+    assert len(named) >= fewest_of(PARTED, 0.95)
+    subjects = [{own.cause.subject, *(name for name, _ in own.subjects)} for one in named for own in one.found]
+    assert all(one.campaign.hidden[0].subject in own for one, own in zip(named, subjects, strict=True))
+    pulls = [one.pull(one.campaign.hidden[0]) for one in named]
+    low, high = _bounds(pulls)
+    assert low < np.mean(np.square(pulls)) < high
+
+
+def test_drifts_are_taken_for_encoders_that_part_with_the_path_no_more_often_than_declared() -> None:
+    nameless = 0
+    for number in range(PARTED):
+        rng = np.random.default_rng([SEED, 26, number])
+        one = _judged(draw_course("slow drift", rng, layout=draw_uneven_layout(rng)))
+        nameless += not any(own.cause.catalogued for own in one.found)
+    assert nameless >= fewest_of(PARTED, 1.0 - DECLARED)
+
+
+def test_scatter_from_one_side_has_its_side_its_subject_and_its_size() -> None:
+    found = _drawn(lambda rng: draw_scatter(6.0, rng), 27)
+    told = [(one, own) for one in found for own in one.decided.scatters if not own.doubt]
+    right = [
+        (one, own)
+        for one, own in told
+        if (own.candidate.cause.subject, own.candidate.cause.direction)
+        == (one.campaign.hidden[0].subject, one.campaign.hidden[0].way)
+    ]
+    assert len(right) == len(told)
+    assert len(right) >= fewest_of(PARTED, 0.75)
+    pulls = [(own.size / SI[one.campaign.layout.kind] - one.campaign.hidden[0].size) for one, own in right]
+    sizes = [own.sigma / SI[one.campaign.layout.kind] for one, own in right]
+    low, high = _bounds(pulls)
+    assert low < np.mean(np.square(np.array(pulls) / sizes)) < high

@@ -281,6 +281,44 @@ def test_counts_and_whole_turns_are_brought_to_one_unit() -> None:
     assert np.allclose(columns.deviations(table)[:, 0], np.deg2rad(0.5))
 
 
+def test_overflows_of_a_counter_are_no_errors_but_other_jumps_are() -> None:
+    command = np.arange(0.0, 80.0, 4.0)  # mm, 1000 counts each: 16 bits overflow at 65.5 mm
+    off = np.random.default_rng(1).normal(0.0, 2.0, len(command))
+    columns = AxisColumns("linear", "mm", "motor", "command_mm", {"load": "load_counts"}, 1000.0)
+
+    def found(counts: np.ndarray) -> np.ndarray:
+        table = pa.table({"command_mm": command, "load_counts": counts})
+        return columns.deviations(table)[:, 0] * 1e6  # counts are um
+
+    truth = np.round(1000.0 * command + off)
+    assert_close(found(truth % 2**16), truth - 1000.0 * command, atol=1e-6)
+    signed = (truth + 2**15) % 2**16 - 2**15
+    assert_close(np.ptp(found(signed) - off), 0.0, atol=1.0)
+    jump = np.where(command > 40.0, 30000.0, 0.0)
+    assert_close(found(truth % 2**16 * 0.0 + truth + jump), truth + jump - 1000.0 * command, atol=1e-6)
+
+
+def test_commands_within_a_turn_go_on_where_an_encoder_counts_turns() -> None:
+    turned = np.array([340.0, 460.0, 580.0, 700.0, 820.0, 700.0])
+    table = pa.table(
+        {
+            "pose": np.arange(6),
+            "time_s": np.arange(6.0),
+            "command_deg": turned % 360.0,
+            "motor_deg": turned + 5.0,
+            "load_deg": turned % 360.0 + 0.01,
+        }
+    )
+    columns = AxisColumns("rotary", "deg", "motor", "command_deg", {"load": "load_deg", "motor": "motor_deg"}, None)
+    rows = columns.rows(table, 0.0)
+    assert_close(np.diff(rows.command), np.deg2rad(np.diff(turned)), atol=1e-12)
+    assert rows.direction.tolist() == [1.0, 1.0, 1.0, 1.0, 1.0, -1.0]
+    apart = columns.deviations(table) % (2.0 * np.pi)  # a constant zero is free, whole turns too
+    assert_close(apart, np.deg2rad(np.tile([0.01, 5.0], (6, 1))), atol=1e-12)
+    alone = AxisColumns("rotary", "deg", "motor", "command_deg", {"load": "load_deg"}, None)
+    assert_close(alone.deviations(table), np.deg2rad(np.full((6, 1), 0.01)), atol=1e-12)
+
+
 def test_direction_of_approach_is_that_of_the_last_movement_larger_than_the_least() -> None:
     command = np.array([0.0, 1.0, 0.95, 0.9, 0.0, np.nan, -1.0])
     found, _ = approaches(command, np.arange(7.0), 0.1)

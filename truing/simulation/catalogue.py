@@ -9,6 +9,8 @@ from truing.schemas.installed import with_installed
 from truing.simulation.axis.causes import AxisCause, AxisGrowth, LostMotion, ScaleError, ZeroShift
 from truing.simulation.axis.nonparametric import NonparametricAxisEffect
 from truing.simulation.axis.periodic import AxisPeriodicError
+from truing.simulation.axis.scatter import AxisScatter
+from truing.simulation.axis.slip import EncodersDisagree
 from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
 from truing.simulation.bench.causes.channels import DeadPath, ThermalDrift, ZeroDrift
 from truing.simulation.bench.causes.counts import Crosstalk, FringeSlip
@@ -130,6 +132,8 @@ OWN_CAUSES_OF_AXES: tuple[AxisCause, ...] = (
     AxisPeriodicError(),
     ZeroShift(),
     AxisGrowth(),
+    EncodersDisagree(),
+    AxisScatter(),
     NonparametricAxisEffect(),
 )
 # Causes of an open chain.

@@ -32,6 +32,8 @@ class Missing(StrEnum):
     WEIGHT = "no-weight"
     GRAVITY = "no-gravity"
     WAITS = "no-waits"
+    BOTH_ENCODERS = "one-encoder"
+    UNEVEN_PATH = "even-path"
 
 
 GRAVITY_IN = "gravity "  # prefix of a body's name

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 
 CAUSES = ("scale-error", "lost-motion", "zero-shift", "periodic-error", "axis-growth")
 CHANNELS = ("motor", "load", "measured")
+SLIP, SCATTER = "encoders-disagree", "approach-scatter"
 # What carries a scale error or a shift: the transmission, or what records.
 PLACES = {"axis": "axis", "encoder load": "load", "encoder motor": "motor", "instrument": "measured"}
 
@@ -48,6 +49,7 @@ class Hidden:
     of_event: bool = False
     period: float = 0.0
     phase: float = 0.0
+    way: int = 0  # movements after which the axis scatters: up, down, or (0) both
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,57 @@ def draw_layout(rng: np.random.Generator) -> AxisLayout:
     event = int(rng.integers(len(command) // 4, 3 * len(command) // 4)) if rng.random() < 0.5 else None
     warm = _temperature(len(command), rng) if rng.random() < 0.5 else None
     return AxisLayout(kind, loop, own, command, sigma, event, held, warm)
+
+
+def draw_uneven_layout(rng: np.random.Generator) -> AxisLayout:
+    """Draw an axis with both encoders whose path grows unevenly: it stays near a place, or goes far, by turns."""
+    layout = draw_layout(rng)
+    while not {"motor", "load"} <= set(layout.channels):
+        layout = draw_layout(rng)
+    count, half = len(layout.command), float(np.abs(layout.command).max())
+    near = np.arange(count) // int(rng.integers(6, 12)) % 2 == 0
+    steps = np.where(near, 0.03, 1.0) * rng.uniform(-half, half, count)
+    places = np.where(near, np.round(rng.uniform(-0.5, 0.5)) * half + steps, steps)
+    return replace(layout, command=np.round(places, 4))
+
+
+def draw_slip(strength: float, rng: np.random.Generator) -> tuple[AxisLayout, Hidden]:
+    """Draw a drive or a load encoder that slips, ``strength`` of its standard deviations large."""
+    layout = draw_uneven_layout(rng)
+    path = np.cumsum(np.abs(np.diff(layout.command, prepend=layout.command[0])))
+    size = strength * least(layout, "zero-shift") / float(np.std(path)) * float(rng.choice([-1.0, 1.0]))
+    return layout, Hidden(SLIP, str(rng.choice(["axis", "encoder load"])), size)
+
+
+def draw_scatter(strength: float, rng: np.random.Generator) -> tuple[AxisLayout, Hidden]:
+    """Draw a drive, or an axis about a command known to noise, that scatters from one side by ``strength`` times the
+    noise."""
+    layout = draw_layout(rng)
+    while not {"motor", "load"} <= set(layout.channels):
+        layout = draw_layout(rng)
+    noise = float(np.hypot(layout.noise["command"], max(layout.noise[name] for name in layout.channels)))
+    subject = str(rng.choice(["axis", ""])) if layout.noise["command"] else "axis"
+    return layout, Hidden(SCATTER, subject, strength * noise, way=int(rng.choice([-1, 1])))
+
+
+def _courses(layout: AxisLayout, hidden: tuple[Hidden, ...], rng: np.random.Generator) -> dict[str, Array]:
+    """What slip adds in proportion to the path, and scatter at random, by place; "command" stands for the stop."""
+    steps = np.diff(layout.command, prepend=layout.command[0])
+    found: dict[str, Array] = {}
+    for error in hidden:
+        if error.cause == SLIP:
+            course = error.size * np.cumsum(np.abs(steps))
+        elif error.cause == SCATTER:
+            ways = [1.0]
+            for step in steps[1:]:
+                ways.append(float(np.sign(step)) if step != 0.0 else ways[-1])
+            own = np.array(ways) == error.way if error.way else np.ones(len(ways), bool)
+            course = error.size * rng.standard_normal(len(ways)) * own
+        else:
+            continue
+        place = PLACES.get(error.subject, "command")
+        found[place] = found.get(place, np.zeros(len(steps))) + course
+    return found
 
 
 def _temperature(count: int, rng: np.random.Generator) -> Array:
@@ -140,12 +193,14 @@ def record(
     ``courses`` (N,) add to what encoders read, by their names, in the file's unit.
     """
     rows, way, last = [], 1.0, None
-    added = courses or {}
+    own = _courses(layout, hidden, rng)
+    stop = own.pop("command", np.zeros(len(layout.command)))
+    added = {**own, **(courses or {})}
     for number, command in enumerate(layout.command):
         if last is not None and command != last:
             way = 1.0 if command > last else -1.0
         last = command
-        wanted = command + rng.normal(0.0, 1.0) * layout.noise["command"]
+        wanted = command + rng.normal(0.0, 1.0) * layout.noise["command"] + stop[number]
         warmer = 0.0 if layout.temperature is None else float(layout.temperature[number] - layout.temperature.mean())
         reach = 20.0 + 0.1 * abs(wanted)
         low, high = wanted - reach, wanted + reach
@@ -174,7 +229,7 @@ def _readings(
             factor[PLACES[error.subject]] *= 1.0 + error.size * warmer
         elif error.cause == "periodic-error":
             wave[PLACES[error.subject]].append(error)
-        elif row >= error.from_row:
+        elif error.cause == "zero-shift" and row >= error.from_row:
             shift[PLACES[error.subject]] += error.size
     for name, course in added.items():
         shift[name] += course[row]

@@ -66,10 +66,12 @@ SCATTER = "heavy tails"
 """The one that follows nothing."""
 
 
-def draw_course(name: str, rng: np.random.Generator, least: float = 3.0, most: float = 10.0) -> AxisCampaign:
+def draw_course(
+    name: str, rng: np.random.Generator, least: float = 3.0, most: float = 10.0, layout: AxisLayout | None = None
+) -> AxisCampaign:
     """Draw an axis one of whose encoders follows a course, its rms (of a stretch: its height) ``least`` to ``most``
     standard deviations of a reading."""
-    layout = draw_layout(rng)
+    layout = layout or draw_layout(rng)
     channel = str(rng.choice([c for c in CHANNELS if c in layout.channels]))
     course = COURSES[name](layout, rng)
     size = 1.0 if name in ("outlier stretch", SCATTER) else float(np.std(course))

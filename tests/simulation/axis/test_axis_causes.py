@@ -10,8 +10,12 @@ from numpy.typing import NDArray
 
 from tests.tolerance import assert_close
 from truing.simulation.axis.causes import AxisGrowth, AxisScene
+from truing.simulation.axis.model import AxisModel
 from truing.simulation.axis.periodic import AxisPeriodicError
 from truing.simulation.axis.rows import LINEAR, ROTARY, Axis, AxisRows
+from truing.simulation.axis.scatter import AxisScatter
+from truing.simulation.axis.slip import EncodersDisagree
+from truing.simulation.inputs import Missing
 
 AXIS = Axis(LINEAR, ("motor", "load", "measured"))
 TRAVEL = np.linspace(0.0, 0.2, 21)
@@ -84,3 +88,50 @@ def test_growth_is_temperature_times_position_with_any_fixed_point() -> None:
     assert_close(shift[:, 1], growth * (warm - warm.mean()) * (TRAVEL - fixed), atol=1e-18)
     assert_close(shift[:, 0], np.zeros(21), atol=1e-18)
     assert not AxisScene(AXIS, _rows(TRAVEL, temperature_c=np.full(21, 20.0))).candidates(AxisGrowth())
+
+
+UNEVEN = np.array([0.0, 0.01, 0.0, 0.2, 0.0, 0.2, 0.19, 0.2, 0.19, 0.0, 0.2, 0.19])
+
+
+def test_slip_grows_with_the_path_in_what_the_element_moves() -> None:
+    rows = _rows(UNEVEN)
+    assert_close(rows.travelled, np.cumsum(np.abs(np.diff(UNEVEN, prepend=0.0))), atol=1e-15)
+    found = {c.element: c for c in AxisScene(AXIS, rows).candidates(EncodersDisagree())}
+    assert set(found) == {"axis", "load"}
+    assert all(c.is_witnessed for c in found.values())
+    moved = found["axis"].shift(rows, AXIS, np.array([1e-5]))
+    assert_close(moved, 1e-5 * rows.travelled[:, None] * np.array([0.0, 1.0, 1.0]), atol=1e-18)
+    moved = found["load"].shift(rows, replace(AXIS, loop="load"), np.array([1e-5]))
+    assert_close(moved, 1e-5 * rows.travelled[:, None] * np.array([-1.0, 0.0, -1.0]), atol=1e-18)
+
+
+def test_slip_is_not_tested_where_time_grows_as_the_path_or_an_encoder_is_lacking() -> None:
+    even = AxisScene(AXIS, _rows(np.concatenate([TRAVEL, TRAVEL[::-1]])))
+    assert not even.candidates(EncodersDisagree())
+    assert EncodersDisagree().missing_input(even) is Missing.UNEVEN_PATH
+    single = AxisScene(Axis(LINEAR, ("load", "measured")), _rows(UNEVEN))
+    assert not single.candidates(EncodersDisagree())
+    assert EncodersDisagree().missing_input(single) is Missing.BOTH_ENCODERS
+
+
+def test_stops_that_all_encoders_show_alike_are_those_of_the_axis_as_a_whole() -> None:
+    rows = _rows(np.tile(TRAVEL[[0, 10, 20, 10]], 4))
+
+    def stops(*encoders: str, command: float = 1e-6) -> tuple[str, ...]:
+        return AxisModel(Axis(LINEAR, encoders), rows, 1.0, command, 1e-7).stops
+
+    assert stops("motor", "load") == ("", "axis")
+    assert stops("load", "measured") == ("",)
+    assert stops("load", "measured", command=0.0) == ("axis",)
+    assert stops("motor") == ("",)
+    model = AxisModel(Axis(LINEAR, ("motor", "load")), rows, 1.0, 1e-6, 1e-7)
+    found = model.scene.scatters(AxisScatter())
+    assert {(c.cause.subject, c.cause.direction) for c in found} == {("", 1), ("", -1), ("axis", 1), ("axis", -1)}
+    for one in found:
+        came = rows.direction == one.cause.direction
+        assert np.array_equal(one.own, came[:, None] & np.array([one.cause.subject == "", one.cause.subject == "axis"]))
+    local = np.ones((16, 2))
+    wide = model.with_input_factor(np.full((16, 2), 3.0))
+    assert_close(wide.points(np.zeros(2), local), 3.0 * model.points(np.zeros(2), local), atol=1e-20)
+    assert_close(model.points(np.zeros(2), local)[0, :, 0], np.array([1e-6, 1.1e-6]), atol=1e-20)
+    assert not AxisScene(AXIS, _rows(TRAVEL), ("axis",)).scatters(AxisScatter())

@@ -33,6 +33,8 @@ NEEDS = {
     "no-weight": "the direction of gravity ([mechanism] gravity), and masses of links or a payload (payload_kg)",
     "no-gravity": "the direction of gravity ([mechanism] gravity)",
     "no-waits": "times since the last motion that differ between poses: time_s, or a column since_motion_s",
+    "one-encoder": "the readings of both encoders, at the motor and at the load",
+    "even-path": "a path that does not grow evenly with time: pauses, and long and short movements in turn",
     "no-tilt": "which way is up ([measurement] up), and poses that tilt the platform by 0.1 rad",
 }
 # Meaning of an empty subject next to one of this kind.

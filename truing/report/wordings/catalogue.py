@@ -66,6 +66,21 @@ def _growth(claim: Claim) -> str:
     return f"{who} {verb} with temperature, in proportion to the position{by_words(size)}"
 
 
+_RIGHT = {
+    "axis": "the outside instrument follows the encoder at the load: the drive slips, or the encoder at the motor is "
+    "wrong",
+    "encoder load": "the outside instrument follows the encoder at the motor: the encoder at the load is wrong",
+}
+
+
+def _slip(claim: Claim) -> str:
+    size, _ = largest_of_kind(claim, "slip")
+    parted = f"the encoders at motor and load part in proportion to the path travelled{by_words(size)}"
+    if not claim.fact("is_witnessed"):
+        return f"{parted}; no outside instrument shows which of the two is right"
+    return f"{parted}; {_RIGHT[claim.subject]}"
+
+
 def _repeat_event_advice(claim: Claim) -> str:
     event = claim.fact("event")
     again = f"Repeat the event ({event})" if event else "Switch the axis off and on, and reference it again"
@@ -93,6 +108,12 @@ _AXIS = {
         "growth with temperature",
         _growth,
         "Repeat the same commands over the whole travel at two temperatures, each after it has settled.",
+    ),
+    "encoders-disagree": Wording(
+        "disagreement of the encoders",
+        _slip,
+        "Read both encoders and an outside instrument at one command, before and after ten movements over the whole "
+        "travel.",
     ),
 }
 

@@ -174,6 +174,8 @@ def _approach_scatter_clause(claim: Claim) -> str:
     who = f"body {claim.fact('body')}" if claim.fact("body") else _actuators(claim)
     if claim.fact("joint") is not None:
         who = claim.subject or "all joints"
+    if claim.fact("element") is not None:
+        who = "the load behind the motor" if claim.subject else "the axis about its command"
     way = {1: " when approached from below", -1: " when approached from above"}.get(claim.fact("direction") or 0, "")
     poses = [claim.fact(name) for name in ("from_pose", "to_pose")]
     when = "" if poses[0] in (None, "") else f" from pose {poses[0]} to pose {poses[1]}"

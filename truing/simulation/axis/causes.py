@@ -42,10 +42,11 @@ _MOST_ONSETS = 200
 
 @dataclass(frozen=True)
 class AxisScene(ChannelScene["AxisCause"]):
-    """Scene of causes that act on an axis: its encoders and its rows."""
+    """Scene of causes that act on an axis: its encoders, its rows, and the elements whose stops are unknown (H,)."""
 
     axis: Axis
     rows: AxisRows
+    stops: tuple[str, ...] = ()
 
     @property
     def covariates(self) -> Mapping[str, NDArray]:

@@ -54,8 +54,8 @@ class AxisRows:
     """B rows in the order of the table: names, time (s), command (rad or m) and direction of approach (B,).
 
     ``order`` is the rank in time over the whole campaign, ``direction`` -1 or 1. ``events`` are the campaign's: (name,
-    time of the first row after it). ``since_turn`` (B,) is the travel since the last reversal, rad or m. ``others``
-    (B,) are all other columns.
+    time of the first row after it). ``since_turn`` (B,) is the travel since the last reversal, ``travelled`` (B,) the
+    path since the first row, rad or m. ``others`` (B,) are all other columns.
     """
 
     poses: tuple[int | str, ...]
@@ -63,6 +63,7 @@ class AxisRows:
     command: NDArray
     direction: NDArray
     since_turn: NDArray
+    travelled: NDArray
     order: NDArray
     events: tuple[tuple[str, float], ...] = ()
     others: Mapping[str, NDArray] = field(default_factory=dict)
@@ -80,7 +81,8 @@ class AxisRows:
         """Return rows with the quantities that follow from their order in time; least_move as in `Axis`."""
         order = np.argsort(np.argsort(time_s, kind="stable")).astype(float)
         direction, since_turn = approaches(command, order, least_move)
-        return cls(tuple(poses), time_s, command, direction, since_turn, order, events, others or {})
+        path = path_travelled(command, order)
+        return cls(tuple(poses), time_s, command, direction, since_turn, path, order, events, others or {})
 
     @property
     def covariates(self) -> dict[str, NDArray]:
@@ -101,6 +103,7 @@ class AxisRows:
             self.command[rows],
             self.direction[rows],
             self.since_turn[rows],
+            self.travelled[rows],
             self.order[rows],
             self.events,
             {name: values[rows] for name, values in self.others.items()},
@@ -126,3 +129,11 @@ def approaches(command: NDArray, order: NDArray, least: float) -> tuple[NDArray,
             turn = turn if np.isfinite(turn) else current
         direction[row], travel[row] = way, abs(np.nan_to_num(current - turn))
     return direction, travel
+
+
+def path_travelled(command: NDArray, order: NDArray) -> NDArray:
+    """Return the path (N,) since the first row in order of time; rows without a command add nothing."""
+    in_time, found = np.argsort(order, kind="stable"), np.zeros(len(command))
+    known = in_time[np.isfinite(command[in_time])]
+    found[known] = np.cumsum(np.abs(np.diff(command[known], prepend=command[known[:1]])))
+    return found
