@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -46,7 +46,8 @@ class MeasuredLinks:
     """Channels of some poses: values (B, K, 3), covariances (B, K, 3, 3), and which were seen; m and rad.
 
     ``surveyed`` (K, 3) and ``survey_cov`` (K, 3, 3) are NaN where a place is unknown; ``reference`` (B, K, 3, 3) are
-    the measured orientations. Of distances, ``values`` are (B, D, 1), and ``ends`` (D, 2) their channels.
+    the measured orientations. ``coupling`` (B, K, 3, 3) as of `ChainConditions`. Of distances, ``values`` are
+    (B, D, 1), and ``ends`` (D, 2) their channels.
     """
 
     channels: MeasuredChannels
@@ -57,6 +58,15 @@ class MeasuredLinks:
     survey_cov: Array
     reference: Array
     ends: Index | None = None
+    coupling: Array | None = None
+
+    def decoupled(self) -> MeasuredLinks:
+        """The channels with the covariance that remains where the noise of the next channel is known."""
+        if self.coupling is None:
+            return self
+        cov, own = self.cov.copy(), self.coupling[:, :-1]
+        cov[:, :-1] -= own @ self.cov[:, 1:] @ np.swapaxes(own, -1, -2)
+        return replace(self, cov=cov)
 
 
 def measured_links(
@@ -69,7 +79,7 @@ def measured_links(
     parts = [*_targets(tables, tree, poses, wrong), *_poses(tables, tree, poses)]
     if not parts:
         raise ValueError("needs points or poses of links of the chain")
-    names, links, turned, values, cov, seen, surveyed, survey_cov, reference = zip(*parts, strict=True)
+    names, links, turned, values, cov, seen, surveyed, survey_cov, reference, coupling = zip(*parts, strict=True)
     channels = MeasuredChannels(
         tuple(names), tuple(links), np.array([tree.links[link] for link in links]), np.array(turned, bool)
     )
@@ -81,10 +91,11 @@ def measured_links(
         np.stack(surveyed),
         np.stack(survey_cov),
         np.stack(reference, 1),
+        coupling=np.stack(coupling, 1) if np.any(coupling) else None,
     )
 
 
-_Part = tuple[str, str, bool, Array, Array, Mask, Array, Array, Array]
+_Part = tuple[str, str, bool, Array, Array, Mask, Array, Array, Array, Array]
 
 
 def _targets(
@@ -115,6 +126,7 @@ def _targets(
                     place,
                     cov,
                     identity,
+                    np.zeros_like(identity),
                 )
             )
     return found
@@ -127,7 +139,7 @@ def survey_of(survey: pa.Table, body: str) -> dict[str, tuple[Array, Array]]:
 
 
 def _poses(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> list[_Part]:
-    """Position and orientation of each measured link; the correlation between the two is not used."""
+    """Position and orientation of each measured link."""
     table = tables.get("measured_poses")
     found: list[_Part] = []
     if table is None or not table.num_rows:
@@ -141,15 +153,18 @@ def _poses(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, .
         vectors, covs = pose_vectors(rows)[at >= 0], pose_covariances(rows)[at >= 0]
         at = at[at >= 0]
         values, cov = np.zeros((2, len(poses), 3)), np.zeros((2, len(poses), 3, 3))
+        coupling = np.zeros((len(poses), 3, 3))
         reference, seen = np.tile(np.eye(3), (len(poses), 1, 1)), np.zeros(len(poses), bool)
         good = np.isfinite(vectors).all(1)
         at, vectors, covs = at[good], vectors[good], covs[good]
         values[0, at], cov[0, at], cov[1, at] = vectors[:, :3], covs[:, :3, :3], covs[:, 3:, 3:]
+        coupling[at] = covs[:, :3, 3:] @ np.linalg.inv(covs[:, 3:, 3:])
         reference[at], seen[at] = exp_so3(vectors[:, 3:]), True
         nowhere = np.full(3, np.nan), np.full((3, 3), np.nan)
         identity = np.tile(np.eye(3), (len(poses), 1, 1))
-        found.append(("position", body, False, values[0], cov[0], seen, *nowhere, identity))
-        found.append(("orientation", body, True, values[1], cov[1], seen, *nowhere, reference))
+        found.append(("position", body, False, values[0], cov[0], seen, *nowhere, identity, coupling))
+        none = np.zeros_like(coupling)
+        found.append(("orientation", body, True, values[1], cov[1], seen, *nowhere, reference, none))
     return found
 
 
@@ -178,6 +193,7 @@ def chain_conditions(
         measured.reference,
         payload_of(settings, table),
         tuple(column_alias(column.name) for column in columns),
+        coupling=measured.coupling,
     )
 
 
@@ -198,6 +214,11 @@ def reference_link(settings: Campaign, measured: MeasuredLinks) -> Index | None:
     nodes = np.unique(channels.node)
     if settings.is_frame_fixed or len(nodes) < 2:
         return None
+    if channels.is_rotation.any():
+        raise ValueError(
+            "measured poses of links need an instrument that stood still: "
+            'set [measurement] frame = "campaign", or "series" if it stood still within each series'
+        )
     own = np.flatnonzero((channels.node == nodes[0]) & ~channels.is_rotation)
     if len(own) < LEAST_TARGETS:
         raise ValueError(

@@ -72,7 +72,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         raise ValueError("distances together with points or poses are not evaluated yet: use a campaign for each")
     measured = _filled(
         _distances(tables, tree, poses) if of_distances else measured_links(tables, tree, poses, gross_errors)
-    )
+    ).decoupled()
     readings = joint_readings(tree, table)
     reference = None if of_distances else reference_link(settings, measured)
     out, framed, read = _excluded(settings, poses), is_framed(measured, reference), np.isfinite(readings).all(1)

@@ -64,8 +64,9 @@ def test_derivatives_are_those_of_the_channels(orientation: bool) -> None:
     noisy = replace(own, reading_sigma=np.full(5, 1e-4))
     model = replace(model, known=noisy)
     reference = model.tree_frames(np.zeros(model.shared_size), np.zeros((10, 5))).R[:, model.channels.node]
-    conditions = replace(model.conditions, reference=reference)
-    model = model.at(conditions)
+    coupling = np.zeros((10, len(model.channels.names), 3, 3))
+    coupling[:, -2] = rng.normal(size=(10, 3, 3)) * orientation
+    model = model.at(replace(model.conditions, reference=reference, coupling=coupling))
     shared, local = 0.01 * rng.normal(size=model.shared_size), rng.normal(size=(10, 5))
     found = model.predict(shared, local)
     assert_close(found.values, model.points(shared, local), atol=0)

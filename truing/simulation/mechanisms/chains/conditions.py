@@ -39,7 +39,9 @@ class ChainConditions:
     ``series`` (B,) numbers the frames of the measurement. ``reference`` (B, K, 3, 3) are the measured orientations,
     from which those channels count. ``payload_kg`` (B,) is the mass at the tip. ``columns`` (n,) names the covariates
     with the readings, in the units of the table. ``input_factor`` (B, H): factor of the prior sigmas of readings.
-    ``deviations`` (B, N, 6): twists of all nodes that are known already, m and rad; none if absent.
+    ``deviations`` (B, N, 6): twists of all nodes that are known already, m and rad; none if absent. ``coupling``
+    (B, K, 3, 3): part of the noise of each channel per noise of the next one, a position before its orientation; none
+    if absent.
     """
 
     readings: NDArray
@@ -51,6 +53,7 @@ class ChainConditions:
     columns: tuple[str, ...] = ()
     input_factor: NDArray | None = None
     deviations: NDArray | None = None
+    coupling: NDArray | None = None
 
     def subset(self, own: Mask) -> ChainConditions:
         """Return the conditions of some poses."""
@@ -64,6 +67,7 @@ class ChainConditions:
             payload_kg=self.payload_kg[own],
             input_factor=None if self.input_factor is None else self.input_factor[own],
             deviations=None if self.deviations is None else self.deviations[own],
+            coupling=None if self.coupling is None else self.coupling[own],
         )
 
 

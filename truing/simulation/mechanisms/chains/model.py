@@ -241,14 +241,25 @@ class ChainModel(EffectsModel[ChainCause]):
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
         """Return the channels (B, K, 3), m and rad, and derivatives at shared (G,) and local (B, H) unknowns."""
         values, by_twist, by_place = self._measured(shared, local)
-        by_local = self._by_local(by_twist)
-        slopes = self._by_shared(by_twist, by_place, shared) if by_shared else None
-        return self._prediction(shared, values, slopes, by_local)
+        by_local = self._decoupled(self._by_local(by_twist))
+        slopes = self._decoupled(self._by_shared(by_twist, by_place, shared)) if by_shared else None
+        return self._prediction(shared, self._decoupled(values), slopes, by_local)
 
     def points(self, shared: NDArray, local: NDArray) -> Array:
         """Return the channels (B, K, 3), m and rad, at shared (G,) and local (B, H) unknowns."""
         frames, places = self.tree_frames(shared, local), self.places(shared)
-        return self._values(frames, places)
+        return self._decoupled(self._values(frames, places))
+
+    def _decoupled(self, found: NDArray) -> Array:
+        """Return channels (B, K, 3, ...) less the part whose noise goes with that of the next channel.
+
+        The noise of what remains is independent, and a measured orientation is zero, so that measured values are kept.
+        """
+        if self.conditions.coupling is None:
+            return found
+        rest = found.copy()
+        rest[:, :-1] -= np.einsum("bkij,bkj...->bki...", self.conditions.coupling[:, :-1], found[:, 1:])
+        return rest
 
     def _values(self, frames: TreeFrames, places: NDArray) -> Array:
         own = self.channels.node
@@ -305,7 +316,7 @@ class ChainModel(EffectsModel[ChainCause]):
 
     def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
         """Return the derivatives (B, K, 3, C) of the channels by the twists of all nodes."""
-        by_twist = self._measured(shared, local)[1]
+        by_twist = self._decoupled(self._measured(shared, local)[1])
         return {TWISTS: by_twist.reshape(*by_twist.shape[:3], -1)}
 
     def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[ChainCause], dict[str, NDArray]]:
