@@ -46,8 +46,9 @@ class MeasuredLinks:
     """Channels of some poses: values (B, K, 3), covariances (B, K, 3, 3), and which were seen; m and rad.
 
     ``surveyed`` (K, 3) and ``survey_cov`` (K, 3, 3) are NaN where a place is unknown; ``reference`` (B, K, 3, 3) are
-    the measured orientations. ``coupling`` (B, K, 3, 3) as of `ChainConditions`. Of distances, ``values`` are
-    (B, D, 1), and ``ends`` (D, 2) their channels.
+    the measured orientations. ``coupling`` (B, K, 3, 3) as of `ChainConditions`. With distances, ``values`` are
+    (B, M + D, 1): coordinates of channels, ``coordinates`` (M, 2) their channel and axis, then distances, ``ends``
+    (D, 2) their channels.
     """
 
     channels: MeasuredChannels
@@ -58,7 +59,17 @@ class MeasuredLinks:
     survey_cov: Array
     reference: Array
     ends: Index | None = None
+    coordinates: Index | None = None
     coupling: Array | None = None
+
+    @property
+    def is_position(self) -> Mask:
+        """Mask (K,) or (M + D,) of what is measured in m."""
+        turned = self.channels.is_rotation
+        if self.ends is None:
+            return ~turned
+        of_channels = np.ones(0, bool) if self.coordinates is None else ~turned[self.coordinates[:, 0]]
+        return np.concatenate([of_channels, np.ones(len(self.ends), bool)])
 
     def decoupled(self) -> MeasuredLinks:
         """The channels with the covariance that remains where the noise of the next channel is known."""

@@ -39,6 +39,7 @@ from truing.stages.common.chain_start import nominal_fit
 from truing.stages.common.chain_tables import joint_readings, tree_of
 from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.common.point_arrays import number_column, pose_ids, positions, roles_of
+from truing.stages.diagnosis.chain_distances import only_beyond, with_distances, with_places
 from truing.stages.diagnosis.chain_results import results, text_of_model
 from truing.stages.diagnosis.diagnosis_data import Channels, DiagnosisData, ReportedRms
 
@@ -68,14 +69,19 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     poses = pose_ids(table)
     of_distances = "distances" in tables and tables["distances"].num_rows > 0
     tree = with_ground(tree) if of_distances else tree
-    if of_distances and any(name in tables and tables[name].num_rows for name in ("observations", "measured_poses")):
-        raise ValueError("distances together with points or poses are not evaluated yet: use a campaign for each")
-    measured = _filled(
-        _distances(tables, tree, poses) if of_distances else measured_links(tables, tree, poses, gross_errors)
-    ).decoupled()
+    of_links = any(name in tables and tables[name].num_rows for name in ("observations", "measured_poses"))
+    points = None
+    if of_links or not of_distances:
+        points = _filled(measured_links(tables, tree, poses, gross_errors)).decoupled()
+    lines = _filled(_distances(tables, tree, poses)) if of_distances else None
+    measured = with_distances(points, lines)
     readings = joint_readings(tree, table)
-    reference = None if of_distances else reference_link(settings, measured)
-    out, framed, read = _excluded(settings, poses), is_framed(measured, reference), np.isfinite(readings).all(1)
+    reference = None if points is None else reference_link(settings, points)
+    out, framed, read = (
+        _excluded(settings, poses),
+        is_framed(points or measured, reference),
+        np.isfinite(readings).all(1),
+    )
     usable = read & measured.seen.any(1) & ~out & framed
     if usable.sum() < _FEWEST:
         raise ValueError(f"needs at least {_FEWEST} poses with readings of all joints and measured links")
@@ -85,8 +91,11 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     if fitted.sum() < _FEWEST:
         raise ValueError(f"needs at least {_FEWEST} poses that may be fitted, found {int(fitted.sum())}")
     fitted, thinned = _thinned(fitted)
-    build = _distance_model if of_distances else _model
-    frames, model, certain = build(tree, settings, measured, conditions, fitted)
+    if lines is not None and points is not None:
+        frames, model, certain = _mixed_model(tree, settings, points, measured, conditions, fitted)
+    else:
+        build = _distance_model if of_distances else _model
+        frames, model, certain = build(tree, settings, measured, conditions, fitted)
 
     def epochs(own: Mask) -> Epochs[ChainConditions]:
         observed = Observations(measured.values[own], measured.cov[own], measured.seen[own])
@@ -130,12 +139,12 @@ def _filled(measured: MeasuredLinks) -> MeasuredLinks:
 
 
 def _shown(model: ChainModel) -> ReportedRms | Channels:
-    channels = model.channels
-    if isinstance(model, DistanceModel):
-        return ReportedRms(drive=_DRIVE, what="distance")
-    if not channels.is_rotation.any():
-        return ReportedRms(drive=_DRIVE)
-    turned = channels.is_rotation
+    turned = model.is_angle
+    if not turned.any():
+        what = "point"
+        if isinstance(model, DistanceModel):
+            what = "coordinate or distance" if len(model.coordinates) else "distance"
+        return ReportedRms(drive=_DRIVE, what=what)
     return Channels(
         tuple("arcsec" if own else "um" for own in turned),
         np.where(turned, _ARCSEC, 1e-6),
@@ -233,6 +242,40 @@ def _distance_model(
     start, certain = _started(tree, conditions, start_of)
     model = replace(free, known=replace(free.known, shape=start.shape))
     return Frames.of_numbers(count), model, certain
+
+
+def _mixed_model(
+    tree: Tree,
+    settings: Campaign,
+    points: MeasuredLinks,
+    measured: MeasuredLinks,
+    conditions: ChainConditions,
+    fitted: Mask,
+) -> tuple[Frames, ChainModel, tuple[JointsExchanged, ...]]:
+    """Frames without unknowns, and the model of points or poses beside distances.
+
+    Places that points determine start from these; stations, and targets that only distances reach, from distances.
+    """
+    assert measured.ends is not None
+    assert measured.coordinates is not None
+    of_points = replace(conditions, reference=points.reference)
+    nominal = nominal_fit(tree, settings, points, of_points, fitted)
+    start, certain = _started(tree, of_points, nominal.start_of)
+    stations = np.array([name.startswith(_STATION) for name in measured.channels.names], bool)
+    if nominal.reference is not None or (stations.any() and len(start.base_t) > 1):
+        raise ValueError(
+            "distances beside points or poses need an instrument that stood still, with stations in the whole "
+            'campaign: [measurement] frame = "campaign"'
+        )
+    known = _known(tree, settings, measured, with_places(start, measured), True)
+    free = DistanceModel(tree, measured.channels, known, conditions, ends=measured.ends)
+    free = replace(free, coordinates=measured.coordinates)
+    own = conditions.subset(fitted)
+    for cause in certain:
+        own = replace(own, readings=cause.sorted(own.readings, tree.readings))
+    bare = only_beyond(free.at(own), len(points.channels.names))
+    shape = distance_start(bare, measured.values[fitted], measured.seen[fitted], stations).shape
+    return Frames.of_numbers(len(measured.values)), replace(free, known=replace(known, shape=shape)), certain
 
 
 def _labels(table: pa.Table) -> dict[int | str, str]:
@@ -341,7 +384,7 @@ def _known(
 
 def _least_noise(tree: Tree, measured: MeasuredLinks, start: StartValues) -> Array:
     """Noise (n,) of the readings, rad or m, that hardly shows in the measured places: the scale of joint scatter."""
-    own = np.ones(measured.values.shape[1], bool) if measured.ends is not None else ~measured.channels.is_rotation
+    own = measured.is_position
     seen = measured.seen[:, own]
     if not seen.any():
         return np.zeros(len(tree.readings))

@@ -54,7 +54,7 @@ def results(
 def positions_alone(error: PredictionError[Any]) -> PredictionError[Any]:
     """Error of the measured positions or distances: orientations have another unit."""
     assert isinstance(error.model, ChainModel)
-    turned = error.model.channels.is_rotation
+    turned = error.model.is_angle
     if not turned.any():
         return error
     seen = error.measured.seen & ~turned

@@ -1,16 +1,26 @@
-"""What was measured of a chain: correlated poses, and which frames of the measurement they need."""
+"""What was measured of a chain: correlated poses, and distances beside points, with the frames that they need."""
 
 from __future__ import annotations
 
+import json
+import shutil
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
 import pytest
+from typer.testing import CliRunner
 
+from tests.blind.generator.arms import draw, write
 from tests.simulation.mechanisms.chains.made_arms import arm, campaign
 from tests.tolerance import assert_close
+from truing.pipeline.command_line import app
+from truing.simulation.mechanisms.chains.distances import DistanceModel
 from truing.stages.common.chain_measurements import MeasuredLinks, measured_links, reference_link
 
 COUNT = 4
@@ -51,3 +61,73 @@ def test_measured_poses_need_an_instrument_that_stood_still() -> None:
     with pytest.raises(ValueError, match="stood still"):
         reference_link(SimpleNamespace(is_frame_fixed=False), measured)  # type: ignore[arg-type]
     assert reference_link(SimpleNamespace(is_frame_fixed=True), measured) is None  # type: ignore[arg-type]
+
+
+def test_derivatives_of_coordinates_and_distances_on_the_same_channels() -> None:
+    rng = np.random.default_rng(5)
+    model = campaign(rng, 6, 2, orientation=True)
+    channels = model.channels
+    coupling = np.zeros((6, 3, 3, 3))
+    coupling[:, 1] = rng.normal(size=(6, 3, 3))
+    conditions = replace(model.conditions, coupling=coupling)
+    mixed = DistanceModel(
+        model.tree,
+        channels,
+        replace(model.known, reading_sigma=np.full(5, 1e-4)),
+        conditions,
+        ends=np.array([[0, 1]]),
+        coordinates=np.indices((3, 3)).reshape(2, -1).T,
+    )
+    shared, local = 0.01 * rng.normal(size=mixed.shared_size), rng.normal(size=(6, 5))
+    found = mixed.predict(shared, local)
+    assert found.values.shape == (6, 10, 1)
+    assert mixed.channel_names[-2:] == ("tip z", "P0 to P1")
+    assert mixed.is_angle.tolist() == [False] * 6 + [True] * 3 + [False]
+    assert len(set(mixed.channel_groups)) == 3
+    plain = replace(model, known=mixed.known).at(conditions).points(shared, local)
+    assert_close(found.values[:, :9, 0], plain.reshape(6, -1), atol=0)
+    for j, step in enumerate(1e-4 * np.eye(mixed.shared_size)):
+        slope = (mixed.points(shared + step, local) - mixed.points(shared - step, local)) / 2e-4
+        assert_close(found.by_shared[..., j], slope, atol=2e-8)
+    for j, step in enumerate(1e-3 * np.eye(5)):
+        slope = (mixed.points(shared, local + step) - mixed.points(shared, local - step)) / 2e-3
+        assert_close(found.by_local[..., j], slope, atol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def beside(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A campaign of points beside distances to stations; a joint has an error once per turn."""
+    made = draw(1, instrument="points-and-distances", causes=("joint-eccentricity",), strength=15.0, poses=50)
+    return write(made, tmp_path_factory.mktemp("beside") / "arm")
+
+
+def _diagnosed(campaign: Path) -> list[dict[str, Any]]:
+    done = CliRunner().invoke(app, ["run", str(campaign), "--only", "diagnose", "--out", str(campaign) + "-run"])
+    assert done.exit_code == 0, done.output
+    return pq.read_table(str(campaign) + "-run/diagnosis.parquet").to_pylist()
+
+
+def test_distances_beside_points_are_evaluated_together(beside: Path) -> None:
+    rows = _diagnosed(beside)
+    (hidden,) = json.loads(beside.with_name("arm.truth.json").read_text(encoding="utf-8"))["effects"]
+    (found,) = [row for row in rows if row["verdict"] == "found"]
+    assert (found["cause"], found["subject"]) == (hidden["cause"], hidden["subject"])
+    sizes = json.loads(found["parameters"])
+    for name in ("sine", "cosine"):
+        assert abs(sizes[name]["value"] - hidden["parameters"][name]["value"]) < 4.0 * sizes[name]["sigma"]
+        assert 0.0 < sizes[name]["sigma"] < 0.3 * abs(hidden["parameters"]["sine"]["value"])
+    fitted = pq.read_table(str(beside) + "-run/prediction.parquet").to_pandas()
+    assert len(fitted) == 50
+    assert fitted["rms_after"].mean() < fitted["rms_before"].mean()
+
+
+def test_distances_beside_points_need_one_frame(beside: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(beside, tmp_path / "arm")
+    text = (folder / "campaign.toml").read_text(encoding="utf-8")
+    (folder / "campaign.toml").write_text(text.replace('frame = "campaign"', 'frame = "series"'), encoding="utf-8")
+    table = pyarrow.csv.read_csv(folder / "configurations.csv")
+    if "series" not in table.schema.names:
+        table = table.append_column("series", pa.array(["a", "b"] * (len(table) // 2)))
+        pyarrow.csv.write_csv(table, folder / "configurations.csv")
+    done = CliRunner().invoke(app, ["run", str(folder), "--only", "diagnose", "--out", str(tmp_path / "run")])
+    assert "stood still" in " ".join(done.output.split())

@@ -10,7 +10,7 @@ from tests.blind.generator.arms.draw import draw
 from tests.blind.generator.arms.effects import CAUSES
 from tests.blind.generator.arms.folder import write
 from tests.blind.generator.arms.geometry import NOTATIONS
-from tests.blind.generator.arms.instrument import INSTRUMENTS
+from tests.blind.generator.arms.instrument import BOTH, INSTRUMENTS
 from tests.blind.generator.arms.layouts import LAYOUTS
 
 
@@ -23,7 +23,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--cause", action="append", choices=[*CAUSES, "none"], help="repeat for two at once")
     parser.add_argument("--layout", choices=LAYOUTS)
     parser.add_argument("--notation", choices=NOTATIONS)
-    parser.add_argument("--instrument", choices=[*INSTRUMENTS, "points"])
+    parser.add_argument("--instrument", choices=[*INSTRUMENTS, BOTH, "points"])
     parser.add_argument("--strength", type=float, default=10.0)
     parser.add_argument("--foreign", action="store_true")
     asked = parser.parse_args(arguments)

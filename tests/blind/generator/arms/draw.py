@@ -12,7 +12,7 @@ from tests.blind.generator.arms.arm import Arm, Link, modified, serial
 from tests.blind.generator.arms.effects import CAUSES, Effect, draw_effect, hide
 from tests.blind.generator.arms.foreign import KINDS, draw_foreign
 from tests.blind.generator.arms.geometry import NOTATIONS, Design, Tolerance
-from tests.blind.generator.arms.instrument import INSTRUMENTS, Instrument, Seen, draw_instrument, see
+from tests.blind.generator.arms.instrument import BOTH, INSTRUMENTS, Instrument, Seen, draw_instrument, see
 from tests.blind.generator.arms.layouts import LAYOUTS, ROWS, TREES, with_masses, with_other_frames
 from tests.blind.generator.arms.schedule import draw_schedule
 from tests.blind.generator.arms.strength import Bench, Fit, apart, linear_fit
@@ -62,7 +62,7 @@ def draw(
     """
     _expect("layout", layout, LAYOUTS)
     _expect("notation", notation, NOTATIONS)
-    _expect("instrument", instrument, (*INSTRUMENTS, "points"))
+    _expect("instrument", instrument, (*INSTRUMENTS, BOTH, "points"))
     for cause in causes or ():
         _expect("cause", cause, CAUSES)
     if instrument == "points-pose" and any(cause in hidden.BASE_CAUSES for cause in causes or ()):

@@ -37,6 +37,8 @@ def write(campaign: ArmCampaign, folder: Path | str, name: str | None = None) ->
         _write(folder / "targets.csv", _targets(campaign))
     tables = {"points": _points, "poses": _poses, "distances": _distances}
     _write(folder / f"{instrument.kind}.csv", tables[instrument.kind](campaign))
+    if instrument.kind == "points" and len(instrument.stations):
+        _write(folder / "distances.csv", _distances(campaign))
     beside = folder.with_name(folder.name + ".truth.json")
     beside.write_text(json.dumps(truth(campaign), indent=1) + "\n", encoding="utf-8")
     return folder

@@ -13,6 +13,7 @@ from tests.blind.generator.arms.schedule import Schedule
 from tests.blind.generator.arms.transforms import Array, any_rotation, rotation, small_vector
 
 INSTRUMENTS = ("points-pose", "points-series", "points-campaign", "poses", "distances")
+BOTH = "points-and-distances"  # drawn only by name
 ROTATIONS = ("quaternion", "rotation vector", "euler")
 EULER = ("XYZ", "ZYX", "ZYZ", "xyz")
 
@@ -65,7 +66,7 @@ class Seen:
 
 def draw_instrument(kind: str, arm: Arm, schedule: Schedule, rng: np.random.Generator) -> Instrument:
     """Draw an instrument of one of the kinds, its targets and where it stands."""
-    family, _, frame = kind.partition("-")
+    family, _, frame = ("points", "", "campaign") if kind == BOTH else kind.partition("-")
     count = len(schedule.time)
     if not frame:
         frame = "series" if family == "poses" and schedule.series[-1] and rng.random() < 0.3 else "campaign"
@@ -87,7 +88,7 @@ def draw_instrument(kind: str, arm: Arm, schedule: Schedule, rng: np.random.Gene
         np.stack([rotation(rng.normal(0.0, spread, 3)) @ mean for _ in range(shared)]),
         rng.uniform(-3.0, 3.0, 3) + rng.normal(0.0, spread, (shared, 3)),
     )
-    stations = base[1][0] + rng.uniform(-1.0, 1.0, (int(rng.choice([1, 3])) if family == "distances" else 0, 3)) * 2.0
+    stations = base[1][0] + rng.uniform(-1.0, 1.0, (int(rng.choice([1, 3])) if "distances" in kind else 0, 3)) * 2.0
     seen = rng.random((count, len(targets))) >= (rng.choice([0.0, 0.02]) if len(targets) > 1 else 0.0)
     if frame == "pose":  # else a pose could lose the frame that it is measured in
         seen[:, [target.link == 0 for target in targets]] = True
@@ -140,7 +141,9 @@ def rows(instrument: Instrument, seen: Seen, reference: Seen) -> Array:
         shown = np.tile(instrument.seen, (1, len(instrument.stations)))
         return (seen.distances - reference.distances) / instrument.noise * shown
     change = (seen.points - reference.points) * instrument.seen[:, :, None] / instrument.noise
-    return np.asarray(change.reshape(len(change), -1))
+    shown = np.tile(instrument.seen, (1, len(instrument.stations)))
+    along = (seen.distances - reference.distances) / instrument.noise * shown
+    return np.concatenate([change.reshape(len(change), -1), along], axis=1)
 
 
 def largest(instrument: Instrument, seen: Seen, reference: Seen) -> float:

@@ -132,19 +132,18 @@ def _of_shift(bench: Bench, reference: Seen, chosen: Callable[[Array], Array]) -
 
 
 def _of_base(bench: Bench, reference: Seen) -> list[Array]:
-    instrument = bench.instrument
+    instrument, columns = bench.instrument, []
+    count = instrument.stations.size
+    for part in np.eye(count).reshape(count, *instrument.stations.shape):
+        moved = replace(instrument, stations=instrument.stations + STEP * part)
+        columns.append(_derivative(bench, reference, replace(bench, instrument=moved).exact(), FREE))
     if instrument.kind == "distances":
-        columns = []
-        for part in np.eye(instrument.stations.size).reshape(-1, *instrument.stations.shape):
-            moved = replace(instrument, stations=instrument.stations + STEP * part)
-            columns.append(_derivative(bench, reference, replace(bench, instrument=moved).exact(), FREE))
         return columns
     if instrument.frame == "pose":
         return []
-    found: list[Array] = []
     for group in range(len(instrument.base[1])):
-        found += _of_shift(bench, reference, lambda g, own=group: g == own)
-    return found
+        columns += _of_shift(bench, reference, lambda g, own=group: g == own)
+    return columns
 
 
 def _of_places(bench: Bench, reference: Seen) -> list[Array]:

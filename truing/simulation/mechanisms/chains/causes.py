@@ -416,7 +416,8 @@ class ChainTargetMoved(ChainCause):
             return ()
         machine = scene.inputs_of_machine
         onsets, named = _onsets(machine)[::_FEW_ONSETS], machine.channels
-        moving = [k for k, node in enumerate(named.node) if machine.tree.nodes[node].parent >= 0]
+        on_links = [node == 0 or machine.tree.nodes[node].parent >= 0 for node in named.node]  # none on the ground
+        moving = np.flatnonzero(on_links & ~named.is_rotation)
         return [
             replace(self, body=named.links[k], target=named.names[k], from_pose=pose, from_order=order)
             for k in moving

@@ -1,9 +1,9 @@
-"""Distances between targets of a chain, or from a target to a station: ball bars, wires, ranging instruments."""
+"""Distances between targets of a chain, or to a station, alone or beside points: ball bars, wires, ranging."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,62 +30,73 @@ def with_ground(tree: Tree) -> Tree:
 
 @dataclass(frozen=True)
 class DistanceModel(ChainModel):
-    """A chain of which D distances are measured, each between two of the channels, ``ends`` (D, 2).
+    """A chain of which numbers are measured: M coordinates of channels, then D distances, each between two channels.
 
-    A station is a channel on the ground with an unknown place.
+    ``ends`` (D, 2) are the channels of a distance, ``coordinates`` (M, 2) channel and axis. A station is a channel on
+    the ground with an unknown place.
     """
 
     ends: Index
+    coordinates: Index = field(default_factory=lambda: np.zeros((0, 2), int))
 
     channel_word = "distance"
 
     @property
     def channel_names(self) -> tuple[str, ...]:
-        """Names (D,) of the distances by their ends."""
+        """Names (M + D,) of coordinates, and of distances by their ends."""
         names = self.channels.names
-        return tuple(f"{names[a]} to {names[b]}" for a, b in self.ends)
+        axes = (f"{names[k]} {'xyz'[axis]}" for k, axis in self.coordinates)
+        return (*axes, *(f"{names[a]} to {names[b]}" for a, b in self.ends))
 
     @property
     def channel_kinds(self) -> tuple[str, ...]:
-        """Sort of each channel (D,)."""
-        return ("distance",) * len(self.ends)
+        """Link of each coordinate, and the word distance (M + D,)."""
+        links = self.channels.links
+        return (*(links[k] for k, _ in self.coordinates), *("distance",) * len(self.ends))
 
     @property
     def channel_groups(self) -> NDArray:
-        """Noise group (D,): one for all."""
-        return np.zeros(len(self.ends), int)
+        """Noise group (M + D,): one for all distances, and those of the channels for coordinates."""
+        of_channels = super().channel_groups[self.coordinates[:, 0]] + 1
+        return np.concatenate([of_channels, np.zeros(len(self.ends), int)])
+
+    @property
+    def is_angle(self) -> NDArray:
+        """Mask (M + D,) of the coordinates of orientations."""
+        of_channels = super().is_angle[self.coordinates[:, 0]]
+        return np.concatenate([of_channels, np.zeros(len(self.ends), bool)])
 
     @property
     def scene(self) -> ChainScene:
         """Scene from which causes propose candidates; single targets cannot be shifted in it."""
-        return replace(super().scene, places=np.zeros((len(self.ends), 0)))
+        return replace(super().scene, places=np.zeros((len(self.ends) + len(self.coordinates), 0)))
 
     def predict(self, shared: NDArray, local: NDArray, by_shared: bool = True) -> Prediction:
-        """Return the distances (B, D, 1), m, and derivatives at shared (G,) and local (B, H) unknowns."""
+        """Return the numbers (B, M + D, 1), m and rad, and derivatives at shared (G,) and local (B, H) unknowns."""
         found = super().predict(shared, local, by_shared)
-        unit, length = self._directions(found.values)
+        unit, _ = self._directions(found.values)
         return replace(
             found,
-            values=length[..., None],
+            values=self._numbers(found.values),
             by_shared=self._along(unit, found.by_shared),
             by_local=self._along(unit, found.by_local),
         )
 
     def points(self, shared: NDArray, local: NDArray) -> Array:
-        """Return the distances (B, D, 1), m, at shared (G,) and local (B, H) unknowns."""
-        return np.asarray(self._directions(super().points(shared, local))[1][..., None])
+        """Return the numbers (B, M + D, 1), m and rad, at shared (G,) and local (B, H) unknowns."""
+        return self._numbers(super().points(shared, local))
 
     def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
-        """Return the derivatives (B, D, 1, C) of the distances by the twists of all nodes."""
+        """Return the derivatives (B, M + D, 1, C) of the numbers by the twists of all nodes."""
         unit, _ = self._directions(super().points(shared, local))
         return {TWISTS: self._along(unit, super().pathways(shared, local)[TWISTS])}
 
     def rotations(self, shared: NDArray, local: NDArray) -> Array:
-        """Return ones (B, D, 1, 1): a distance has no direction."""
-        return np.ones((len(local), len(self.ends), 1, 1))
+        """Return ones (B, M + D, 1, 1): a number has no direction."""
+        return np.ones((len(local), len(self.ends) + len(self.coordinates), 1, 1))
 
     def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[ChainCause], dict[str, NDArray]]:
-        """Return the function from a cause to its twists (B, C, P), or change of the distances, per plausible scale."""
+        """Return the function from a cause to its twists (B, C, P), or change of the numbers, per plausible scale."""
         machine, turned = self.machine, super().rotations(shared, local)
         unit, _ = self._directions(super().points(shared, local))
 
@@ -98,6 +109,11 @@ class DistanceModel(ChainModel):
 
         return found
 
+    def _numbers(self, points: NDArray) -> Array:
+        """Return coordinates and distances (B, M + D, 1) of points (B, K, 3)."""
+        places, axes = self.coordinates.T
+        return np.concatenate([points[:, places, axes], self._directions(points)[1]], 1)[..., None]
+
     def _directions(self, points: NDArray) -> tuple[Array, Array]:
         """Return unit vectors (B, D, 3) from the second to the first end, and distances (B, D)."""
         apart = points[:, self.ends[:, 0]] - points[:, self.ends[:, 1]]
@@ -105,18 +121,21 @@ class DistanceModel(ChainModel):
         return apart / length[..., None], length
 
     def _along(self, unit: NDArray, slopes: NDArray) -> Array:
-        """Return the derivatives (B, D, 1, P) of the distances from those of the points (B, K, 3, P)."""
+        """Return the derivatives (B, M + D, 1, P) of the numbers from those of the points (B, K, 3, P)."""
         apart = slopes[:, self.ends[:, 0]] - slopes[:, self.ends[:, 1]]
-        return np.asarray(np.einsum("bdi,bdip->bdp", unit, apart)[:, :, None])
+        places, axes = self.coordinates.T
+        return np.concatenate([slopes[:, places, axes], np.einsum("bdi,bdip->bdp", unit, apart)], 1)[:, :, None]
 
 
 def distance_start(model: DistanceModel, values: NDArray, seen: Mask, stations: Mask) -> StartValues:
-    """Return the best places of stations, a mask (K,) of the channels, and targets for distances (B, D, 1)."""
+    """Return the best places of stations, a mask (K,) of the channels, and targets for numbers (B, M + D, 1)."""
     known = model.known
+    R, t = known.base_R[0], known.base_t[0]
     shape = known.shape.copy()
     nominal = ChainModel.points(model, np.zeros(model.shared_size), np.zeros((len(values), model.local_size)))
     for k in np.flatnonzero(stations):
-        shape[k] = _station(model, values[..., 0], seen, int(k), nominal)
+        first = len(model.coordinates)
+        shape[k] = R.T @ (_station(model, values[:, first:, 0], seen[:, first:], int(k), nominal) - t)
     started = replace(model, known=replace(known, shape=shape))
     weight = seen[..., None].astype(float)
     shared = _settled(started, values, weight)

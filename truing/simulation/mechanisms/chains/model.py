@@ -87,6 +87,11 @@ class ChainModel(EffectsModel[ChainCause]):
         return np.array([2 * links[link] for link in self.channels.links], int) + self.channels.is_rotation
 
     @property
+    def is_angle(self) -> NDArray:
+        """Mask (K,) of the channels that are orientations."""
+        return self.channels.is_rotation
+
+    @property
     def part_count(self) -> int:
         """Number of joints that are read."""
         return len(self.tree.readings)
