@@ -275,6 +275,11 @@ _CALIBRATION = (
         "series* role* poses rms_before rms_after unit",
     ),
     parquet(
+        "motor_encoders",
+        "motor encoders compared with the readings of their joints: ratio, lost motion, wind-up, waves, what remains",
+        "joint* parameter* unit value sigma identifiable",
+    ),
+    parquet(
         "chain_parameters",
         "identified numbers of a chain: zero of each joint, and shift and rotation of its frame in the link below",
         "joint* parameter* unit identified sigma tolerance pull identifiable",

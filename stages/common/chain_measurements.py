@@ -16,7 +16,7 @@ from truing.estimation.rotation import exp_so3
 from truing.schemas.covariates import column_alias
 from truing.simulation.inputs import ORDER, between_neighbours, order_in_time
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels, movements
-from truing.simulation.mechanisms.chains.joint_table import joint_columns
+from truing.simulation.mechanisms.chains.joint_table import joint_columns, motor_column
 from truing.simulation.mechanisms.chains.tree import Tree
 from truing.stages.common.chain_tables import payload_of
 from truing.stages.common.missing_data import LEAST_TARGETS
@@ -183,10 +183,12 @@ def chain_conditions(
     tree: Tree, table: pa.Table, settings: Campaign, measured: MeasuredLinks, readings: Array, usable: Mask
 ) -> ChainConditions:
     poses, columns = pose_ids(table), joint_columns(tree, table.schema.names)
+    motors = [motor_column(tree, joint, table.schema.names) for joint in tree.readings]
+    left_out = {"pose", "role", *(column.name for column in motors if column is not None)}
     covariates: dict[str, Array] = {
         column_alias(field.name): number_column(table, field.name)
         for field in table.schema
-        if field.name not in ("pose", "role") and str(field.type) in ("double", "int64")
+        if field.name not in left_out and str(field.type) in ("double", "int64")
     }
     time = covariates.get("time_s")
     covariates[ORDER] = order_in_time(time, len(poses))

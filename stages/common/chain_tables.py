@@ -17,6 +17,7 @@ from truing.simulation.mechanisms.chains.joint_table import (
     PLACE,
     TURN,
     joint_columns,
+    motor_column,
     tree_from_rows,
 )
 from truing.simulation.mechanisms.chains.tree import Tree
@@ -61,6 +62,15 @@ def joint_readings(tree: Tree, table: pa.Table) -> Array:
     """Readings (B, n), rad or m, NaN where missing; raises ValueError if a column is missing."""
     columns = joint_columns(tree, table.schema.names)
     return number_columns(table, [c.name for c in columns]) * np.array([c.si for c in columns])
+
+
+def motor_readings(tree: Tree, table: pa.Table) -> dict[int, Array]:
+    """Readings (B,) of the motor encoders, rad or m, by the number of the joint's reading; NaN where missing."""
+    found = {}
+    for k, joint in enumerate(tree.readings):
+        if (column := motor_column(tree, joint, table.schema.names)) is not None:
+            found[k] = number_column(table, column.name) * column.si
+    return found
 
 
 def payload_of(settings: Any, table: pa.Table) -> Array:

@@ -21,6 +21,7 @@ from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, ColumnS
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels
 from truing.simulation.mechanisms.chains.distances import GROUND, DistanceModel, distance_start, with_ground
 from truing.simulation.mechanisms.chains.model import FREE_PLACE, ChainModel, KnownChain
+from truing.simulation.mechanisms.chains.motor_encoders import MotorTerm, motor_terms
 from truing.simulation.mechanisms.chains.offsets import offsets_beyond_tolerance
 from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import Tree, geometry_modes
@@ -36,7 +37,7 @@ from truing.stages.common.chain_measurements import (
     survey_of,
 )
 from truing.stages.common.chain_start import nominal_fit
-from truing.stages.common.chain_tables import joint_readings, tree_of
+from truing.stages.common.chain_tables import joint_readings, motor_readings, tree_of
 from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.common.point_arrays import number_column, pose_ids, positions, roles_of
 from truing.stages.diagnosis.chain_distances import only_beyond, with_distances, with_places
@@ -121,7 +122,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         replace(searched, groupings=groupings),
         epochs(held) if held.any() else None,
         "; ".join(filter(None, words)),
-        partial(results, series=_labels(table)),
+        partial(results, series=_labels(table), motors=_motors(right, table, fitted)),
         evident,
         model_text=text_of_model,
         shown=_shown(model),
@@ -276,6 +277,12 @@ def _mixed_model(
     bare = only_beyond(free.at(own), len(points.channels.names))
     shape = distance_start(bare, measured.values[fitted], measured.seen[fitted], stations).shape
     return Frames.of_numbers(len(measured.values)), replace(free, known=replace(known, shape=shape)), certain
+
+
+def _motors(model: ChainModel, table: pa.Table, fitted: Mask) -> list[MotorTerm]:
+    """Terms of every motor encoder that the campaign has, over the poses that are searched."""
+    readings = motor_readings(model.tree, table)
+    return [term for k, own in readings.items() for term in motor_terms(model.machine, k, own[fitted])]
 
 
 def _labels(table: pa.Table) -> dict[int | str, str]:

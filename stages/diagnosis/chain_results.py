@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.chains.extended_model import extended_chain, write_chain
 from truing.simulation.mechanisms.chains.model import ChainModel
+from truing.simulation.mechanisms.chains.motor_encoders import MotorTerm
 from truing.simulation.mechanisms.chains.tree import TWIST
 from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.diagnosis.diagnosis_data import DiagnosisData, InstrumentResults
@@ -33,18 +34,24 @@ _HELD = 1e-6
 
 
 def results(
-    diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign, series: Mapping[int | str, str]
+    diagnosis: CauseDiagnosis,
+    data: DiagnosisData[Any],
+    settings: Campaign,
+    series: Mapping[int | str, str],
+    motors: Sequence[MotorTerm] = (),
 ) -> InstrumentResults:
     """Errors of each pose and series, identified numbers of the chain, and the extended model.
 
-    ``series``: label of the series of each pose that has one.
+    ``series``: label of the series of each pose that has one; ``motors``: terms of the motor encoders.
     """
     final = diagnosis.final
+    of_motors = {"motor_encoders": motors_table(motors)} if motors else {}
     of_series = {"series_errors": series_table(diagnosis, data, series)} if series else {}
     return InstrumentResults(
         {
             "prediction": prediction_table(diagnosis, data, positions_alone),
             **of_series,
+            **of_motors,
             "chain_parameters": parameters_table(final),
             "model": text_of_model(final, settings),
         }
@@ -77,6 +84,18 @@ def series_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], series: Ma
                 numbers = dict(zip(("rms_before", "rms_after"), sizes, strict=True))
                 rows.append({"series": label, "role": role, "poses": int(own.sum()), **numbers, "unit": "um"})
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["series_errors"].arrow_schema())
+
+
+def motors_table(terms: Sequence[MotorTerm]) -> pa.Table:
+    """Rows of motor_encoders.parquet, lengths in mm."""
+    rows = []
+    for term in terms:
+        unit, si = {"m": ("mm", _MM), "m/N": ("mm/N", _MM)}.get(term.unit, (term.unit, 1.0))
+        numbers = {"value": term.value, "sigma": term.sigma}
+        scaled = {name: None if size is None else size / si for name, size in numbers.items()}
+        own = {"joint": term.joint, "parameter": term.parameter, "unit": unit, **scaled}
+        rows.append({**own, "identifiable": term.value is not None})
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS["motor_encoders"].arrow_schema())
 
 
 def _rms(error: PredictionError[Any], own: NDArray) -> float | None:

@@ -21,6 +21,7 @@ from tests.simulation.mechanisms.chains.made_arms import arm, campaign
 from tests.tolerance import assert_close
 from truing.pipeline.command_line import app
 from truing.simulation.mechanisms.chains.distances import DistanceModel
+from truing.simulation.mechanisms.chains.motor_encoders import motor_terms
 from truing.stages.common.chain_measurements import MeasuredLinks, measured_links, reference_link
 
 COUNT = 4
@@ -131,3 +132,44 @@ def test_distances_beside_points_need_one_frame(beside: Path, tmp_path: Path) ->
         pyarrow.csv.write_csv(table, folder / "configurations.csv")
     done = CliRunner().invoke(app, ["run", str(folder), "--only", "diagnose", "--out", str(tmp_path / "run")])
     assert "stood still" in " ".join(done.output.split())
+
+
+def test_a_motor_encoder_is_compared_with_its_joint() -> None:
+    rng = np.random.default_rng(8)
+    machine = campaign(rng, 80).machine
+    q, came, torque = machine.readings[:, 1], machine.approach[:, 1], machine.torque(1)
+    hidden = {"lost_motion": 3e-4, "wind_up": 2e-5, "sine 1": 4e-4, "cosine 1": -2e-4}
+    away = 3e-4 * came + 2e-5 * torque + 4e-4 * np.sin(q) - 2e-4 * np.cos(q)
+    motor = -101.0 * (q + 0.3 + away + 2e-5 * rng.normal(size=80))
+    motor[5] = np.nan
+    terms = {term.parameter: term for term in motor_terms(machine, 1, motor)}
+    assert abs(terms["ratio"].value + 101.0) < 0.1
+    for name, size in hidden.items():
+        assert abs(terms[name].value - size) < 3.5 * terms[name].sigma < 0.5 * abs(size)
+    assert 1.5e-5 < terms["remainder"].value < 2.5e-5 < 1e-4 < terms["difference"].value
+
+
+def test_a_term_that_the_poses_do_not_show_has_no_size() -> None:
+    machine = campaign(np.random.default_rng(8), 80).machine
+    terms = {term.parameter: term for term in motor_terms(machine, 0, machine.readings[:, 0])}
+    assert terms["wind_up"].value is None  # its axis is vertical
+    assert abs(terms["ratio"].value - 1.0) < 1e-9
+    assert not motor_terms(machine, 0, np.where(np.arange(80) < 9, machine.readings[:, 0], np.nan))
+
+
+def test_a_motor_encoder_of_a_campaign_is_on_the_page_and_no_cause_follows_it(beside: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(beside, tmp_path / "arm")
+    table = pyarrow.csv.read_csv(folder / "configurations.csv")
+    column = next(name for name in table.schema.names if name.endswith(("_deg", "_rad")))
+    joint, unit = column.rsplit("_", 1)
+    motor = 50.0 * table.column(column).to_numpy() + np.random.default_rng(1).normal(0.0, 0.05, len(table))
+    pyarrow.csv.write_csv(table.append_column(f"{joint}_motor_{unit}", pa.array(motor)), folder / "configurations.csv")
+    done = CliRunner().invoke(app, ["run", str(folder), "--out", str(tmp_path / "run")])
+    assert done.exit_code == 0, done.output
+    rows = {row["parameter"]: row for row in pq.read_table(tmp_path / "run" / "motor_encoders.parquet").to_pylist()}
+    assert {row["joint"] for row in rows.values()} == {joint}
+    assert abs(rows["ratio"]["value"] - 50.0) < 4.0 * rows["ratio"]["sigma"]
+    page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "ratio of motor to joint" in page
+    found = pq.read_table(tmp_path / "run" / "diagnosis.parquet").to_pylist()
+    assert not any("motor" in row["follows"] + row["settings"] for row in found)

@@ -35,6 +35,19 @@ _NUMBERS = (
     "link below. Determined: the measurements reduce the standard deviation below 70 % of that known before. Another "
     "number rests on its tolerance, and is no physical property."
 )
+_SURE = 3.5  # standard deviations of a term beyond chance
+_MOTORS = (
+    "Least squares of each motor encoder on its joint reading, over the fitted poses. Sizes are those at the joint. "
+    "This compares the two readings alone: errors that both share do not show, and the links are predicted from the "
+    "joint readings."
+)
+_MOTOR_WORDS = {
+    "ratio": "ratio of motor to joint",
+    "lost_motion": "lost motion, to either side",
+    "wind_up": "wind-up per torque of weight",
+    "difference": "rms after ratio and zero",
+    "remainder": "rms that remains",
+}
 _MAP = (
     "Each point is the tip in one pose, by the nominal chain. Large errors in one region show an effect that the "
     "model lacks there."
@@ -58,6 +71,8 @@ def chain(tables: Tables) -> ReportSection | None:
     listings = [_listing(numbers)] if numbers is not None else []
     series = table_or_none(tables, "series_errors")
     listings += [_by_series(series)] if series is not None else []
+    motors = table_or_none(tables, "motor_encoders")
+    listings += [_of_motors(motors)] if motors is not None else []
     see = (("gain", "Errors of each pose, before and after"),) if prediction is not None else ()
     return ReportSection(
         "chain", "Chain", _opening_sentences(joints, numbers), tuple(figures), tuple(listings), see=see
@@ -120,6 +135,22 @@ def _by_series(series: pd.DataFrame) -> Listing:
     )
     caption = "Measured minus predicted, by series, without and with the causes"
     return Listing(heads, rows, caption=caption, held_by="series_errors.parquet")
+
+
+def _of_motors(motors: pd.DataFrame) -> Listing:
+    """Return what the difference of motor encoders and joint readings contains."""
+    rows, marks = [], []
+    for row in motors.itertuples():
+        factor, unit = _UNITS.get(row.unit, (1.0, "" if row.unit == "1" else row.unit))
+        known = row.sigma == row.sigma
+        size = with_uncertainty(factor * row.value, factor * row.sigma if known else None, unit)
+        beyond = known and row.parameter != "ratio" and abs(row.value) > _SURE * row.sigma
+        says = "–" if not known or row.parameter == "ratio" else "yes" if beyond else "no"
+        name = _MOTOR_WORDS.get(row.parameter, row.parameter)
+        rows.append((row.joint, name, size if row.identifiable else "not determined", says))
+        marks.append("warn" if beyond else "none")
+    heads = ("joint", "motor / ratio − joint", "size", "beyond chance")
+    return Listing(heads, tuple(rows), tuple(marks), f"Motor encoders. {_MOTORS}", held_by="motor_encoders.parquet")
 
 
 def _map(shown: pd.DataFrame, tip: str) -> go.Figure:

@@ -41,7 +41,9 @@ class PageSection:
 SECTIONS = (
     PageSection("diagnosis", ("truing.report.diagnosis.section",), "Diagnosis"),
     PageSection("axis", ("truing.report.axis_page",)),
-    PageSection("chain", ("truing.report.chain_page",), reads=("joints", "chain_parameters", "series_errors")),
+    PageSection(
+        "chain", ("truing.report.chain_page",), reads=("joints", "chain_parameters", "series_errors", "motor_encoders")
+    ),
     PageSection("measured", ("truing.report.measured_section",)),
     PageSection("frames", ("truing.report.scene.frames",), bench=True),
     PageSection("qa", ("truing.report.quality_section",), "Quality"),

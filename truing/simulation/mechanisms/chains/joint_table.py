@@ -18,6 +18,7 @@ AXIS, CENTRE = ("axis_x", "axis_y", "axis_z"), ("com_x_mm", "com_y_mm", "com_z_m
 ANGLES = {"_deg": np.pi / 180.0, "_rad": 1.0}
 LENGTHS = {"_mm": 1e-3, "_m": 1.0}
 _MM = 1e-3
+MOTOR = "_motor"  # of the column of a motor encoder, between joint and unit
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,13 @@ def joint_column(tree: Tree, joint: str, names: Iterable[str]) -> JointColumn | 
     node, known = tree.nodes[tree.node_of(tree.readings.index(joint))], set(names)
     endings = ANGLES if node.kind is JointKind.REVOLUTE else LENGTHS
     return next((JointColumn(joint + end, si) for end, si in endings.items() if joint + end in known), None)
+
+
+def motor_column(tree: Tree, joint: str, names: Iterable[str]) -> JointColumn | None:
+    """Return the column of a joint's motor encoder among names; None if there is none of a unit that fits the joint."""
+    known = {name.replace(f"{joint}{MOTOR}", joint, 1): name for name in names if name.startswith(f"{joint}{MOTOR}_")}
+    found = joint_column(tree, joint, known)
+    return None if found is None else JointColumn(known[found.name], found.si)
 
 
 def joint_columns(tree: Tree, names: Iterable[str]) -> list[JointColumn]:
