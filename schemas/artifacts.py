@@ -285,6 +285,11 @@ _CALIBRATION = (
         "joint* parameter* unit identified sigma tolerance pull identifiable",
     ),
     parquet(
+        "joint_curves",
+        "error curves of joints that the extended model holds: motion minus reading, along the reading",
+        "joint* joint_reading_si* deviation_si deviation_sigma_si is_determined",
+    ),
+    parquet(
         "implicit_calibration",
         "parameters identified by least squares on the closure alone, as in the telescope report (eq. 30-33)",
         "model* deformation* leg* parameter* unit nominal identified sigma tolerance pull identifiable status",

@@ -37,6 +37,7 @@ DECLARATION = Stage(
         *("diagnosis", "adequacy?", "model?", "detectable?", "pulls?", "pull_sums?"),
         *("prediction?", "reading_errors?", "axis_errors?", "chain_parameters?", "series_errors?"),
         "motor_encoders?",
+        "joint_curves?",
         *("next_poses?", "next_loads?", "changes?", "cause_uncertainty?", "determined_combinations?"),
         "diagnosis_left_out?",
         *("diagnosis_choices?", "applied_model?"),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.chains.extended_model import extended_chain, write_chain
+from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.motor_encoders import MotorTerm
 from truing.simulation.mechanisms.chains.tree import TWIST
@@ -53,6 +54,7 @@ def results(
             **of_series,
             **of_motors,
             "chain_parameters": parameters_table(final),
+            **curves_table(final),
             "model": text_of_model(final, settings),
         }
     )
@@ -138,6 +140,26 @@ def parameters_table(fitted: FittedModel[Any]) -> pa.Table:
                 )
             )
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["chain_parameters"].arrow_schema())
+
+
+def curves_table(fitted: FittedModel[Any]) -> dict[str, pa.Table]:
+    """Rows of joint_curves.parquet: error curves of joints along their readings; none without such a cause."""
+    curves = [
+        curve
+        for cause in fitted.causes
+        if isinstance(cause, JointErrorCurve)
+        for curve in cause.curves(*fitted.values(cause))
+    ]
+    if not curves:
+        return {}
+    columns = {
+        "joint": [curve.joint for curve in curves for _ in curve.readings],
+        "joint_reading_si": np.concatenate([curve.readings for curve in curves]),
+        "deviation_si": np.concatenate([curve.deviation for curve in curves]),
+        "deviation_sigma_si": np.concatenate([curve.sigma for curve in curves]),
+        "is_determined": np.concatenate([curve.is_determined for curve in curves]),
+    }
+    return {"joint_curves": pa.table(columns, schema=ARTIFACTS["joint_curves"].arrow_schema())}
 
 
 def _zeros(model: ChainModel, shared: NDArray, covariance: NDArray) -> Iterator[dict[str, Any]]:

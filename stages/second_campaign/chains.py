@@ -44,7 +44,7 @@ def predicted_links(text: str, second: SecondCampaign) -> Iterator[PredictionErr
     _check(extended, tree, second)
     measured, conditions, usable = _usable(second, tree)
     _check_columns(extended, conditions)
-    deviations, _ = persistent_twists(extended, conditions.subset(usable))
+    deviations = persistent_twists(extended, conditions.subset(usable))
     names = [effect.cause.id for effect in extended.effects if effect.cause.is_persistent]
     words = f"with {', '.join(dict.fromkeys(names))}" if names else "zeros and links as identified"
     for by, model, own in ((NOMINAL, "as described", None), (EXTENDED, words, deviations)):

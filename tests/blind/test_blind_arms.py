@@ -45,8 +45,10 @@ class Judged:
     unexplained: int
 
 
-def judged(folder: Path, seed: int, causes: tuple[str, ...]) -> Judged:
-    campaign = draw(seed, causes=causes, strength=STRENGTH, instrument="points-campaign")
+def judged(
+    folder: Path, seed: int, causes: tuple[str, ...], poses: int | None = None, strength: float = STRENGTH
+) -> Judged:
+    campaign = draw(seed, causes=causes, strength=strength, instrument="points-campaign", poses=poses)
     write(campaign, folder / "arm")
     words = ["run", str(folder / "arm"), "--out", str(folder / "run"), "--only", "diagnose", "--quiet"]
     done = CliRunner().invoke(app, words)
@@ -82,3 +84,12 @@ def test_no_other_name_is_found_beside_it(hidden: list[Judged]) -> None:
 def test_nothing_is_found_where_nothing_is_hidden(tmp_path_factory: pytest.TempPathFactory) -> None:
     clean = [judged(tmp_path_factory.mktemp("arm"), 1000 * SEED + 500 + number, ()) for number in range(CLEAN)]
     assert sum(not one.found and not one.unexplained for one in clean) >= fewest_of(CLEAN, 0.95)
+
+
+def test_a_curve_of_a_joint_is_found_where_poses_are_many(tmp_path_factory: pytest.TempPathFactory) -> None:
+    cause = ("joint-error-curve",)
+    found = [
+        judged(tmp_path_factory.mktemp("arm"), 1000 * SEED + 700 + number, cause, poses=400, strength=60.0)
+        for number in range(3)
+    ]
+    assert sum(one.hidden == one.found for one in found) >= fewest_of(len(found), 0.95)

@@ -48,6 +48,10 @@ _MOTOR_WORDS = {
     "difference": "rms after ratio and zero",
     "remainder": "rms that remains",
 }
+_CURVES = (
+    "Motion of the joint minus its reading, as the extended model holds it, with two standard deviations. The curve is "
+    "drawn where the data determine it. Elsewhere it is unknown, and the model predicts as if it were zero."
+)
 _MAP = (
     "Each point is the tip in one pose, by the nominal chain. Large errors in one region show an effect that the "
     "model lacks there."
@@ -61,6 +65,7 @@ def chain(tables: Tables) -> ReportSection | None:
     if joints is None:
         return None
     nodes, places = table_or_none(tables, "chain_nodes"), table_or_none(tables, "chain_tip")
+    curves = table_or_none(tables, "joint_curves")
     numbers, prediction = table_or_none(tables, "chain_parameters"), table_or_none(tables, "prediction")
     figures: list[tuple[go.Figure, str]] = []
     if nodes is not None:
@@ -68,6 +73,8 @@ def chain(tables: Tables) -> ReportSection | None:
     if nodes is not None and places is not None and prediction is not None:
         shown = places.merge(prediction, on="pose")
         figures.append((_map(shown, str(nodes.loc[nodes["is_tip"], "link"].iloc[0])), _MAP))
+    if curves is not None and curves["is_determined"].any():
+        figures.append((_curves(curves, joints), _CURVES))
     listings = [_listing(numbers)] if numbers is not None else []
     series = table_or_none(tables, "series_errors")
     listings += [_by_series(series)] if series is not None else []
@@ -187,6 +194,31 @@ def _map(shown: pd.DataFrame, tip: str) -> go.Figure:
     ends = {"cmin": 0.0, "cmax": max(float(shown["rms_after"].max()), 1e-6)}  # from zero, so that noise looks even
     figure.update_layout(coloraxis={"colorscale": "Cividis", **ends, "colorbar": scale})
     return figure
+
+
+def _curves(curves: pd.DataFrame, joints: pd.DataFrame) -> go.Figure:
+    """Return the error curves of the joints along their readings; angles in deg and mdeg, lengths in mm and um."""
+    known = curves[curves["is_determined"]]
+    names = list(dict.fromkeys(known["joint"]))
+    slides = set(joints.loc[joints["joint_kind"] == "prismatic", "joint"])
+    rows = -(-len(names) // 2)
+    titles = [label(name) for name in names]
+    figure = make_subplots(rows=rows, cols=2, subplot_titles=titles, vertical_spacing=0.35 / rows)
+    for place, name in enumerate(names):
+        where = {"row": place // 2 + 1, "col": place % 2 + 1}
+        along, size = (1e3, 1e6) if name in slides else (180.0 / math.pi, 180e3 / math.pi)
+        units = ("mm", "µm") if name in slides else ("deg", "mdeg")
+        own = curves[curves["joint"] == name]
+        readings, shown = own["joint_reading_si"].to_numpy() * along, own["is_determined"].to_numpy()
+        middle, sigma = (own[column].to_numpy() * size for column in ("deviation_si", "deviation_sigma_si"))
+        lines = ((middle + 2 * sigma, 0.5, GREY), (middle - 2 * sigma, 0.5, GREY), (middle, 1.5, BLUE))
+        for values, width, colour in lines:
+            drawn = np.where(shown, values, np.nan)
+            line = {"width": width, "color": colour}
+            figure.add_trace(go.Scatter(x=readings, y=drawn, mode="lines", line=line, showlegend=False), **where)
+        figure.update_xaxes(title={"text": f"reading ({units[0]})", "standoff": 2}, **where)
+        figure.update_yaxes(title_text=units[1], **where)
+    return style(figure, "Error curves of the joints", "Motion minus reading", 120 + 240 * rows)
 
 
 def _arm(nodes: pd.DataFrame, survey: pd.DataFrame | None) -> go.Figure:

@@ -42,7 +42,9 @@ SECTIONS = (
     PageSection("diagnosis", ("truing.report.diagnosis.section",), "Diagnosis"),
     PageSection("axis", ("truing.report.axis_page",)),
     PageSection(
-        "chain", ("truing.report.chain_page",), reads=("joints", "chain_parameters", "series_errors", "motor_encoders")
+        "chain",
+        ("truing.report.chain_page",),
+        reads=("joints", "chain_parameters", "joint_curves", "series_errors", "motor_encoders"),
     ),
     PageSection("measured", ("truing.report.measured_section",)),
     PageSection("frames", ("truing.report.scene.frames",), bench=True),

@@ -66,6 +66,7 @@ from truing.simulation.mechanisms.chains.causes import (
     LinkGrowth,
 )
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
+from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
 from truing.simulation.mechanisms.chains.loads import ColumnTilt, JointSag
 from truing.simulation.mechanisms.chains.nonparametric import NonparametricChainEffect
 from truing.simulation.mechanisms.chains.settling import JointSettling
@@ -144,6 +145,7 @@ OWN_CAUSES_OF_CHAINS: tuple[ChainCause, ...] = (
     JointEccentricity(),
     JointHarmonic(),
     JointSettling(),
+    JointErrorCurve(),
     JointCompliance(),
     JointSag(),
     LinkBending(),

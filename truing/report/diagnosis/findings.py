@@ -116,11 +116,13 @@ def few(parameters: str) -> str:
 
 
 def subject_words(subject: str) -> str:
-    """Return a subject in a sentence: ``legs 1 and 4`` of ``leg1 leg4``, ``target P07``."""
+    """Return a subject in a sentence: ``legs 1 and 4`` of ``leg1 leg4``, ``joints a and b``, ``target P07``."""
     parts = subject.split()
     legs = [part.removeprefix("leg") for part in parts]
     if parts and all(part.startswith("leg") and part[3:].isdigit() for part in parts):
         return f"leg {legs[0]}" if len(legs) == 1 else f"legs {_joined_names(legs)}"
+    if len(parts) > 2 and set(parts[::2]) == {"joint"}:
+        return f"joints {_joined_names(parts[1::2])}"
     if parts[:1] == ["targets"]:
         return f"targets {_joined_names(parts[1:])}"
     return subject

@@ -185,10 +185,11 @@ class Overall:
 
 
 def overall(found: list[AssessedCause], tables: Tables, *, held_out: bool) -> Overall | None:
-    """Return the gain by all findings together; None where it was not evaluated, or in mixed units.
+    """Return the gain by all findings together; None where it was not evaluated.
 
     One finding on a bench is assessed over the channels that it moves. Several are assessed over all channels of the
-    unit in which they gain most, with the noise floor of these.
+    unit in which they gain most, with the noise floor of these. Findings on poses that gain in several units, position
+    and orientation, are assessed by the errors of each pose.
     """
     effects = modelled_of(found)
     if part_names(tables) is READINGS and len(effects) > 1:
@@ -197,9 +198,22 @@ def overall(found: list[AssessedCause], tables: Tables, *, held_out: bool) -> Ov
         return max(reported, key=lambda one: one.before / one.after if one.after > 0.0 else 1.0, default=None)
     pair = total_gain(found, held_out)
     if pair is None:
-        return None
+        return _of_poses(effects, tables, held_out)
     unit = effects[-1].unit
     return Overall(*pair, effects[-1].floor, unit, held_out, _freedom(tables, unit, held_out))
+
+
+def _of_poses(effects: list[AssessedCause], tables: Tables, held_out: bool) -> Overall | None:
+    poses = table_or_none(tables, "prediction")
+    if poses is None:
+        return None
+    own = poses[poses["role"].eq("verification") == held_out].dropna(subset=["rms_before", "rms_after"])
+    if not len(own):
+        return None
+    unit = str(own["unit"].iloc[0])
+    before, after = (float(np.sqrt(np.mean(own[f"rms_{when}"] ** 2))) for when in ("before", "after"))
+    floor = next((row.floor for row in reversed(effects) if row.unit == unit), None)
+    return Overall(before, after, floor, unit, held_out, _freedom(tables, unit, held_out))
 
 
 def plain_errors(rows: list[AssessedCause], tables: Tables, *, held_out: bool) -> list[Overall]:

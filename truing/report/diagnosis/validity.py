@@ -24,7 +24,7 @@ _MOST = 6.0  # largest power of ten of odds that is given
 def held_out_sentences(found: Iterable[AssessedCause], of: PartNames) -> list[str]:
     """Return the sentences on blocks left out, and on findings without informative blocks."""
     rows = [row for row in found if row.left_out_by]
-    texts = [_of_blocks(row, of) for row in rows if row.left_out_gain is not None]
+    texts = _of_blocks([row for row in rows if row.left_out_gain is not None], of)
     if lone := dict.fromkeys(row.name for row in rows if row.left_out_by == ONE_BLOCK):
         texts.append(
             f"Not cross-validated: {'; '.join(lone)}. The effect shows in only one series, run, day or region, or too "
@@ -39,15 +39,24 @@ def held_out_sentences(found: Iterable[AssessedCause], of: PartNames) -> list[st
     return texts
 
 
-def _of_blocks(row: AssessedCause, of: PartNames) -> str:
-    """Return in words the effect of a finding on blocks that are predicted from the others."""
-    gain = row.left_out_gain or 0.0
-    parts = f"{row.left_out_blocks} {_PARTS.get(row.left_out_by, _REGIONS[of.single])}"
-    says = "does not decide about" if abs(gain) < math.log(EQUAL_ODDS) else "supports" if gain > 0.0 else "contradicts"
-    return (
-        f"Cross-validation {says} {row.name}, {_odds(gain)}: {parts} that are sensitive to it were left out in turn "
-        "and predicted from the others."
-    )
+def _of_blocks(rows: list[AssessedCause], of: PartNames) -> list[str]:
+    """Return in words the effect of findings on blocks that are predicted from the others, one text for each kind."""
+    alike: dict[tuple[str, str], list[AssessedCause]] = {}
+    for row in rows:
+        gain = row.left_out_gain or 0.0
+        says = "supports" if gain > 0.0 else "contradicts"
+        says = "does not decide about" if abs(gain) < math.log(EQUAL_ODDS) else says
+        parts = f"{row.left_out_blocks} {_PARTS.get(row.left_out_by, _REGIONS[of.single])}"
+        alike.setdefault((says, parts), []).append(row)
+    texts = []
+    for (says, parts), own in alike.items():
+        names = "; ".join(f"{row.name}, {_odds(row.left_out_gain or 0.0)}" for row in own)
+        each = "it" if len(own) == 1 else "each of them"
+        texts.append(
+            f"Cross-validation {says} {names}. {parts} that are sensitive to {each} were left out in turn and "
+            "predicted from the others."
+        )
+    return texts
 
 
 def _odds(gain: float) -> str:

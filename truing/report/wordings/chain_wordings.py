@@ -7,6 +7,7 @@ from truing.report.wordings.claim import (
     Claim,
     Wording,
     by_words,
+    largest,
     largest_of_kind,
     positive,
     size_in_words,
@@ -89,6 +90,14 @@ def _harmonic(claim: Claim) -> str:
     return with_sizes(f"the motion of {_whose(claim)} has an error {times} per turn", claim)
 
 
+def _curve(claim: Claim) -> str:
+    size = largest(tuple(size for size in claim.sizes if size.name.startswith("largest")))
+    who, up_to = _whose(claim), f", by up to {size_in_words(size)}" if size else ""
+    if who.startswith("joints "):
+        return f"{who} depart from their readings by repeatable curves{up_to}"
+    return f"{who} departs from its reading by a repeatable curve{up_to}"
+
+
 def _drift(claim: Claim) -> str:
     return with_sizes("the base moves steadily against the instrument, from the first to the last pose", claim)
 
@@ -118,6 +127,10 @@ def _turning_advice(claim: Claim) -> str:
     )
 
 
+_CURVE = (
+    "Move this joint alone through its range in steps of 2 degrees, and measure a target far from its axis; repeat it "
+    "after a full turn. A curve that does not repeat is none of the encoder's scale."
+)
 CHAIN = {
     "joint-offset": Wording(
         "joint offset", _offset, "Move this joint to its zero mark, and compare its reading with a level or a pin."
@@ -135,6 +148,7 @@ CHAIN = {
     ),
     "joint-eccentricity": Wording("eccentricity of a joint", _eccentric, _TURNING),
     "joint-harmonic": Wording("harmonic error of a joint", _harmonic, _turning_advice),
+    "joint-error-curve": Wording("error curve of a joint", _curve, _CURVE),
     "joint-compliance": Wording("compliance of a joint", _compliance, _LOADED),
     "link-bending": Wording("bending of a link", _bending, _LOADED),
     "joint-sag": Wording(

@@ -20,6 +20,7 @@ from truing.simulation.cause import Effect
 from truing.simulation.mechanisms.chains.causes import ChainCause, JointCause, JointOffset
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
+from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
 from truing.simulation.mechanisms.chains.joint_table import joint_column
 from truing.simulation.mechanisms.chains.loads import JointSag
 from truing.simulation.mechanisms.chains.settling import JointSettling
@@ -32,11 +33,15 @@ _OFFSET, _WHOLE = "offset", ("model", "")
 _HEAD = ("joint", "correction", "order", "value", "sigma", "unit", "in_urdf", "caution")
 _MM = 1e-3
 _WITHIN_ORDER = "order_distance"  # column order has it
+_OF_CURVES = ("joint", "reading", "deviation", "sigma", "unit", "determined", "caution")
 _EXACT = 1e-15  # m and rad: a smaller sigma is rounding
 
 
 def urdf(run: Run) -> Iterator[tuple[str, bytes]]:
-    """Yield ``robot.urdf`` and ``joint_corrections.csv``; raises CampaignFaults where the run has no chain's model."""
+    """Yield ``robot.urdf``, ``joint_corrections.csv``, and ``joint_curves.csv`` if joints have error curves.
+
+    Raises CampaignFaults where the run has no chain's model.
+    """
     model = run.model
     if not isinstance(model, ExtendedChain):
         expected = 'the run of an open chain ([mechanism] type = "chain") whose diagnosis gave a model'
@@ -46,6 +51,8 @@ def urdf(run: Run) -> Iterator[tuple[str, bytes]]:
     warned = reasons_for_caution(run)
     yield "robot.urdf", urdf_text(model, limits, _notes(model, run.get("chain_parameters"), warned)).encode()
     yield "joint_corrections.csv", _corrections(model, warned)
+    if curves := list(_curves(model, warned)):
+        yield "joint_curves.csv", _csv(_OF_CURVES, curves)
 
 
 def _limits(run: Mapping[str, pd.DataFrame], tree: Tree) -> dict[str, tuple[float, float]]:
@@ -199,9 +206,26 @@ def _notes(
 
 def _corrections(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> bytes:
     rows = [*_offsets(model, warned), *_deviations(model, warned)]
+    return _csv(_HEAD, rows)
+
+
+def _csv(head: Sequence[str], rows: Sequence[Sequence[Any]]) -> bytes:
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([_HEAD, *rows])
+    csv.writer(text, lineterminator="\n").writerows([head, *rows])
     return text.getvalue().encode()
+
+
+def _curves(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Iterator[tuple[Any, ...]]:
+    """Yield the error curves of joints, motion minus reading along the reading, in deg or mm."""
+    for effect in model.effects:
+        if isinstance(effect.cause, JointErrorCurve):
+            caution = _caution_of(effect.cause, warned)
+            for curve in effect.cause.curves(effect.values, model.covariance_of(effect.cause)):
+                unit, si = ("deg", math.pi / 180.0) if curve.is_angle else ("mm", _MM)
+                rows = zip(curve.readings, curve.deviation, curve.sigma, curve.is_determined, strict=True)
+                for reading, deviation, sigma, known in rows:
+                    numbers = (f"{reading / si:.6f}", repr(float(deviation / si)), repr(float(sigma / si)))
+                    yield curve.joint, *numbers, unit, "yes" if known else "no", caution
 
 
 def _offsets(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Iterator[tuple[Any, ...]]:

@@ -25,10 +25,13 @@ JOINT_CAUSES = (
     "approach-scatter",
 )
 LINK_CAUSES = ("link-bending", "link-growth")
-BASE_CAUSES = ("base-drift", "base-jump", "column-tilt")
+BASE_  # Needs several hundred poses, so that it is hidden only on request.
+OF_MANY_POSES = ("joint-error-curve",)
+CAUSES = ("base-drift", "base-jump", "column-tilt")
 CAUSES = (*JOINT_CAUSES, *LINK_CAUSES, *BASE_CAUSES, "target-moved", "joints-exchanged")
 OF_GRAVITY = ("joint-compliance", "joint-sag", "link-bending", "column-tilt")
-OF_ANGLE = ("joint-eccentricity", "joint-harmonic", "joint-compliance", "joint-sag")  # revolute joints alone
+# Revolute joints alone.
+OF_ANGLE = ("joint-eccentricity", "joint-harmonic", "joint-compliance", "joint-sag", "joint-error-curve")
 SIX = ("dx", "dy", "dz", "rx", "ry", "rz")
 
 
@@ -83,7 +86,7 @@ def draw_effect(
     cause: str, arm: Arm, schedule: Schedule, instrument: Instrument, rng: np.random.Generator
 ) -> list[Effect]:
     """Effects of one cause at every subject that can carry it, in random order; sizes are one unit."""
-    if cause in JOINT_CAUSES:
+    if cause in (*JOINT_CAUSES, *OF_MANY_POSES):
         found = [_of_joint(cause, k, arm, schedule, rng) for k in range(len(arm.actuated)) if _fits(cause, arm, k)]
     elif cause in LINK_CAUSES:
         shape = schedule.warmth if cause == "link-growth" else np.zeros(0)
@@ -95,7 +98,7 @@ def draw_effect(
     elif cause == "joints-exchanged":
         found = _exchanges(arm, schedule)
     else:
-        raise ValueError(f"cause {cause!r}: expected one of {', '.join(CAUSES)}")
+        raise ValueError(f"cause {cause!r}: expected one of {', '.join((*CAUSES, *OF_MANY_POSES))}")
     return [found[n] for n in rng.permutation(len(found))]
 
 
@@ -128,7 +131,20 @@ def _of_joint(cause: str, column: int, arm: Arm, schedule: Schedule, rng: np.ran
         if cause == "joint-harmonic" and rng.random() < 0.5:
             order = round(float(rng.uniform(20.0, 180.0)), 1)
         shape, fixed = np.sin(order * angle + phase), {"order": order, "phase": phase}
+    elif cause == "joint-error-curve":
+        shape = _teeth(angle, rng)
     return Effect(cause, f"joint {arm.names()[column]}", column, shape, fixed=fixed)
+
+
+def _teeth(angle: Array, rng: np.random.Generator) -> Array:
+    """An uneven saw over the turn: from tooth to tooth of 15 to 25 degrees a slow rise, a fast fall, another height."""
+    ends = np.cumsum(rng.uniform(np.radians(15.0), np.radians(25.0), 30))
+    ends = ends[: np.searchsorted(ends, 2.0 * np.pi)] * (2.0 * np.pi / ends[np.searchsorted(ends, 2.0 * np.pi) - 1])
+    heights, place = rng.uniform(0.4, 1.0, len(ends)), np.mod(angle, 2.0 * np.pi)
+    tooth = np.minimum(np.searchsorted(ends, place), len(ends) - 1)
+    starts = np.concatenate([[0.0], ends[:-1]])
+    share = (place - starts[tooth]) / (ends - starts)[tooth]
+    return heights[tooth] * np.where(share < 0.7, share / 0.7, (1.0 - share) / 0.3)
 
 
 def _beams(cause: str, arm: Arm) -> list[int]:
@@ -198,6 +214,8 @@ def parameters(effect: Effect, arm: Arm) -> dict[str, dict[str, float | str]]:
         named = {"sine": (size * np.cos(phase), "rad"), "cosine": (size * np.sin(phase), "rad")}
         if effect.cause == "joint-harmonic":
             named = {"order": (float(fixed["order"]), "1"), "amplitude": (abs(size), "rad"), **named}
+    elif effect.cause == "joint-error-curve":
+        named = {"largest": (abs(size) * float(np.ptp(effect.shape)), "rad")}
     elif effect.cause == "joint-settling":
         form = str(fixed["form"])
         named = {form: (size, "1" if form == "share" else unit), "tau": (float(fixed["tau"]), "s")}

@@ -19,6 +19,8 @@ _GAIN = 5e-4
 _GROWTH = 1e-5
 # Deflection that a plausible compliance gives under the largest load, rad or m.
 _MM = 1e-3
+# A load that varies by a smaller share of the largest load on the chain is constant, apart from rounding.
+_LEAST_LOAD = 1e-6
 # Least number of poses before an onset, and from it; in a long campaign not every pose is tried as an onset.
 _FEWEST, _MOST_ONSETS = 4, 60
 _FEW_ONSETS = 2  # of these, every so many for targets seen by distances
@@ -64,13 +66,18 @@ class ChainCause(Cause[ChainScene]):
         """Return the twists (B, N, 6, P) of all nodes per unit of the parameters, SI; None if none moves."""
         return None
 
-    def slopes(self, machine: ChainInputs, values: NDArray) -> NDArray | None:
-        """Return the derivatives (B, N, 6, P) of the twists at values (P,), SI; the twists of a linear cause."""
-        return self.twists(machine)
+    def deviations(self, machine: ChainInputs) -> NDArray | None:
+        """Return the deviations (B, n, P) of the joints' motion per unit of the parameters, rad or m; None if none
+        deviates."""
+        return None
 
-    def moved(self, machine: ChainInputs, values: NDArray) -> NDArray | None:
-        """Return the twists (B, N, 6) of all nodes at values (P,), SI; None if none moves."""
-        own = self.twists(machine)
+    def deviation_slopes(self, machine: ChainInputs, values: NDArray) -> NDArray | None:
+        """Return the derivatives (B, n, P) of the deviations at values (P,), SI; the deviations of a linear cause."""
+        return self.deviations(machine)
+
+    def deviation(self, machine: ChainInputs, values: NDArray) -> NDArray | None:
+        """Return the deviations (B, n) of the joints' motion at values (P,), SI; None if none deviates."""
+        own = self.deviations(machine)
         return None if own is None else own @ values
 
     def shifts(self, machine: ChainInputs) -> NDArray | None:
@@ -111,10 +118,10 @@ class JointCause(ChainCause):
         """Return the deviation (B, P) of the joint's motion per unit of the parameters."""
         raise NotImplementedError
 
-    def twists(self, machine: ChainInputs) -> NDArray:
-        """Return the twists of the joint, and of those that follow it."""
+    def deviations(self, machine: ChainInputs) -> NDArray:
+        """Return the deviation of the joint, zero of all others."""
         reading = machine.tree.readings.index(self.joint)
-        return machine.on_axis(reading, self.motion(machine, reading))
+        return machine.of_joint(reading, self.motion(machine, reading))
 
     def size_named(self, name: str) -> Parameter:
         """Return an angle or a length of plausible size as a parameter."""
@@ -197,7 +204,7 @@ class JointCompliance(JointCause):
         found: list[Self] = []
         for cause in super().candidates(scene):
             torque = machine.torque(machine.tree.readings.index(cause.joint))
-            if np.ptp(torque) > 0.0:
+            if np.ptp(torque) > _LEAST_LOAD * machine.largest_load(cause.is_angle):
                 found.append(replace(cause, load=float(np.abs(torque).max())))
         return found
 
@@ -289,7 +296,7 @@ class LinkBending(LinkCause):
         machine, found = scene.inputs_of_machine, []
         for name in machine.tree.links:
             turned = replace(self, link=name).twists(machine)[:, :, 3:, 0]
-            if np.ptp(turned, axis=0).any():
+            if np.ptp(turned, axis=0).max(initial=0.0) > _LEAST_LOAD * np.abs(turned).max(initial=0.0):
                 found.append(replace(self, link=name, load=float(np.abs(turned).max())))
         return found
 

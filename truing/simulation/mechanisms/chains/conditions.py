@@ -143,9 +143,15 @@ class ChainInputs:
         load = self.moment if self.tree.is_revolute[reading] else self.force
         return np.asarray(load[:, k] @ self.tree.nodes[k].axis)
 
-    def on_axis(self, reading: int, motion: NDArray) -> Array:
-        """Return the twists (B, N, 6, P) of a deviation (B, P) of one joint's motion, rad or m."""
-        return np.asarray(self.tree.axis_twists[reading][None, :, :, None] * motion[:, None, None])
+    def largest_load(self, turns: bool) -> float:
+        """Return the largest moment, N m, or force, N, that weight puts on any joint."""
+        return float(np.abs(self.moment if turns else self.force).max(initial=0.0))
+
+    def of_joint(self, reading: int, motion: NDArray) -> Array:
+        """Return the deviations (B, n, P) of all joints from that (B, P) of one joint's motion, rad or m."""
+        found = np.zeros((len(motion), len(self.tree.readings), motion.shape[-1]))
+        found[:, reading] = motion
+        return found
 
     def at_node(self, node: int, twists: NDArray) -> Array:
         """Return the twists (B, N, 6, P) of a twist (B, 6, P) of one node."""

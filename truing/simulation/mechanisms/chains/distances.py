@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
-from truing.simulation.cause import OBSERVED
 from truing.simulation.effects_model import Prediction
-from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
-from truing.simulation.mechanisms.chains.model import TWISTS, ChainModel
+from truing.simulation.mechanisms.chains.causes import ChainScene
+from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import Node, Tree
 
@@ -87,27 +86,20 @@ class DistanceModel(ChainModel):
         return self._numbers(super().points(shared, local))
 
     def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
-        """Return the derivatives (B, M + D, 1, C) of the numbers by the twists of all nodes."""
+        """Return the derivatives (B, M + D, 1, C) of the numbers by the twists of all nodes and by joints."""
         unit, _ = self._directions(super().points(shared, local))
-        return {TWISTS: self._along(unit, super().pathways(shared, local)[TWISTS])}
+        return {name: self._along(unit, own) for name, own in super().pathways(shared, local).items()}
 
     def rotations(self, shared: NDArray, local: NDArray) -> Array:
         """Return ones (B, M + D, 1, 1): a number has no direction."""
         return np.ones((len(local), len(self.ends) + len(self.coordinates), 1, 1))
 
-    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[ChainCause], dict[str, NDArray]]:
-        """Return the function from a cause to its twists (B, C, P), or change of the numbers, per plausible scale."""
-        machine, turned = self.machine, super().rotations(shared, local)
+    def _observed_shifts(self, shared: NDArray, local: NDArray) -> Callable[[NDArray], Array]:
+        """Return the function from shifts (B, K, 3, P) of the targets in their links to changes (B, M + D, P) of
+        the numbers."""
+        turned = super().rotations(shared, local)
         unit, _ = self._directions(super().points(shared, local))
-
-        def found(cause: ChainCause) -> dict[str, NDArray]:
-            scale, own = self.effect_scale(cause), cause.twists(machine)
-            if own is not None:
-                return {TWISTS: own.reshape(len(own), -1, own.shape[-1]) * scale}
-            shifts = cause.shifts(machine)
-            return {} if shifts is None else {OBSERVED: self._along(unit, turned @ shifts * scale)[:, :, 0]}
-
-        return found
+        return lambda shifts: self._along(unit, turned @ shifts)[:, :, 0]
 
     def _numbers(self, points: NDArray) -> Array:
         """Return coordinates and distances (B, M + D, 1) of points (B, K, 3)."""

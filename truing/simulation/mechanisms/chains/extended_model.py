@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,6 +29,7 @@ from truing.simulation.model_text import (
 )
 
 MECHANISM = "chain"
+_AT_ONCE = 500  # poses that are predicted at once, for memory
 _COMPONENTS = ("dx", "dy", "dz", "turn_x", "turn_y", "turn_z")
 _OWN = (
     "mechanism",
@@ -122,23 +124,64 @@ class PredictedTip:
 
 def predict_tip(extended: ExtendedChain, conditions: ChainConditions) -> PredictedTip:
     """Return the predicted poses of the tip relative to the base; effects that end with the campaign are omitted."""
+    count = len(conditions.readings)
+    parts = [
+        _predicted(extended, conditions.subset(np.arange(count) // _AT_ONCE == part))
+        for part in range(-(-count // _AT_ONCE))
+    ]
+    return PredictedTip(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("R", "p", "covariance")))
+
+
+@dataclass(frozen=True)
+class _Motions:
+    """Motions by one effect: twists (B, N, 6, P) of the nodes per unit, deviations (B, n) of the joints and their
+    derivatives (B, n, P); None where none moves."""
+
+    twists: NDArray | None
+    deviation: NDArray | None
+    slopes: NDArray | None
+
+
+def _predicted(extended: ExtendedChain, conditions: ChainConditions) -> PredictedTip:
     tree, count = extended.tree, len(conditions.readings)
-    twists, effects = persistent_twists(extended, conditions)
-    frames = tree.frames(conditions.readings, twists)
+    motions = _persistent_motions(extended, conditions)
+    frames = tree.frames(conditions.readings, _twists(extended, motions, count))
     tip = np.array([extended.tip])
     by_twist = np.concatenate(
         [tree.point_slopes(frames, tip, frames.t[:, tip]), tree.rotation_slopes(frames, tip)], 2
     ).reshape(count, TWIST, -1)
-    slopes = np.concatenate([_own_slopes(extended, count), *effects], -1)
-    design = by_twist @ slopes.reshape(count, tree.size * TWIST, -1)
+    by_joint = by_twist @ tree.axis_twists.reshape(len(tree.readings), -1).T
+    of_effects = []
+    for effect, own in zip(extended.effects, motions, strict=True):
+        slopes = np.zeros((count, TWIST, len(effect.values)))
+        if own.twists is not None:
+            slopes += by_twist @ own.twists.reshape(count, by_twist.shape[-1], -1)
+        if own.slopes is not None:
+            slopes += by_joint @ own.slopes
+        of_effects.append(slopes)
+    design = np.concatenate([by_twist @ _own_slopes(extended), *of_effects], -1)
     covariance = design @ extended.covariance @ np.swapaxes(design, -1, -2)
     return PredictedTip(frames.R[:, extended.tip], frames.t[:, extended.tip], np.asarray(covariance))
 
 
-def persistent_twists(extended: ExtendedChain, conditions: ChainConditions) -> tuple[Array, list[Array]]:
-    """Return the twists (B, N, 6) of what was identified and of effects that last, and those (B, N, 6, P) of each
-    effect per unit; zero for an effect that ends with its campaign."""
-    tree, count = extended.tree, len(conditions.readings)
+def persistent_twists(extended: ExtendedChain, conditions: ChainConditions) -> Array:
+    """Return the twists (B, N, 6) of what was identified and of effects that last."""
+    return _twists(extended, _persistent_motions(extended, conditions), len(conditions.readings))
+
+
+def _twists(extended: ExtendedChain, motions: Sequence[_Motions], count: int) -> Array:
+    twists = np.tile(extended.twists, (count, 1, 1))
+    for effect, own in zip(extended.effects, motions, strict=True):
+        if own.twists is not None:
+            twists += own.twists @ effect.values
+        if own.deviation is not None:
+            twists += np.tensordot(own.deviation, extended.tree.axis_twists, 1)
+    return twists
+
+
+def _persistent_motions(extended: ExtendedChain, conditions: ChainConditions) -> list[_Motions]:
+    """Return the motions by each effect; none of an effect that ends with its campaign."""
+    tree = extended.tree
     channels = MeasuredChannels(("tip",), (tree.nodes[extended.tip].link,), np.array([extended.tip]), np.zeros(1, bool))
     machine = ChainInputs.of(
         tree,
@@ -150,23 +193,24 @@ def persistent_twists(extended: ExtendedChain, conditions: ChainConditions) -> t
         np.zeros((1, 3)),
         np.zeros(0, int),
     )
-    twists, slopes = np.tile(extended.twists, (count, 1, 1)), []
     held = replace(machine, conditions=replace(conditions, readings=np.clip(conditions.readings, *extended.measured)))
+    found = []
     for effect in extended.effects:
-        at = held if effect.cause.is_held_beyond else machine
-        own, moved = effect.cause.slopes(at, effect.values), effect.cause.moved(at, effect.values)
-        if own is None or moved is None or not effect.cause.is_persistent:
-            own, moved = np.zeros((count, tree.size, TWIST, len(effect.values))), np.zeros(1)
-        twists = twists + moved
-        slopes.append(own)
-    return twists, slopes
+        cause, inputs = effect.cause, held if effect.cause.is_held_beyond else machine
+        motions = (
+            cause.twists(inputs),
+            cause.deviation(inputs, effect.values),
+            cause.deviation_slopes(inputs, effect.values),
+        )
+        found.append(_Motions(*motions) if cause.is_persistent else _Motions(None, None, None))
+    return found
 
 
-def _own_slopes(extended: ExtendedChain, count: int) -> Array:
+def _own_slopes(extended: ExtendedChain) -> Array:
     found = np.zeros((extended.tree.size, TWIST, TWIST * len(extended.moved)))
     for place, node in enumerate(extended.moved):
         found[node, :, TWIST * place : TWIST * (place + 1)] = np.eye(TWIST)
-    return np.broadcast_to(found, (count, *found.shape))
+    return found.reshape(extended.tree.size * TWIST, -1)
 
 
 def write_chain(extended: ExtendedChain) -> str:

@@ -112,16 +112,16 @@ class JointHarmonic(JointCause):
         """Return sine and cosine of the order times the reading."""
         return self._slopes(machine.readings[:, reading], np.zeros(2 + self.free))
 
-    def slopes(self, machine: ChainInputs, values: NDArray) -> NDArray:
-        """Return the derivatives of the twists by the amplitudes and a free order."""
+    def deviation_slopes(self, machine: ChainInputs, values: NDArray) -> NDArray:
+        """Return the derivatives of the deviations by the amplitudes and a free order."""
         reading = machine.tree.readings.index(self.joint)
-        return machine.on_axis(reading, self._slopes(machine.readings[:, reading], values))
+        return machine.of_joint(reading, self._slopes(machine.readings[:, reading], values))
 
-    def moved(self, machine: ChainInputs, values: NDArray) -> NDArray:
-        """Return the twists at given amplitudes and order."""
+    def deviation(self, machine: ChainInputs, values: NDArray) -> NDArray:
+        """Return the deviations at given amplitudes and order."""
         reading = machine.tree.readings.index(self.joint)
         motion = _waves(machine.readings[:, reading], self.order_at(values)) @ values[:2]
-        return np.asarray(machine.on_axis(reading, motion[:, None])[..., 0])
+        return np.asarray(machine.of_joint(reading, motion[:, None])[..., 0])
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the amplitudes, and the order."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index
 from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, left_jacobian_so3, log_so3
-from truing.simulation.cause import OBSERVED
+from truing.simulation.cause import OBSERVED, Effect
 from truing.simulation.effects_model import EffectsModel, Prediction
 from truing.simulation.inputs import ORDER, ranks
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene, JointsExchanged
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, ChainInputs, MeasuredChannels
 from truing.simulation.mechanisms.chains.tree import TWIST, Tree, TreeFrames
 
-TWISTS = "twists"
+TWISTS, JOINTS = "twists", "joints"
 # Prior sigmas of the base's place and of a target's place where nothing is known of them; they only scale equations.
 FREE_TWIST = np.array([0.05] * 3 + [0.05] * 3)
 FREE_PLACE = 0.05
@@ -204,8 +204,10 @@ class ChainModel(EffectsModel[ChainCause]):
         if self.local_size:
             found += np.einsum("bh,hni->bni", local * self._input_factor, self._reading_twists)
         for effect in self.effects(shared):
-            if (moved := effect.cause.moved(self.machine, effect.values)) is not None:
-                found += moved
+            if (moved := effect.cause.twists(self.machine)) is not None:
+                found += moved @ effect.values
+            if (turned := effect.cause.deviation(self.machine, effect.values)) is not None:
+                found += np.tensordot(turned, self.tree.axis_twists, 1)
         return found
 
     def places(self, shared: NDArray) -> Array:
@@ -300,42 +302,63 @@ class ChainModel(EffectsModel[ChainCause]):
         slopes[..., self.layout["links"]] = (flat @ self.known.modes.reshape(flat.shape[-1], -1)).reshape(
             count, channels, 3, -1
         )
-        moved = [*self._own_twists(), *self._effect_twists(shared)]
-        for part, own in moved:
+        for part, own in self._own_twists():
             slopes[..., part] += (flat @ own.reshape(len(own), flat.shape[-1], -1)).reshape(count, channels, 3, -1)
         slopes[..., self.layout["shape"]] = by_place @ self.known.shape_modes
-        for cause in self.causes:
-            if (shift := cause.shifts(self.machine)) is not None:
-                slopes[..., self.layout[cause.key]] += by_place @ shift * self.effect_sigma(cause)
+        for effect in self.effects(shared):
+            own = self._by_effect(effect, by_twist, by_place)
+            slopes[..., self.layout[effect.cause.key]] += own * self.effect_sigma(effect.cause)
         return slopes
 
-    def _effect_twists(self, shared: NDArray) -> Iterator[tuple[slice, NDArray]]:
-        """Yield the place of each cause among the unknowns, and its twists (B, N, 6, P) per prior sigma."""
-        for effect in self.effects(shared):
-            if (own := effect.cause.slopes(self.machine, effect.values)) is not None:
-                yield self.layout[effect.cause.key], own * self.effect_sigma(effect.cause)
+    def _by_effect(self, effect: Effect[ChainCause], by_twist: NDArray, by_place: NDArray) -> Array:
+        """Return the derivatives (B, K, 3, P) of the channels by an effect's parameters, SI."""
+        cause, (count, channels) = effect.cause, by_twist.shape[:2]
+        found = np.zeros((count, channels, 3, len(self.effect_sigma(cause))))
+        if (moved := cause.twists(self.machine)) is not None:
+            flat = by_twist.reshape(count, channels * 3, -1)
+            found += (flat @ moved.reshape(len(moved), flat.shape[-1], -1)).reshape(found.shape)
+        if (turned := cause.deviation_slopes(self.machine, effect.values)) is not None:
+            found += (self._by_joint(by_twist).reshape(count, channels * 3, -1) @ turned).reshape(found.shape)
+        if (shift := cause.shifts(self.machine)) is not None:
+            found += by_place @ shift
+        return found
+
+    def _by_joint(self, by_twist: NDArray) -> Array:
+        """Return the derivatives (B, K, 3, n) of the channels by the motion of each joint."""
+        return np.asarray(np.tensordot(by_twist, self.tree.axis_twists, ((3, 4), (1, 2))))
 
     def rotations(self, shared: NDArray, local: NDArray) -> Array:
         """Return the derivatives (B, K, 3, 3) of the channels by their places in their links."""
         return self._measured(shared, local)[2]
 
     def pathways(self, shared: NDArray, local: NDArray) -> dict[str, NDArray]:
-        """Return the derivatives (B, K, 3, C) of the channels by the twists of all nodes."""
+        """Return the derivatives (B, K, 3, C) of the channels by the twists of all nodes, and by the joints."""
         by_twist = self._decoupled(self._measured(shared, local)[1])
-        return {TWISTS: by_twist.reshape(*by_twist.shape[:3], -1)}
+        return {TWISTS: by_twist.reshape(*by_twist.shape[:3], -1), JOINTS: self._by_joint(by_twist)}
 
     def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[ChainCause], dict[str, NDArray]]:
-        """Return the function from a cause to its twists (B, C, P) per plausible scale."""
-        machine, rotations = self.machine, self.rotations(shared, local)
+        """Return the function from a cause to its twists, deviations of joints and shifts (B, C, P) per plausible
+        scale."""
+        machine, observed = self.machine, self._observed_shifts(shared, local)
 
         def found(cause: ChainCause) -> dict[str, NDArray]:
-            scale, own = self.effect_scale(cause), cause.twists(machine)
+            scale, own, by = self.effect_scale(cause), cause.twists(machine), {}
             if own is not None:
-                return {TWISTS: own.reshape(len(own), -1, own.shape[-1]) * scale}
-            shifts = cause.shifts(machine)
-            if shifts is None:
-                return {}
-            moved = rotations @ shifts * scale
-            return {OBSERVED: moved.reshape(len(moved), -1, moved.shape[-1])}
+                by[TWISTS] = own.reshape(len(own), -1, own.shape[-1]) * scale
+            if (turned := cause.deviations(machine)) is not None:
+                by[JOINTS] = turned * scale
+            if (shifts := cause.shifts(machine)) is not None:
+                by[OBSERVED] = observed(shifts * scale)
+            return by
+
+        return found
+
+    def _observed_shifts(self, shared: NDArray, local: NDArray) -> Callable[[NDArray], Array]:
+        """Return the function from shifts (B, K, 3, P) of the targets in their links to changes (B, C, P) of the
+        observations."""
+        rotations = self.rotations(shared, local)
+
+        def found(shifts: NDArray) -> Array:
+            return (rotations @ shifts).reshape(len(shifts), -1, shifts.shape[-1])
 
         return found

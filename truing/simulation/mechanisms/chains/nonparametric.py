@@ -86,11 +86,17 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         """Return the inputs scaled to -1 .. 1, held at the ends beyond their ranges."""
         return [np.clip(own, -1.0, 1.0) for own in super().scaled(value)]
 
-    def twists(self, machine: ChainInputs) -> NDArray:
-        """Return the functions' values as deviations of the joint, or as motions of the base."""
-        values = self.basis(partial(_values_of, machine))
+    def deviations(self, machine: ChainInputs) -> NDArray | None:
+        """Return the functions' values as deviations of the joint; None for the base."""
+        if not self.joint:
+            return None
+        return machine.of_joint(machine.tree.readings.index(self.joint), self.basis(partial(_values_of, machine)))
+
+    def twists(self, machine: ChainInputs) -> NDArray | None:
+        """Return the functions' values as motions of the base; None for a joint."""
         if self.joint:
-            return machine.on_axis(machine.tree.readings.index(self.joint), values)
+            return None
+        values = self.basis(partial(_values_of, machine))
         count = values.shape[-1]
         moved = np.einsum("bm,ij->bijm", values, np.eye(6)).reshape(len(values), 6, 6 * count)
         return machine.at_node(0, moved)

@@ -1,0 +1,171 @@
+"""Class `JointErrorCurve`: a joint departs from its reading by a curve that repeats: its encoder's scale, or its gear.
+
+The curve consists of bumps of zero mean and zero slope, second differences of cubic splines with equally spaced knots
+over one turn, or over the travel of a joint that slides. Thus it does not stand in for offsets, gains or errors of low
+order, which are causes of their own, and it returns to zero where no pose shows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.arrays import Array, Mask
+from truing.simulation.cause import Parameter, ReportedParameter, Step
+from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
+from truing.simulation.mechanisms.chains.conditions import ChainInputs, usual_range
+
+_TURN, _DEG, _MM = 2.0 * np.pi, np.pi / 180.0, 1e-3
+_PLAUSIBLE_RAD, _PLAUSIBLE_M = 1e-4, 1e-5
+# Knots over one turn, or over the travel of a joint that slides.
+_KNOTS = (36, 72, 120)
+# A curve has at least so many bumps that readings reach; fewer are no curve, but a polynomial. Poses and distinct
+# readings for each of them, and most bumps of all joints together.
+_FEWEST, _POSES_EACH, _READINGS_EACH, _MOST = 8, 4, 1.5, 450
+# Knots that one bump reaches; so much of the period of a joint that slides lies beyond its travel.
+_REACHED = 6
+_PER_KNOT = 4  # values of a curve in tables
+# The data determine a curve where its standard deviation is below this share of that without data.
+DETERMINED = 0.5
+
+
+@dataclass(frozen=True)
+class JointCurve:
+    """Curve of one joint at m readings, rad or m: its deviation, standard deviation, and whether data determine it."""
+
+    joint: str
+    is_angle: bool
+    readings: Array
+    deviation: Array
+    sigma: Array
+    is_determined: Mask
+
+
+@dataclass(frozen=True)
+class JointErrorCurve(ChainCause):
+    """Joints depart from their readings by repeatable curves: one joint, or all that turn, each with its own.
+
+    ``starts`` and ``periods`` (J,) place the ``knots`` of each joint's curve, rad or m.
+    """
+
+    joints: tuple[str, ...] = ()
+    starts: tuple[float, ...] = ()
+    periods: tuple[float, ...] = ()
+    knots: int = 72
+    is_angle: bool = True
+
+    id = "joint-error-curve"
+    step = Step.DRIVE
+    reach = 3.0
+
+    @property
+    def subject(self) -> str:
+        """The joints."""
+        return " ".join(f"joint {name}" for name in self.joints)
+
+    @property
+    def concerns_several(self) -> bool:
+        """Whether it holds curves of several joints."""
+        return len(self.joints) > 1
+
+    def excludes(self, other: ChainCause) -> bool:  # type: ignore[override]
+        """Whether the other one is a curve of a joint that has one here."""
+        return isinstance(other, JointErrorCurve) and not set(self.joints).isdisjoint(other.joints)
+
+    def candidates(self, scene: ChainScene) -> Sequence[Self]:
+        """Return curves of every joint, and of all joints that turn, with knots as close as the poses determine."""
+        machine = scene.inputs_of_machine
+        found: list[Self] = []
+        for knots in _KNOTS:
+            single = list(self._of_single_joints(machine, knots))
+            found += [curve for curve, _ in single]
+            turning = [(curve.joints[0], reached) for curve, reached in single if curve.is_angle]
+            total = sum(reached for _, reached in turning)
+            if len(turning) > 1 and _POSES_EACH * total <= len(machine.readings) and knots * len(turning) <= _MOST:
+                joints = tuple(joint for joint, _ in turning)
+                zeros, turns = (0.0,) * len(joints), (_TURN,) * len(joints)
+                found.append(replace(self, joints=joints, starts=zeros, periods=turns, knots=knots))
+        return found
+
+    def _of_single_joints(self, machine: ChainInputs, knots: int) -> Iterator[tuple[Self, int]]:
+        """Yield the curve of every joint whose readings determine it, and the number of knots that they reach."""
+        for k, name in enumerate(machine.tree.readings):
+            own, turns = machine.readings[:, k], bool(machine.tree.is_revolute[k])
+            low, high = (0.0, _TURN) if turns else usual_range(own)
+            if not high > low:
+                continue
+            period = float(high - low) * (1.0 if turns else knots / (knots - _REACHED))
+            ends = {"starts": (float(low),), "periods": (period,)}
+            curve = replace(self, joints=(name,), knots=knots, is_angle=turns, **ends)
+            place = curve._place_of(own, 0)
+            reached, distinct = (len(np.unique(np.floor(place * cells))) for cells in (1, 2))
+            if reached >= _FEWEST and len(own) >= _POSES_EACH * reached and distinct >= _READINGS_EACH * reached:
+                yield curve, reached
+
+    def _place_of(self, readings: NDArray, place: int) -> Array:
+        """Return readings (B,) of one joint in knots from the start: within a turn, or held at the ends of a travel."""
+        x = (readings - self.starts[place]) * (self.knots / self.periods[place])
+        return np.asarray(x % self.knots if self.is_angle else np.clip(x, 0.0, self.knots - _REACHED))
+
+    def basis(self, readings: NDArray, place: int) -> Array:
+        """Return the bumps (B, m) of one joint's curve at its readings (B,)."""
+        x = self._place_of(readings, place)
+        first = np.floor(x).astype(int)
+        t = x - first
+        splines, rows = np.zeros((len(x), self.knots)), np.arange(len(x))
+        weights = ((1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3)
+        for shift, weight in enumerate(weights, -1):
+            splines[rows, (first + shift) % self.knots] += weight / 6.0
+        return 2.0 * splines - np.roll(splines, 1, -1) - np.roll(splines, -1, -1)
+
+    def deviations(self, machine: ChainInputs) -> NDArray:
+        """Return the deviations (B, n, P) of the joints per unit of the parameters."""
+        found = np.zeros((len(machine.readings), len(machine.tree.readings), len(self.joints) * self.knots))
+        for place, joint in enumerate(self.joints):
+            reading = machine.tree.readings.index(joint)
+            found[:, reading, self._own(place)] = self.basis(machine.readings[:, reading], place)
+        return found
+
+    def curves(self, values: NDArray, covariance: NDArray) -> Iterator[JointCurve]:
+        """Yield the curve of every joint, from all parameters (P,) and their covariance (P, P), SI."""
+        for place, joint in enumerate(self.joints):
+            own = self._own(place)
+            span = self.knots if self.is_angle else self.knots - _REACHED
+            steps = np.arange(span * _PER_KNOT + (not self.is_angle)) / _PER_KNOT
+            readings = self.starts[place] + self.periods[place] / self.knots * steps
+            basis = self.basis(readings, place)
+            variance = np.sum((basis @ covariance[own, own]) * basis, -1)
+            free = self.reach * self._size[1] * np.sqrt(np.sum(basis**2, -1))
+            sigma = np.sqrt(np.maximum(variance, 0.0))
+            yield JointCurve(joint, self.is_angle, readings, basis @ values[own], sigma, sigma < DETERMINED * free)
+
+    def _own(self, place: int) -> slice:
+        """Return the places of one joint's parameters."""
+        return slice(place * self.knots, (place + 1) * self.knots)
+
+    @property
+    def _size(self) -> tuple[str, float, float]:
+        """Unit, plausible size and SI value of the unit."""
+        return ("rad", _PLAUSIBLE_RAD, 1.0) if self.is_angle else ("mm", _PLAUSIBLE_M, _MM)
+
+    def parameters(self, legs: int) -> tuple[Parameter, ...]:
+        """Return the height of every bump of every joint."""
+        ends = [f"_{joint}" if self.concerns_several else "" for joint in self.joints]
+        return tuple(Parameter(f"bump_{k}{end}", *self._size) for end in ends for k in range(self.knots))
+
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
+        """Return the largest deviation of every curve where the data determine it, and the distance of the knots."""
+        unit, _, si = self._size
+        found = []
+        for own in self.curves(values, covariance):
+            if own.is_determined.any():
+                k = int(np.argmax(np.abs(own.deviation) * own.is_determined))
+                name = f"largest_{own.joint}" if self.concerns_several else "largest"
+                found.append(ReportedParameter(name, abs(own.deviation[k]) / si, own.sigma[k] / si, unit))
+        step = self.periods[0] / self.knots
+        spacing = (step / _DEG, None, "deg") if self.is_angle else (step / _MM, None, "mm")
+        return (*found, ReportedParameter("spacing", *spacing))
