@@ -53,7 +53,7 @@ def _of_blocks(rows: list[AssessedCause], of: PartNames) -> list[str]:
         names = "; ".join(f"{row.name}, {_odds(row.left_out_gain or 0.0)}" for row in own)
         each = "it" if len(own) == 1 else "each of them"
         texts.append(
-            f"Cross-validation {says} {names}. {parts} that are sensitive to {each} were left out in turn and "
+            f"Cross-validation {says} {names}: {parts} that are sensitive to {each} were left out in turn and "
             "predicted from the others."
         )
     return texts

@@ -25,9 +25,9 @@ JOINT_CAUSES = (
     "approach-scatter",
 )
 LINK_CAUSES = ("link-bending", "link-growth")
-BASE_  # Needs several hundred poses, so that it is hidden only on request.
+BASE_CAUSES = ("base-drift", "base-jump", "column-tilt")
+# Needs several hundred poses, so that it is hidden only on request.
 OF_MANY_POSES = ("joint-error-curve",)
-CAUSES = ("base-drift", "base-jump", "column-tilt")
 CAUSES = (*JOINT_CAUSES, *LINK_CAUSES, *BASE_CAUSES, "target-moved", "joints-exchanged")
 OF_GRAVITY = ("joint-compliance", "joint-sag", "link-bending", "column-tilt")
 # Revolute joints alone.
