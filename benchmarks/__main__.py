@@ -15,6 +15,7 @@ _SHARED = (
     "blind_page",
     "bundle_peers",
     "bundle_problem",
+    "chains_peers",
     "errors_in_variables_peers",
     "errors_in_variables_problem",
     "pose_peers",

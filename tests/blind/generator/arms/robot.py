@@ -86,6 +86,14 @@ def robot_campaign(seed: int = SEED) -> ArmCampaign:
     return record(seed, "robot", bench, _hidden(bench), rng)
 
 
+def other_poses(campaign: ArmCampaign, seed: int) -> tuple[Array, Array]:
+    """Exact readings (N, 6), rad, of another series of the sample, and the exact places (N, T, 3) of its targets, m."""
+    own = campaign.bench
+    schedule = _schedule(own.design.arm, own.joint_noise, np.random.default_rng(seed))
+    bench = replace(own, schedule=schedule)
+    return schedule.readings, bench.exact(_hidden(bench), arm=campaign.arm).points
+
+
 def _hidden(bench: Bench) -> list[Effect]:
     size, phase = float(np.hypot(SINE, COSINE)), float(np.arctan2(COSINE, SINE))
     angle = bench.schedule.readings[:, 2]
