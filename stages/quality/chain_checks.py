@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyarrow as pa
 
+from truing.arrays import Mask
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
 from truing.simulation.mechanisms.chains.column_slips import (
     ColumnSlip,
@@ -18,6 +19,7 @@ from truing.simulation.mechanisms.chains.column_slips import (
     foreign_share,
     likely_slip,
 )
+from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import Tree
 from truing.stages.common.chain_measurements import chain_conditions, is_framed, measured_links, reference_link
 from truing.stages.common.chain_start import nominal_fit
@@ -34,6 +36,8 @@ JOINTS = "joints-against-links"
 _OF_FRAMES = ("poses-determined", "geometry", "geometry-line", "geometry-plane", "geometry-leverage")
 _FEWEST, _FEWEST_POSES = 3, 8
 _MM = 1e-3
+# Poses that miss by so many times the median are left out, if at least so large a share remains.
+_FAR, _MOST = 5.0, 0.9
 _RADIANS = 180.0 / np.pi
 
 
@@ -67,6 +71,8 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         conditions = chain_conditions(tree, table, settings, measured, np.nan_to_num(readings), usable)
         start_of = nominal_fit(tree, settings, measured, conditions, usable).start_of
         start = start_of(usable, conditions)
+        usable = _without_lone_errors(start, usable)
+        start = start_of(usable, conditions)
     except ValueError:
         return RelationTest(JOINTS, RelationState.NOT_TESTED, "no-frame")
     misfit, limit = start.rms / _MM, foreign_share(start) / _MM
@@ -98,6 +104,17 @@ def _recorded(slip: ColumnSlip, tree: Tree, names: list[str]) -> RecordSlip:
         return RecordSlip(SlipKind.SIGN, "readings", columns)
     factor = _RADIANS if slip.kind is ColumnSlipKind.RADIANS else 1.0 / _RADIANS
     return RecordSlip(SlipKind.UNIT, "readings", columns, factor=factor, dimension="angle")
+
+
+def _without_lone_errors(start: StartValues, usable: Mask) -> Mask:
+    """Mask (B,) of the usable poses without a few that miss by far more than most, such as those of a wrong target."""
+    size = np.sqrt(np.nanmean(np.sum(start.errors**2, -1), axis=1))
+    kept = size <= _FAR * float(np.median(size))
+    if kept.mean() < _MOST:
+        return usable
+    found = usable.copy()
+    found[usable] = kept
+    return found
 
 
 def _single(observations: pa.Table) -> set[str]:
