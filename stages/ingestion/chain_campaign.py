@@ -11,9 +11,11 @@ import pyarrow as pa
 
 from truing.estimation.rotation import exp_so3
 from truing.formats.faultlog import FaultLog
+from truing.formats.mjcf import read_mjcf
 from truing.formats.raw import Unusable
 from truing.formats.source import CampaignFiles
 from truing.formats.urdf import Urdf, UrdfJoint, read_urdf
+from truing.formats.xml_document import read_xml
 from truing.report.numbers import count
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import did_you_mean
@@ -75,7 +77,8 @@ def read_chain(settings: Any, source: CampaignFiles) -> tuple[Tree, Limits]:
     try:
         if not file.path.is_file():
             raise Unusable("an existing URDF file")
-        return _of_urdf(section, read_urdf(file.path))
+        read = read_mjcf if read_xml(file.path)[0].tag == "mujoco" else read_urdf
+        return _of_urdf(section, read(file.path))
     except Unusable as error:
         raise CampaignFaults([Fault(file.name, error.expected, row=error.row, value=error.value)]) from None
 

@@ -92,10 +92,7 @@ def read_urdf(path: Path) -> Urdf:
     """Return the joints and links of a URDF file; raises Unusable with the line of the first fault."""
     root, lines = read_xml(path)
     if root.tag != "robot":
-        expected = "a URDF file, whose first element is <robot>"
-        if root.tag == "mujoco":
-            expected += "; convert the MJCF file to URDF first"
-        raise Unusable(expected, row=lines[root], value=f"<{root.tag}>"[:80])
+        raise Unusable("a URDF file, whose first element is <robot>", row=lines[root], value=f"<{root.tag}>"[:80])
     if any("xacro" in element.tag for element in root.iter()):
         raise Unusable("a URDF without macros: run `xacro robot.urdf.xacro > robot.urdf` first", row=lines[root])
     links = [_link(element, lines) for element in root.findall("link")]
