@@ -31,6 +31,10 @@ CAUSES = (
     "base-jump",
     "target-moved",
     "joints-exchanged",
+    "joint-settling",
+    "joint-harmonic",
+    "joint-sag",
+    "column-tilt",
 )
 CLEAN = 6
 

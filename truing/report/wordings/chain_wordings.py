@@ -72,7 +72,11 @@ def _growth(claim: Claim) -> str:
 
 
 def _eccentric(claim: Claim) -> str:
-    return with_sizes(f"the reading of {_whose(claim)} has an error once per turn", claim)
+    return with_sizes(f"the reading of {_whose(claim)} has an error once per turn{_or_another(claim)}", claim)
+
+
+def _or_another(claim: Claim) -> str:
+    return ", or of another number of periods that these readings do not distinguish" if claim.fact("aliased") else ""
 
 
 def _order(claim: Claim) -> float | None:
@@ -85,9 +89,7 @@ def _order(claim: Claim) -> float | None:
 def _harmonic(claim: Claim) -> str:
     order = _order(claim)
     times = f"{order:.4g} times" if order is not None else "several times"
-    if claim.fact("aliased"):
-        times += ", or as often as other waves that these readings do not distinguish from it,"
-    return with_sizes(f"the motion of {_whose(claim)} has an error {times} per turn", claim)
+    return with_sizes(f"the motion of {_whose(claim)} has an error {times} per turn{_or_another(claim)}", claim)
 
 
 def _curve(claim: Claim) -> str:

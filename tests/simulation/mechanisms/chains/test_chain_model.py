@@ -167,6 +167,8 @@ def test_orders_that_readings_do_not_distinguish_are_said_to_be_open() -> None:
     found = [cause for cause in JointHarmonic().candidates(model.scene) if cause.joint == "j2"]
     assert {cause.order for cause in found} == set(range(2, 19))  # 19 periods per turn are 17
     assert all(cause.aliased and not cause.is_persistent for cause in found)
+    once = {cause.joint: cause.aliased for cause in JointEccentricity().candidates(model.scene)}
+    assert once == {"j1": False, "j2": True, "j3": False, "j4": False, "j5": False}
     free = [cause for cause in JointHarmonic().candidates(model.scene) if cause.joint == "j4"]
     assert len(free) > 150
     assert not any(cause.aliased for cause in free)

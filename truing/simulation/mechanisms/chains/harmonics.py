@@ -30,11 +30,30 @@ _VANISHING = 0.05  # a wave of this rms size at the readings shows nothing
 
 @dataclass(frozen=True)
 class JointEccentricity(JointCause):
-    """A joint turns by sine x sin(q) + cosine x cos(q) more than it reads, once per turn."""
+    """A joint turns by sine x sin(q) + cosine x cos(q) more than it reads, once per turn.
+
+    If ``aliased``, other orders give the same waves at the readings; the effect then ends with its campaign.
+    """
+
+    aliased: bool = False
 
     id = "joint-eccentricity"
     reach = 10.0
     is_held_beyond = True
+
+    @property
+    def is_persistent(self) -> bool:
+        """True if the order is determined."""
+        return not self.aliased
+
+    def candidates(self, scene: ChainScene) -> Sequence[Self]:
+        """Return every revolute joint."""
+        machine = scene.inputs_of_machine
+        found: list[Self] = []
+        for cause in super().candidates(scene):
+            angle = machine.readings[:, machine.tree.readings.index(cause.joint)]
+            found.append(replace(cause, aliased=_Waves.of(angle).is_open(0)))
+        return found
 
     def applies(self, machine: ChainInputs) -> bool:
         """True if the joint turns."""
@@ -143,26 +162,47 @@ def _waves(angle: NDArray, order: float) -> NDArray:
     return np.stack([np.sin(order * angle), np.cos(order * angle)], -1)
 
 
+@dataclass(frozen=True)
+class _Waves:
+    """Orders (F,) of waves at the readings of a joint, from 1 on, and which (F, F) are alike beyond their neighbours.
+
+    ``shows`` (F,): waves that do not vanish at the readings. ``travel`` rad, ``step`` of the searched orders.
+    """
+
+    orders: NDArray
+    same: Mask
+    shows: Mask
+    travel: float
+    step: int
+
+    @classmethod
+    def of(cls, angle: NDArray, known: Sequence[float] = ()) -> Self:
+        """Return the waves of the low, searched and known orders at readings (B,) that differ."""
+        low, high = usual_range(angle)
+        travel = max(float(high - low), 1e-9)
+        step = max(1, min(HIGHEST, int(np.pi / travel)))
+        orders = np.unique([1.0, *LOW, *range(LOW[-1] + 1, HIGHEST + 1, step), *known])
+        alike = _same_waves(angle, orders)
+        same = alike & (np.abs(orders[:, None] - orders) > 2.0 * np.pi / travel)
+        return cls(orders, same, alike.diagonal(), travel, step)
+
+    def is_open(self, k: int) -> bool:
+        """True if another order has the same wave."""
+        return bool(self.same[k].any())
+
+
 def _orders(angle: NDArray, known: Sequence[float] | None) -> Iterator[tuple[float, float, bool]]:
     """Yield orders worth trying, the range of each about it (0 if exact), and whether the readings leave it open."""
-    low, high = usual_range(angle)
-    travel = float(high - low)
-    if not travel > 0.0:
-        return
-    step = max(1, int(np.pi / travel))
-    ladder = range(LOW[-1] + 1, HIGHEST + 1, step)
-    every = np.unique([1.0, *LOW, *ladder, *(known or ())])
-    same = _same_waves(angle, every) & (np.abs(every[:, None] - every) > 2.0 * np.pi / travel)
-    shows = _same_waves(angle, every).diagonal()
+    waves = _Waves.of(angle, known or ())
     exact = {float(order) for order in (*LOW, *(known or ()))}
-    for k, order in enumerate(map(float, every)):
+    for k, order in enumerate(map(float, waves.orders)):
         is_searched = order not in exact
         halves = _HALVES_SEARCHED if is_searched else _HALVES
-        if order == 1.0 or not shows[k] or same[k, :k].any() or travel * order < halves * np.pi:
+        if order == 1.0 or not waves.shows[k] or waves.same[k, :k].any() or waves.travel * order < halves * np.pi:
             continue
         if is_searched and (known is not None or len(angle) < _FEWEST):
             continue
-        yield order, _BESIDE * step if is_searched else 0.0, bool(same[k].any())
+        yield order, _BESIDE * waves.step if is_searched else 0.0, waves.is_open(k)
 
 
 def _same_waves(angle: NDArray, orders: NDArray) -> Mask:
