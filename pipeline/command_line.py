@@ -207,7 +207,8 @@ def design(
     This needs a campaign.toml with a mechanism and a [workspace]. Poses that are already measured are evaluated in the
     same way. For an interferometer campaign, it chooses load steps within [loading] that give the most information on
     the sensor's calibration matrix. With --causes, it chooses runs of loads that halve the uncertainty of these causes,
-    in addition to the steps measured or planned.
+    in addition to the steps measured or planned. For an open chain, it chooses poses within the limits of the joints,
+    and reports what they and the campaign's own poses show of geometry, joint zeros and causes.
 
     --accuracy, --uniqueness and --tolerances choose nothing. They write tables next to FILE (default:
     runs/<name>/accuracy.csv and so on) and a page, FILE.html.

@@ -95,7 +95,12 @@ DesignExtend = Annotated[
 ]
 DesignAvoid = Annotated[
     Path | None,
-    typer.Option("--avoid", metavar="FILE", help="Table of forbidden regions, one per row: x_min_mm, rho1_max_mm, ..."),
+    typer.Option(
+        "--avoid",
+        metavar="FILE",
+        help="Table of forbidden regions, one per row: x_min_mm, rho1_max_mm, ...; for a chain also MODULE:FUNCTION of "
+        "an installed module.",
+    ),
 ]
 DesignMethod = Annotated[SearchMethod, typer.Option("--method", help="Search method.")]
 DesignWithin = Annotated[
@@ -127,7 +132,8 @@ DesignCauses = Annotated[
     typer.Option(
         "--causes",
         metavar="NAMES",
-        help="Interferometer: choose loads that show these causes instead of loads for a calibration.",
+        help="Interferometer: choose loads that show these causes instead of loads for a calibration. Chain: choose "
+        "poses that show these causes too.",
     ),
 ]
 DesignAccuracy = Annotated[

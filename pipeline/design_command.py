@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,18 +15,24 @@ from truing.formats.source import CampaignFiles
 from truing.pipeline.campaign_folder import CampaignFolder, open_campaign
 from truing.pipeline.console import RunConsole
 from truing.pipeline.given_files import check_file, read_given, table_bytes
-from truing.pipeline.in_memory import bench_tables
+from truing.pipeline.in_memory import bench_tables, chain_tables
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.whole_file import write_atomically
 from truing.report.numbers import count as counted
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.cause_loads import loads_for_causes
+from truing.stages.chain_design import design_chain
+from truing.stages.common.chain_candidates import Forbids
+from truing.stages.configurations.chain_poses import ChainDesignTables, words_of_chain
 from truing.stages.configurations.chosen import DesignOptions, DesignTables
 from truing.stages.configurations.words import words_of, words_of_loads
 from truing.stages.design import design
 from truing.stages.ingestion.loading_tables import TABLES, read_loading_tables
 from truing.stages.ingestion.tables import read_configurations, read_survey
 from truing.stages.load_design import plan_loads
+
+# How --avoid names a function instead of a file.
+_FUNCTION = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 
 
 @dataclass(frozen=True)
@@ -42,6 +51,8 @@ def design_campaign(place: Path, options: DesignOptions, files: DesignFiles) -> 
     console = RunConsole(quiet=False)
     if campaign.validated().campaign.kind == "interferometer":
         return (_loads_for_causes if options.causes else _plan_loads)(campaign, options, files, console)
+    if campaign.validated().mechanism.type == "chain":
+        return _design_chain(campaign, options, files, console)
     if options.causes:
         raise CampaignFaults([Fault("--causes", "no causes for poses: `truing run` leaves next_poses.parquet")])
     found = design(campaign.validated(), options, design_tables(campaign, files))
@@ -54,6 +65,59 @@ def design_campaign(place: Path, options: DesignOptions, files: DesignFiles) -> 
         f"{counted(found.table.num_rows, 'pose')}, in the order in which to measure them",
     )
     return ExitCode.DONE
+
+
+def _design_chain(
+    campaign: CampaignFolder, options: DesignOptions, files: DesignFiles, console: RunConsole
+) -> ExitCode:
+    """Choose poses of a chain; next to the plan, tables of what its poses show. Raises CampaignFaults."""
+    settings = campaign.validated()
+    extend = None if files.extend is None else read_given(files.extend, "a configurations table")
+    functions: tuple[Forbids, ...] = ()
+    avoid = None
+    if files.avoid is not None and _FUNCTION.fullmatch(str(files.avoid)):
+        functions = (_function(str(files.avoid)),)
+    elif files.avoid is not None:
+        avoid = read_given(files.avoid, "a table of forbidden regions")
+    tables = ChainDesignTables(
+        chain_tables(campaign, settings), extend, str(files.extend), avoid, str(files.avoid), functions
+    )
+    found = design_chain(settings, options, tables)
+    for line in words_of_chain(found):
+        console.line(line)
+    _write_table(
+        found.table,
+        files.out,
+        console,
+        f"{counted(found.table.num_rows, 'pose')}, in the order in which to measure them",
+    )
+    if files.out is not None:
+        shown = {"own": found.own, "plan": found.plan}
+        sets = {poses: one for poses, one in shown.items() if one is not None}
+        _write_shown({poses: one.numbers for poses, one in sets.items()}, files.out, "numbers", console)
+        _write_shown({poses: one.causes for poses, one in sets.items()}, files.out, "causes", console)
+    return ExitCode.DONE
+
+
+_SHOWN = {"numbers": "expected sigma of each unknown", "causes": "what the poses show of each cause"}
+
+
+def _write_shown(tables: Mapping[str, pa.Table], out: Path, ending: str, console: RunConsole) -> None:
+    """Write tables one below the other, next to the plan; the first column names the poses."""
+    place = out.with_name(f"{out.stem}-{ending}{out.suffix}")
+    named = [table.add_column(0, "poses", pa.array([poses] * len(table))) for poses, table in tables.items()]
+    write_atomically(place, table_bytes(pa.concat_tables(named), place.suffix, quoting="needed"))
+    console.line(f"{_SHOWN[ending]}: {place}")
+
+
+def _function(name: str) -> Forbids:
+    """The function ``module:function`` of an installed module; raises CampaignFaults."""
+    module, _, called = name.partition(":")
+    try:
+        found: Forbids = getattr(importlib.import_module(module), called)
+    except (ImportError, AttributeError) as why:
+        raise CampaignFaults([Fault("--avoid", f"a function of an installed module ({why})", value=name)]) from None
+    return found
 
 
 def _plan_loads(campaign: CampaignFolder, options: DesignOptions, files: DesignFiles, console: RunConsole) -> ExitCode:

@@ -75,3 +75,13 @@ def bench_tables(campaign: CampaignFolder, settings: Campaign) -> tuple[dict[str
     if planned is not None:
         return planned, False
     return dict(call_stage("ingest", {}, settings, source).artifacts), True
+
+
+def chain_tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]:
+    """Tables of a campaign of a chain; before any measurement, joints and what is planned. Raises CampaignFaults."""
+    from truing.stages.ingestion.chain_campaign import planned_chain
+
+    source = CampaignFiles(campaign.folder, settings)
+    if any(source.entries(name) for name in ("points", "poses", "distances")) or source.has_photographs:
+        return dict(call_stage("ingest", {}, settings, source).artifacts)
+    return planned_chain(settings, source)

@@ -11,6 +11,7 @@ from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
 from truing.schemas.section import (
     TYPED,
     Day,
+    Finite,
     Identifier,
     Name,
     NotNegative,
@@ -184,6 +185,18 @@ class Workspace(PoseComponents):
     """[workspace]: half ranges for pose selection and the requirements table."""
 
     rho_mm: Positive | None = Field(None, description="for every actuator, about its reference reading")
+    joints: dict[str, tuple[Finite, Finite]] = Field(
+        default_factory=dict,
+        description="chain: lowest and highest reading of joints, by column (`elbow_deg = [-90, 90]`); absent: the "
+        "limits of the URDF, else the range of the measured readings",
+    )
+
+    @field_validator("joints")
+    @classmethod
+    def _joints_move(cls, joints: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
+        if wrong := [name for name, (low, high) in joints.items() if low >= high]:
+            raise ValueError(f"a lowest reading below the highest, for {wrong[0]}")
+        return joints
 
 
 class Requirement(PoseComponents):

@@ -180,8 +180,9 @@ def _poses(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, .
 
 
 def chain_conditions(
-    tree: Tree, table: pa.Table, settings: Campaign, measured: MeasuredLinks, readings: Array, usable: Mask
+    tree: Tree, table: pa.Table, settings: Campaign, reference: Array, readings: Array, usable: Mask
 ) -> ChainConditions:
+    """Conditions of all rows of configurations; ``reference`` (B, K, 3, 3): measured orientations of the channels."""
     poses, columns = pose_ids(table), joint_columns(tree, table.schema.names)
     motors = [motor_column(tree, joint, table.schema.names) for joint in tree.readings]
     left_out = {"pose", "role", *(column.name for column in motors if column is not None)}
@@ -203,7 +204,7 @@ def chain_conditions(
         covariates,
         poses,
         _series(settings, table),
-        measured.reference,
+        reference,
         payload_of(settings, table),
         tuple(column_alias(column.name) for column in columns),
         coupling=measured.coupling,

@@ -20,7 +20,7 @@ NO_CALIBRATION = {
 # Why such a mechanism has no choice of configurations and no simulated campaigns, by type.
 NO_CHOICE = {
     "axis": "; an axis has commands, and no poses of legs to choose",
-    "chain": "; configurations of a chain are not chosen yet",
+    "chain": "; accuracy, uniqueness and tolerances of a chain are not studied yet",
 }
 NO_DRAWING = {
     "axis": "; rows of an axis have no points, and are not simulated yet",

@@ -51,7 +51,7 @@ def configurations_table(
 ) -> pa.Table:
     """Configurations in the order of measurement, without times, after ``rest`` (L,) if given."""
     roles = np.repeat(["calibration", "verification"], [options.poses, options.verification])[order.order].tolist()
-    values, first = rho[order.order], _first_number(extend)
+    values, first = rho[order.order], first_number(extend)
     if rest is not None:
         roles, values, first = ["reference", *roles], np.concatenate([rest[None], values]), 0
     columns: dict[str, object] = {
@@ -62,7 +62,7 @@ def configurations_table(
     return pa.table(columns | {f"rho{i + 1}_mm": np.round(column * 1e3, 6) for i, column in enumerate(values.T)})
 
 
-def _first_number(extend: pa.Table | None) -> int:
+def first_number(extend: pa.Table | None) -> int:
     """First free number of a pose."""
     if extend is None or "pose" not in extend.schema.names or not pa.types.is_integer(extend.schema.field("pose").type):
         return 1

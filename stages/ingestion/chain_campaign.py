@@ -31,6 +31,7 @@ from truing.stages.common.chain_tables import tree_table
 from truing.stages.declaration import Outcome, Progress
 from truing.stages.ingestion.distance_table import read_distances
 from truing.stages.ingestion.point_campaign import ingest_points
+from truing.stages.ingestion.tables import read_configurations, read_survey
 
 _MM, _DEG = 1e-3, np.pi / 180.0
 Limits = dict[str, tuple[float, float]]
@@ -63,6 +64,23 @@ def ingest(
         outcome = replace(outcome, read=read if not outcome.read else f"{outcome.read}; {read}")
     log.raise_faults()
     return replace(outcome, artifacts=artifacts)
+
+
+def planned_chain(settings: Any, source: CampaignFiles) -> dict[str, pa.Table]:
+    """`joints`, and the planned places of targets and configurations where there are any; raises CampaignFaults."""
+    tree, limits = read_chain(settings, source)
+    log = FaultLog()
+    survey = read_survey(source, settings, log) if source.entries("targets") else None
+    planned = read_configurations(source, settings, log) if source.entries("configurations") else None
+    found = {"joints": tree_table(tree, limits)}
+    if survey is not None:
+        found["survey"] = survey.table
+    if planned is not None:
+        found["configurations"] = planned.table
+        _check_columns(tree, planned.table, log)
+    _check_links(tree, found, log)
+    log.raise_faults()
+    return found
 
 
 def read_chain(settings: Any, source: CampaignFiles) -> tuple[Tree, Limits]:

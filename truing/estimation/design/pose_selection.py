@@ -9,7 +9,9 @@ eigenvalues,
     d(x) = sum_l r_xl^T A_l^-1 r_xl,
 
 with equality at the optimum (Kiefer and Wolfowitz, Canad. J. Math. 12 (1960) 363). The bound holds for whole and
-fractional repetitions; an exact choice may stay below it. Legs are independent.
+fractional repetitions; an exact choice may stay below it. Legs are independent. A candidate with M measurements of one
+leg has rows (C, L, M, q): its information is the sum over them, and the same inequality holds (Fedorov, Theory of
+Optimal Experiments, 1972, section 5.3).
 
 Continuous search: spectral projected gradient (Birgin, Martínez and Raydan, SIAM J. Optim. 10 (2000) 1196) in a
 `FeasibleRegion`, with limits linearised at every step.
@@ -84,15 +86,17 @@ def sum_log_det(information: NDArray) -> float:
 
 
 def bound_design(rows: NDArray, count: float, given: NDArray | None = None, gap: float = 1e-6) -> DesignBound:
-    """Return the optimal design of ``count`` measurements on candidates with rows (C, L, q), to a gap in log det.
+    """Return the optimal design of ``count`` measurements on candidates with rows (C, L, q) or (C, L, M, q), to a gap
+    in log det.
 
     given (L, q, q): prior information. Interior point method on the weights; candidates are added as the bound
     requires. Raises ValueError if the candidates do not determine every leg.
     """
-    before = np.zeros((rows.shape[1], rows.shape[2], rows.shape[2])) if given is None else given
-    if not np.isfinite(sum_log_det(before + np.einsum("clq,clr->lqr", rows, rows))):
+    rows = _measurements(rows)
+    before = np.zeros((rows.shape[1], rows.shape[3], rows.shape[3])) if given is None else given
+    if not np.isfinite(sum_log_det(before + np.einsum("clmq,clmr->lqr", rows, rows))):
         raise ValueError("candidates that determine every parameter")
-    pool = _spanning(rows)
+    pool = _spanning(rows, before)
     for _ in range(len(rows)):
         weights, converged = _interior_point(rows[pool], count, before, gap / 2)
         design = _design_with_bound(rows, pool, weights, count, before, gap)
@@ -104,17 +108,22 @@ def bound_design(rows: NDArray, count: float, given: NDArray | None = None, gap:
     return design
 
 
-def _spanning(rows: NDArray) -> NDArray:
+def _measurements(rows: NDArray) -> NDArray:
+    """Return rows (C, L, M, q) of candidates, each with M measurements of a leg: one of rows (C, L, q)."""
+    return rows if rows.ndim == 4 else rows[:, :, None]
+
+
+def _spanning(rows: NDArray, before: NDArray) -> NDArray:
     """Return a small pool of candidates to begin with: the most sensitive ones at equal weights."""
-    flat = np.einsum("clq,clr->lqr", rows, rows)
-    sensitivity = np.einsum("clq,lqr,clr->c", rows, np.linalg.inv(flat), rows)
-    return np.argsort(sensitivity)[::-1][: 4 * _ADDED]
+    flat = before + np.einsum("clmq,clmr->lqr", rows, rows)
+    sensitivity = np.einsum("clmq,lqr,clmr->c", rows, np.linalg.inv(flat), rows, optimize=True)
+    return np.argsort(sensitivity)[::-1][: max(1, 4 * _ADDED // rows.shape[2])]
 
 
 def _interior_point(rows: NDArray, count: float, before: NDArray, gap: float) -> tuple[NDArray, bool]:
     """Return the weights (C,) that maximise the log determinant, by primal-dual Newton steps, and whether they
     converged."""
-    size = rows.shape[1] * rows.shape[2]
+    size = rows.shape[1] * rows.shape[3]
     w = np.full(len(rows), 1.0 / len(rows))
     slack = np.zeros(0)
     for _ in range(_MAX_STEPS):
@@ -131,15 +140,25 @@ def _derivatives(rows: NDArray, w: NDArray, count: float, before: NDArray) -> tu
     """Return gradient (C,) and minus the Hessian (C, C) of the log determinant, and sum_l trace A_l^-1 G_l."""
     information = _information(rows, w, count, before)
     factor = np.linalg.inv(np.linalg.cholesky(information))
-    white = factor @ np.transpose(rows, (1, 2, 0))
-    products = count * np.swapaxes(white, 1, 2) @ white
     known = float(np.sum((factor @ before) * factor))
+    if rows.shape[2] > 1:  # a matrix for each candidate: curvature tr(W_c W_d), with W = X'X of whitened rows X
+        white = rows @ np.swapaxes(factor, 1, 2)
+        own = count * np.swapaxes(white, 2, 3) @ white
+        flat = own.reshape(len(rows), -1)
+        return np.einsum("clqq->c", own), flat @ flat.T, known
+    white = factor @ _columns(rows)
+    products = count * np.swapaxes(white, 1, 2) @ white
     return np.einsum("lcc->c", products), np.einsum("lcd,lcd->cd", products, products), known
 
 
+def _columns(rows: NDArray) -> NDArray:
+    """Return the measurements of all candidates as columns (L, q, C M)."""
+    return np.transpose(rows, (1, 3, 0, 2)).reshape(rows.shape[1], rows.shape[3], -1)
+
+
 def _information(rows: NDArray, w: NDArray, count: float, before: NDArray) -> NDArray:
-    legs = np.transpose(rows, (1, 2, 0))
-    return before + count * (legs * w) @ np.swapaxes(legs, 1, 2)
+    legs = _columns(rows)
+    return before + count * (legs * np.repeat(w, rows.shape[2])) @ np.swapaxes(legs, 1, 2)
 
 
 def _newton(w: NDArray, slack: NDArray, gradient: NDArray, curvature: NDArray) -> tuple[NDArray, NDArray]:
@@ -167,8 +186,8 @@ def _design_with_bound(
     weights[pool] = w / w.sum()
     information = _information(rows[pool], weights[pool], count, before)
     inverse = np.linalg.inv(information)
-    sensitivity = count * np.einsum("clq,lqr,clr->c", rows, inverse, rows, optimize=True)
-    known, size = float(np.sum(inverse * before)), rows.shape[1] * rows.shape[2]
+    sensitivity = count * np.einsum("clmq,lqr,clmr->c", rows, inverse, rows, optimize=True)
+    known, size = float(np.sum(inverse * before)), rows.shape[1] * rows.shape[3]
     log_det = sum_log_det(information)
     upper = log_det + size * float(np.log((known + sensitivity.max()) / size))
     return DesignBound(weights, information, log_det, upper, sensitivity, known, count, upper - log_det <= gap)
@@ -192,8 +211,8 @@ class PoseSelection:
 
 
 def information_of(rows: NDArray, given: NDArray | None = None) -> NDArray:
-    """Return A (L, q, q) of rows (N, L, q) and prior information."""
-    own = np.einsum("nlq,nlr->lqr", rows, rows)
+    """Return A (L, q, q) of rows (N, L, q) or (N, L, M, q) and prior information."""
+    own = np.einsum("nlmq,nlmr->lqr", _measurements(rows), _measurements(rows))
     return own if given is None else own + given
 
 
@@ -248,6 +267,10 @@ def exchange(rows: NDArray, start: NDArray, given: NDArray | None = None, max_it
 def _best_exchange(rows: NDArray, chosen: NDArray, information: NDArray) -> tuple[int, int, float]:
     """Return the configuration to remove, the candidate to add, and the gain of the log determinant."""
     factor = np.linalg.inv(np.linalg.cholesky(information))
+    if rows.ndim == 4:
+        ratio = _block_exchanges(_measurements(rows) @ np.swapaxes(factor, 1, 2), chosen)
+        into, out = divmod(int(np.argmax(ratio)), len(chosen))
+        return out, into, float(ratio[into, out])
     white = factor @ np.transpose(rows, (1, 2, 0))
     own = white[:, :, chosen]
     come = 1.0 + np.sum(white * white, 1)
@@ -256,6 +279,25 @@ def _best_exchange(rows: NDArray, chosen: NDArray, information: NDArray) -> tupl
     ratio = np.prod(come[:, :, None] * go[:, None] + both * both, 0)
     into, out = divmod(int(np.argmax(ratio)), len(chosen))
     return out, into, float(np.log(ratio[into, out]))
+
+
+def _block_exchanges(white: NDArray, chosen: NDArray) -> NDArray:
+    """Return the gain (C, N) of the log determinant by every exchange, from whitened rows (C, L, M, q).
+
+    A -> A - Y'Y + X'X: log det (1 - Y Y') + log det (1 + X (1 - Y'Y)^-1 X').
+    """
+    found = np.empty((len(white), len(chosen)))
+    one, unit = np.eye(white.shape[2]), np.eye(white.shape[3])
+    for place, out in enumerate(chosen):
+        Y = white[out]
+        turned = np.swapaxes(Y, 1, 2)
+        lost = sum_log_det(one - Y @ turned)
+        if not np.isfinite(lost):  # the others do not determine everything
+            found[:, place] = -np.inf
+            continue
+        X = white @ np.linalg.cholesky(np.linalg.inv(unit - turned @ Y))
+        found[:, place] = lost + np.linalg.slogdet(one + X @ np.swapaxes(X, 2, 3))[1].sum(1)
+    return found
 
 
 def ioops(rows: NDArray, start: NDArray, given: NDArray | None = None, max_iterations: int = 1000) -> PoseSelection:
@@ -280,14 +322,15 @@ def ioops(rows: NDArray, start: NDArray, given: NDArray | None = None, max_itera
 def _without_worst(rows: NDArray, chosen: NDArray, given: NDArray | None) -> NDArray:
     """Return the chosen candidates without the one whose loss costs least."""
     inverse = np.linalg.inv(information_of(rows[chosen], given))
-    own = np.einsum("nlq,lqr,nlr->nl", rows[chosen], inverse, rows[chosen], optimize=True)
-    return np.delete(chosen, int(np.argmax(np.sum(np.log(np.maximum(1.0 - own, 1e-300)), -1))))
+    own = _measurements(rows[chosen])
+    left = np.eye(own.shape[2]) - own @ inverse @ np.swapaxes(own, 2, 3)
+    return np.delete(chosen, int(np.argmax(np.sum(np.log(np.maximum(np.linalg.det(left), 1e-300)), -1))))
 
 
 def _gains(rows: NDArray, information: NDArray) -> NDArray:
     """Return the gain (C,) of the log determinant by each candidate."""
-    sensitivity = np.einsum("clq,lqr,clr->cl", rows, np.linalg.pinv(information, hermitian=True), rows, optimize=True)
-    return np.sum(np.log1p(sensitivity), -1)
+    own, inverse = _measurements(rows), np.linalg.pinv(information, hermitian=True)
+    return np.linalg.slogdet(np.eye(own.shape[2]) + own @ inverse @ np.swapaxes(own, 2, 3))[1].sum(-1)
 
 
 def _determined(rows: NDArray, given: NDArray | None) -> NDArray:

@@ -1,0 +1,190 @@
+"""Chosen poses of a chain, what they show, and both in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from truing.calibration.chain_design import ChosenChainPoses, HiddenCombination, Remedy, UnknownKind
+from truing.estimation.design.pose_order import PoseOrder
+from truing.report.numbers import count as counted
+from truing.report.wordings.catalogue import cause_words
+from truing.stages.common.chain_candidates import Forbids, JointRanges
+from truing.stages.configurations.chosen import DesignOptions
+
+# Two causes look alike if an effect of plausible size differs by fewer sigma from the best effect of the other.
+APART = 5.0
+_LISTED = 5  # combinations and pairs of causes in words; the tables hold all
+_KINDS = {
+    UnknownKind.OFFSET: "zeros of joints",
+    UnknownKind.LINK: "numbers of links",
+    UnknownKind.TARGET: "places of targets and tools",
+    UnknownKind.BASE: "numbers of the base's place",
+    UnknownKind.CAUSE: "parameters of causes",
+}
+_SEPARATED = {
+    Remedy.POSES: "as many poses spread over the ranges of the joints separate them",
+    Remedy.PAYLOAD: "poses with another payload separate them",
+    Remedy.NOTHING: "no poses within the ranges separate them, with any payload",
+}
+
+
+@dataclass(frozen=True)
+class ChainDesignTables:
+    """Tables of the campaign, measured or planned, and those named in the call; ``functions`` forbid poses."""
+
+    campaign: Mapping[str, pa.Table]
+    extend: pa.Table | None = None
+    extend_file: str = "--extend"
+    avoid: pa.Table | None = None
+    avoid_file: str = "--avoid"
+    functions: tuple[Forbids, ...] = ()
+
+
+@dataclass(frozen=True)
+class ShownByPoses:
+    """What some poses show: the table of unknowns, that of causes, and hidden combinations with the readings (T, n) of
+    poses that would show them."""
+
+    count: int
+    numbers: pa.Table
+    causes: pa.Table
+    hidden: tuple[tuple[HiddenCombination, pa.Table], ...]
+
+
+@dataclass(frozen=True)
+class ChainDesign:
+    """Chosen poses of a chain and their quality; ``existing``: efficiency of the campaign's own poses."""
+
+    options: DesignOptions
+    table: pa.Table
+    ranges: JointRanges
+    forbidden: int
+    candidates: int
+    chosen: ChosenChainPoses
+    kept: int
+    order: PoseOrder
+    existing: float | None
+    own: ShownByPoses | None
+    plan: ShownByPoses
+    causes: tuple[str, ...]
+
+
+def words_of_chain(design: ChainDesign) -> list[str]:
+    """Output lines of a design of a chain."""
+    return [
+        *_chosen(design),
+        *_order(design),
+        *(_shown("the campaign's own", design.own) if design.own is not None else ()),
+        *_shown("the chosen" if not design.kept else "the kept and chosen", design.plan),
+    ]
+
+
+def _chosen(design: ChainDesign) -> list[str]:
+    options, found = design.options, design.chosen
+    held = f" and {options.verification} for verification" if options.verification else ""
+    kept = f" beside {design.kept} that are kept" if design.kept else ""
+    sources = ", ".join(dict.fromkeys(design.ranges.given_by))
+    regions = f", outside {counted(design.forbidden, 'forbidden region')}" if design.forbidden else ""
+    of_causes = f", with the effects of {', '.join(design.causes)}" if design.causes else ""
+    lines = [
+        f"{counted(options.poses, 'pose')}{held} by {options.method}{kept}, within the ranges of the joints ({sources})"
+        f"{regions}",
+        f"log det of the information, relative to what is known before: {found.log_det:.3f} "
+        f"({counted(found.size, 'unknown')}{of_causes})",
+        f"D-efficiency {_percent(found.efficiency)} of the best possible (equivalence theorem over "
+        f"{counted(design.candidates, 'candidate')}; poses between them are not covered)",
+    ]
+    if design.existing is not None and design.own is not None:
+        lines.append(
+            f"the campaign's own {counted(design.own.count, 'pose')}: {_percent(design.existing)} of the best of as "
+            "many"
+        )
+    return lines
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2f} %"
+
+
+def _order(design: ChainDesign) -> list[str]:
+    order = design.order
+    return [
+        f"travel {order.travel:.1f} full ranges of a joint in this order, {order.random_travel:.1f} in a random one "
+        "(the joint that moves most in each move)",
+        f"drift: of a line in time, a reading with its sine and cosine can imitate {_percent(order.drift)} "
+        f"({_percent(order.random_drift)} in a random order)",
+    ]
+
+
+def _shown(whose: str, shown: ShownByPoses) -> list[str]:
+    numbers = shown.numbers.to_pylist()
+    parts = []
+    for kind, words in _KINDS.items():
+        own = [row["identifiable"] for row in numbers if row["kind"] == kind]
+        if own:
+            parts.append(f"{sum(own)} of {len(own)} {words}")
+    lines = [f"{whose} {counted(shown.count, 'pose')} determine {', '.join(parts)}"]
+    lines += [_hidden(one, poses) for one, poses in shown.hidden[:_LISTED]]
+    if (more := len(shown.hidden) - _LISTED) > 0:
+        lines.append(f"  {counted(more, 'further combination')} that the data leave less certain than before")
+    return lines + _causes(shown.causes.to_pylist())
+
+
+def _hidden(one: HiddenCombination, poses: pa.Table) -> str:
+    size = "" if not np.isfinite(one.sigma) else f" (known to {one.sigma:.2g} times what is known before)"
+    return f"  {one.text}{size}: {_shown_by(one, poses)}"
+
+
+def _shown_by(one: HiddenCombination, poses: pa.Table) -> str:
+    if one.remedy is Remedy.POSES:
+        return f"shown by {'; '.join(_pose(row) for row in poses.to_pylist())}"
+    if one.remedy is Remedy.NOTHING:
+        return "no pose within the ranges shows it"
+    return f"no pose within the ranges shows it; {one.remedy} would"
+
+
+def _pose(row: Mapping[str, Any]) -> str:
+    times = row["times"]
+    often = f" {times} times" if times > 1 else ""
+    return " ".join(f"{name} {value:g}" for name, value in row.items() if name != "times") + often
+
+
+def _causes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    if not rows:
+        return []
+    hidden = [row for row in rows if row["sigma_expected"] is None or row["sigma_expected"] > row["plausible"]]
+    named = list(dict.fromkeys(_called(row) for row in hidden))
+    lines = [
+        f"  effects of causes: {len(rows) - len(hidden)} of {len(rows)} parameters known to better than a plausible "
+        "size"
+    ]
+    if named:
+        lines[-1] += f"; not of {', '.join(named[:_LISTED])}{', ...' if len(named) > _LISTED else ''}"
+    pairs = {frozenset((_called(row), _other(row))): row for row in rows if row["separated_by"] is not None}
+    ranked = sorted(pairs.values(), key=lambda row: row["apart"])
+    for row in ranked[:_LISTED]:
+        lines.append(
+            f"  {_called(row)} and {_other(row)} look alike ({row['apart']:.1f} of {row['signal']:.0f} sigma): "
+            f"{_SEPARATED[Remedy(row['separated_by'])]}"
+        )
+    if (more := len(ranked) - _LISTED) > 0:
+        lines.append(f"  {counted(more, 'further pair')} of causes that look alike")
+    return lines
+
+
+def _called(row: Mapping[str, Any]) -> str:
+    return _name(row["cause"], row["subject"], row["order"])
+
+
+def _other(row: Mapping[str, Any]) -> str:
+    return _name(row["most_like"], row["most_like_subject"], row["most_like_order"])
+
+
+def _name(cause: str, subject: str, order: float | None) -> str:
+    of_order = f" of order {order:g}" if order else ""
+    return f"{cause_words(cause)}{of_order}{f' ({subject})' if subject else ''}"

@@ -1,0 +1,191 @@
+"""Plan of campaigns of an open chain: nominal tables before any measurement, and tables filled by simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from truing.arrays import Array
+from truing.estimation.rotation import exp_so3, log_so3
+from truing.inference.observations import Epochs
+from truing.schemas.artifacts import ARTIFACTS
+from truing.simulation.cause import Effect, Scene
+from truing.simulation.mechanisms.chains.causes import ChainCause
+from truing.simulation.mechanisms.chains.conditions import ChainConditions
+from truing.simulation.mechanisms.chains.model import ChainModel
+from truing.simulation.mechanisms.chains.tree import Tree
+from truing.stages.common.chain_tables import joint_readings
+from truing.stages.common.point_arrays import number_columns, positions
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.chain_mechanism import ChainMechanism
+
+_MM = 1e-3
+# Gross errors of points, m.
+_GROSS_M = 5e-4
+_PLACE, _TURN = ("px_mm", "py_mm", "pz_mm"), ("rx_rad", "ry_rad", "rz_rad")
+
+
+def nominal_tables(
+    tree: Tree, joints: pa.Table, survey: pa.Table | None, configurations: pa.Table, settings: Campaign
+) -> dict[str, pa.Table]:
+    """Tables of the nominal chain, measured without errors: every surveyed target, else poses of the tip.
+
+    Raises ValueError if neither can be planned.
+    """
+    frames = tree.frames(joint_readings(tree, configurations))
+    tables = {"configurations": configurations, "joints": joints}
+    poses, identifier = configurations.column("pose"), _identifier(configurations)
+    noise = settings.noise
+    if survey is not None and survey.num_rows:
+        if noise.point_mm is None:
+            raise ValueError("needs noise.point_mm, the noise of each coordinate of a point")
+        bodies, names = (survey.column(name).to_pylist() for name in ("body", "target"))
+        nodes = np.array([tree.links[body] for body in bodies])
+        places = number_columns(survey, ("x_mm", "y_mm", "z_mm")) * _MM
+        values = frames.t[:, nodes] + np.einsum("bkij,kj->bki", frames.R[:, nodes], places)
+        flat, count = values.reshape(-1, 3) / _MM, len(bodies)
+        columns: dict[str, object] = {
+            "pose": poses.take(np.repeat(np.arange(len(poses)), count)),
+            "body": bodies * len(poses),
+            "target": names * len(poses),
+        }
+        columns |= {f"{axis}_mm": flat[:, k] for k, axis in enumerate("xyz")}
+        columns |= {f"sigma_{axis}_mm": np.full(len(flat), noise.point_mm) for axis in "xyz"}
+        schema = ARTIFACTS["observations"].arrow_schema(identifier)
+        return {**tables, "survey": survey, "observations": pa.table(columns).cast(schema)}
+    if noise.displacement_mm is None or noise.rotation_rad is None:
+        raise ValueError(
+            "needs targets.csv with planned places of targets on links, or noise.displacement_mm and "
+            "noise.rotation_rad for measured poses of the tip"
+        )
+    tip = cast("ChainMechanism", settings.mechanism).tip or tree.nodes[-1].link
+    node = tree.links[tip]
+    vectors = np.column_stack([frames.t[:, node] / _MM, log_so3(frames.R[:, node])])
+    columns = {"pose": poses, "body": [tip] * len(poses)}
+    columns |= {name: vectors[:, k] for k, name in enumerate((*_PLACE, *_TURN))}
+    sigma = np.array([noise.displacement_mm * _MM] * 3 + [noise.rotation_rad] * 3)
+    columns |= {
+        f"cov_{i}_{j}": np.full(len(poses), sigma[i] ** 2 if i == j else 0.0) for i in range(6) for j in range(i, 6)
+    }
+    schema = ARTIFACTS["measured_poses"].arrow_schema(identifier)
+    return {**tables, "measured_poses": pa.table({name: columns[name] for name in schema.names}).cast(schema)}
+
+
+def _identifier(table: pa.Table) -> str:
+    return "int64" if pa.types.is_integer(table.schema.field("pose").type) else "string"
+
+
+@dataclass(frozen=True)
+class ChainPlan:
+    """Layout of a campaign of a chain, and the tables that a simulated campaign of this layout fills.
+
+    ``epochs``: fitted poses and those held out, each with the covariance of its channels; ``scene``: input for
+    candidate causes, as in the diagnosis.
+    """
+
+    model: ChainModel
+    epochs: tuple[Epochs[ChainConditions], ...]
+    tables: Mapping[str, pa.Table]
+    scene: Scene[ChainCause]
+    gross: float = 0.0
+
+    through: tuple[str, ...] = ()  # stages between what is drawn and the diagnosis
+
+    @property
+    def part_count(self) -> int:
+        """Number of parts that parameters are numbered by."""
+        return self.model.part_count
+
+    def with_gross(self, share: float) -> ChainPlan:
+        """The plan with a share of the points grossly wrong."""
+        return replace(self, gross=share)
+
+    def drawn(self, effects: Sequence[Effect[ChainCause]], rng: np.random.Generator) -> dict[str, pa.Table]:
+        """The tables of a campaign drawn anew with effects hidden in it: true chain within tolerances, and noise.
+
+        All but the effects is drawn independently of the effects. Unknowns without prior knowledge stay nominal.
+        """
+        plain = self.model.with_causes(())
+        hidden = plain.with_causes([effect.cause for effect in effects])
+        known = plain.predict(np.zeros(plain.shared_size), np.zeros((len(plain.conditions.readings), plain.local_size)))
+        drawn = rng.standard_normal(plain.shared_size)
+        shared = plain.embedded(np.where(known.shared_known, drawn, 0.0), hidden)
+        hidden.set_effects(shared, effects)
+        tables = dict(self.tables)
+        parts = [self._measured(hidden.at(own.conditions), own, shared, rng) for own in self.epochs]
+        poses = [pose for own in self.epochs for pose in own.conditions.poses]
+        values = np.concatenate([part[0] for part in parts])
+        turned = np.concatenate([part[1] for part in parts])
+        if "observations" in tables and tables["observations"].num_rows:
+            tables["observations"] = self._points(tables["observations"], tuple(poses), values)
+        if "measured_poses" in tables and tables["measured_poses"].num_rows:
+            tables["measured_poses"] = self._poses(tables["measured_poses"], tuple(poses), values, turned)
+        return tables
+
+    def _measured(
+        self, model: ChainModel, own: Epochs[ChainConditions], shared: NDArray, rng: np.random.Generator
+    ) -> tuple[Array, Array]:
+        """Places (B, K, 3), m, in the frames of the measurement, and orientations (B, K, 3, 3)."""
+        count = len(own.conditions.readings)
+        exact = model.points(shared, rng.standard_normal((count, model.local_size)))
+        moved = np.einsum("bij,bkj->bki", own.frames.R, exact) + own.frames.t[:, None]
+        noise = (np.linalg.cholesky(own.measured.covariance) @ rng.standard_normal((*exact.shape, 1)))[..., 0]
+        wrong = rng.random(exact.shape[:2]) < self.gross
+        values = moved + noise + rng.normal(0.0, _GROSS_M, exact.shape) * wrong[..., None]
+        # An orientation counts from the recorded one; its noise is a rotation in the frame of the measurement.
+        turned = exp_so3(exact + noise) @ own.conditions.reference
+        return np.asarray(values), np.asarray(turned)
+
+    def _points(self, table: pa.Table, poses: tuple[int | str, ...], values: NDArray) -> pa.Table:
+        names, links = self.model.channels.names, self.model.channels.links
+        places = {key: k for k, key in enumerate(zip(links, names, strict=True)) if not self._is_rotation[k]}
+        pose = positions(table.column("pose"), poses)
+        pairs = zip(table.column("body").to_pylist(), table.column("target").to_pylist(), strict=True)
+        channel = np.array([places.get(pair, -1) for pair in pairs], int)
+        kept = (pose >= 0) & (channel >= 0)
+        found = values[pose[kept], channel[kept]] / _MM
+        return _with_columns(table.filter(kept), {f"{axis}_mm": found[:, k] for k, axis in enumerate("xyz")})
+
+    def _poses(self, table: pa.Table, poses: tuple[int | str, ...], values: NDArray, turned: NDArray) -> pa.Table:
+        links, names = self.model.channels.links, self.model.channels.names
+        own = [k for k, name in enumerate(names) if name in ("position", "orientation")]
+        places = {(links[k], names[k]): k for k in own}
+        bodies, pose = table.column("body").to_pylist(), positions(table.column("pose"), poses)
+        kept = pose >= 0
+        at = [[places[body, name] for body in np.array(bodies, object)[kept]] for name in ("position", "orientation")]
+        shifts, turns = values[pose[kept], at[0]] / _MM, log_so3(turned[pose[kept], at[1]])
+        columns = {name: shifts[:, k] for k, name in enumerate(_PLACE)}
+        columns |= {name: turns[:, k] for k, name in enumerate(_TURN)}
+        return _with_columns(table.filter(kept), columns)
+
+    @property
+    def _is_rotation(self) -> NDArray:
+        return self.model.channels.is_rotation
+
+
+def _with_columns(table: pa.Table, columns: Mapping[str, NDArray]) -> pa.Table:
+    for name, values in columns.items():
+        place = table.schema.get_field_index(name)
+        table = table.set_column(place, table.schema.field(place), pa.array(values))
+    return table
+
+
+def chain_plan(
+    tables: Mapping[str, pa.Table], model: ChainModel, epochs: Sequence[Epochs[ChainConditions]]
+) -> ChainPlan:
+    """The plan of a campaign of a chain, as the diagnosis assembled it; raises ValueError for distances."""
+    if "distances" in tables and tables["distances"].num_rows:
+        raise ValueError("distances of a chain are not simulated yet: use points or poses")
+    kept = {
+        name: tables[name]
+        for name in ("observations", "measured_poses", "survey", "configurations", "joints")
+        if name in tables
+    }
+    return ChainPlan(model, tuple(epochs), kept, model.scene)

@@ -1,0 +1,366 @@
+"""What poses of a chain show: its unknowns, combinations that stay hidden, effects of causes and their rivals; choice
+of poses.
+
+All of it follows from the derivatives of the diagnosis' own model, whitened by the instrument's noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.arrays import Array, Index
+from truing.estimation.design.observability import Observability, inseparable, observe, pivots
+from truing.estimation.design.pose_selection import (
+    DesignBound,
+    bound_design,
+    efficiency,
+    exchange,
+    information_of,
+    ioops,
+    one_by_one,
+    rounded_design,
+    sum_log_det,
+)
+from truing.estimation.design.rival_design import Fitted, PointInstrument, PoseCandidates, candidates, narrowed
+from truing.inference.observations import Frames, Observations, whitened_columns
+from truing.simulation.cause import OBSERVED
+from truing.simulation.mechanisms.chains.causes import ChainCause
+from truing.simulation.mechanisms.chains.conditions import ChainConditions
+from truing.simulation.mechanisms.chains.model import FREE_TWIST, TWISTS, ChainModel
+from truing.simulation.mechanisms.chains.tree import TWIST
+
+_COMPONENTS = ("dx", "dy", "dz", "turn_x", "turn_y", "turn_z")
+_MM = 1e-3
+# Candidates that exchanges try: those to which the best design is most sensitive.
+_POOL = 240
+_STARTS = 1
+_MOST_TOLD = 3  # poses that are named for one combination
+# Share of an effect's square below which the plain unknowns absorb it.
+_LEAST_VISIBLE = 1e-8
+
+
+@dataclass(frozen=True)
+class PlannedPoses:
+    """B poses of a plain model, as an instrument would measure them; ``seen``: their whitened derivatives."""
+
+    model: ChainModel
+    conditions: ChainConditions
+    instrument: PointInstrument
+
+    @property
+    def seen(self) -> PoseCandidates:
+        """The poses linearised about the nominal chain."""
+        size = self.model.shared_size
+        return candidates(Fitted(self.model, np.zeros(size), np.eye(size)), self.conditions, self.instrument)
+
+    @property
+    def rows(self) -> Array:
+        """Derivatives (B, M, G) per prior sigma, without what the poses' own unknowns explain."""
+        seen = self.seen
+        return np.asarray(seen.without_pose_unknowns(seen.rows))
+
+    @property
+    def information(self) -> Array:
+        """Information (G, G) of the poses, without what is known before."""
+        flat = self.rows.reshape(-1, self.model.shared_size)
+        return np.asarray(flat.T @ flat)
+
+
+class UnknownKind(StrEnum):
+    """What an unknown of a chain describes."""
+
+    BASE = "base"
+    LINK = "link"
+    OFFSET = "offset"
+    TARGET = "target"
+    CAUSE = "cause"
+
+
+@dataclass(frozen=True)
+class ChainUnknown:
+    """One unknown, with its prior sigma ``scale`` in ``unit``; without ``is_known`` it only scales the equations."""
+
+    kind: UnknownKind
+    subject: str
+    parameter: str
+    unit: str
+    scale: float
+    is_known: bool
+
+    @property
+    def label(self) -> str:
+        """Subject and parameter."""
+        return f"{self.subject} {self.parameter}"
+
+
+def chain_unknowns(model: ChainModel) -> tuple[tuple[ChainUnknown, ...], Array]:
+    """Return the G unknowns, and the rotation (G, G) from the model's unknowns to them.
+
+    A number of a link is named by the component of the joint's frame that it changes most.
+    """
+    turn, found = np.eye(model.shared_size), list[ChainUnknown]()
+    series = len(model.known.base_t)
+    for s in range(series if model.layout["base"].stop > model.layout["base"].start else 0):
+        called = "base" if series == 1 else f"base in series {s + 1}"
+        found += [_of_twist(UnknownKind.BASE, called, c, FREE_TWIST[c], False) for c in range(TWIST)]
+    links, start = model.known.modes, model.layout["links"].start
+    owner = np.argmax(np.abs(links).max(1), axis=0) if links.size else np.zeros(0, int)
+    for node in dict.fromkeys(owner.tolist()):
+        own = np.flatnonzero(owner == node)
+        modes, rotation, chosen = _along_components(links[node][:, own])
+        turn[np.ix_(start + own, start + own)] = rotation
+        for place, c in enumerate(chosen):
+            size = float(np.abs(modes[c, place]))
+            joint = model.tree.nodes[node].joint or model.tree.nodes[node].link
+            found.append(_of_twist(UnknownKind.LINK, joint, c, size, model.known.modes_known))
+    for reading in model.free_offsets:
+        c = 5 if model.tree.is_revolute[reading] else 0
+        zero = _of_twist(UnknownKind.OFFSET, model.tree.readings[reading], c, model.known.offsets[reading], True)
+        found.append(replace(zero, parameter="offset"))
+    found += _of_targets(model)
+    for cause in model.causes:
+        sigma = model.effect_sigma(cause)
+        for p, size in zip(cause.parameters(model.part_count), sigma, strict=True):
+            called = f"{cause.id} {cause.subject}".strip()
+            found.append(ChainUnknown(UnknownKind.CAUSE, called, p.name, p.unit, size / p.si, False))
+    return tuple(found), turn
+
+
+def _of_twist(kind: UnknownKind, subject: str, component: int, size: float, is_known: bool) -> ChainUnknown:
+    unit, si = ("mm", _MM) if component < TWIST // 2 else ("rad", 1.0)
+    return ChainUnknown(kind, subject, _COMPONENTS[component], unit, float(size) / si, is_known)
+
+
+def _along_components(modes: NDArray) -> tuple[Array, Array, list[int]]:
+    """Return modes (6, r) of one joint turned towards components, the rotation (r, r), and those components."""
+    size = np.concatenate([np.full(3, np.abs(part).max(initial=0.0)) for part in (modes[:3], modes[3:])])
+    scaled = modes / np.where(size > 0.0, size, 1.0)[:, None]
+    chosen = sorted(pivots(scaled.T))
+    left, _, right = np.linalg.svd(scaled[chosen])
+    rotation = right.T @ left.T
+    return modes @ rotation, rotation, chosen
+
+
+def _of_targets(model: ChainModel) -> list[ChainUnknown]:
+    found: list[ChainUnknown] = []
+    modes = model.known.shape_modes
+    for w, known in enumerate(model.known.shape_known):
+        own = np.flatnonzero(np.abs(modes[..., w]).any(1))
+        k, axis = int(own[0]), int(np.argmax(np.abs(modes[own[0], :, w])))
+        size, name, turned = float(np.linalg.norm(modes[k, :, w])), model.channels.names[k], model.channels.is_rotation
+        unit, si = ("rad", 1.0) if turned[k] else ("mm", _MM)
+        if w < 3 * len(model.channels.names):
+            subject = f"target {name}" if name not in ("position", "orientation") else f"{name} of tool"
+            found.append(ChainUnknown(UnknownKind.TARGET, subject, "xyz"[axis], unit, size / si, bool(known)))
+            continue
+        c = (w - 3 * len(model.channels.names)) % TWIST
+        subject = f"targets of {model.channels.links[k]}"
+        scale = size if c < TWIST // 2 else _angle_of(model, w, k)
+        found.append(_of_twist(UnknownKind.TARGET, subject, c, scale, bool(known)))
+    return found
+
+
+def _angle_of(model: ChainModel, w: int, k: int) -> float:
+    """Angle, rad, of a rotation of targets whose channel k moves by its place in the link."""
+    arm = np.delete(model.known.shape[k], (w - 3 * len(model.channels.names)) % TWIST - 3)
+    reach = float(np.linalg.norm(arm))
+    return float(np.linalg.norm(model.known.shape_modes[k, :, w])) / reach if reach > 0.0 else 1.0
+
+
+class Remedy(StrEnum):
+    """What would show a hidden combination or separate two causes."""
+
+    POSES = "other poses"
+    PAYLOAD = "another payload"
+    BASE = "targets of known place on the base"
+    TARGETS = "known places of the targets"
+    NOTHING = "nothing of these"
+
+
+@dataclass(frozen=True)
+class HiddenCombination:
+    """Unknowns that data see less than what is known of them before; ``poses``: candidates that would show it, with
+    the number of times that each has to be measured."""
+
+    text: str
+    sigma: float
+    remedy: Remedy
+    poses: tuple[int, ...] = ()
+    times: tuple[int, ...] = ()
+
+
+def observability_of(poses: PlannedPoses) -> tuple[tuple[ChainUnknown, ...], Observability]:
+    """Return the unknowns, and how the data of the poses alone determine them."""
+    unknowns, turn = chain_unknowns(poses.model)
+    return unknowns, _observed(poses.rows, unknowns, turn)
+
+
+def _observed(rows: NDArray, unknowns: Sequence[ChainUnknown], turn: NDArray) -> Observability:
+    scale = np.array([own.scale for own in unknowns])
+    flat = rows.reshape(-1, rows.shape[-1]) @ turn
+    return observe(flat / scale, scale, [own.label for own in unknowns])
+
+
+def hidden_combinations(poses: PlannedPoses, possible: PlannedPoses) -> list[HiddenCombination]:
+    """Return the combinations of unknowns that the poses leave less certain than before, the least certain first.
+
+    ``possible`` are candidates that could be measured in addition.
+    """
+    unknowns, turn = chain_unknowns(poses.model)
+    seen, offered = _observed(poses.rows, unknowns, turn), possible.seen
+    every = _observed(offered.without_pose_unknowns(offered.rows), unknowns, turn)
+    covariance = np.linalg.inv(np.eye(len(unknowns)) + poses.information)
+    groups = inseparable(seen)
+    texts = [text for group in groups for text in group.texts]
+    ordered = [change for group in groups for change in group.changes]
+    known = {label: k for k, label in enumerate(seen.labels)}
+    members = [group.labels for group in groups for _ in group.changes]
+    found = []
+    for text, change, labels in zip(texts, ordered, members, strict=True):
+        direction = np.zeros(len(unknowns))
+        direction[[known[label] for label in labels]] = change / seen.scales[[known[label] for label in labels]]
+        sight = float(seen.sensitivity(direction))
+        sigma = 1.0 / sight if sight > seen.rounding else np.inf
+        if float(every.sensitivity(direction)) > every.least:
+            fitted = replace(offered, fitted=Fitted(poses.model, np.zeros(len(turn)), covariance))
+            choice = narrowed(fitted, turn @ direction / np.linalg.norm(direction), 0.5, _MOST_TOLD)
+            if choice.is_enough:
+                found.append(HiddenCombination(text, sigma, Remedy.POSES, choice.chosen, choice.times))
+                continue
+        found.append(HiddenCombination(text, sigma, _knowledge_that_shows(seen, unknowns, direction)))
+    return sorted(found, key=lambda one: -one.sigma)
+
+
+def _knowledge_that_shows(seen: Observability, unknowns: Sequence[ChainUnknown], direction: NDArray) -> Remedy:
+    """Return what must be known for the rest of a direction (G,) to be seen."""
+    for kind, remedy in ((UnknownKind.BASE, Remedy.BASE), (UnknownKind.TARGET, Remedy.TARGETS)):
+        own = np.array([unknown.kind is kind for unknown in unknowns])
+        rest = np.where(own, 0.0, direction)
+        if direction[own].any() and rest.any() and float(seen.sensitivity(rest)) > seen.least:
+            return remedy
+    return Remedy.NOTHING
+
+
+@dataclass(frozen=True)
+class CauseSight:
+    """What poses show of a cause: standard deviation (P,) of its parameters, in plausible scales, and the share of its
+    square that the chain's own unknowns do not absorb; ``left`` (N, P): what they leave, whitened."""
+
+    cause: ChainCause
+    sigma: Array
+    visible: float
+    left: Array
+
+    @property
+    def signal(self) -> float:
+        """What is left of an effect of plausible size, in sigma of the data."""
+        return float(np.linalg.norm(self.left))
+
+
+def cause_sights(poses: PlannedPoses, causes: Sequence[ChainCause]) -> list[CauseSight]:
+    """Return what the poses show of causes, one at a time, with all unknowns of the plain chain free."""
+    seen, model = poses.seen, poses.model.at(poses.conditions)
+    rows = seen.without_pose_unknowns(seen.rows)
+    flat = rows.reshape(-1, rows.shape[-1])
+    covariance = np.linalg.inv(np.eye(flat.shape[1]) + flat.T @ flat)
+    at = np.zeros(model.shared_size), np.zeros((len(poses.conditions.readings), model.local_size))
+    design, pathways = model.design_matrix(*at), model.pathways(*at)
+    count, channels = len(poses.conditions.readings), len(poses.instrument.covariance)
+    measured = Observations(
+        np.zeros((count, channels, 3)),
+        np.broadcast_to(poses.instrument.covariance, (count, channels, 3, 3)),
+        np.ones((count, channels), bool),
+    )
+    frames = Frames(np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3)), poses.instrument.free)
+    found = []
+    for cause in causes:
+        acts = design(cause)
+        moved = (
+            pathways[TWISTS] @ acts[TWISTS][:, None]
+            if TWISTS in acts
+            else acts[OBSERVED].reshape(count, channels, 3, -1)
+        )
+        columns = seen.without_pose_unknowns(whitened_columns(measured, frames, moved))
+        own = columns.reshape(-1, columns.shape[-1])
+        shift = covariance @ (flat.T @ own)
+        left = np.concatenate([own - flat @ shift, -shift])
+        total, visible = float(np.sum(own**2)), float(np.sum(left**2))
+        found.append(CauseSight(cause, _sigma(left), visible / total if total > 0.0 else 0.0, left))
+    return found
+
+
+def _sigma(left: NDArray) -> Array:
+    """Standard deviations (P,) of the parameters of columns (N, P); infinite if they cannot be told apart."""
+    values = np.linalg.svd(left, compute_uv=False)
+    if not values[-1] > 1e-9 * max(values[0], 1e-300):
+        return np.full(left.shape[1], np.inf)
+    return np.sqrt(np.diag(np.linalg.inv(left.T @ left)))
+
+
+def rest_apart(sights: Sequence[CauseSight]) -> Array:
+    """Return what an effect of each cause b cannot imitate of an effect a of plausible size (N, N), in sigma of the
+    data; infinite on the diagonal."""
+    bases = [
+        np.linalg.qr(one.left / np.linalg.norm(one.left))[0] if one.visible > _LEAST_VISIBLE else 0.0 * one.left
+        for one in sights
+    ]
+    found = np.full((len(sights), len(sights)), np.inf)
+    for a, one in enumerate(sights):
+        for b, basis in enumerate(bases):
+            if a != b:
+                found[a, b] = np.linalg.norm(one.left - basis @ (basis.T @ one.left))
+    return found
+
+
+@dataclass(frozen=True)
+class ChosenChainPoses:
+    """Chosen candidates (N,) as indices, their log determinant with all that was known before, and the proven bound
+    over the candidates."""
+
+    chosen: Index
+    log_det: float
+    bound: DesignBound
+    size: int
+
+    @property
+    def efficiency(self) -> float:
+        """D-efficiency relative to the bound."""
+        return efficiency(self.log_det, self.bound.upper, self.size)
+
+
+def choose_chain_poses(
+    rows: NDArray, count: int, kept: NDArray | None, method: str, rng: np.random.Generator
+) -> ChosenChainPoses:
+    """Choose ``count`` of the candidates with rows (C, M, G), per prior sigma, by largest determinant.
+
+    ``kept`` (G, G): information of poses that are kept. ``method``: exchange, ioops or random. Priors count as known.
+    """
+    given = (np.eye(rows.shape[-1]) + (0.0 if kept is None else kept))[None]
+    blocks = rows[:, None]
+    bound = bound_design(blocks, count, given, gap=1e-4)
+    start = rng.choice(len(rows), count, replace=len(rows) < count)
+    if method == "random":
+        chosen = start
+    elif method == "ioops":
+        chosen = ioops(blocks, start, given).chosen
+    else:
+        chosen = _exchanged(blocks, count, bound, given, rng)
+    return ChosenChainPoses(chosen, sum_log_det(information_of(blocks[chosen], given)), bound, rows.shape[-1])
+
+
+def _exchanged(blocks: NDArray, count: int, bound: DesignBound, given: NDArray, rng: np.random.Generator) -> Index:
+    """Best exchange from the rounded optimum, from a greedy choice, and from random candidates."""
+    support = np.flatnonzero(bound.weights > 1e-6)
+    pool = np.union1d(support, np.argsort(bound.sensitivity)[::-1][:_POOL])
+    place = np.full(len(blocks), -1)
+    place[pool] = np.arange(len(pool))
+    own = blocks[pool]
+    starts = [place[rounded_design(bound, count)], one_by_one(own, count, bound, given)]
+    starts += [rng.choice(len(pool), count, replace=len(pool) < count) for _ in range(_STARTS)]
+    best = max((exchange(own, start, given) for start in starts), key=lambda found: found.log_det)
+    return np.asarray(pool[best.chosen])
