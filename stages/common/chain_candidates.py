@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from truing.arrays import Array, Index, Mask
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import did_you_mean
+from truing.simulation.inputs import TIME
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.joint_table import JointColumn, joint_column
 from truing.simulation.mechanisms.chains.model import ChainModel
@@ -247,24 +248,26 @@ def _rounded(ranges: JointRanges, readings: NDArray) -> Array:
 
 def conditions_of_table(model: ChainModel, settings: Campaign, table: pa.Table, readings: NDArray) -> ChainConditions:
     """Conditions of planned poses, a table like configurations; a column that the campaign has and the plan has not is
-    held at its median. Orientations count from those that the model predicts."""
+    held at its median, and times go on at the campaign's pace. Orientations count from those that the model
+    predicts."""
     count, channels = len(readings), len(model.channels.names)
+    if (time := model.conditions.covariates.get(TIME)) is not None and len(time) > 1:
+        pace = float(np.median(np.diff(np.sort(time))))
+        table = table.drop_columns([TIME]) if TIME in table.schema.names else table
+        table = table.append_column(TIME, pa.array(pace * np.arange(count)))
     identity = np.tile(np.eye(3), (count, channels, 1, 1))
     found = chain_conditions(model.tree, table, settings, identity, readings, np.ones(count, bool))
     own = model.conditions.covariates
     held = {
         name: np.full(count, np.nanmedian(values))
         for name, values in own.items()
-        if name not in found.covariates and values.ndim == 1 and np.isfinite(values).any() and name not in _OF_TIME
+        if name not in found.covariates and values.ndim == 1 and np.isfinite(values).any() and name != "payload_kg"
     }
     found = replace(found, covariates={**found.covariates, **held})
     series = np.minimum(found.series, len(model.known.base_t) - 1)
     if "payload_kg" not in table.schema.names:
         found = replace(found, payload_kg=np.full(count, float(np.median(model.conditions.payload_kg))))
     return with_predicted_orientations(model, replace(found, series=series))
-
-
-_OF_TIME = ("time_s", "payload_kg")
 
 
 def with_predicted_orientations(model: ChainModel, conditions: ChainConditions) -> ChainConditions:
