@@ -30,6 +30,7 @@ from truing.estimation.design.pose_selection import bound_design, efficiency, su
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.mechanisms.chains.causes import ChainCause, JointOffset
 from truing.simulation.mechanisms.chains.harmonics import JointHarmonic
+from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.tree import Tree
 from truing.stages.common.chain_candidates import (
@@ -163,7 +164,9 @@ def _candidate_causes(poses: PlannedPoses, settings: Campaign) -> list[ChainCaus
     found = [cause for kind in kinds for cause in scene.candidates(kind)]
     unsure = {poses.model.tree.readings[k] for k in poses.model.free_offsets}  # their zeros are unknowns already
     found = [cause for cause in found if not (isinstance(cause, JointOffset) and cause.joint in unsure)]
-    # A harmonic whose order is searched competes with a hundred others; the diagnosis compares them all.
+    # A curve imitates every function of its reading, and a harmonic whose order is searched competes with a hundred
+    # others; the diagnosis compares them all.
+    found = [cause for cause in found if not isinstance(cause, JointErrorCurve)]
     found = [cause for cause in found if not (isinstance(cause, JointHarmonic) and cause.beside > 0.0)]
     return [cause for cause in found if cause.is_persistent and cause.parameters(poses.model.part_count)]
 

@@ -256,7 +256,10 @@ def conditions_of_table(model: ChainModel, settings: Campaign, table: pa.Table, 
         table = table.drop_columns([TIME]) if TIME in table.schema.names else table
         table = table.append_column(TIME, pa.array(pace * np.arange(count)))
     identity = np.tile(np.eye(3), (count, channels, 1, 1))
-    found = chain_conditions(model.tree, table, settings, identity, readings, np.ones(count, bool))
+    coupled = model.conditions.coupling
+    if coupled is not None:
+        coupled = np.broadcast_to(np.median(coupled, axis=0), (count, *coupled.shape[1:]))
+    found = chain_conditions(model.tree, table, settings, identity, readings, np.ones(count, bool), coupled)
     own = model.conditions.covariates
     held = {
         name: np.full(count, np.nanmedian(values))

@@ -180,7 +180,13 @@ def _poses(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, .
 
 
 def chain_conditions(
-    tree: Tree, table: pa.Table, settings: Campaign, reference: Array, readings: Array, usable: Mask
+    tree: Tree,
+    table: pa.Table,
+    settings: Campaign,
+    reference: Array,
+    readings: Array,
+    usable: Mask,
+    coupling: Array | None = None,
 ) -> ChainConditions:
     """Conditions of all rows of configurations; ``reference`` (B, K, 3, 3): measured orientations of the channels."""
     poses, columns = pose_ids(table), joint_columns(tree, table.schema.names)
@@ -207,7 +213,7 @@ def chain_conditions(
         reference,
         payload_of(settings, table),
         tuple(column_alias(column.name) for column in columns),
-        coupling=measured.coupling,
+        coupling=coupling,
     )
 
 

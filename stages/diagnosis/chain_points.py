@@ -86,7 +86,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     usable = read & measured.seen.any(1) & ~out & framed
     if usable.sum() < _FEWEST:
         raise ValueError(f"needs at least {_FEWEST} poses with readings of all joints and measured links")
-    conditions = chain_conditions(tree, table, settings, measured.reference, readings, usable)
+    conditions = chain_conditions(tree, table, settings, measured.reference, readings, usable, measured.coupling)
     role = roles_of(table, poses)
     fitted, held = usable & (role != HELD_OUT), usable & (role == HELD_OUT)
     if fitted.sum() < _FEWEST:

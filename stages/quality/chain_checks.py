@@ -68,7 +68,9 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         usable &= is_framed(measured, reference_link(settings, measured))
         if usable.sum() < _FEWEST_POSES:
             return RelationTest(JOINTS, RelationState.NOT_TESTED, "no-poses")
-        conditions = chain_conditions(tree, table, settings, measured.reference, np.nan_to_num(readings), usable)
+        conditions = chain_conditions(
+            tree, table, settings, measured.reference, np.nan_to_num(readings), usable, measured.coupling
+        )
         start_of = nominal_fit(tree, settings, measured, conditions, usable).start_of
         start = start_of(usable, conditions)
         usable = _without_lone_errors(start, usable)

@@ -92,7 +92,7 @@ def _usable(second: SecondCampaign, tree: Tree) -> tuple[MeasuredLinks, ChainCon
         raise ValueError("needs poses with readings of all joints and measured links")
     return (
         measured,
-        chain_conditions(tree, table, second.settings, measured.reference, readings, usable),
+        chain_conditions(tree, table, second.settings, measured.reference, readings, usable, measured.coupling),
         usable,
     )
 

@@ -139,6 +139,8 @@ class ChainPlan:
         noise = (np.linalg.cholesky(own.measured.covariance) @ rng.standard_normal((*exact.shape, 1)))[..., 0]
         wrong = rng.random(exact.shape[:2]) < self.gross
         values = moved + noise + rng.normal(0.0, _GROSS_M, exact.shape) * wrong[..., None]
+        if (coupling := own.conditions.coupling) is not None:
+            values[:, :-1] += np.einsum("bkij,bkj->bki", coupling[:, :-1], (exact + noise)[:, 1:])
         # An orientation counts from the recorded one; its noise is a rotation in the frame of the measurement.
         turned = exp_so3(exact + noise) @ own.conditions.reference
         return np.asarray(values), np.asarray(turned)

@@ -31,7 +31,7 @@ from truing.inference.observations import Frames, Observations, whitened_columns
 from truing.simulation.cause import OBSERVED
 from truing.simulation.mechanisms.chains.causes import ChainCause
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
-from truing.simulation.mechanisms.chains.model import FREE_TWIST, TWISTS, ChainModel
+from truing.simulation.mechanisms.chains.model import FREE_TWIST, ChainModel
 from truing.simulation.mechanisms.chains.tree import TWIST
 
 _COMPONENTS = ("dx", "dy", "dz", "turn_x", "turn_y", "turn_z")
@@ -279,13 +279,11 @@ def cause_sights(poses: PlannedPoses, causes: Sequence[ChainCause]) -> list[Caus
     frames = Frames(np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3)), poses.instrument.free)
     found = []
     for cause in causes:
-        acts = design(cause)
-        moved = (
-            pathways[TWISTS] @ acts[TWISTS][:, None]
-            if TWISTS in acts
-            else acts[OBSERVED].reshape(count, channels, 3, -1)
+        moved = sum(
+            by.reshape(count, channels, 3, -1) if name == OBSERVED else pathways[name] @ by[:, None]
+            for name, by in design(cause).items()
         )
-        columns = seen.without_pose_unknowns(whitened_columns(measured, frames, moved))
+        columns = seen.without_pose_unknowns(whitened_columns(measured, frames, np.asarray(moved)))
         own = columns.reshape(-1, columns.shape[-1])
         shift = covariance @ (flat.T @ own)
         left = np.concatenate([own - flat @ shift, -shift])
@@ -304,7 +302,7 @@ def _sigma(left: NDArray) -> Array:
 
 def rest_apart(sights: Sequence[CauseSight]) -> Array:
     """Return what an effect of each cause b cannot imitate of an effect a of plausible size (N, N), in sigma of the
-    data; infinite on the diagonal."""
+    data; infinite between forms of one cause."""
     bases = [
         np.linalg.qr(one.left / np.linalg.norm(one.left))[0] if one.visible > _LEAST_VISIBLE else 0.0 * one.left
         for one in sights
@@ -312,7 +310,7 @@ def rest_apart(sights: Sequence[CauseSight]) -> Array:
     found = np.full((len(sights), len(sights)), np.inf)
     for a, one in enumerate(sights):
         for b, basis in enumerate(bases):
-            if a != b:
+            if a != b and not one.cause.excludes(sights[b].cause):
                 found[a, b] = np.linalg.norm(one.left - basis @ (basis.T @ one.left))
     return found
 
