@@ -29,12 +29,10 @@ _COVARIANCE = ("cov_0_0", "cov_5_5")
 _TABLE_HEAD = "| column | kind | unit | allowed | meaning |\n| --- | --- | --- | --- | --- |"
 _ARTIFACTS_HEAD = """# What does a run leave, column by column?
 
-This page lists every file of a run folder, with name, unit, bounds and meaning of each column.
-
-Tables are Parquet files. A column name has the same meaning in every table. The metadata of each file holds its
-schema and version (`truing.schema`, `truing.schema_version`), the units (`truing.units`), the stage, the digest of its
-inputs, the software version and the campaign. Every artifact is checked against these definitions (`schemas/`)
-whenever it is written or read. Optional columns are present if the campaign has them.
+Tables are Parquet files. A column name has the same meaning in every table. The metadata of each file hold schema and
+version (`truing.schema`, `truing.schema_version`), units (`truing.units`), stage, digest of the inputs, software
+version and campaign. Every artifact is checked against these definitions when it is written or read. Optional
+columns are present if the campaign has them.
 `python -m schemas` writes this page.
 """
 _COMMON_HEAD = """## Columns of several tables
@@ -46,11 +44,8 @@ _SEVERAL = 4
 
 _CAMPAIGN_HEAD = """# What may campaign.toml hold, key by key?
 
-This page lists every key of campaign.toml, with type, unit, default and meaning.
-
-An unknown key is a fault, and its message names the nearest known key. A key without a default is optional unless it is
-`required`. `truing init --all FOLDER` writes a campaign.toml with all keys as comments. `truing check CAMPAIGN`
-reports every fault at once. `python -m schemas` writes this page.
+An unknown key is a fault; its message names the nearest known key. A key without a default is optional unless it is
+`required`. `truing init --all FOLDER` writes all keys as comments. `python -m schemas` writes this page.
 
 | key | takes | unit | default | meaning |
 | --- | --- | --- | --- | --- |

@@ -14,8 +14,6 @@ from truing.pipeline.command_line import app
 PAGE = Path(__file__).resolve().parents[1] / "reference" / "commands.md"
 _HEAD = """# Which commands and options are there?
 
-This page lists every command with its options, as `truing --help` and `truing COMMAND --help` show them.
-
 `python -m docs.experiments.commands` writes it from the command line. Exit codes and remedies:
 [running](../running.md#what-the-exit-code-says).
 
