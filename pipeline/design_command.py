@@ -90,6 +90,7 @@ def _design_chain(
         files.out,
         console,
         f"{counted(found.table.num_rows, 'pose')}, in the order in which to measure them",
+        "; add time_s when measuring",
     )
     if files.out is not None:
         shown = {"own": found.own, "plan": found.plan}

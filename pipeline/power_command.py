@@ -20,7 +20,7 @@ from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of
 from truing.pipeline.console import RunConsole
 from truing.pipeline.executor import Workforce, results
 from truing.pipeline.given_files import check_file, leave_tables
-from truing.pipeline.in_memory import bench_tables, call_stage
+from truing.pipeline.in_memory import bench_tables, call_stage, chain_tables
 from truing.pipeline.problems import EnvironmentProblem, ExitCode, Interrupted
 from truing.pipeline.run_campaign import usable_campaign
 from truing.pipeline.run_owner import folder_next_to_run, note_owner
@@ -65,7 +65,14 @@ from truing.stages.diagnosis.search import (
     searched_for,
 )
 from truing.stages.ingestion.tables import read_configurations, read_survey
-from truing.stages.power import complete_plan, diagnosis_data_of, expected_sights, reading_plan_of, searched_causes
+from truing.stages.power import (
+    chain_plan_of,
+    complete_plan,
+    diagnosis_data_of,
+    expected_sights,
+    reading_plan_of,
+    searched_causes,
+)
 from truing.stages.simulated_campaigns.plan import NEEDS, RayPlan, bare_plan
 from truing.stages.simulated_campaigns.tables import rates_table, sizes_table
 
@@ -145,6 +152,8 @@ def _plan(campaign: CampaignFolder, settings: Campaign, options: PowerOptions, r
     with _to_be_drawn(campaign):
         if settings.campaign.kind == "interferometer":
             return reading_plan_of(tables, settings).with_gross(options.gross)
+        if settings.mechanism.type == "chain":
+            return chain_plan_of(tables, settings).with_gross(options.gross)
         bare = bare_plan(tables, settings)
         drawn = (
             {**tables} if bare.was_measured else _posed(bare.drawn((), np.random.default_rng(options.seed)), settings)
@@ -166,6 +175,11 @@ def _tables(campaign: CampaignFolder, settings: Campaign) -> dict[str, pa.Table]
     """Survey and configurations and, if there are points, observations and poses; raises CampaignFaults."""
     if settings.campaign.kind == "interferometer":
         return bench_tables(campaign, settings)[0]
+    if settings.mechanism.type == "chain":
+        tables = chain_tables(campaign, settings)
+        if "configurations" not in tables:
+            raise CampaignFaults([Fault("configurations.csv", "planned poses; `truing design` chooses some")])
+        return tables
     if not settings.mechanism.is_legged:
         expected = (
             "a mechanism of legs, whose points can be simulated (bodies without a mechanism are not supported yet)"

@@ -230,7 +230,6 @@ def _plan_table(
         readings[order.order],
         pose=pa.array(np.arange(len(readings)) + first_number(extend)),
         role=pa.array(roles, pa.string()),
-        time_s=pa.nulls(len(readings), pa.float64()),
     )
 
 

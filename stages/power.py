@@ -16,9 +16,10 @@ if TYPE_CHECKING:
     from truing.inference.selection import Settings
     from truing.schemas.campaign import Campaign
     from truing.stages.diagnosis.diagnosis_data import DiagnosisData
+    from truing.stages.simulated_campaigns.chain_plan import ChainPlan
     from truing.stages.simulated_campaigns.plan import CampaignPlan, RayPlan, ReadingPlan
 
-    Plan = CampaignPlan | ReadingPlan | RayPlan
+    Plan = CampaignPlan | ReadingPlan | RayPlan | ChainPlan
 
 # Simulated residuals behind theory's threshold: that of a diagnosis, from its 400, scatters from campaign to campaign.
 _THRESHOLD_DRAWS = 1600
@@ -70,6 +71,20 @@ def reading_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> Readi
     from truing.stages.simulated_campaigns.plan import reading_plan
 
     return reading_plan(tables, reading_model(tables, settings))
+
+
+def chain_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> ChainPlan:
+    """Return the plan of a campaign of a chain, measured or planned; raises ValueError with the reason if it cannot be
+    simulated."""
+    from truing.stages.common.chain_tables import tree_of
+    from truing.stages.diagnosis.search import assembled_data
+    from truing.stages.simulated_campaigns.chain_plan import chain_plan, nominal_tables
+
+    if not any(name in tables and tables[name].num_rows for name in ("observations", "measured_poses", "distances")):
+        tree = tree_of(tables["joints"])
+        tables = nominal_tables(tree, tables["joints"], tables.get("survey"), tables["configurations"], settings)
+    data = assembled_data(tables, settings)
+    return chain_plan(tables, data.model, [data.calibration, *filter(None, [data.held_out])])
 
 
 def ray_plan_of(tables: Mapping[str, pa.Table], settings: Campaign) -> RayPlan:

@@ -24,7 +24,6 @@ NO_CHOICE = {
 }
 NO_DRAWING = {
     "axis": "; rows of an axis have no points, and are not simulated yet",
-    "chain": "; campaigns of a chain are not simulated yet",
 }
 NO_DRIVES = {"chain": "no drives named in [campaign]; the diagnosis tests how joints and links of a chain give way"}
 NO_POINTS_TO_DEFORM = "no points: deformation shows in targets, and poses or scans have none"

@@ -20,8 +20,8 @@ from truing.inference.detectable import POWER, EffectSensitivity
 from truing.simulation.cause import Cause, CauseT, Effect, Scene
 
 _WHOLE = "the whole"
-# Subjects of the form word and name: ``target P07``, ``load fz``, ``run 4 channel dz``, ``camera left``.
-_NAMED = ("target", "load", "channel", "signal", "run", "camera", "bar", "window")
+# Subjects of the form word and name: ``target P07``, ``joint elbow``, ``run 4 channel dz``, ``camera left``.
+_NAMED = ("target", "load", "channel", "signal", "run", "camera", "bar", "window", "joint", "link")
 # Number of random directions over which a reported size is averaged.
 _PATTERNS = 32
 # Least growth of a parameter, at twice the size, that counts as growth.
