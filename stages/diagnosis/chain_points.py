@@ -122,7 +122,12 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         replace(searched, groupings=groupings),
         epochs(held) if held.any() else None,
         "; ".join(filter(None, words)),
-        partial(results, series=_labels(table), motors=_motors(right, table, fitted)),
+        partial(
+            results,
+            series=_labels(table),
+            motors=_motors(right, table, fitted),
+            tables={"joints": tables["joints"], "configurations": table},
+        ),
         evident,
         model_text=text_of_model,
         shown=_shown(model),

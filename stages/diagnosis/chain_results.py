@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.motor_encoders import MotorTerm
 from truing.simulation.mechanisms.chains.tree import TWIST
 from truing.stages.common.missing_data import HELD_OUT
+from truing.stages.diagnosis.chain_next import chain_measurements_of
 from truing.stages.diagnosis.diagnosis_data import DiagnosisData, InstrumentResults
 from truing.stages.diagnosis.residual_tables import errors_by_role, prediction_table
 
@@ -40,12 +42,15 @@ def results(
     settings: Campaign,
     series: Mapping[int | str, str],
     motors: Sequence[MotorTerm] = (),
+    tables: Mapping[str, pa.Table] = MappingProxyType({}),
 ) -> InstrumentResults:
     """Errors of each pose and series, identified numbers of the chain, and the extended model.
 
     ``series``: label of the series of each pose that has one; ``motors``: terms of the motor encoders.
+    ``tables``: joints and configurations, by which next poses are chosen.
     """
     final = diagnosis.final
+    next_poses = chain_measurements_of(diagnosis, settings, tables) if tables else None
     of_motors = {"motor_encoders": motors_table(motors)} if motors else {}
     of_series = {"series_errors": series_table(diagnosis, data, series)} if series else {}
     return InstrumentResults(
@@ -56,7 +61,9 @@ def results(
             "chain_parameters": parameters_table(final),
             **curves_table(final),
             "model": text_of_model(final, settings),
-        }
+            "next_poses": None if next_poses is None else next_poses.table,
+        },
+        {} if next_poses is None else next_poses.advice,
     )
 
 

@@ -199,9 +199,7 @@ class NextMeasurement:
 def next_of(diagnosis: CauseDiagnosis, settings: Campaign) -> NextMeasurement:
     """Return the next measurements after a diagnosis of poses."""
     final = diagnosis.final
-    return next_measurements(
-        settings, MeasuredPoints(final.measured, final.fit.frames), *_models_to_improve(diagnosis, _fitted)
-    )
+    return next_measurements(settings, MeasuredPoints(final.measured, final.fit.frames), *models_to_improve(diagnosis))
 
 
 def next_loads_of(diagnosis: CauseDiagnosis, settings: Campaign) -> NextMeasurement:
@@ -210,7 +208,7 @@ def next_loads_of(diagnosis: CauseDiagnosis, settings: Campaign) -> NextMeasurem
     A finding without rivals keeps the words of its cause, which may need more than loads; its loads are in the table.
     """
     legs = diagnosis.plain.model.part_count
-    found, rivals = _models_to_improve(diagnosis, next_run)
+    found, rivals = models_to_improve(diagnosis, next_run)
     plans, advice = planned(partial(possible_runs, settings, diagnosis.final), found, rivals)
     alone = {cause.key: cause for cause, _ in found}
     for pair in rivals:
@@ -230,8 +228,12 @@ def _with_another(another: Advice, plan: MeasurementPlan | None) -> Advice:
     return replace(another, words=f"{another.words} {plan.request('Or')}", purpose=plan.purpose)
 
 
-def _models_to_improve(
-    diagnosis: CauseDiagnosis, fitted: Callable[[FittedModel], Fitted]
+def _fitted(current: FittedModel) -> Fitted:
+    return Fitted(current.model, current.fit.shared, current.covariance())
+
+
+def models_to_improve(
+    diagnosis: CauseDiagnosis, fitted: Callable[[FittedModel], Fitted] = _fitted
 ) -> tuple[list[tuple[Any, Fitted]], list[Rivals]]:
     """Return the found causes with the final fit, and those with rivals."""
     accepted = {v.cause.key: v for v in diagnosis.verdicts if v.verdict in ("found", "suspected")}
@@ -244,10 +246,6 @@ def _models_to_improve(
     # The size of an effect matters only once its cause is certain.
     sure = [own.cause for own in accepted.values() if own.verdict == "found" and own.cause.catalogued]
     return [(cause, final) for cause in sure], rivals
-
-
-def _fitted(current: FittedModel) -> Fitted:
-    return Fitted(current.model, current.fit.shared, current.covariance())
 
 
 def next_measurements(

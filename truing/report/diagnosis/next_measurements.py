@@ -20,7 +20,8 @@ from truing.schemas.needs import Need
 
 _TITLE = "What to measure next"
 _WITHOUT_MECHANISM = "No configurations were computed: without a mechanism, possible configurations are not known."
-_OF_CHAIN = "No configurations were computed: truing does not choose configurations of a chain yet."
+_OF_CHAIN = "No poses were computed: no finding or open question needs them, or distances were measured."
+_UNCHECKED = "New poses lie within the range of the measured readings, or of [workspace]; check them for collisions."
 _TOLD = (
     *("purpose", "need", "pose", "measurements", "duration_s", "expected"),
     *("sigma_now", "sigma_expected", "unit", "odds_expected"),
@@ -64,7 +65,8 @@ def _opening_sentences(steps: list[NextStep], tables: Tables) -> str:
         begins = "Every run starts with its own zero. The CSV below each table has all steps, with times and loads."
         return f"{text} {begins}".strip()
     if table_or_none(tables, "next_poses") is not None:
-        return f"{text} The tables give readings as the machine takes them.".strip()
+        unchecked = f" {_UNCHECKED}" if "joints" in tables else ""
+        return f"{text} The tables give readings as the machine takes them.{unchecked}".strip()
     legless = part_names(tables) is POINTS and "pulls" not in tables
     why = _OF_CHAIN if "joints" in tables else _WITHOUT_MECHANISM
     return f"{text} {why if legless else part_names(tables).not_planned}".strip()
