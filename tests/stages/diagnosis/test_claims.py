@@ -53,6 +53,7 @@ MADE = (
     JointsExchanged(("j2", "j3")),
     JointScatter("j2", 1),
     JointScatter(),
+    JointScatter("j2", is_angle=False),
     TargetMoved("platform", "P07", 12, 11.0),
     TargetsSwapped("platform", ("P04", "P07"), (3, 4)),
     FringeSlip("dz", 4, 7),

@@ -25,6 +25,7 @@ from truing.simulation.mechanisms.chains.causes import (
     JointCompliance,
     JointGain,
     JointOffset,
+    JointScatter,
     LinkBending,
     LinkGrowth,
 )
@@ -33,6 +34,7 @@ from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, Joi
 from truing.simulation.mechanisms.chains.loads import ColumnTilt, JointSag
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.settling import SIDE, JointSettling
+from truing.simulation.mechanisms.chains.tree import JointKind, Tree
 
 NOISE_M, NOISE_RAD = 2e-5, 5e-5
 
@@ -76,6 +78,16 @@ def test_derivatives_are_those_of_the_channels(orientation: bool) -> None:
     for j, step in enumerate(1e-3 * np.eye(5)):
         slope = (model.points(shared, local + step) - model.points(shared, local - step)) / 2e-3
         assert_close(found.by_local[..., j], slope, atol=1e-9)
+
+
+def test_a_scatter_is_an_angle_or_a_length() -> None:
+    model = campaign(np.random.default_rng(1), 20)
+    nodes = list(model.tree.nodes)
+    nodes[2] = replace(nodes[2], kind=JointKind.PRISMATIC)
+    known = replace(model.known, reading_sigma=np.full(5, 1e-5))
+    scatters = replace(model, tree=Tree(tuple(nodes), model.tree.readings), known=known).scene.scatters(JointScatter())
+    units = {own.cause.joint: own.cause.parameters(0)[0].unit for own in scatters}
+    assert units == {"j1": "rad", "j2": "mm", "j3": "rad", "j4": "rad", "j5": "rad"}
 
 
 def diagnosed(

@@ -480,6 +480,7 @@ class JointScatter(ChainCause):
     joint: str = ""
     direction: int = 0
     series: int = -1
+    is_angle: bool = True
 
     id = "approach-scatter"
     step = Step.DRIVE
@@ -507,7 +508,8 @@ class JointScatter(ChainCause):
         groups += [(int(s), machine.conditions.series == s) for s in numbers] if len(numbers) > 1 else []
         for joint in (-1, *range(joints)):
             own = np.array([joint in (-1, k) for k in noisy], bool)
-            cause = replace(self, joint=machine.tree.readings[joint] if joint >= 0 else "")
+            turns = bool(machine.tree.is_revolute[noisy if joint < 0 else joint].any())
+            cause = replace(self, joint=machine.tree.readings[joint] if joint >= 0 else "", is_angle=turns)
             if not own.any():
                 continue
             for series, within in groups:
@@ -521,8 +523,8 @@ class JointScatter(ChainCause):
         return found
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the scatter, one sigma of a revolute joint's motion."""
-        return (Parameter("scatter", "rad", 1e-5),)
+        """Return the scatter, one sigma of a joint's motion."""
+        return (Parameter("scatter", "rad", 1e-5) if self.is_angle else Parameter("scatter", "mm", 1e-5, _MM),)
 
 
 @dataclass(frozen=True)
