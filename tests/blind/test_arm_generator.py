@@ -28,7 +28,7 @@ from tests.blind.generator.arms.motion import at_rest, gravity_torques, places, 
 from tests.blind.generator.arms.notation import mechanism_lines, urdf
 from tests.blind.generator.arms.robot import robot_campaign, write_robot
 from tests.blind.generator.arms.schedule import approach
-from tests.blind.generator.arms.strength import apart, linear_fit
+from tests.blind.generator.arms.strength import apart, linear_fit, of_scatter, squares_of_scatter
 from tests.blind.generator.arms.transforms import Array, any_rotation, roll_pitch_yaw, rotation, small_vector
 
 
@@ -201,12 +201,46 @@ def test_every_cause_is_hidden_at_the_strength_asked_for(cause: str) -> None:
     elif cause == "joint-offset":
         assert campaign.bench.tolerance is None or effect.strength >= 3.0
     else:
-        fitted = int(np.sum(~campaign.bench.schedule.held_out))
-        scatter = max(12.0, np.sqrt(12.0 * np.sqrt(2.0 * fitted)))  # its sum of squares alone shows
-        assert effect.strength == pytest.approx(scatter if cause == "approach-scatter" else 12.0, rel=0.02)
-        assert linear_fit(campaign.bench).strength(replace(effect, size=0.5 * effect.size)) == pytest.approx(
-            0.5 * effect.strength, rel=0.02
-        )
+        assert effect.strength == pytest.approx(12.0, rel=0.02)
+        half = linear_fit(campaign.bench).strength(replace(effect, size=0.5 * effect.size))
+        if cause == "approach-scatter":  # its sum of squares alone shows
+            fitted = int(np.sum(~campaign.bench.schedule.held_out))
+            assert of_scatter((2.0 * half) ** 2, fitted) == pytest.approx(12.0, rel=0.02)
+        else:
+            assert half == pytest.approx(6.0, rel=0.02)
+
+
+def test_a_scatter_shows_as_the_likelihood_of_its_mean_square_says() -> None:
+    """Twice the difference of log likelihoods at the expected mean square."""
+    count, squares = 50, 120.0
+    ratio = 1.0 + squares / count
+    assert of_scatter(squares, count) ** 2 == pytest.approx(count * (ratio - 1.0 - np.log(ratio)))
+    assert squares_of_scatter(of_scatter(squares, count), count) == pytest.approx(squares)
+
+
+def test_a_notation_changes_no_link() -> None:
+    """Growth of a link moves the tip alike in both conventions of rows."""
+    rows = ROWS["industrial-6r"](np.random.default_rng(2))
+    angles = np.random.default_rng(3).uniform(-1.0, 1.0, (5, 6))
+    for link in range(1, 7):
+        moved = []
+        for arm in (serial(rows), serial(modified(rows), "modified")):
+            state = at_rest(arm, angles, 0)
+            state.growth[:, link] = 0.01
+            moved.append(places(arm, state).moved[:, -1])
+        assert np.allclose(*moved, atol=1e-12)
+
+
+def test_what_a_file_leaves_free_takes_up_effects() -> None:
+    """Without tolerances links are free: so is the place of a tool whose poses are measured."""
+    seeds = (seed for seed in range(100) if draw(seed, causes=(), layout="bench-5r", poses=40).bench.tolerance is None)
+    bench = draw(next(seeds), causes=(), layout="bench-5r", poses=40).bench
+    fit, exact = linear_fit(bench), linear_fit(replace(bench, tolerance=Tolerance(0.0, 1e-9, 1e-9)))
+    gain = draw_effect("joint-gain", bench.design.arm, bench.schedule, bench.instrument, np.random.default_rng(1))
+    assert all(fit.strength(effect) < 0.999 * exact.strength(effect) for effect in gain)
+    bench = draw(5, causes=(), layout="bench-5r", instrument="poses", poses=40).bench
+    last = Effect("joint-offset", "", 4, np.ones(40), 1e-4)
+    assert linear_fit(replace(bench, tolerance=Tolerance(0.0, 0.0, 0.0))).strength(last) < 0.1
 
 
 def test_a_joint_without_load_is_never_the_soft_one() -> None:

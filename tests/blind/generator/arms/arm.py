@@ -102,13 +102,10 @@ def after_joint(row: Row) -> Array:
     )
 
 
-def before_joint(row: Row) -> Array:
-    """Constant part (4, 4) of a modified row, inboard of the joint."""
-    return (
-        motion(about(np.eye(3)[0], row.alpha), np.zeros(3))
-        @ motion(np.eye(3), np.array([row.a, 0.0, 0.0]))
-        @ motion(about(Z, row.theta), np.array([0.0, 0.0, row.d]))
-    )
+def around_joint(row: Row) -> tuple[Array, Array]:
+    """Constant parts (4, 4) of a modified row: alpha and a inboard of the joint, theta and d outboard."""
+    inboard = motion(about(np.eye(3)[0], row.alpha), np.array([row.a, 0.0, 0.0]))
+    return inboard, motion(about(Z, row.theta), np.array([0.0, 0.0, row.d]))
 
 
 def modified(rows: tuple[Row, ...]) -> tuple[Row, ...]:
@@ -125,7 +122,8 @@ def serial(rows: tuple[Row, ...], convention: str = "standard", prefix: str = "j
     if convention == "standard":
         places = [np.eye(4), *(after_joint(row) for row in rows)]
     else:
-        places = [*(before_joint(row) for row in rows), np.eye(4)]
+        inboard, outboard = zip(*map(around_joint, rows), strict=True)
+        places = [inboard[0], *(d @ a for d, a in zip(outboard, inboard[1:], strict=False)), outboard[-1]]
     links = tuple(Link(name) for name in ("base_link", *(f"link{n + 1}" for n in range(count)), "tool0"))
     joints = [
         Joint(f"{prefix}{n + 1}", n, n + 1, places[n], kind=row.kind, source=n, limits=row.limits)

@@ -9,13 +9,13 @@ import numpy as np
 
 from tests.blind.generator.arms import effects as hidden
 from tests.blind.generator.arms.arm import Arm, Link, modified, serial
-from tests.blind.generator.arms.effects import CAUSES, OF_MANY_POSES, Effect, draw_effect, hide
-from tests.blind.generator.arms.foreign import KINDS, draw_foreign
+from tests.blind.generator.arms.effects import CAUSES, LINK_CAUSES, OF_MANY_POSES, Effect, draw_effect, hide
+from tests.blind.generator.arms.foreign import FOREIGN, draw_foreign
 from tests.blind.generator.arms.geometry import NOTATIONS, Design, Tolerance
 from tests.blind.generator.arms.instrument import BOTH, INSTRUMENTS, Instrument, Seen, draw_instrument, see
 from tests.blind.generator.arms.layouts import LAYOUTS, ROWS, TREES, with_masses, with_other_frames
 from tests.blind.generator.arms.schedule import draw_schedule
-from tests.blind.generator.arms.strength import Bench, Fit, apart, linear_fit
+from tests.blind.generator.arms.strength import Bench, Fit, apart, linear_fit, of_scatter, squares_of_scatter
 from tests.blind.generator.arms.transforms import Array, X, Y, Z, rotation
 
 OFFSET = 4.0  # tolerances: the least hidden offset
@@ -58,13 +58,15 @@ def draw(
 ) -> ArmCampaign:
     """Draw a campaign; ``causes=None`` draws none, one or two, and ``foreign`` adds one or two of no catalogued form.
 
+    Such an effect has a name of ``FOREIGN`` and may stand among the causes.
+
     What is None is drawn. Raises ValueError for unknown names, and where no drawn arm can show the causes.
     """
     _expect("layout", layout, LAYOUTS)
     _expect("notation", notation, NOTATIONS)
     _expect("instrument", instrument, (*INSTRUMENTS, BOTH, "points"))
     for cause in causes or ():
-        _expect("cause", cause, (*CAUSES, *OF_MANY_POSES))
+        _expect("cause", cause, (*CAUSES, *OF_MANY_POSES, *FOREIGN))
     if instrument == "points-pose" and any(cause in hidden.BASE_CAUSES for cause in causes or ()):
         raise ValueError(f"causes {causes} cannot be shown where every pose has a frame of its own")
     for attempt in range(ATTEMPTS):
@@ -98,7 +100,7 @@ def _causes(causes: Sequence[str] | None, foreign: bool, rng: np.random.Generato
     else:
         wanted = list(causes)
     if foreign:
-        wanted += [f"foreign {kind}" for kind in rng.choice(KINDS, int(rng.integers(1, 3)), replace=False)]
+        wanted += [str(name) for name in rng.choice(FOREIGN, int(rng.integers(1, 3)), replace=False)]
     return wanted
 
 
@@ -186,7 +188,14 @@ def _effects(bench: Bench, wanted: Sequence[str], strength: float, rng: np.rando
 def _candidates(cause: str, bench: Bench, rng: np.random.Generator) -> list[Effect]:
     family, _, kind = cause.partition(" ")
     draw_ = draw_foreign if family == "foreign" else draw_effect
-    return draw_(kind or cause, bench.design.arm, bench.schedule, bench.instrument, rng)
+    found = draw_(kind or cause, bench.design.arm, bench.schedule, bench.instrument, rng)
+    return [effect for effect in found if not _is_undescribed(effect, bench.design)]
+
+
+def _is_undescribed(effect: Effect, design: Design) -> bool:
+    """Whether an effect is of a link whose length a row leaves open: d of a slide is also the zero of its reading."""
+    slides = {joint.child for joint in design.arm.joints if joint.kind == "prismatic"}
+    return bool(design.rows) and effect.cause in LINK_CAUSES and effect.where in slides
 
 
 def _stand_apart(fit: Fit, effects: Sequence[Effect]) -> bool:
@@ -216,7 +225,7 @@ def _sized(effect: Effect, fit: Fit, strength: float, rng: np.random.Generator) 
     small = abs(size) <= BOUNDS.get(effect.cause, np.inf)
     if not small or (effect.cause != "joint-offset" and fit.displacement(sized) > LARGEST):
         return None
-    return replace(sized, strength=abs(size) * unit)
+    return replace(sized, strength=_reached(sized, fit, abs(size) * unit))
 
 
 def _trial(effect: Effect, fit: Fit) -> float:
@@ -226,11 +235,22 @@ def _trial(effect: Effect, fit: Fit) -> float:
 
 
 def _wanted(effect: Effect, fit: Fit, strength: float) -> float:
-    """Strength of an effect: a scatter has as many numbers as poses, and shows by their sum of squares alone."""
-    scatters = effect.cause == "approach-scatter" or effect.fixed.get("kind") == "heavy-tails"
-    if not scatters:
-        return strength
-    return float(max(strength, np.sqrt(strength * np.sqrt(2.0 * np.sum(~fit.bench.schedule.held_out)))))
+    """Root of the non-centrality that an effect needs for a strength."""
+    return float(np.sqrt(squares_of_scatter(strength, _fitted(fit)))) if _scatters(effect) else strength
+
+
+def _reached(effect: Effect, fit: Fit, root: float) -> float:
+    """Strength of an effect of this root of its non-centrality."""
+    return of_scatter(root**2, _fitted(fit)) if _scatters(effect) else root
+
+
+def _scatters(effect: Effect) -> bool:
+    """Whether an effect has as many numbers as poses, and shows by their sum of squares alone."""
+    return effect.cause == "approach-scatter" or effect.fixed.get("kind") == "heavy-tails"
+
+
+def _fitted(fit: Fit) -> int:
+    return int(np.sum(~fit.bench.schedule.held_out))
 
 
 def record(seed: int, layout: str, bench: Bench, effects: Sequence[Effect], rng: np.random.Generator) -> ArmCampaign:

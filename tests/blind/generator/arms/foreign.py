@@ -11,6 +11,7 @@ from tests.blind.generator.arms.schedule import Schedule
 from tests.blind.generator.arms.transforms import Array
 
 KINDS = ("two-joints", "remanence", "slow-base", "heavy-tails")
+FOREIGN = tuple(f"foreign {kind}" for kind in KINDS)
 
 
 def draw_foreign(
@@ -30,7 +31,9 @@ def draw_foreign(
         if kind == "two-joints":
             shape = _field(_scaled(schedule.readings[:, two]), rng)
         elif kind == "remanence":
-            shape = _play(_scaled(schedule.readings[:, [column]])[:, 0])
+            course = _scaled(schedule.readings[:, [column]])[:, 0]
+            # Most of what remains is a gain and a backlash of the joint, which have names.
+            shape = _beside(_play(course), np.stack([course, schedule.approach[:, column]], axis=1))
         elif kind == "heavy-tails":
             shape = rng.standard_t(1.5, size=count)
         else:
@@ -49,6 +52,12 @@ def _scaled(readings: Array) -> Array:
 
 def _unit(shape: Array) -> Array:
     return shape / np.sqrt(np.mean(shape**2))
+
+
+def _beside(shape: Array, columns: Array) -> Array:
+    """What no constant and none of the columns (N, C) explain of a shape (N,)."""
+    known = np.column_stack([np.ones(len(shape)), columns])
+    return np.asarray(shape - known @ np.linalg.lstsq(known, shape, rcond=None)[0])
 
 
 def _field(inputs: Array, rng: np.random.Generator) -> Array:

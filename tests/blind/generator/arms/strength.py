@@ -1,7 +1,8 @@
 """How strongly an effect shows: root of its non-centrality after a least-squares fit of all that is not known.
 
-Not known: the base's place in each measurement frame or the stations' places, the targets' places (to the survey's
-noise where surveyed), the geometry (to its tolerance where declared), the exact readings (to their noise). Derivatives
+Not known: the base's place in each measurement frame or the stations' places, that of the tool whose poses are
+measured, the targets' places (to the survey's noise where surveyed), the geometry (to its tolerance; where none is
+declared links are free and zeros exact, as the campaign format says), the exact readings (to their noise). Derivatives
 are differences of the generator's own chain.
 """
 
@@ -22,6 +23,7 @@ from tests.blind.generator.arms.transforms import Array, rotation
 
 STEP = 1e-6  # m and rad
 FREE = 1.0  # m and rad: prior of what nothing is known of
+UNDECLARED = Tolerance(0.0, FREE, FREE)
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,24 @@ def apart(fit: Fit, effects: Sequence[Effect]) -> list[float]:
     """Signal-to-noise of each effect where the others are fitted too."""
     seen = np.stack([fit.left(effect) for effect in effects], axis=1)
     return [float(1.0 / np.sqrt(part)) for part in np.diag(np.linalg.pinv(seen.T @ seen))]
+
+
+def of_scatter(squares: float, count: int) -> float:
+    """Signal-to-noise of ``count`` numbers that scatter, from the non-centrality of what they were drawn as.
+
+    It is the root of the deviance of their mean square; their single values tell nothing.
+    """
+    return float(np.sqrt(squares - count * np.log1p(squares / count)))
+
+
+def squares_of_scatter(wanted: float, count: int) -> float:
+    """The non-centrality that such numbers need for a signal-to-noise, by bisection of its logarithm."""
+    low, high = -5.0, 30.0
+    for _ in range(60):
+        middle = (low + high) / 2.0
+        enough = of_scatter(float(np.exp(middle)), count) > wanted
+        low, high = (low, middle) if enough else (middle, high)
+    return float(np.exp(high))
 
 
 def linear_fit(bench: Bench) -> Fit:
@@ -147,7 +167,8 @@ def _of_base(bench: Bench, reference: Seen) -> list[Array]:
 
 
 def _of_places(bench: Bench, reference: Seen) -> list[Array]:
-    instrument, columns = bench.instrument, []
+    instrument = bench.instrument
+    columns = _of_tool(bench, reference) if instrument.kind == "poses" else []
     for number, target in enumerate(instrument.targets):
         for part in np.eye(3):
             moved = list(instrument.targets)
@@ -157,11 +178,20 @@ def _of_places(bench: Bench, reference: Seen) -> list[Array]:
     return columns
 
 
+def _of_tool(bench: Bench, reference: Seen) -> list[Array]:
+    """Derivatives (N, R) by six numbers of the measured tool's place in its link."""
+    columns = []
+    for part in STEP * np.eye(6):
+        moved = reference.moved + reference.turned @ part[:3]
+        changed = replace(reference, turned=reference.turned @ rotation(part[3:]), moved=moved)
+        columns.append(_derivative(bench, reference, changed, FREE))
+    return columns
+
+
 def _of_geometry(bench: Bench, reference: Seen) -> list[Array]:
-    if bench.tolerance is None:
-        return []
-    sigmas = bench.design.sigmas(bench.tolerance)
+    sigmas = bench.design.sigmas(bench.tolerance or UNDECLARED)
     return [
         _derivative(bench, reference, bench.exact(arm=bench.design.changed(STEP * part)), sigma)
         for part, sigma in zip(np.eye(len(sigmas)), sigmas, strict=True)
+        if sigma > 0.0
     ]
