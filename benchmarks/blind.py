@@ -1,6 +1,6 @@
 """How well the diagnosis does on campaigns that it has never seen: hundreds of them, with effects hidden at random.
 
-    python -m benchmarks.blind [--instrument sensor] [--campaigns 40] [--workers 2] [--seed 2] [--results F] [--write]
+    python -m benchmarks.blind [--instrument sensor] [--campaigns 40] [--workers 2] [--seed S] [--results F] [--write]
     python -m benchmarks.blind --instrument sensor --unforeseen [...]: effects thought of when the diagnosis stood
     python -m benchmarks.blind [--instrument sensor] --foreign [...]: worlds that nobody described
     python -m benchmarks.blind [--instrument sensor] --foreign-alone [...]: one effect of these worlds at a time
@@ -36,7 +36,6 @@ FOREIGN_SNR = 10.0, 40.0  # of each effect of a foreign world
 BELOW_CLEAR = 0.3  # of single effects: too weak to be found for certain
 OBVIOUS = (3.0, 30.0)  # times clear, where an instrument's share of them is drawn
 PER_CALL = 4
-SEED = 2  # of the campaigns that the page tells of
 
 
 @dataclass(frozen=True)
@@ -141,7 +140,7 @@ def main() -> None:
     parser.add_argument("--campaigns", type=int, default=40)
     parser.add_argument("--first", type=int, default=0, help="number of the first one: those before may have been seen")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--seed", type=int, help="default: that of the instrument's page")
     parser.add_argument("--results", type=Path, help="default: runs/<name of the instrument's results>.jsonl")
     groups = parser.add_mutually_exclusive_group()
     for option, group, what in (
@@ -158,7 +157,8 @@ def main() -> None:
     own = INSTRUMENTS[options.instrument]
     results = options.results or RUNS / f"{own.short}{f'-{options.group}' if options.group else ''}.jsonl"
     numbers = range(options.first, options.first + options.campaigns)
-    cases = [drawn(number, options.seed, options.instrument, options.group) for number in numbers]
+    seed = own.seed if options.seed is None else options.seed
+    cases = [drawn(number, seed, options.instrument, options.group) for number in numbers]
     for record in run_missing(cases, results, options.workers):
         print(_line(record), flush=True)
     from benchmarks import blind_page

@@ -10,6 +10,10 @@ from typing import Protocol
 import numpy as np
 
 from tests.blind.generator import case, draw, hidden
+from tests.blind.generator.arms import case as arm_case
+from tests.blind.generator.arms.effects import OF_MANY_POSES
+from tests.blind.generator.arms.foreign import FOREIGN as FOREIGN_TO_ARMS
+from tests.blind.generator.arms.layouts import LAYOUTS as ARMS
 from tests.blind.generator.sensor import case as sensor_case
 from tests.blind.generator.sensor import draw as sensor_draw
 from tests.blind.generator.sensor import hidden as sensor_hidden
@@ -33,7 +37,7 @@ class Instrument:
     ``subjects``: what effects concern, in words. ``obvious``: the share of single effects that are many times as large
     as must be found. ``unforeseen``: further effects of no catalogue, thought of when the diagnosis stood;
     ``foreign``: those of worlds that nobody described. ``told_in``: its page in docs; ``short``: what results that are
-    kept and figures are called.
+    kept and figures are called; ``seed``: of the campaigns that its page tells of.
     """
 
     catalogue: Sequence[str]
@@ -49,6 +53,7 @@ class Instrument:
     unforeseen: Sequence[str] = ()
     foreign: Sequence[str] = ()
     added: Sequence[str] = ()
+    seed: int = 2
 
     @property
     def page(self) -> Path:
@@ -120,5 +125,20 @@ INSTRUMENTS = {
         "blind-photographs",
         "cameras or bars",
         obvious=0.2,
+    ),
+    "arms": Instrument(
+        arm_case.CATALOGUE,
+        FOREIGN_TO_ARMS,
+        ARMS,
+        arm_case.draw_two,
+        arm_case.layouts_for,
+        arm_case.hide,
+        "how-well-does-it-diagnose-an-arm",
+        "blind-arm",
+        "joints, links or targets",
+        obvious=0.2,
+        foreign=FOREIGN_TO_ARMS,
+        added=OF_MANY_POSES,
+        seed=78,
     ),
 }

@@ -104,17 +104,22 @@ def _write(path: Path, lines: Lines) -> None:
         csv.writer(stream, lineterminator="\n").writerows(lines)
 
 
+def joint_columns(campaign: ArmCampaign) -> dict[str, str]:
+    """Column of configurations.csv of each actuated joint, by the joint's name."""
+    turn, bench = "rad" if campaign.seed % 4 == 0 else "deg", campaign.bench
+    units = ["mm" if bench.joint_kind(k) == "prismatic" else turn for k in range(campaign.readings.shape[1])]
+    return {name: f"{name}_{unit}" for name, unit in zip(bench.design.arm.names(), units, strict=True)}
+
+
 def _configurations(campaign: ArmCampaign) -> Lines:
     bench, schedule = campaign.bench, campaign.bench.schedule
-    slides = np.array([bench.joint_kind(k) == "prismatic" for k in range(campaign.readings.shape[1])])
-    names = bench.design.arm.names()
-    radians = campaign.seed % 4 == 0
-    factor = np.where(slides, 1e3, 1.0 if radians else np.degrees(1.0))
-    units = np.where(slides, "mm", "rad" if radians else "deg")
+    columns = list(joint_columns(campaign).values())
+    per_si = {"mm": 1e3, "rad": 1.0, "deg": float(np.degrees(1.0))}
+    factor = np.array([per_si[column.rpartition("_")[2]] for column in columns])
     parted = bool(schedule.series[-1]) or bench.instrument.frame == "series"
     waits = any(effect.cause == "joint-settling" for effect in campaign.effects)
     heads = ["pose", "role", "time_s", *(["since_motion_s"] if waits else []), *(["series"] if parted else [])]
-    yield [*heads, *(f"{n}_{u}" for n, u in zip(names, units, strict=True)), "temperature_c"]
+    yield [*heads, *columns, "temperature_c"]
     for n, row in enumerate(campaign.readings):
         role = "verification" if schedule.held_out[n] else "calibration"
         part = [f"{schedule.waits[n]:.2f}"] if waits else []
