@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from truing.schemas.mechanism import COLUMNS_OF_AXES, NOISE_OF_COMMANDS
 from truing.stages.declaration import Outcome, Progress, Stage
 
 if TYPE_CHECKING:
@@ -44,6 +45,9 @@ DECLARATION = Stage(
             "interferometer",
             "noise.load_n",
             "noise.load_nm",
+            "exclude",
+            *COLUMNS_OF_AXES,
+            *NOISE_OF_COMMANDS,
         ),
     ),
     summary="deformation residuals, and linear and matrix models of them",
@@ -62,4 +66,9 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
         return with_tolerances(with_positioning(load_deformation(tables, settings, why), tables, settings), settings)
     from truing.stages.responses.shifts import shifts_within_bodies
 
-    return shifts_within_bodies(tables, settings, why)
+    found = shifts_within_bodies(tables, settings, why)
+    if settings.mechanism.type != "axis":
+        return found
+    from truing.stages.axis.positioning import with_axis_positioning
+
+    return with_axis_positioning(found, tables, settings, why)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Array
+from truing.arrays import Array, Index, Mask
 from truing.simulation.axis.rows import (
     COMMAND,
     ENCODERS,
@@ -21,6 +21,7 @@ from truing.stages.common.point_arrays import number_column
 
 if TYPE_CHECKING:
     from truing.schemas.mechanism import AxisMechanism
+    from truing.schemas.sections import Overrule
 
 
 NUMBERED = ("pose", "role", "time_s", "event", "repeat_of")
@@ -29,6 +30,7 @@ TOLD = {"deg": ("arcsec", np.pi / 180.0 / 3600.0), "mm": ("um", 1e-6)}
 """Unit of reported errors by the unit of the axis, and its value in SI."""
 _TURN = 2.0 * np.pi
 _COUNTS = "_counts"
+_DIGITS = 9  # of commands, rad or m
 # Sizes of counters, and the part of their range within which all deviations lie if nothing but overflows is large.
 _BITS, _WITHIN = range(16, 33), 0.02
 # Smallest change of the command that counts as a movement, in standard deviations of the axis from its command.
@@ -115,6 +117,18 @@ class AxisColumns:
             return found
         middle = np.array([np.median(own[np.isfinite(own)]) if np.isfinite(own).any() else 0.0 for own in found.T])
         return np.asarray(found - _TURN * np.round((found - middle) / _TURN))
+
+
+def excluded_rows(rules: tuple[Overrule, ...], rows: AxisRows) -> Mask:
+    """Mask (N,) of rows named by a person; rules on bodies or targets match no row."""
+    named = {str(rule.pose) for rule in rules if rule.pose is not None and rule.body is None and rule.target is None}
+    return np.array([str(pose) in named for pose in rows.poses], bool)
+
+
+def targets_of(command: Array) -> tuple[Array, Index]:
+    """Return the commands (P,) that differ by more than rounding, and the number (N,) of that of each row."""
+    target, number = np.unique(np.round(command, _DIGITS), return_inverse=True)
+    return target, number.ravel().astype(np.int64)
 
 
 def _overflows(off: Array, counts: Array, count: float) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Mask
-from truing.stages.common.axis_columns import columns_of, command_sigma
+from truing.stages.common.axis_columns import columns_of, command_sigma, targets_of
 from truing.stages.common.missing_data import HELD_OUT, NO_BODIES, NO_CALIBRATION
 
 if TYPE_CHECKING:
@@ -22,7 +22,8 @@ def prospects(settings: Campaign, tables: Mapping[str, pa.Table]) -> Iterator[tu
     """Yield for each stage its name, the reason why it evaluates nothing (else empty), and its result."""
     kind = settings.mechanism.type
     yield "pose", NO_BODIES[kind], ""
-    yield "deformation", NO_BODIES[kind], ""
+    repeated = "configurations" in tables and _targets_from_both_sides(tables["configurations"], settings) > 1
+    yield "deformation", "" if repeated else NO_BODIES[kind], "positioning by ISO 230-2"
     why = why_no_diagnosis(tables, settings)
     without = "" if why else "; ".join(undetectable_causes(tables, settings))
     yield "diagnose", why, f"cannot show {without}" if without else ""
@@ -43,6 +44,13 @@ def why_no_diagnosis(tables: Mapping[str, pa.Table], settings: Campaign) -> str:
     if not np.ptp(columns.si(table, columns.command)[fitted]) > 0.0:
         return f"the command {columns.command} never changes: nothing moved"
     return ""
+
+
+def _targets_from_both_sides(table: pa.Table, settings: Campaign) -> int:
+    rows = columns_of(settings, table).rows(table, command_sigma(settings))
+    target, number = targets_of(rows.command)
+    sides = [set(rows.direction[number == k]) for k in range(len(target))]
+    return sum(len(own) > 1 for own in sides)
 
 
 def undetectable_causes(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[str, ...]:

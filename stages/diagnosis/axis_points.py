@@ -15,8 +15,7 @@ from truing.inference.observations import Epochs, Frames, Observations
 from truing.schemas.verdict import Relation
 from truing.simulation.axis.extended_model import extended_axis, write_axis
 from truing.simulation.axis.model import AxisModel
-from truing.simulation.axis.rows import AxisRows
-from truing.stages.common.axis_columns import SI, AxisColumns, columns_of, command_sigma, encoder_sigma
+from truing.stages.common.axis_columns import SI, AxisColumns, columns_of, command_sigma, encoder_sigma, excluded_rows
 from truing.stages.common.axis_prospects import is_held_out, why_no_diagnosis
 from truing.stages.common.blocks import groupings_of, labels_of, selected_groupings
 from truing.stages.diagnosis.diagnosis_data import Channels, DiagnosisData, InstrumentResults
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     from truing.inference.selection import CauseDiagnosis
     from truing.schemas.campaign import Campaign
     from truing.schemas.mechanism import AxisMechanism
-    from truing.schemas.sections import Overrule
 
 Mask = NDArray[np.bool_]
 
@@ -46,7 +44,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     columns = columns_of(settings, table)
     off = command_sigma(settings)
     rows, deviations = columns.rows(table, off), columns.deviations(table)
-    out, kept = (_named_rows(rules, rows) for rules in (settings.exclude, settings.keep))
+    out, kept = (excluded_rows(rules, rows) for rules in (settings.exclude, settings.keep))
     seen = np.isfinite(deviations) & ~out[:, None]
     held = is_held_out(table)
     fitted = seen.any(1) & ~held
@@ -92,12 +90,6 @@ def _encoder_channels(columns: AxisColumns) -> Channels:
         drive="the command",
         scatter=_SCATTER,
     )
-
-
-def _named_rows(rules: tuple[Overrule, ...], rows: AxisRows) -> Mask:
-    """Mask (N,) of rows named by a person; rules on bodies or targets match no row."""
-    named = {str(rule.pose) for rule in rules if rule.pose is not None and rule.body is None and rule.target is None}
-    return np.array([str(pose) in named for pose in rows.poses], bool)
 
 
 def _model_text(fitted: FittedModel[Any], settings: Campaign) -> str:

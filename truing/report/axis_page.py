@@ -12,7 +12,7 @@ from truing.report.numbers import count, rough, sign
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, table_or_none
 
-_NAMES = {"motor": "encoder at the motor", "load": "encoder at the load", "measured": "outside instrument"}
+ENCODERS = {"motor": "encoder at the motor", "load": "encoder at the load", "measured": "outside instrument"}
 _WAYS = ((1, BLUE, "triangle-right", "coming up"), (-1, ORANGE, "triangle-left", "coming down"))
 _CAPTION = (
     "Each point is one reading minus its prediction. Two bands by colour show lost motion, and a slope shows a scale "
@@ -51,7 +51,7 @@ def _listing(errors: pd.DataFrame, encoders: list[str]) -> Listing:
             if len(part):
                 sizes = [rough(float(np.sqrt(np.mean(part[c] ** 2)))) for c in ("missed_before", "missed_after")]
                 reported.append(
-                    (f"{_NAMES[name]}, {role}", str(len(part)), *sizes, rough(float(part["noise_floor"].max())))
+                    (f"{ENCODERS[name]}, {role}", str(len(part)), *sizes, rough(float(part["noise_floor"].max())))
                 )
     return Listing(heads, tuple(reported), caption="Errors of the predictions", held_by="axis_errors.parquet")
 
@@ -65,7 +65,7 @@ def _drawn(errors: pd.DataFrame, column: str, title: str) -> go.Figure:
         cols=1,
         shared_xaxes=True,
         vertical_spacing=0.3 / len(encoders),
-        subplot_titles=[_NAMES[name] for name in encoders],
+        subplot_titles=[ENCODERS[name] for name in encoders],
     )
     for place, name in enumerate(encoders, 1):
         for way, colour, symbol, words in _WAYS:

@@ -51,7 +51,7 @@ SECTIONS = (
     PageSection("qa", ("truing.report.quality_section",), "Quality"),
     PageSection("photographs", ("truing.report.photographs.section",)),
     PageSection("displacement", ("truing.report.sensor.displacement",), "Displacement", "positioning", bench=True),
-    PageSection("positioning", ("truing.report.sensor.positioning",), bench=True),
+    PageSection("positioning", ("truing.report.sensor.positioning",)),
     PageSection("poses", ("truing.report.poses_section",), "Poses", bench=False),
     PageSection(
         "deformation", ("truing.report.deformation_section", "truing.report.sensor.deformation"), "Deformation"
@@ -106,7 +106,7 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
     from truing.report.tables import is_bench
     from truing.report.verdict import with_verdict
 
-    bench = is_bench(tables) or "displacement" in tables or "positioning" in tables
+    bench = is_bench(tables) or "displacement" in tables or ("positioning" in tables and "configurations" not in tables)
     wanted = [section for section in page_sections() if section.bench in (None, bench)]
     with figure_template():
         drawn = {section.name: _drawn(section, tables) for section in wanted}

@@ -1,8 +1,9 @@
-"""Positioning of a linear axis by ISO 230-2: reversal, repeatability, systematic deviation, accuracy, with
+"""Positioning of an axis by ISO 230-2: reversal, repeatability, systematic deviation, accuracy, with
 uncertainties.
 
 Deviations x (..., P, D, C): actual minus target position at P positions, in D directions (forward, backward) and C
-cycles. Scatter s with C - 1; uncertainties by Monte Carlo (JCGM 101), because most of the quantities are maxima.
+cycles, NaN where not measured. Scatter s with the number of readings - 1; uncertainties by Monte Carlo (JCGM 101),
+because most of the quantities are maxima.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truing.arrays import Array
+from truing.arrays import Array, Index
 
 FORWARD, BACKWARD = 0, 1
 
@@ -44,12 +45,23 @@ class Positioning:
 
 
 def positioning(deviation: ArrayLike) -> Positioning:
-    """Return the quantities for deviations (..., P, 2, C) in both directions; raises ValueError for fewer than two
-    cycles."""
+    """Return the quantities for deviations (..., P, 2, C) in both directions; those of a scatter are NaN for a
+    single reading.
+
+    Raises ValueError for fewer than two cycles, or a position without a reading from one side.
+    """
     x = np.asarray(deviation, float)
     if x.ndim < 3 or x.shape[-2] != 2 or x.shape[-1] < 2:
         raise ValueError(f"deviation {x.shape}: expected (..., positions, 2 directions, at least 2 cycles)")
-    mean, scatter = x.mean(-1), x.std(-1, ddof=1)
+    known = np.isfinite(x)
+    if known.all():
+        return _positioning(x.mean(-1), x.std(-1, ddof=1))
+    count = known.sum(-1)
+    if not count.all():
+        raise ValueError("deviation: expected a reading of every position from both sides")
+    mean = np.where(known, x, 0.0).sum(-1) / count
+    square = np.where(known, x - mean[..., None], 0.0) ** 2
+    scatter = np.where(count > 1, np.sqrt(square.sum(-1) / np.maximum(count - 1, 1)), np.nan)
     return _positioning(mean, scatter)
 
 
@@ -135,7 +147,9 @@ def positioning_uncertainty(
     """
     x, at = np.asarray(deviation, float), np.asarray(target, float)
     own = positioning(x)
-    cycles = x.shape[-1]
+    cycles = np.isfinite(x).sum(-1)
+    if cycles.min() < 2:
+        raise ValueError("deviation: expected two readings of every position from both sides")
     freedom = cycles - 1
     # simulated repetitions with the found values as truth show spread and bias
     scatter = own.scatter * np.sqrt(rng.chisquare(freedom, (draws, *own.scatter.shape)) / freedom)
@@ -155,7 +169,7 @@ def positioning_uncertainty(
 
 
 def _by_instrument(
-    at: Array, instrument: InstrumentUncertainty, rng: np.random.Generator, draws: int, cycles: int
+    at: Array, instrument: InstrumentUncertainty, rng: np.random.Generator, draws: int, cycles: Index
 ) -> Array:
     """Return errors (draws, P, 2) of mean deviations: from the axis' length, the beam's angle, and drift."""
     along = at - at[0]

@@ -9,9 +9,10 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.belonging.relation import RelationState
+from truing.report.axis_page import ENCODERS
 from truing.report.figure_style import BLUE, ORANGE, label, style
 from truing.report.measured_section import corrections
-from truing.report.numbers import count, in_suitable_unit, printed, with_uncertainty
+from truing.report.numbers import count, in_suitable_unit, printed, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, load_steps, table_or_none
@@ -27,6 +28,10 @@ _MEANING = {
 _WAYS = (("forward", BLUE, "triangle-right"), ("backward", ORANGE, "triangle-left"))
 _TOLD = {"A": "accuracy A", "R": "repeatability R", "B": "reversal B"}
 _DRAWN = 6  # most runs in figures
+_COLUMNS = ["run", "figure", "subject", "value", "sigma", "low", "high", "unit"]
+_CYCLES = 5  # repeats of the standard
+_PLAN = "Send the axis to five targets or more, five times from each side."
+_SIDES = {"forward": "↑", "backward": "↓"}
 _CAPTION = "A gap between the two lines is reversal: the position depends on the direction of approach."
 
 
@@ -34,6 +39,8 @@ def positioning(tables: Tables) -> ReportSection | None:
     """Return the results of ISO 230-2 for every run, the axis first, then by target; and reasons where
     there are none."""
     rows, withheld = table_or_none(tables, "positioning"), not_stated(tables)
+    if _is_single_axis(tables):
+        return _of_single_axis(rows)
     if rows is None:
         return (
             ReportSection("positioning", "Positioning", " ".join(withheld), state="not evaluated") if withheld else None
@@ -47,10 +54,40 @@ def positioning(tables: Tables) -> ReportSection | None:
     return ReportSection("positioning", "Positioning", lead, figures=drawn, listings=shown, statements=statements)
 
 
+def _is_single_axis(tables: Tables) -> bool:
+    """Return whether the results are those of the rows of an axis, not of positions of a table."""
+    return "positioning" in tables and "configurations" in tables
+
+
+def _of_single_axis(rows: pd.DataFrame | None) -> ReportSection:
+    """Return the results of an axis by what recorded it, and which of them need more repeats."""
+    if rows is None:
+        why = "Positioning by ISO 230-2 is not tested: fewer than two commands were approached from both sides."
+        return ReportSection("positioning", "Positioning", f"{why} {_PLAN}", state="not evaluated")
+    rows = rows.assign(run=rows["run"].map(lambda name: ENCODERS[name]))
+    rows = rows.reindex(columns=[*_COLUMNS, *rows.columns.difference(_COLUMNS)])
+    axis, targets = rows[rows["subject"].isna()], rows[rows["subject"].notna()]
+    lead = "By ISO 230-2, from commands that were repeated. A deviation common to all targets has no effect."
+    if (axis["run"] != ENCODERS["measured"]).any():
+        lead += " The standard asks for an outside instrument; results of an encoder contain its own errors."
+    fewest = int(rows.loc[rows["figure"].isin(["n_forward", "n_backward"]), "value"].min())
+    few = f"{count(fewest, 'reading')} of a target from one side"
+    statements: tuple[tuple[str, str], ...] = ()
+    if "R" not in set(axis["figure"]):
+        statements = (("warn", f"R and A are not computed: they need a scatter, and there is {few}. {_PLAN}"),)
+    elif fewest < _CYCLES:
+        statements = (("warn", f"Only {few}; ISO 230-2 asks for {_CYCLES}: R and A are uncertain. {_PLAN}"),)
+    drawn = tuple((deviations(own), _CAPTION) for own in _drawn_runs(targets))
+    listings = _of_axis(axis), _of_targets(targets)
+    return ReportSection("positioning", "Positioning", lead, figures=drawn, listings=listings, statements=statements)
+
+
 def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVerdict | None:
     """Return the verdict of a campaign of positioning alone: accuracy, repeatability and reversal of its worst axis."""
     rows = table_or_none(tables, "positioning")
-    if rows is None or len(load_steps(tables)) or table_or_none(tables, "observations") is not None:
+    if rows is None or _is_single_axis(tables):
+        return None
+    if len(load_steps(tables)) or table_or_none(tables, "observations") is not None:
         return None
     axis = rows[rows["subject"].isna() & rows["figure"].isin(list(_TOLD))]
     worst = axis[axis["figure"].eq("A")].nlargest(1, "value")["run"]
@@ -94,28 +131,29 @@ def _drawn_runs(rows: pd.DataFrame) -> list[pd.DataFrame]:
 
 def deviations(rows: pd.DataFrame) -> go.Figure:
     """Return the mean deviation at each target of one run, from either side, with twice its scatter, um over mm."""
+    unit, at = sign(str(rows["unit"].iloc[0])), str(rows["subject"].iloc[0]).partition(" ")[2]
     wide = rows.pivot(index="subject", columns="figure", values="value")
-    wide = wide.set_index(wide.index.str.removesuffix(" mm").astype(float)).sort_index()
+    wide = wide.set_index(wide.index.str.partition(" ").get_level_values(0).astype(float)).sort_index()
     figure = go.Figure()
     for way, colour, symbol in _WAYS:
         figure.add_trace(
             go.Scatter(
                 x=wide.index.to_numpy(),
                 y=wide[f"mean_{way}"].to_numpy(),
-                error_y={"array": 2.0 * wide[f"s_{way}"].to_numpy(), "thickness": 1},
+                error_y={"array": 2.0 * _column(wide, f"s_{way}").to_numpy(), "thickness": 1},
                 mode="lines+markers",
                 name=way,
                 marker={"color": colour, "symbol": symbol, "size": 9},
                 line={"color": colour},
-                hovertemplate=f"{way}, %{{x:.6g}} mm: %{{y:.3g}} µm<extra></extra>",
+                hovertemplate=f"{way}, %{{x:.6g}} {at}: %{{y:.3g}} {unit}<extra></extra>",
             )
         )
     run = label(rows["run"].iloc[0])
     style(
         figure, f"Deviation at the targets, {run}", "Mean of the cycles; bars are twice their standard deviation", 380
     )
-    figure.update_xaxes(title_text="target (mm)")
-    figure.update_yaxes(title_text="deviation (µm)")
+    figure.update_xaxes(title_text=f"target ({at})")
+    figure.update_yaxes(title_text=f"deviation ({unit})")
     figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}, margin={"t": 110})
     return figure
 
@@ -124,29 +162,47 @@ def _of_axis(rows: pd.DataFrame) -> Listing:
     reported = tuple(
         (
             str(r.run),
-            r.figure,
+            _symbol(str(r.figure)),
             _MEANING.get(r.figure, r.figure.replace("_", ", ")),
             with_uncertainty(r.value, r.sigma) if r.sigma == r.sigma else f"{r.value:.3g}",
             f"{r.low:.3g} to {r.high:.3g}" if r.low == r.low else "",
         )
         for r in rows.itertuples()
     )
-    return Listing(("run", "symbol", "what", "value, µm", "95 %, µm"), reported, held_by="positioning.parquet")
+    unit = sign(str(rows["unit"].iloc[0])) if len(rows) else "µm"
+    heads = ("run", "symbol", "what", f"value, {unit}", f"95 %, {unit}")
+    return Listing(heads, reported, held_by="positioning.parquet")
+
+
+def _symbol(figure: str) -> str:
+    """Return the standard's symbol of a quantity: ``R↑`` of ``R_forward``."""
+    name, _, side = figure.partition("_")
+    return f"{name}{_SIDES[side]}" if side in _SIDES else figure
+
+
+def _column(wide: pd.DataFrame, figure: str) -> pd.Series:
+    """Return a quantity of the targets, NaN where it was not computed."""
+    return wide[figure] if figure in wide else pd.Series(math.nan, wide.index)
 
 
 def _of_targets(rows: pd.DataFrame) -> Listing:
     wide = rows.pivot(index=["run", "subject"], columns="figure", values="value")
     order = rows.drop_duplicates(["run", "subject"])[["run", "subject"]]
     heads = ("mean_forward", "mean_backward", "B", "s_forward", "s_backward", "R")
+    unit = sign(str(rows["unit"].iloc[0])) if len(rows) else "µm"
     reported = tuple(
-        (str(run), subject, *(f"{wide.loc[(run, subject), head]:.3g}" for head in heads))
+        (str(run), subject, *(_cell(_column(wide, head).loc[(run, subject)]) for head in heads))
         for run, subject in order.itertuples(index=False)
     )
     shown = (
         "run",
         "target",
-        *(f"{what}, µm" for what in ("mean forward", "mean backward", "B", "s forward", "s backward", "R")),
+        *(f"{what}, {unit}" for what in ("mean forward", "mean backward", "B", "s forward", "s backward", "R")),
     )
     return Listing(
         shown, reported, caption="Target by target", folded=len(reported) > 12, held_by="positioning.parquet"
     )
+
+
+def _cell(value: float) -> str:
+    return f"{value:.3g}" if value == value else "–"

@@ -1,0 +1,110 @@
+"""Positioning of an axis by ISO 230-2: commands that were repeated, approached from both sides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pyarrow as pa
+
+from truing.arrays import Array, Index
+from truing.estimation.interferometry.iso230 import positioning, positioning_uncertainty
+from truing.report.numbers import count
+from truing.simulation.axis.rows import ENCODERS
+from truing.stages.common.axis_columns import SI, AxisColumns, columns_of, command_sigma, excluded_rows, targets_of
+from truing.stages.common.positioning import SEED
+from truing.stages.common.rows import Rows
+from truing.stages.declaration import Outcome
+
+if TYPE_CHECKING:
+    from truing.schemas.campaign import Campaign
+
+_WAYS = {1: "forward", -1: "backward"}
+_FEWEST_TARGETS = 2
+_OF_AXIS = {"R": "repeatability", "E": "systematic", "A": "accuracy"}
+_BOTH = {
+    "B": "reversal",
+    "B_mean": "mean_reversal",
+    "R": "bidirectional_repeatability",
+    "E": "bidirectional_systematic",
+    "M": "mean_deviation",
+    "A": "bidirectional_accuracy",
+}
+
+
+def with_axis_positioning(found: Outcome, tables: Mapping[str, pa.Table], settings: Campaign, why: str) -> Outcome:
+    """Return the outcome with the positioning of an axis; without rows where no command was repeated from both
+    sides, or where ``why`` gives a reason to withhold it."""
+    table = tables.get("configurations")
+    rows = Rows("positioning")
+    if table is not None and table.num_rows and not why:
+        rows = positioning_rows(table, columns_of(settings, table), settings)
+    left = {**found.artifacts, "positioning": rows.table("string")}
+    if not rows.count:
+        return replace(found, artifacts=left)
+    runs = dict.fromkeys(rows.columns["run"])
+    words = f"positioning by ISO 230-2 of {count(len(runs), 'reading')} of the axis: {', '.join(runs)}"
+    return replace(found, artifacts=left, read=count(table.num_rows if table else 0, "row"), figure=words, why_not="")
+
+
+def positioning_rows(table: pa.Table, columns: AxisColumns, settings: Campaign) -> Rows:
+    """Return all quantities, um or arcsec, for the outside instrument and for each encoder outside the loop.
+
+    The first rows, before any movement, came from an unknown side and do not count.
+    """
+    off = command_sigma(settings)
+    rows = columns.rows(table, off)
+    unit, si = columns.reported_unit
+    readings = columns.deviations(table) / si
+    readings[excluded_rows(settings.exclude, rows) | (rows.travelled <= columns.axis(off).least_move)] = np.nan
+    found, (target, group) = Rows("positioning"), targets_of(rows.command)
+    shown = target / SI[columns.unit]
+    for encoder in (name for name in reversed(ENCODERS) if name in columns.encoders and name != columns.loop):
+        deviation = _arranged(readings[:, list(columns.encoders).index(encoder)], group, rows.direction, len(target))
+        own = np.isfinite(deviation).any(-1).all(-1)
+        if own.sum() >= _FEWEST_TARGETS:
+            names = [f"{at:.9g} {columns.unit}" for at in shown[own]]
+            _add(found, encoder, names, deviation[own], unit, target[own] / si)
+    return found
+
+
+def _arranged(readings: Array, group: Index, direction: Array, targets: int) -> Array:
+    """Return readings (P, 2, C) by target, direction and repeat, NaN where there are fewer repeats."""
+    cells = {(k, w): readings[(group == k) & (direction == way)] for k in range(targets) for w, way in enumerate(_WAYS)}
+    cells = {place: own[np.isfinite(own)] for place, own in cells.items()}
+    found = np.full((targets, 2, max(2, *(len(own) for own in cells.values()))), np.nan)
+    for place, own in cells.items():
+        found[place][: len(own)] = own
+    return found
+
+
+def _add(rows: Rows, run: str, names: list[str], deviation: Array, unit: str, target: Array) -> None:
+    """Add the quantities of targets and axis that the number of repeats determines."""
+    found = positioning(deviation)
+    repeats = np.isfinite(deviation).sum(-1)
+
+    def add(figure: str, subject: str | None, value: float, **more: float) -> None:
+        if np.isfinite(value):
+            own = "1" if figure.startswith("n_") else unit
+            rows.add(run=run, figure=figure, subject=subject, value=float(value), unit=own, **more)
+
+    for place, name in enumerate(names):
+        for way, words in enumerate(_WAYS.values()):
+            add(f"mean_{words}", name, found.mean[place, way])
+            add(f"s_{words}", name, found.scatter[place, way])
+            add(f"R_{words}", name, found.repeatability_at[place, way])
+            add(f"n_{words}", name, float(repeats[place, way]))
+        add("B", name, found.reversal_at[place])
+        add("R", name, found.bidirectional_at[place])
+    for way, words in enumerate(_WAYS.values()):
+        for symbol, field in _OF_AXIS.items():
+            add(f"{symbol}_{words}", None, getattr(found, field)[way])
+    known = {}
+    if repeats.min() > 1:
+        known = positioning_uncertainty(deviation, target, np.random.default_rng(SEED))
+    for symbol, field in _BOTH.items():
+        own = known.get(symbol)
+        more = {} if own is None else {"sigma": own.sigma, "low": own.low, "high": own.high}
+        add(symbol, None, float(getattr(found, field)), **more)

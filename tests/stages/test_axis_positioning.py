@@ -1,0 +1,143 @@
+"""Positioning by ISO 230-2 from rows of an axis: equal to a second computation; what too few repeats leave out."""
+
+from __future__ import annotations
+
+import math
+from statistics import mean, stdev
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pytest
+
+from tests.sentences import assert_says
+from tests.tolerance import assert_close
+from truing.report.sensor.positioning import positioning
+from truing.schemas.campaign import read_campaign
+from truing.schemas.settings_text import parsed_toml
+from truing.stages.axis.positioning import positioning_rows
+from truing.stages.common.axis_columns import columns_of
+
+TARGETS = (-40.0, 0.0, 40.0)
+SIGMA = 0.003
+SETTINGS = """
+[campaign]
+name = "axis"
+kind = "photogrammetry"
+[mechanism]
+type = "axis"
+kind = "{kind}"
+command = "command_{unit}"
+load = "load_{unit}"
+[noise]
+load_{unit} = 0.001
+measured_{unit} = 0.001
+"""
+
+
+def _table(unit: str, cycles: int, lost: int = 0, wrap: bool = False) -> pa.Table:
+    """A first movement of unknown side, then cycles up and down with overtravel; the last rows may be lost."""
+    rng = np.random.default_rng(3)
+    cycle = [*TARGETS, 50.0, *reversed(TARGETS), -50.0]
+    command = np.array([-50.0, *cycle * cycles])[: 1 + 8 * cycles - lost]
+    way = np.sign(np.diff(command, prepend=-60.0))
+    measured = command - 0.01 * way + 1e-4 * command + rng.normal(0.0, SIGMA, len(command))
+    if wrap:
+        measured %= 360.0
+    count = len(command)
+    return pa.table(
+        {
+            "pose": np.arange(count),
+            "role": ["calibration"] * count,
+            "time_s": np.arange(float(count)),
+            f"command_{unit}": command,
+            f"load_{unit}": measured + 7.0,
+            f"measured_{unit}": measured,
+        }
+    )
+
+
+def _figures(table: pa.Table, kind: str, unit: str) -> pd.DataFrame:
+    settings = read_campaign(parsed_toml(SETTINGS.format(kind=kind, unit=unit)))
+    rows = positioning_rows(table, columns_of(settings, table), settings)
+    return rows.table("string").to_pandas() if rows.count else pd.DataFrame()
+
+
+def _by_hand(table: pa.Table, unit: str, factor: float) -> dict[str, float]:
+    """The standard's equations, number by number: x_ij+ and x_ij- by lists."""
+    command, measured = (table.column(f"{name}_{unit}").to_pylist() for name in ("command", "measured"))
+    x: dict[tuple[float, str], list[float]] = {}
+    for before, at, read in zip(command, command[1:], measured[1:], strict=False):
+        if at in TARGETS:
+            off = (read - at + 180.0) % 360.0 - 180.0
+            x.setdefault((at, "+" if at > before else "-"), []).append(off * factor)
+    m, s = {k: mean(v) for k, v in x.items()}, {k: stdev(v) for k, v in x.items()}
+    b = {t: m[t, "+"] - m[t, "-"] for t in TARGETS}
+    r = {t: max(2 * s[t, "+"] + 2 * s[t, "-"] + abs(b[t]), 4 * s[t, "+"], 4 * s[t, "-"]) for t in TARGETS}
+    middle = [(m[t, "+"] + m[t, "-"]) / 2 for t in TARGETS]
+    found = {
+        "B": max(abs(v) for v in b.values()),
+        "B_mean": mean(b.values()),
+        "R": max(r.values()),
+        "E": max(m.values()) - min(m.values()),
+        "M": max(middle) - min(middle),
+        "A": max(m[k] + 2 * s[k] for k in m) - min(m[k] - 2 * s[k] for k in m),
+    }
+    for side, name in (("+", "forward"), ("-", "backward")):
+        own = [(t, side) for t in TARGETS]
+        found[f"R_{name}"] = max(4 * s[k] for k in own)
+        found[f"E_{name}"] = max(m[k] for k in own) - min(m[k] for k in own)
+        found[f"A_{name}"] = max(m[k] + 2 * s[k] for k in own) - min(m[k] - 2 * s[k] for k in own)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("kind", "unit", "factor", "lost", "wrap"),
+    [("linear", "mm", 1e3, 0, False), ("linear", "mm", 1e3, 3, False), ("rotary", "deg", 3600.0, 0, True)],
+)
+def test_quantities_are_those_of_the_standard(kind: str, unit: str, factor: float, lost: int, wrap: bool) -> None:
+    table = _table(unit, 5, lost, wrap)
+    found = _figures(table, kind, unit)
+    axis = found[found["subject"].isna()]
+    assert list(dict.fromkeys(axis["run"])) == ["measured", "load"]
+    assert set(axis["unit"]) == {"um" if unit == "mm" else "arcsec"}
+    own = axis[axis["run"] == "measured"].set_index("figure")["value"]
+    expected = _by_hand(table, unit, factor)
+    assert set(own.index) == set(expected)
+    assert_close([own[name] for name in expected], list(expected.values()), atol=1e-6)
+    # an encoder with another zero has the same quantities
+    other = axis[axis["run"] == "load"].set_index("figure")["value"]
+    assert_close([other[name] for name in expected], list(expected.values()), atol=1e-6)
+
+
+def test_true_values_lie_within_bounds_that_follow_from_the_noise() -> None:
+    found = _figures(_table("mm", 12), "linear", "mm")
+    own = found[found["subject"].isna() & (found["run"] == "measured")].set_index("figure")
+    mean_sigma = SIGMA * 1e3 * math.sqrt(2.0 / (12 * len(TARGETS)))
+    assert abs(own.loc["B_mean", "value"] + 20.0) < 3.3 * mean_sigma
+    assert own.loc["M", "low"] <= 8.0 <= own.loc["M", "high"]
+    assert own.loc["R", "low"] <= 20.0 + 4e3 * SIGMA <= own.loc["R", "high"]
+
+
+def test_too_few_repeats_leave_out_what_needs_a_scatter_and_the_page_says_so() -> None:
+    found = _figures(_table("mm", 1), "linear", "mm")
+    axis = found[found["subject"].isna()]
+    assert set(axis["figure"]) == {"B", "B_mean", "E", "M", "E_forward", "E_backward"}
+    section = positioning({"positioning": found, "configurations": pd.DataFrame()})
+    assert section is not None
+    assert_says(section.statements[0][1], "R and A are not computed", "1 reading")
+    few = positioning({"positioning": _figures(_table("mm", 3), "linear", "mm"), "configurations": pd.DataFrame()})
+    assert few is not None
+    assert_says(few.statements[0][1], "3 readings", "asks for 5")
+    symbols = {row[1] for row in few.listings[0].rows}
+    assert {"A", "E", "M", "R", "B", "R↑", "R↓"} <= symbols
+
+
+def test_without_repeats_from_both_sides_nothing_is_stated() -> None:
+    up = _table("mm", 1).slice(0, 5)
+    assert _figures(up, "linear", "mm").empty
+    section = positioning({"positioning": pd.DataFrame(), "configurations": pd.DataFrame()})
+    assert section is not None
+    assert section.state == "not evaluated"
+    assert_says(section.lead, "not tested", "both sides")
+    assert_says(section.lead, "five targets", "five times from each side")
