@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+import numpy as np
 import pandas as pd
 
 from tests.real.campaigns import HERE, PROJECT, prepare, run
@@ -20,9 +21,11 @@ from truing.simulation.mechanisms.chains.causes import (
     ChainScene,
     JointCompliance,
     JointGain,
+    JointOffset,
     LinkBending,
 )
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
+from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
 from truing.stages.diagnosis.chain_points import assemble
 from truing.stages.diagnosis.chain_results import text_of_model
 from truing.stages.second_campaign.compared import SecondCampaign
@@ -30,17 +33,38 @@ from truing.stages.second_campaign.errors import second_campaign_errors
 
 PAGE = PROJECT / "docs" / "serial-arms.md"
 RANDOM, GRID = "ipa-ur10-random", "ipa-ur10-grid"
+_LEVERS = ("shoulder_lift_joint", "elbow_joint")
+_ZEROS = (*_LEVERS, "wrist_1_joint", "wrist_2_joint")  # those that base and tool cannot stand for
+_KNOTS = 72
+_FEWEST_IN_COMMON = 20  # values of two curves of a joint
+
+
+def _compliance(scene: ChainScene) -> list[ChainCause]:
+    return [cause for cause in JointCompliance().candidates(scene) if cause.joint in _LEVERS]
+
+
+def _curves(scene: ChainScene) -> list[ChainCause]:
+    """Error curves of all joints that turn, with one knot every five degrees."""
+    found = [cause for cause in JointErrorCurve().candidates(scene) if cause.knots == _KNOTS]
+    return [max(found, key=lambda cause: len(cause.joints))]
+
+
 # Effects that are added to the geometry, one kind at a time.
 ADDED: dict[str, Callable[[ChainScene], Sequence[ChainCause]]] = {
     "geometry": lambda scene: (),
-    "and compliance of shoulder and elbow": lambda scene: [
-        cause for cause in JointCompliance().candidates(scene) if cause.joint in ("shoulder_lift_joint", "elbow_joint")
-    ],
+    "and compliance of shoulder and elbow": _compliance,
     "and bending of all links": lambda scene: LinkBending().candidates(scene),
     "and gains of all joints": lambda scene: JointGain().candidates(scene),
     "and errors once per turn of all joints": lambda scene: JointEccentricity().candidates(scene),
     "and second and fourth harmonics of all joints": lambda scene: [
         JointHarmonic(joint=joint, order=order) for joint in scene.inputs_of_machine.tree.readings for order in (2, 4)
+    ],
+    "and error curves of all joints": _curves,
+    "and error curves and compliance": lambda scene: [*_curves(scene), *_compliance(scene)],
+    "and error curves, compliance and zeros": lambda scene: [
+        *_curves(scene),
+        *_compliance(scene),
+        *(cause for cause in JointOffset().candidates(scene) if cause.joint in _ZEROS),
     ],
 }
 
@@ -52,14 +76,14 @@ def campaign(name: str, folder: Path) -> SecondCampaign:
     return SecondCampaign(name, read_campaign(tomllib.loads((HERE / name / "campaign.toml").read_text())), tables)
 
 
-def transfers(first: SecondCampaign, second: SecondCampaign) -> pd.DataFrame:
+def transfers(first: SecondCampaign, second: SecondCampaign, models: Sequence[str] = tuple(ADDED)) -> pd.DataFrame:
     """Rms errors of position (mm) and orientation (deg) of both campaigns, by models that were fitted to the first."""
     data = assemble(first.tables, first.settings)
     fitter = Fitter(data.model, data.calibration, None, 0)
     scene: Any = fitter.fitted(()).scene
     rows = []
-    for name, causes in ADDED.items():
-        text = text_of_model(fitter.fitted(tuple(causes(scene))), first.settings)
+    for name in models:
+        text = text_of_model(fitter.prepared(tuple(ADDED[name](scene))), first.settings)
         errors = [_errors(text, one) for one in (first, second)]
         if not rows:
             rows.append({"model": "base and tool alone", **_both(errors, "nominal")})
@@ -84,13 +108,40 @@ def facts(folder: Path) -> dict[str, Any]:
     """Every figure of the page: both directions of transfer, and what the diagnosis says of each campaign."""
     of = {name: campaign(name, folder / "tables") for name in (RANDOM, GRID)}
     found: dict[str, Any] = {"forth": transfers(of[RANDOM], of[GRID]), "back": transfers(of[GRID], of[RANDOM])}
-    for key, name in (("random", RANDOM), ("irb", "irb120-faro-chain")):
+    curves = {}
+    for key, name in (("random", RANDOM), ("grid", GRID), ("irb", "irb120-faro-chain")):
         tables = run([name], folder / key)[name]
         found[key] = _said(tables)
-        if name == RANDOM:
+        if name in of:
+            curves[name] = tables["joint_curves"]
             text = (folder / key / "runs" / name / "model.toml").read_text(encoding="utf-8")
-            found["as_selected"] = _errors(text, of[GRID])
+            found[f"from_{key}"] = _errors(text, of[GRID if name == RANDOM else RANDOM])
+    found["repeats"] = repeats(curves[RANDOM], curves[GRID])
     return found
+
+
+def repeats(first: pd.DataFrame, second: pd.DataFrame) -> list[dict[str, Any]]:
+    """Agreement of the error curves of two campaigns where both determine them, by joint; mdeg."""
+    rows = []
+    for joint in dict.fromkeys(first["joint"]):
+        curves = [own[(own["joint"] == joint) & own["is_determined"]].copy() for own in (first, second)]
+        for curve in curves:  # both have knots on whole degrees
+            curve["deg"] = np.degrees(curve["joint_reading_si"]).round(3)
+        both = curves[0].merge(curves[1], on="deg", suffixes=("_a", "_b"))
+        if len(both) >= _FEWEST_IN_COMMON:
+            a, b = (np.degrees(both[f"deviation_si_{k}"].to_numpy()) * 1e3 for k in "ab")
+            rows.append(
+                {
+                    "joint": joint,
+                    "from_deg": float(both["deg"].min()),
+                    "to_deg": float(both["deg"].max()),
+                    "degrees": len(both) * float(np.diff(curves[0]["deg"]).min()),
+                    "rms": float(np.std(a)),
+                    "difference": float(np.std(a - b)),
+                    "correlation": float(np.corrcoef(a, b)[0, 1]),
+                }
+            )
+    return rows
 
 
 def _said(tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
