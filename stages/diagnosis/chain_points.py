@@ -16,7 +16,7 @@ from truing.estimation.rotation import skew
 from truing.inference.observations import Epochs, Frames, Observations
 from truing.report.numbers import count as counted
 from truing.schemas.verdict import Relation
-from truing.simulation.mechanisms.chains.causes import ChainCause, JointsExchanged
+from truing.simulation.mechanisms.chains.causes import ChainCause, JointOffset, JointsExchanged
 from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, ColumnSlipKind, does_not_belong, likely_slip
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels
 from truing.simulation.mechanisms.chains.distances import GROUND, DistanceModel, distance_start, with_ground
@@ -216,7 +216,7 @@ def _distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | st
 
 def _distance_model(
     tree: Tree, settings: Campaign, measured: MeasuredLinks, conditions: ChainConditions, fitted: Mask
-) -> tuple[Frames, ChainModel, tuple[JointsExchanged, ...]]:
+) -> tuple[Frames, ChainModel, tuple[ChainCause, ...]]:
     """Frames without unknowns, and the model: the ground is the frame, in which stations have unknown places."""
     count, ends = len(measured.values), measured.ends
     assert ends is not None
@@ -245,7 +245,7 @@ def _distance_model(
         plain = replace(free.at(given.subset(own)), known=bare)
         return distance_start(plain, measured.values[own], measured.seen[own], stations)
 
-    start, certain = _started(tree, conditions, start_of)
+    start, certain, _ = _started(tree, conditions, start_of)
     model = replace(free, known=replace(free.known, shape=start.shape))
     return Frames.of_numbers(count), model, certain
 
@@ -257,7 +257,7 @@ def _mixed_model(
     measured: MeasuredLinks,
     conditions: ChainConditions,
     fitted: Mask,
-) -> tuple[Frames, ChainModel, tuple[JointsExchanged, ...]]:
+) -> tuple[Frames, ChainModel, tuple[ChainCause, ...]]:
     """Frames without unknowns, and the model of points or poses beside distances.
 
     Places that points determine start from these; stations, and targets that only distances reach, from distances.
@@ -266,7 +266,7 @@ def _mixed_model(
     assert measured.coordinates is not None
     of_points = replace(conditions, reference=points.reference)
     nominal = nominal_fit(tree, settings, points, of_points, fitted)
-    start, certain = _started(tree, of_points, nominal.start_of)
+    start, certain, right = _started(tree, of_points, nominal.start_of)
     stations = np.array([name.startswith(_STATION) for name in measured.channels.names], bool)
     if nominal.reference is not None or (stations.any() and len(start.base_t) > 1):
         raise ValueError(
@@ -276,9 +276,7 @@ def _mixed_model(
     known = _known(tree, settings, measured, with_places(start, measured), True)
     free = DistanceModel(tree, measured.channels, known, conditions, ends=measured.ends)
     free = replace(free, coordinates=measured.coordinates)
-    own = conditions.subset(fitted)
-    for cause in certain:
-        own = replace(own, readings=cause.sorted(own.readings, tree.readings))
+    own = replace(conditions, readings=right.readings).subset(fitted)
     bare = only_beyond(free.at(own), len(points.channels.names))
     shape = distance_start(bare, measured.values[fitted], measured.seen[fitted], stations).shape
     return Frames.of_numbers(len(measured.values)), replace(free, known=replace(known, shape=shape)), certain
@@ -300,14 +298,14 @@ def _labels(table: pa.Table) -> dict[int | str, str]:
 
 def _model(
     tree: Tree, settings: Campaign, measured: MeasuredLinks, conditions: ChainConditions, fitted: Mask
-) -> tuple[Frames, ChainModel, tuple[JointsExchanged, ...]]:
+) -> tuple[Frames, ChainModel, tuple[ChainCause, ...]]:
     """Frames of all poses, the model, and causes that are certain before any search.
 
     In frames of single poses a measured link is the reference.
     """
     nominal = nominal_fit(tree, settings, measured, conditions, fitted)
     frames = Frames(nominal.R, nominal.t, free=nominal.reference is not None)
-    start, certain = _started(tree, conditions, nominal.start_of)
+    start, certain, _ = _started(tree, conditions, nominal.start_of)
     if nominal.reference is not None and not nominal.is_base_known:
         # The measured shape of the reference link, in the base's frame, is the frame of the model.
         R, t = start.base_R[0], start.base_t[0]
@@ -319,22 +317,25 @@ def _model(
 
 def _started(
     tree: Tree, conditions: ChainConditions, start_of: Callable[[Mask, ChainConditions], StartValues]
-) -> tuple[StartValues, tuple[JointsExchanged, ...]]:
-    """Start values, and the exchange of two columns where only that joins readings and measurement.
+) -> tuple[StartValues, tuple[ChainCause, ...], ChainConditions]:
+    """Start values, causes without which readings and measurement do not join, and the conditions without them.
 
-    Raises ValueError, with the likely slip, where nothing does.
+    These are two exchanged columns, or zeros of joints that are far off. Raises ValueError, with the likely slip, where
+    nothing joins them.
     """
     every = np.ones(len(conditions.readings), bool)
     start = start_of(every, conditions)
     if not does_not_belong(start):
-        return start, ()
-    certain = _exchange(tree, likely_slip(conditions, tree.is_revolute, start_of), start)
-    right = certain.sorted(conditions.readings, tree.readings)
-    return start_of(every, replace(conditions, readings=right)), (certain,)
+        return start, (), conditions
+    slip = likely_slip(conditions, tree.is_revolute, start_of)
+    certain = _certain(tree, slip, start)
+    assert slip is not None
+    right = replace(conditions, readings=slip.corrected(conditions.readings))
+    return start_of(every, right), certain, right
 
 
-def _exchange(tree: Tree, slip: ColumnSlip | None, start: StartValues) -> JointsExchanged:
-    """The exchange of two columns; raises ValueError, with the likely slip, where readings and links do not belong."""
+def _certain(tree: Tree, slip: ColumnSlip | None, start: StartValues) -> tuple[ChainCause, ...]:
+    """The causes of a slip that the diagnosis can correct; raises ValueError, with the likely slip, for others."""
     missed = (
         f"the nominal chain misses the measured places by {start.rms / _MM:.3g} mm rms of {start.spread / _MM:.3g} mm"
     )
@@ -345,7 +346,10 @@ def _exchange(tree: Tree, slip: ColumnSlip | None, start: StartValues) -> Joints
         )
     names = [tree.readings[k] for k in slip.readings]
     if slip.kind is ColumnSlipKind.EXCHANGED:
-        return JointsExchanged(tuple(names))
+        return (JointsExchanged(tuple(names)),)
+    if slip.kind is ColumnSlipKind.ZEROS:
+        zeros = zip(names, tree.is_revolute[list(slip.readings)], slip.offsets, strict=True)
+        return tuple(JointOffset(name, bool(turns), offset) for name, turns, offset in zeros)
     raise ValueError(
         f"{missed}, and {slip.after / _MM:.3g} mm with {_SLIPS[slip.kind].format(names[0])}. Correct the column, "
         "or the robot description"

@@ -83,8 +83,9 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
     slip = likely_slip(conditions, tree.is_revolute, start_of)
     if slip is None:
         return RelationTest(JOINTS, RelationState.FAILS, "no-slip", misfit=misfit, limit=limit, unit="mm")
-    # The diagnosis corrects an exchange, as a finding; no other slip.
-    state = RelationState.ATTENTION if slip.kind is ColumnSlipKind.EXCHANGED else RelationState.FAILS
+    # The diagnosis corrects an exchange and zeros, as findings; no other slip.
+    corrected = slip.kind in (ColumnSlipKind.EXCHANGED, ColumnSlipKind.ZEROS)
+    state = RelationState.ATTENTION if corrected else RelationState.FAILS
     return RelationTest(
         JOINTS,
         state,
@@ -93,19 +94,23 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         misfit_explained=slip.after / _MM,
         limit=limit,
         unit="mm",
-        slips=(_recorded(slip, tree, table.schema.names),),
+        slips=tuple(_recorded(slip, tree, table.schema.names)),
     )
 
 
-def _recorded(slip: ColumnSlip, tree: Tree, names: list[str]) -> RecordSlip:
-    """The slip with the columns that it concerns."""
-    columns = tuple(joint_columns(tree, names)[k].name for k in slip.readings)
+def _recorded(slip: ColumnSlip, tree: Tree, names: list[str]) -> Iterator[RecordSlip]:
+    """Yield the slip with the columns that it concerns; zeros one by one."""
+    columns = [joint_columns(tree, names)[k] for k in slip.readings]
     if slip.kind is ColumnSlipKind.EXCHANGED:
-        return RecordSlip(SlipKind.COLUMNS, "columns of readings", columns)
-    if slip.kind is ColumnSlipKind.REVERSED:
-        return RecordSlip(SlipKind.SIGN, "readings", columns)
-    factor = _RADIANS if slip.kind is ColumnSlipKind.RADIANS else 1.0 / _RADIANS
-    return RecordSlip(SlipKind.UNIT, "readings", columns, factor=factor, dimension="angle")
+        yield RecordSlip(SlipKind.COLUMNS, "columns of readings", tuple(column.name for column in columns))
+    elif slip.kind is ColumnSlipKind.REVERSED:
+        yield RecordSlip(SlipKind.SIGN, "readings", (columns[0].name,))
+    elif slip.kind is ColumnSlipKind.ZEROS:
+        for column, offset in zip(columns, slip.offsets, strict=True):
+            yield RecordSlip(SlipKind.ZERO, "readings", (column.name,), offset=offset / column.si)
+    else:
+        factor = _RADIANS if slip.kind is ColumnSlipKind.RADIANS else 1.0 / _RADIANS
+        yield RecordSlip(SlipKind.UNIT, "readings", (columns[0].name,), factor=factor, dimension="angle")
 
 
 def _without_lone_errors(start: StartValues, usable: Mask) -> Mask:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -80,3 +81,44 @@ def test_exchanged_columns_warn_because_the_diagnosis_can_correct_them(tmp_path:
     assert (code, verdict) == (0, "warn")
     assert "shoulder_deg" in message
     assert "elbow_deg" in message
+
+
+def other_zeros(table: pd.DataFrame) -> None:
+    table["shoulder_deg"] += 12.0
+    table["elbow_deg"] -= 7.0
+
+
+def a_forgotten_right_angle(table: pd.DataFrame) -> None:
+    table["elbow_deg"] += 90.0
+
+
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [(other_zeros, ("shoulder_deg", "elbow_deg")), (a_forgotten_right_angle, ("elbow_deg",))],
+)
+def test_zeros_far_off_warn_because_the_diagnosis_can_correct_them(
+    tmp_path: Path, changed: Callable[[pd.DataFrame], None], named: tuple[str, ...]
+) -> None:
+    code, verdict, message = checked(tmp_path, changed)
+    assert (code, verdict) == (0, "warn")
+    assert all(name in message for name in named)
+    assert message.count("another zero") == len(named)
+
+
+def test_a_zero_far_off_is_a_finding_with_its_size(tmp_path: Path) -> None:
+    def diagnosed(folder: Path, changed: Callable[[pd.DataFrame], None] | None) -> dict[tuple[str, str], dict]:
+        campaign = shutil.copytree(ROBOT, folder / "robot")
+        table = pd.read_csv(campaign / "configurations.csv")
+        if changed is not None:
+            changed(table)
+        table.to_csv(campaign / "configurations.csv", index=False)
+        words = ["run", str(campaign), "--out", str(folder / "run"), "--only", "diagnose", "--quiet"]
+        assert CliRunner().invoke(app, words).exit_code == 0
+        rows = pq.read_table(folder / "run" / "diagnosis.parquet").to_pylist()
+        return {(row["cause"], row["subject"]): row for row in rows if row["verdict"] == "found"}
+
+    right, off = diagnosed(tmp_path / "right", None), diagnosed(tmp_path / "off", a_forgotten_right_angle)
+    zero = off.pop(("joint-offset", "joint elbow"))
+    size = json.loads(zero["parameters"])["offset"]
+    assert np.degrees(size["value"]) == pytest.approx(-90.0, abs=0.5)
+    assert set(off) == set(right)

@@ -240,7 +240,7 @@ def _offsets(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Ite
             slope[6 * place[0] : 6 * place[0] + 6] = axis
         causes = [e for e in model.effects if isinstance(e.cause, JointOffset) and e.cause.joint == joint]
         for effect in causes:
-            value += float(effect.values[0])
+            value += effect.cause.offset(effect.values)
             slope[model.layout[effect.cause.key]] = 1.0
         sigma = float(np.sqrt(max(slope @ model.covariance @ slope, 0.0)))
         if not sigma > _EXACT:

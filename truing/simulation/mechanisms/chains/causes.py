@@ -62,6 +62,10 @@ class ChainCause(Cause[ChainScene]):
     # Whether a prediction holds the effect at its value at the ends of the measured readings.
     is_held_beyond: ClassVar[bool] = False
 
+    def corrected(self, readings: NDArray, names: Sequence[str]) -> NDArray:
+        """Return readings (B, n) of the joints ``names`` as all other causes take them: unchanged."""
+        return readings
+
     def twists(self, machine: ChainInputs) -> NDArray | None:
         """Return the twists (B, N, 6, P) of all nodes per unit of the parameters, SI; None if none moves."""
         return None
@@ -130,17 +134,36 @@ class JointCause(ChainCause):
 
 @dataclass(frozen=True)
 class JointOffset(JointCause):
-    """The zero of a joint's reading is off, beyond its tolerance."""
+    """The zero of a joint's reading is off, beyond its tolerance.
+
+    ``start``: a known part of the offset, rad or m, so large that all else must know of it.
+    """
+
+    start: float = 0.0
 
     id = "joint-offset"
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
-        """Return the offset."""
+        """Return the offset, without its known part."""
         return (self.size_named("offset"),)
 
     def motion(self, machine: ChainInputs, reading: int) -> NDArray:
         """Return one."""
         return np.ones((len(machine.readings), 1))
+
+    def corrected(self, readings: NDArray, names: Sequence[str]) -> NDArray:
+        """Return readings (B, n) with the known part of the offset."""
+        found = readings.copy()
+        found[:, names.index(self.joint)] += self.start
+        return found
+
+    def offset(self, values: NDArray) -> float:
+        """Return the whole offset, rad or m."""
+        return self.start + float(values[0])
+
+    def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
+        """Return the whole offset."""
+        return super().reported(np.array([self.offset(values)]), covariance, legs)
 
 
 @dataclass(frozen=True)
@@ -550,7 +573,7 @@ class JointsExchanged(ChainCause):
         """Return none."""
         return ()
 
-    def sorted(self, readings: NDArray, names: Sequence[str]) -> NDArray:
+    def corrected(self, readings: NDArray, names: Sequence[str]) -> NDArray:
         """Return readings (B, n) in the right columns."""
         found = readings.copy()
         a, b = (names.index(name) for name in self.joints)

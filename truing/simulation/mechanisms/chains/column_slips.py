@@ -1,4 +1,4 @@
-"""Slips in the columns of joint readings: two exchanged, one reversed, one in another unit.
+"""Slips in the columns of joint readings: two exchanged, one reversed, one in another unit; and zeros far off.
 
 A nominal machine misses by parts per thousand of its travel. A misfit of per cents means that readings and measured
 links do not belong together; the slip that explains it is named.
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -22,6 +23,8 @@ _FOREIGN = 0.02
 # A slip explains the misfit if it leaves at most this share of it.
 _EXPLAINED = 0.2
 _MOST_POSES = 60
+# Fewer zeros suffice if their misfit is at most so many times that of all zeros; steps of their fit.
+_AS_GOOD, _STEPS = 2.0, 30
 
 
 class ColumnSlipKind(StrEnum):
@@ -31,16 +34,29 @@ class ColumnSlipKind(StrEnum):
     REVERSED = "reversed"
     DEGREES = "degrees-as-radians"
     RADIANS = "radians-as-degrees"
+    ZEROS = "zeros"
 
 
 @dataclass(frozen=True)
 class ColumnSlip:
-    """A slip in the columns of some readings (numbers), and the misfit, m, without and with its correction."""
+    """A slip in the columns of some readings (numbers), and the misfit, m, without and with its correction.
+
+    ``offsets``: what zeros lack, rad or m, one for each reading; empty for other slips.
+    """
 
     kind: ColumnSlipKind
     readings: tuple[int, ...]
     before: float
     after: float
+    offsets: tuple[float, ...] = ()
+
+    def corrected(self, readings: NDArray) -> NDArray:
+        """Return readings (B, n) after the correction of exchanged columns or of zeros."""
+        found = readings.copy()
+        if self.kind is ColumnSlipKind.EXCHANGED:
+            found[:, list(self.readings)] = readings[:, list(self.readings[::-1])]
+        found[:, list(self.readings[: len(self.offsets)])] += self.offsets
+        return found
 
 
 def foreign_share(start: StartValues) -> float:
@@ -58,7 +74,7 @@ def likely_slip(
     is_revolute: NDArray,
     start_of: Callable[[NDArray, ChainConditions], StartValues],
 ) -> ColumnSlip | None:
-    """Return the slip that explains a large misfit; None if none does.
+    """Return the slip that explains a large misfit, or zeros of joints that are far off; None if nothing does.
 
     ``start_of`` fits the places to some poses, a mask (B,), under conditions of all poses.
     """
@@ -71,7 +87,49 @@ def likely_slip(
         after = start_of(few, replace(conditions, readings=readings)).rms
         found.append(ColumnSlip(kind, own, before, after))
     best = min(found, key=lambda slip: slip.after, default=None)
-    return best if best is not None and best.after < _EXPLAINED * before else None
+    if best is not None and best.after < _EXPLAINED * before:
+        return best
+    return _zeros(conditions, partial(start_of, few))
+
+
+def _zeros(conditions: ChainConditions, start_of: Callable[[ChainConditions], StartValues]) -> ColumnSlip | None:
+    """Return the fewest zeros whose offsets join readings and measured links; None if all of them do not, or if the fit
+    gives no errors."""
+    every = tuple(range(conditions.readings.shape[1]))
+    before = start_of(conditions)
+    if not before.errors.size:
+        return None
+    whole = _with_zeros(conditions, every, before, start_of)
+    if whole.after > foreign_share(before):
+        return None
+    chosen: tuple[int, ...] = ()
+    while True:
+        trials = [_with_zeros(conditions, (*chosen, k), before, start_of) for k in every if k not in chosen]
+        best = min(trials, key=lambda slip: slip.after)
+        chosen = best.readings
+        if best.after <= _AS_GOOD * whole.after or len(chosen) == len(every):
+            return best
+
+
+def _with_zeros(
+    conditions: ChainConditions,
+    chosen: tuple[int, ...],
+    before: StartValues,
+    start_of: Callable[[ChainConditions], StartValues],
+) -> ColumnSlip:
+    from scipy.optimize import least_squares
+
+    def moved(offsets: NDArray) -> ChainConditions:
+        readings = conditions.readings.copy()
+        readings[:, list(chosen)] += offsets
+        return replace(conditions, readings=readings)
+
+    fit = least_squares(
+        lambda offsets: np.nan_to_num(start_of(moved(offsets)).errors).ravel(), np.zeros(len(chosen)), max_nfev=_STEPS
+    )
+    return ColumnSlip(
+        ColumnSlipKind.ZEROS, chosen, before.rms, start_of(moved(fit.x)).rms, tuple(float(value) for value in fit.x)
+    )
 
 
 def _corrected(readings: NDArray, is_revolute: NDArray) -> Iterator[tuple[ColumnSlipKind, tuple[int, ...], NDArray]]:

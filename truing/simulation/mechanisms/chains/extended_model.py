@@ -70,7 +70,9 @@ class ExtendedChain(IdentifiedInSI[ChainCause]):
         twists = self.twists.copy()
         for effect in self.effects:
             if isinstance(effect.cause, JointOffset):
-                twists += self.tree.axis_twists[self.tree.readings.index(effect.cause.joint)] * effect.values[0]
+                twists += self.tree.axis_twists[self.tree.readings.index(effect.cause.joint)] * effect.cause.offset(
+                    effect.values
+                )
         return self.tree.with_twists(twists)
 
 
@@ -124,6 +126,7 @@ class PredictedTip:
 
 def predict_tip(extended: ExtendedChain, conditions: ChainConditions) -> PredictedTip:
     """Return the predicted poses of the tip relative to the base; effects that end with the campaign are omitted."""
+    conditions = _corrected(extended, conditions)
     count = len(conditions.readings)
     parts = [
         _predicted(extended, conditions.subset(np.arange(count) // _AT_ONCE == part))
@@ -165,8 +168,18 @@ def _predicted(extended: ExtendedChain, conditions: ChainConditions) -> Predicte
 
 
 def persistent_twists(extended: ExtendedChain, conditions: ChainConditions) -> Array:
-    """Return the twists (B, N, 6) of what was identified and of effects that last."""
-    return _twists(extended, _persistent_motions(extended, conditions), len(conditions.readings))
+    """Return the twists (B, N, 6) of what was identified and of effects that last, beside the readings as they are."""
+    right = _corrected(extended, conditions)
+    shift = np.tensordot(right.readings - conditions.readings, extended.tree.axis_twists, 1)
+    return np.asarray(shift + _twists(extended, _persistent_motions(extended, right), len(conditions.readings)))
+
+
+def _corrected(extended: ExtendedChain, conditions: ChainConditions) -> ChainConditions:
+    """Return the conditions with the zeros that are known to be far off."""
+    readings = conditions.readings
+    for cause in extended.causes:
+        readings = cause.corrected(readings, extended.tree.readings) if cause.is_persistent else readings
+    return replace(conditions, readings=readings)
 
 
 def _twists(extended: ExtendedChain, motions: Sequence[_Motions], count: int) -> Array:

@@ -15,7 +15,7 @@ from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, left_
 from truing.simulation.cause import OBSERVED, Effect
 from truing.simulation.effects_model import EffectsModel, Prediction
 from truing.simulation.inputs import ORDER, ranks
-from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene, JointsExchanged
+from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, ChainInputs, MeasuredChannels
 from truing.simulation.mechanisms.chains.tree import TWIST, Tree, TreeFrames
 
@@ -155,12 +155,11 @@ class ChainModel(EffectsModel[ChainCause]):
 
     @cached_property
     def own_conditions(self) -> ChainConditions:
-        """Conditions with exchanged readings in their right columns."""
-        found = self.conditions
+        """Conditions with readings in their right columns, and with zeros that are known to be far off."""
+        readings = self.conditions.readings
         for cause in self.causes:
-            if isinstance(cause, JointsExchanged):
-                found = replace(found, readings=cause.sorted(found.readings, self.tree.readings))
-        return found
+            readings = cause.corrected(readings, self.tree.readings)
+        return replace(self.conditions, readings=readings)
 
     @cached_property
     def machine(self) -> ChainInputs:

@@ -35,7 +35,8 @@ def offsets_beyond_tolerance(model: ChainModel, measured: Observations, frames: 
         own = model.with_causes([*model.causes, *found])
         fit = fit_model(own.predict, measured, frames, np.zeros(own.shared_size), _no_errors(own, measured.seen))
         pulls = _pulls(own, fit)
-        pulls[[k for k, r in enumerate(readings) if model.tree.readings[r] in {one.joint for one in found}]] = 0.0
+        known = {cause.joint for cause in own.causes if isinstance(cause, JointOffset)}
+        pulls[[k for k, r in enumerate(readings) if model.tree.readings[r] in known]] = 0.0
         worst = int(np.argmax(np.abs(pulls), axis=0)) if len(pulls) else 0
         if not len(pulls) or abs(pulls[worst]) < least:
             break
