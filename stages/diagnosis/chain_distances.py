@@ -71,5 +71,6 @@ def only_beyond(model: DistanceModel, count: int) -> DistanceModel:
         reading_sigma=0.0 * known.reading_sigma,
         shape_modes=known.shape_modes[..., own],
         shape_known=known.shape_known[own],
+        end_modes=None,
     )
     return replace(model, known=known)

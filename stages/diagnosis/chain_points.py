@@ -24,7 +24,7 @@ from truing.simulation.mechanisms.chains.model import FREE_PLACE, ChainModel, Kn
 from truing.simulation.mechanisms.chains.motor_encoders import MotorTerm, motor_terms
 from truing.simulation.mechanisms.chains.offsets import offsets_beyond_tolerance
 from truing.simulation.mechanisms.chains.start_values import StartValues
-from truing.simulation.mechanisms.chains.tree import Tree, geometry_modes
+from truing.simulation.mechanisms.chains.tree import TWIST, JointKind, Tree, geometry_modes
 from truing.simulation.targets import FREE_ANGLE_RAD, FREE_LENGTH_M
 from truing.stages.common.blocks import groupings_of, labels_of, selected_groupings
 from truing.stages.common.chain_gross_errors import gross_errors
@@ -376,7 +376,7 @@ def _known(
     is_surveyed = np.asarray(np.isfinite(measured.surveyed).all(1))
     base_known = is_base_seen and bool(is_surveyed[channels.node == 0].all())
     is_known = tolerance.length_mm is not None or tolerance.angle_deg is not None
-    modes, known = _shape_modes(measured, sigma if is_known else None)
+    modes, known, ends = _shape_modes(measured, tree, sigma if is_known else None)
     last = max(k for k, node in enumerate(tree.nodes) if node.parent >= 0)
     tip = tree.links.get(section.tip or "", last)
     return KnownChain(
@@ -395,6 +395,7 @@ def _known(
         (tip, np.array(section.payload_com_mm, float) * _MM),
         section.reference_temperature_c,
         section.gear_orders,
+        ends,
     )
 
 
@@ -409,16 +410,17 @@ def _least_noise(tree: Tree, measured: MeasuredLinks, start: StartValues) -> Arr
     return np.where(tree.is_revolute, size / max(start.spread, size), size)
 
 
-def _shape_modes(measured: MeasuredLinks, tolerance: NDArray | None) -> tuple[Array, Mask]:
+def _shape_modes(measured: MeasuredLinks, tree: Tree, tolerance: NDArray | None) -> tuple[Array, Mask, Array]:
     """Errors of the channels' places per prior sigma (K, 3, W), and which priors are knowledge (W,).
 
     A surveyed target is known to its survey's noise, and its link's end to the tolerance of the geometry; the place of
-    any other target or tool is free.
+    any other target or tool is free. Then the twists (N, 6, W) of fixed nodes that the errors of such ends amount to.
     """
     count = len(measured.channels.names)
     surveyed = np.asarray(np.isfinite(measured.surveyed).all(1))
     columns: list[Array] = []
     known: list[bool] = []
+    ends: list[tuple[int, int]] = []
     for k in range(count):
         own = np.zeros((count, 3, 3))
         free = FREE_PLACE * np.eye(3)
@@ -432,5 +434,10 @@ def _shape_modes(measured: MeasuredLinks, tolerance: NDArray | None) -> tuple[Ar
         for own_k in np.flatnonzero(surveyed & (measured.channels.node == node)):
             moved[own_k] = np.concatenate([np.eye(3), -skew(measured.surveyed[own_k])], 1) * tolerance
         columns.append(moved)
-        known += [True] * 6
-    return np.concatenate(columns, -1), np.array(known, bool)
+        ends.append((node, len(known)))
+        known += [True] * TWIST
+    twists = np.zeros((tree.size, TWIST, len(known)))
+    for node, first in ends:
+        if tolerance is not None and tree.nodes[node].kind is JointKind.FIXED:
+            twists[node, :, first : first + TWIST] = np.diag(tolerance)
+    return np.concatenate(columns, -1), np.array(known, bool), twists

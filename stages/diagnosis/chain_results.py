@@ -130,6 +130,7 @@ def parameters_table(fitted: FittedModel[Any]) -> pa.Table:
     rows = list(_zeros(model, shared, covariance))
     geometry = np.zeros((model.tree.size, TWIST, model.shared_size))
     geometry[..., model.layout["links"]] = model.known.modes
+    geometry[..., model.layout["shape"]] = model.known.end_twists(model.tree.size)
     shift = geometry @ shared
     for k, node in enumerate(model.tree.nodes):
         prior = np.sqrt(np.sum(geometry[k] ** 2, -1))

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from truing.arrays import Array, Mask
 from truing.schemas.covariates import own_name
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
-from truing.simulation.mechanisms.chains.extended_model import ExtendedChain, persistent_twists, read_chain
+from truing.simulation.mechanisms.chains.extended_model import ExtendedChain, identified_conditions, read_chain
 from truing.simulation.mechanisms.chains.start_values import start_values
-from truing.simulation.mechanisms.chains.tree import Tree
+from truing.simulation.mechanisms.chains.tree import JointKind, Tree
 from truing.stages.common.chain_gross_errors import gross_errors
 from truing.stages.common.chain_measurements import (
     MeasuredLinks,
@@ -44,11 +43,12 @@ def predicted_links(text: str, second: SecondCampaign) -> Iterator[PredictionErr
     _check(extended, tree, second)
     measured, conditions, usable = _usable(second, tree)
     _check_columns(extended, conditions)
-    deviations = persistent_twists(extended, conditions.subset(usable))
+    nominal = conditions.subset(usable)
     names = [effect.cause.id for effect in extended.effects if effect.cause.is_persistent]
     words = f"with {', '.join(dict.fromkeys(names))}" if names else "zeros and links as identified"
-    for by, model, own in ((NOMINAL, "as described", None), (EXTENDED, words, deviations)):
-        errors = _errors(tree, measured, replace(conditions.subset(usable), deviations=own), usable, second)
+    models = (NOMINAL, "as described", nominal), (EXTENDED, words, identified_conditions(extended, nominal))
+    for by, model, own in models:
+        errors = _errors(tree, measured, own, usable, second)
         for turned, (quantity, unit, si) in enumerate(_QUANTITIES):
             for link in dict.fromkeys(measured.channels.links):
                 of_link = np.array([name == link for name in measured.channels.links])
@@ -107,6 +107,7 @@ def _errors(
         values = np.einsum("bji,bkj->bki", R[usable], values - t[usable][:, None])
         if measured.channels.node[own[0]] == 0 and np.isfinite(measured.surveyed[own]).all():
             base = np.eye(3)[None], np.zeros((1, 3))
-    return start_values(
-        tree, measured.channels, conditions, values, measured.seen[usable], measured.surveyed, base
-    ).errors
+    # The model holds the errors of a link's end only where no joint moves it against the joint below.
+    held = [node.parent < 0 or node.kind is JointKind.FIXED for node in tree.nodes]
+    surveyed = np.where(np.array(held)[measured.channels.node][:, None], measured.surveyed, np.nan)
+    return start_values(tree, measured.channels, conditions, values, measured.seen[usable], surveyed, base).errors

@@ -16,7 +16,7 @@ from truing.inference.fitted_model import Fitter
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
 from truing.simulation.mechanisms.chains.causes import JointCompliance
-from truing.simulation.mechanisms.chains.extended_model import persistent_twists, read_chain, write_chain
+from truing.simulation.mechanisms.chains.extended_model import identified_conditions, read_chain, write_chain
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity
 from truing.simulation.mechanisms.chains.notations import DenavitHartenberg, tree_of_rows
 from truing.simulation.mechanisms.chains.tree import Tree, axis_twist
@@ -130,5 +130,6 @@ def test_functions_of_a_reading_are_held_where_no_pose_was_measured(folders: tup
     table = _second(folders[1]).tables["configurations"]
     conditions = conditions_of(extended, table)
     inside = replace(conditions, readings=np.clip(conditions.readings, *extended.measured))
-    assert np.array_equal(persistent_twists(extended, conditions), persistent_twists(extended, inside))
+    first, second = (identified_conditions(extended, own).deviations for own in (conditions, inside))
+    assert np.array_equal(first, second)
     assert not np.array_equal(conditions.readings, inside.readings)

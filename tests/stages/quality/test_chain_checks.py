@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
 from collections.abc import Callable
@@ -105,20 +106,40 @@ def test_zeros_far_off_warn_because_the_diagnosis_can_correct_them(
     assert message.count("another zero") == len(named)
 
 
-def test_a_zero_far_off_is_a_finding_with_its_size(tmp_path: Path) -> None:
-    def diagnosed(folder: Path, changed: Callable[[pd.DataFrame], None] | None) -> dict[tuple[str, str], dict]:
-        campaign = shutil.copytree(ROBOT, folder / "robot")
-        table = pd.read_csv(campaign / "configurations.csv")
-        if changed is not None:
-            changed(table)
-        table.to_csv(campaign / "configurations.csv", index=False)
-        words = ["run", str(campaign), "--out", str(folder / "run"), "--only", "diagnose", "--quiet"]
-        assert CliRunner().invoke(app, words).exit_code == 0
-        rows = pq.read_table(folder / "run" / "diagnosis.parquet").to_pylist()
-        return {(row["cause"], row["subject"]): row for row in rows if row["verdict"] == "found"}
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """Runs of the robot up to the diagnosis: as it is, and with a joint whose zero is off by a right angle."""
 
-    right, off = diagnosed(tmp_path / "right", None), diagnosed(tmp_path / "off", a_forgotten_right_angle)
-    zero = off.pop(("joint-offset", "joint elbow"))
-    size = json.loads(zero["parameters"])["offset"]
+    def run(name: str, changed: Callable[[pd.DataFrame], None]) -> Path:
+        home = tmp_path_factory.mktemp(name)
+        campaign = shutil.copytree(ROBOT, home / "robot")
+        table = pd.read_csv(campaign / "configurations.csv")
+        changed(table)
+        table.to_csv(campaign / "configurations.csv", index=False)
+        words = ["run", str(campaign), "--out", str(home / "run"), "--only", "diagnose", "--quiet"]
+        assert CliRunner().invoke(app, words).exit_code == 0
+        return home
+
+    return {"right": run("right", lambda table: None), "off": run("off", a_forgotten_right_angle)}
+
+
+def test_a_zero_far_off_is_a_finding_with_its_size(runs: dict[str, Path]) -> None:
+    def found(home: Path) -> dict[tuple[str, str], str]:
+        rows = pq.read_table(home / "run" / "diagnosis.parquet").to_pylist()
+        return {(row["cause"], row["subject"]): row["parameters"] for row in rows if row["verdict"] == "found"}
+
+    right, off = found(runs["right"]), found(runs["off"])
+    size = json.loads(off.pop(("joint-offset", "joint elbow")))["offset"]
     assert np.degrees(size["value"]) == pytest.approx(-90.0, abs=0.5)
     assert set(off) == set(right)
+
+
+@pytest.mark.parametrize("name", ["right", "off"])
+def test_a_model_predicts_surveyed_targets_of_its_own_campaign_to_the_noise(runs: dict[str, Path], name: str) -> None:
+    run, campaign = runs[name] / "run", runs[name] / "robot"
+    done = CliRunner().invoke(app, ["predict", str(run), str(campaign)])
+    assert done.exit_code == 0, done.output
+    rows = pd.read_csv(io.StringIO(done.stdout)).set_index("prediction_by")
+    extended = rows.loc["extended"]
+    assert rows.loc["nominal", "rms_error"] > 20.0 * extended["noise_rms"]
+    assert 0.8 < extended["rms_error"] / extended["noise_rms"] < 1.25

@@ -107,9 +107,11 @@ def extended_chain(
 
 
 def identified_twists(model: ChainModel, shared: NDArray) -> tuple[Array, Array]:
-    """Return the constant twists (N, 6) of links and joint zeros, and their derivatives (N, 6, G) by the unknowns."""
+    """Return the constant twists (N, 6) of links, their ends and joint zeros, and their derivatives (N, 6, G) by the
+    unknowns."""
     slopes = np.zeros((model.tree.size, TWIST, model.shared_size))
     slopes[..., model.layout["links"]] = model.known.modes
+    slopes[..., model.layout["shape"]] = model.known.end_twists(model.tree.size)
     zeros = model.tree.axis_twists[model.free_offsets] * model.known.offsets[model.free_offsets][:, None, None]
     slopes[..., model.layout["zeros"]] += np.moveaxis(zeros, 0, -1)
     return np.asarray(slopes @ shared), slopes
@@ -167,11 +169,10 @@ def _predicted(extended: ExtendedChain, conditions: ChainConditions) -> Predicte
     return PredictedTip(frames.R[:, extended.tip], frames.t[:, extended.tip], np.asarray(covariance))
 
 
-def persistent_twists(extended: ExtendedChain, conditions: ChainConditions) -> Array:
-    """Return the twists (B, N, 6) of what was identified and of effects that last, beside the readings as they are."""
+def identified_conditions(extended: ExtendedChain, conditions: ChainConditions) -> ChainConditions:
+    """Return conditions whose readings and deviations hold what was identified and the effects that last."""
     right = _corrected(extended, conditions)
-    shift = np.tensordot(right.readings - conditions.readings, extended.tree.axis_twists, 1)
-    return np.asarray(shift + _twists(extended, _persistent_motions(extended, right), len(conditions.readings)))
+    return replace(right, deviations=_twists(extended, _persistent_motions(extended, right), len(right.readings)))
 
 
 def _corrected(extended: ExtendedChain, conditions: ChainConditions) -> ChainConditions:

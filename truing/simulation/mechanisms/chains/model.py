@@ -35,7 +35,8 @@ class KnownChain:
     links; ``shape_modes`` (K, 3, W) their errors per prior sigma, ``shape_known`` (W,) if surveyed. ``tool`` (K, 3, 3):
     start values of the orientations. ``reading_sigma`` (n,): noise of the readings. ``gravity`` (3,): its direction
     in the base's frame; ``payload``: the node that carries it, and its centre of mass, m. ``gear_orders``: known orders
-    of errors by joint, per turn.
+    of errors by joint, per turn. ``end_modes`` (N, 6, W): twists of nodes without motion to which those errors of the
+    places amount that move all targets of a link's end.
     """
 
     base_R: NDArray
@@ -53,6 +54,11 @@ class KnownChain:
     payload: tuple[int, NDArray] = (0, np.zeros(3))
     reference_temperature_c: float = 20.0
     gear_orders: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    end_modes: NDArray | None = None
+
+    def end_twists(self, nodes: int) -> NDArray:
+        """Return the twists (N, 6, W) of nodes without motion per unit of the errors of the places."""
+        return np.zeros((nodes, TWIST, self.shape_modes.shape[-1])) if self.end_modes is None else self.end_modes
 
 
 @dataclass(frozen=True)
@@ -188,9 +194,10 @@ class ChainModel(EffectsModel[ChainCause]):
 
     def rescaled(self, readings: float, survey: float) -> Self:
         """Return the model with the noise of the readings, and of surveyed targets, multiplied by factors."""
-        modes = self.known.shape_modes * np.where(self.known.shape_known, survey, 1.0)
+        factor = np.where(self.known.shape_known, survey, 1.0)
+        modes, ends = self.known.shape_modes * factor, self.known.end_twists(self.tree.size) * factor
         sigma = self.known.reading_sigma * readings
-        return replace(self, known=replace(self.known, shape_modes=modes, reading_sigma=sigma))
+        return replace(self, known=replace(self.known, shape_modes=modes, end_modes=ends, reading_sigma=sigma))
 
     def twists(self, shared: NDArray, local: NDArray) -> Array:
         """Return the twists (B, N, 6) of all nodes at shared (G,) and local (B, H) unknowns."""
