@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 _DEG, _MM = np.pi / 180.0, 1e-3
 _ARCSEC = _DEG / 3600.0
 # Poses that a search uses at most, evenly over the campaign, so that memory and time stay bounded.
-_MOST_POSES = 3000
+_MOST_POSES = 2000
 _FEWEST = 8
 # Up to so many poses, exact readings have a noise of this share of the points' noise: joints may scatter.
 _FEW_POSES, _HARDLY = 400, 0.2

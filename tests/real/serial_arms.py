@@ -45,7 +45,7 @@ def _compliance(scene: ChainScene) -> list[ChainCause]:
 
 def _curves(scene: ChainScene) -> list[ChainCause]:
     """Error curves of all joints that turn, with one knot every five degrees."""
-    found = [cause for cause in JointErrorCurve().candidates(scene) if cause.knots == _KNOTS]
+    found = [cause for cause in JointErrorCurve().candidates(scene) if max(cause.knots) == _KNOTS]
     return [max(found, key=lambda cause: len(cause.joints))]
 
 

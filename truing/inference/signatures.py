@@ -28,9 +28,8 @@ _AT_ONCE = 32
 
 @dataclass(frozen=True)
 class _Part:
-    """Some pathways: the part that shared unknowns explain, their products, and their products in the inputs' rows."""
+    """Some pathways: their products, and their products in the inputs' rows."""
 
-    shared: Array  # (B, n, G)
     gram: Array  # (B, n, n)
     input_gram: Array
 
@@ -39,7 +38,7 @@ class _Part:
 class Pathways:
     """All pathways of a fit side by side, whitened; ``columns`` (B, M + H, C) are free of local unknowns.
 
-    ``shared`` (B, G, C) is the part that the shared unknowns explain, ``gram`` (B, C, C) the products epoch by epoch,
+    ``shared`` (B, C, G) is the part that the shared unknowns explain, ``gram`` (B, C, C) the products epoch by epoch,
     ``input_gram`` their part in the rows of the inputs' priors.
     """
 
@@ -52,30 +51,19 @@ class Pathways:
 
     def along(self, rows: Array) -> Array:
         """Return the parts (D, B, C) of residuals (D, N) along the pathways, in the precision of the residuals."""
-        columns, shared, basis = self._of_precision(rows.dtype)
+        columns, basis = self._of_precision(rows.dtype)
         epochs, height, _ = columns.shape
-        own = rows[:, : epochs * height].reshape(len(rows), epochs, height)
-        part = np.matmul(own.transpose(1, 0, 2), columns)
-        explained = ((rows @ basis) @ shared).reshape(len(rows), epochs, -1)
-        return np.asarray(np.subtract(part.transpose(1, 0, 2), explained, out=explained))
+        own = rows - (rows @ basis) @ basis.T
+        own = own[:, : epochs * height].reshape(len(rows), epochs, height)
+        return np.asarray(np.matmul(own.transpose(1, 0, 2), columns).transpose(1, 0, 2))
 
-    def _of_precision(self, kind: np.dtype[np.generic]) -> tuple[Array, Array, Array]:
-        """Return columns, shared parts and basis in double or single precision; single is enough for draws, in half the
-        time."""
-        exact = self.columns, self._shared_wide, self.whitened.basis
-        return exact if kind == np.float64 else self._rough
+    def _of_precision(self, kind: np.dtype[np.generic]) -> tuple[Array, Array]:
+        """Return columns and basis in double or single precision; single is enough for draws, in half the time."""
+        return (self.columns, self.whitened.basis) if kind == np.float64 else self._rough
 
     @cached_property
-    def _rough(self) -> tuple[Array, Array, Array]:
-        return (
-            self.columns.astype(np.float32),
-            self._shared_wide.astype(np.float32),
-            self.whitened.basis.astype(np.float32),
-        )
-
-    @cached_property
-    def _shared_wide(self) -> Array:
-        return self.shared.transpose(1, 0, 2).reshape(self.shared.shape[1], -1)
+    def _rough(self) -> tuple[Array, Array]:
+        return self.columns.astype(np.float32), self.whitened.basis.astype(np.float32)
 
     def index(self, names: tuple[str, ...]) -> Integers:
         """Return the indices of the named pathways, in that order."""
@@ -85,15 +73,8 @@ class Pathways:
         """Return the arrays of the pathways that an index selects."""
         key = index.tobytes()
         if key not in self._parts:
-            shared = self.shared_by_pathway[:, index]
-            grams = (self._products(gram, index) for gram in (self.gram, self.input_gram))
-            self._parts[key] = _Part(shared, *grams)
+            self._parts[key] = _Part(*(self._products(gram, index) for gram in (self.gram, self.input_gram)))
         return self._parts[key]
-
-    @cached_property
-    def shared_by_pathway(self) -> Array:
-        """Part that the shared unknowns explain, (B, C, G), in the layout in which pathways are selected fastest."""
-        return np.ascontiguousarray(np.swapaxes(self.shared, 1, 2))
 
     def _products(self, gram: Array, index: Integers) -> Array:
         """Return the rows and columns (B, n, n) of products that an index selects; a copy unless it is contiguous."""
@@ -138,22 +119,22 @@ def pathways_of(
 
 
 def _products(whitened: Whitened, moved: Array, each: Array) -> tuple[Array, Array]:
-    """Return the products (B, G, C) of the shared basis with pathways, and those (B, C, C) of the pathways with each
+    """Return the products (B, C, G) of the shared basis with pathways, and those (B, C, C) of the pathways with each
     other. The basis is free of local unknowns, the pathways are not. They are motions ``moved`` (B, d K, m), then
     single observations ``each`` (B, K, d, d)."""
     epochs, height, count = moved.shape
     tall = whitened.local_basis.shape[1]
     basis = whitened.basis[: epochs * tall].reshape(epochs, tall, -1)[:, :height]
-    left = np.concatenate([basis, moved], -1) if count else np.ascontiguousarray(basis)
-    turned = np.swapaxes(each, 2, 3)
-    of_observations = (turned @ left.reshape(*each.shape[:3], -1)).reshape(left.shape)
-    found = np.concatenate([np.swapaxes(moved, 1, 2) @ left, of_observations], 1)
-    shared, others = found[..., : basis.shape[-1]], found[..., basis.shape[-1] :]
+    turned, back = np.swapaxes(each, 2, 3), np.swapaxes(moved, 1, 2)
+    shared, others = (
+        np.concatenate([back @ own, (turned @ own.reshape(*each.shape[:3], -1)).reshape(own.shape)], 1)
+        for own in (np.ascontiguousarray(basis), moved)
+    )
     gram = np.empty((epochs, count + height, count + height))
     gram[:, :, :count] = others
     gram[:, :count, count:] = np.swapaxes(others[:, count:], 1, 2)
     gram[:, count:, count:] = _blocks(turned @ each)
-    return np.swapaxes(shared, 1, 2), gram
+    return shared, gram
 
 
 def _blocks(blocks: Array) -> Array:
@@ -279,7 +260,7 @@ def _explained(pathways: Pathways, alike: Sequence[_Acting]) -> list[Array]:
     for all."""
     first = min((own.during.start for own in alike if own.during.stop), default=0)
     during = slice(first, max(own.during.stop for own in alike))
-    shared = pathways.part(alike[0].index).shared[during]
+    shared = pathways.shared[during][:, alike[0].index]
     wide = np.concatenate([own.design[during].reshape(-1, own.size) for own in alike], 1)
     found = (wide.T @ shared.reshape(len(wide), shared.shape[-1])).T
     return np.split(found, np.cumsum([own.size for own in alike])[:-1], 1)
@@ -366,7 +347,7 @@ def rotated_channels(
     own = own.reshape(epochs, len(members), height, -1)
     back = np.swapaxes(own, -1, -2)
     rows = (members[..., None] * size + np.arange(size)).reshape(len(members), height)
-    shared = pathways.shared_by_pathway[:, place][:, rows]
+    shared = pathways.shared[:, place][:, rows]
     blocks = pathways.gram[:, place, place][:, rows[:, :, None], rows[:, None, :]]
     return RotatedChannels(members, own, back @ shared, back @ blocks @ own)
 

@@ -8,7 +8,7 @@ import pytest
 from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
 
 _TURN = 2.0 * np.pi
-CURVE = JointErrorCurve(joints=("j",), starts=(0.0,), periods=(_TURN,), knots=36)
+CURVE = JointErrorCurve(joints=("j",), starts=(0.0,), periods=(_TURN,), knots=(36,))
 
 
 def test_a_bump_has_neither_mean_nor_trend() -> None:
@@ -27,7 +27,7 @@ def test_a_curve_repeats_with_every_turn() -> None:
 
 
 def test_a_curve_of_a_joint_that_slides_is_held_at_the_ends_of_its_travel() -> None:
-    curve = JointErrorCurve(joints=("j",), starts=(0.5,), periods=(1.2,), knots=36, is_angle=False)
+    curve = JointErrorCurve(joints=("j",), starts=(0.5,), periods=(1.2,), knots=(36,), is_angle=False)
     low, high = curve.basis(np.array([0.5, 1.5]), 0)
     np.testing.assert_allclose(curve.basis(np.array([0.1, 9.0]), 0), [low, high])
 
@@ -46,7 +46,7 @@ def test_curves_return_their_values_and_tell_where_nothing_is_known() -> None:
 
 
 def test_curves_of_a_joint_exclude_each_other() -> None:
-    both = JointErrorCurve(joints=("j", "k"), starts=(0.0, 0.0), periods=(_TURN, _TURN))
+    both = JointErrorCurve(joints=("j", "k"), starts=(0.0, 0.0), periods=(_TURN, _TURN), knots=(72, 36))
     assert both.excludes(CURVE)
     assert CURVE.excludes(both)
-    assert not CURVE.excludes(JointErrorCurve(joints=("k",), starts=(0.0,), periods=(_TURN,)))
+    assert not CURVE.excludes(JointErrorCurve(joints=("k",), starts=(0.0,), periods=(_TURN,), knots=(72,)))

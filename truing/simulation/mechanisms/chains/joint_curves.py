@@ -29,6 +29,7 @@ _FEWEST, _POSES_EACH, _READINGS_EACH, _MOST = 8, 4, 1.5, 450
 # Knots that one bump reaches; so much of the period of a joint that slides lies beyond its travel.
 _REACHED = 6
 _PER_KNOT = 4  # values of a curve in tables
+_PER_JOINT = "joints", "starts", "periods", "knots"
 # The data determine a curve where its standard deviation is below this share of that without data.
 DETERMINED = 0.5
 
@@ -49,13 +50,13 @@ class JointCurve:
 class JointErrorCurve(ChainCause):
     """Joints depart from their readings by repeatable curves: one joint, or all that turn, each with its own.
 
-    ``starts`` and ``periods`` (J,) place the ``knots`` of each joint's curve, rad or m.
+    ``starts`` and ``periods`` (J,) place the ``knots`` (J,) of each joint's curve, rad or m.
     """
 
     joints: tuple[str, ...] = ()
     starts: tuple[float, ...] = ()
     periods: tuple[float, ...] = ()
-    knots: int = 72
+    knots: tuple[int, ...] = ()
     is_angle: bool = True
 
     id = "joint-error-curve"
@@ -80,16 +81,24 @@ class JointErrorCurve(ChainCause):
         """Return curves of every joint, and of all joints that turn, with knots as close as the poses determine."""
         machine = scene.inputs_of_machine
         found: list[Self] = []
+        finest: dict[str, tuple[Self, int]] = {}
         for knots in _KNOTS:
             single = list(self._of_single_joints(machine, knots))
             found += [curve for curve, _ in single]
-            turning = [(curve.joints[0], reached) for curve, reached in single if curve.is_angle]
+            before = dict(finest)
+            finest |= {curve.joints[0]: (curve, reached) for curve, reached in single if curve.is_angle}
+            turning = [finest[joint] for joint in machine.tree.readings if joint in finest]
             total = sum(reached for _, reached in turning)
-            if len(turning) > 1 and _POSES_EACH * total <= len(machine.readings) and knots * len(turning) <= _MOST:
-                joints = tuple(joint for joint, _ in turning)
-                zeros, turns = (0.0,) * len(joints), (_TURN,) * len(joints)
-                found.append(replace(self, joints=joints, starts=zeros, periods=turns, knots=knots))
+            curves = [curve for curve, _ in turning]
+            is_determined = _POSES_EACH * total <= len(machine.readings)
+            if finest != before and len(curves) > 1 and is_determined and sum(c.knots[0] for c in curves) <= _MOST:
+                found.append(self._of(curves))
         return found
+
+    def _of(self, curves: Sequence[Self]) -> Self:
+        """Return the cause that holds the curves of several joints."""
+        joined = {name: sum((getattr(curve, name) for curve in curves), ()) for name in _PER_JOINT}
+        return replace(self, is_angle=curves[0].is_angle, **joined)
 
     def _of_single_joints(self, machine: ChainInputs, knots: int) -> Iterator[tuple[Self, int]]:
         """Yield the curve of every joint whose readings determine it, and the number of knots that they reach."""
@@ -100,7 +109,7 @@ class JointErrorCurve(ChainCause):
                 continue
             period = float(high - low) * (1.0 if turns else knots / (knots - _REACHED))
             ends = {"starts": (float(low),), "periods": (period,)}
-            curve = replace(self, joints=(name,), knots=knots, is_angle=turns, **ends)
+            curve = replace(self, joints=(name,), knots=(knots,), is_angle=turns, **ends)
             place = curve._place_of(own, 0)
             reached, distinct = (len(np.unique(np.floor(place * cells))) for cells in (1, 2))
             if reached >= _FEWEST and len(own) >= _POSES_EACH * reached and distinct >= _READINGS_EACH * reached:
@@ -108,23 +117,24 @@ class JointErrorCurve(ChainCause):
 
     def _place_of(self, readings: NDArray, place: int) -> Array:
         """Return readings (B,) of one joint in knots from the start: within a turn, or held at the ends of a travel."""
-        x = (readings - self.starts[place]) * (self.knots / self.periods[place])
-        return np.asarray(x % self.knots if self.is_angle else np.clip(x, 0.0, self.knots - _REACHED))
+        knots = self.knots[place]
+        x = (readings - self.starts[place]) * (knots / self.periods[place])
+        return np.asarray(x % knots if self.is_angle else np.clip(x, 0.0, knots - _REACHED))
 
     def basis(self, readings: NDArray, place: int) -> Array:
         """Return the bumps (B, m) of one joint's curve at its readings (B,)."""
         x = self._place_of(readings, place)
         first = np.floor(x).astype(int)
         t = x - first
-        splines, rows = np.zeros((len(x), self.knots)), np.arange(len(x))
+        splines, rows = np.zeros((len(x), self.knots[place])), np.arange(len(x))
         weights = ((1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3)
         for shift, weight in enumerate(weights, -1):
-            splines[rows, (first + shift) % self.knots] += weight / 6.0
+            splines[rows, (first + shift) % self.knots[place]] += weight / 6.0
         return 2.0 * splines - np.roll(splines, 1, -1) - np.roll(splines, -1, -1)
 
     def deviations(self, machine: ChainInputs) -> NDArray:
         """Return the deviations (B, n, P) of the joints per unit of the parameters."""
-        found = np.zeros((len(machine.readings), len(machine.tree.readings), len(self.joints) * self.knots))
+        found = np.zeros((len(machine.readings), len(machine.tree.readings), sum(self.knots)))
         for place, joint in enumerate(self.joints):
             reading = machine.tree.readings.index(joint)
             found[:, reading, self._own(place)] = self.basis(machine.readings[:, reading], place)
@@ -134,9 +144,10 @@ class JointErrorCurve(ChainCause):
         """Yield the curve of every joint, from all parameters (P,) and their covariance (P, P), SI."""
         for place, joint in enumerate(self.joints):
             own = self._own(place)
-            span = self.knots if self.is_angle else self.knots - _REACHED
+            knots = self.knots[place]
+            span = knots if self.is_angle else knots - _REACHED
             steps = np.arange(span * _PER_KNOT + (not self.is_angle)) / _PER_KNOT
-            readings = self.starts[place] + self.periods[place] / self.knots * steps
+            readings = self.starts[place] + self.periods[place] / knots * steps
             basis = self.basis(readings, place)
             variance = np.sum((basis @ covariance[own, own]) * basis, -1)
             free = self.reach * self._size[1] * np.sqrt(np.sum(basis**2, -1))
@@ -145,7 +156,7 @@ class JointErrorCurve(ChainCause):
 
     def _own(self, place: int) -> slice:
         """Return the places of one joint's parameters."""
-        return slice(place * self.knots, (place + 1) * self.knots)
+        return slice(sum(self.knots[:place]), sum(self.knots[: place + 1]))
 
     @property
     def _size(self) -> tuple[str, float, float]:
@@ -155,10 +166,12 @@ class JointErrorCurve(ChainCause):
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the height of every bump of every joint."""
         ends = [f"_{joint}" if self.concerns_several else "" for joint in self.joints]
-        return tuple(Parameter(f"bump_{k}{end}", *self._size) for end in ends for k in range(self.knots))
+        return tuple(
+            Parameter(f"bump_{k}{end}", *self._size) for end, n in zip(ends, self.knots, strict=True) for k in range(n)
+        )
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the largest deviation of every curve where the data determine it, and the distance of the knots."""
+        """Return the largest deviation of every curve where the data determine it, and the largest distance of knots."""
         unit, _, si = self._size
         found = []
         for own in self.curves(values, covariance):
@@ -166,6 +179,6 @@ class JointErrorCurve(ChainCause):
                 k = int(np.argmax(np.abs(own.deviation) * own.is_determined))
                 name = f"largest_{own.joint}" if self.concerns_several else "largest"
                 found.append(ReportedParameter(name, abs(own.deviation[k]) / si, own.sigma[k] / si, unit))
-        step = self.periods[0] / self.knots
+        step = max(period / knots for period, knots in zip(self.periods, self.knots, strict=True))
         spacing = (step / _DEG, None, "deg") if self.is_angle else (step / _MM, None, "mm")
         return (*found, ReportedParameter("spacing", *spacing))
