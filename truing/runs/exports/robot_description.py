@@ -238,14 +238,16 @@ def _offsets(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Ite
         place = np.flatnonzero(model.moved == node)
         if len(place):
             slope[6 * place[0] : 6 * place[0] + 6] = axis
-        causes = [e for e in model.effects if isinstance(e.cause, JointOffset) and e.cause.joint == joint]
-        for effect in causes:
-            value += effect.cause.offset(effect.values)
-            slope[model.layout[effect.cause.key]] = 1.0
+        causes = []
+        for effect in model.effects:
+            if isinstance(cause := effect.cause, JointOffset) and cause.joint == joint:
+                causes.append(cause)
+                value += cause.offset(effect.values)
+                slope[model.layout[cause.key]] = 1.0
         sigma = float(np.sqrt(max(slope @ model.covariance @ slope, 0.0)))
         if not sigma > _EXACT:
             continue
-        codes = [warned.get((f"joint {joint}", _OFFSET)), *(_caution_of(e.cause, warned) for e in causes)]
+        codes = [warned.get((f"joint {joint}", _OFFSET)), *(_caution_of(cause, warned) for cause in causes)]
         caution = next(filter(None, codes), "")
         unit, si = ("rad", 1.0) if tree.is_revolute[k] else ("mm", _MM)
         yield joint, _OFFSET, "", repr(value / si), repr(sigma / si), unit, "yes", caution

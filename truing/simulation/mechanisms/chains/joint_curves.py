@@ -171,7 +171,7 @@ class JointErrorCurve(ChainCause):
         )
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
-        """Return the largest deviation of every curve where the data determine it, and the largest distance of knots."""
+        """Return the largest deviation of every curve where data determine it, and the largest distance of knots."""
         unit, _, si = self._size
         found = []
         for own in self.curves(values, covariance):
