@@ -58,9 +58,11 @@ _FEW_POSES, _HARDLY = 400, 0.2
 _DRIVE = "the joint readings"
 _STATION = "station:"
 _SLIPS = {
-    ColumnSlipKind.REVERSED: "the sign of joint {} reversed",
-    ColumnSlipKind.DEGREES: "the readings of joint {} taken as degrees",
-    ColumnSlipKind.RADIANS: "the readings of joint {} taken as radians",
+    ColumnSlipKind.REVERSED: "the sign of {} reversed",
+    ColumnSlipKind.DEGREES: "the readings of {} taken as degrees",
+    ColumnSlipKind.RADIANS: "the readings of {} taken as radians",
+    ColumnSlipKind.DOWN: "the readings of {} one row higher",
+    ColumnSlipKind.UP: "the readings of {} one row lower",
 }
 
 
@@ -350,8 +352,9 @@ def _certain(tree: Tree, slip: ColumnSlip | None, start: StartValues) -> tuple[C
     if slip.kind is ColumnSlipKind.ZEROS:
         zeros = zip(names, tree.is_revolute[list(slip.readings)], slip.offsets, strict=True)
         return tuple(JointOffset(name, bool(turns), offset) for name, turns, offset in zeros)
+    whose = " and ".join(f"joint {name}" for name in names)
     raise ValueError(
-        f"{missed}, and {slip.after / _MM:.3g} mm with {_SLIPS[slip.kind].format(names[0])}. Correct the column, "
+        f"{missed}, and {slip.after / _MM:.3g} mm with {_SLIPS[slip.kind].format(whose)}. Correct the column, "
         "or the robot description"
     )
 

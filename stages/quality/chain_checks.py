@@ -105,12 +105,15 @@ def _recorded(slip: ColumnSlip, tree: Tree, names: list[str]) -> Iterator[Record
         yield RecordSlip(SlipKind.COLUMNS, "columns of readings", tuple(column.name for column in columns))
     elif slip.kind is ColumnSlipKind.REVERSED:
         yield RecordSlip(SlipKind.SIGN, "readings", (columns[0].name,))
+    elif slip.kind in (ColumnSlipKind.DOWN, ColumnSlipKind.UP):
+        yield RecordSlip(SlipKind.ROWS_SHIFTED, "readings", shift=1 if slip.kind is ColumnSlipKind.DOWN else -1)
     elif slip.kind is ColumnSlipKind.ZEROS:
         for column, offset in zip(columns, slip.offsets, strict=True):
             yield RecordSlip(SlipKind.ZERO, "readings", (column.name,), offset=offset / column.si)
     else:
         factor = _RADIANS if slip.kind is ColumnSlipKind.RADIANS else 1.0 / _RADIANS
-        yield RecordSlip(SlipKind.UNIT, "readings", (columns[0].name,), factor=factor, dimension="angle")
+        names = tuple(column.name for column in columns)
+        yield RecordSlip(SlipKind.UNIT, "readings", names, factor=factor, dimension="angle")
 
 
 def _without_lone_errors(start: StartValues, usable: Mask) -> Mask:

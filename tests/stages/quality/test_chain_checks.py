@@ -41,6 +41,16 @@ def radians(table: pd.DataFrame) -> None:
     table["shoulder_deg"] = np.radians(table["shoulder_deg"])
 
 
+def all_radians(table: pd.DataFrame) -> None:
+    joints = [name for name in table if name.endswith("_deg")]
+    table[joints] = np.radians(table[joints])
+
+
+def a_row_too_far_down(table: pd.DataFrame) -> None:
+    joints = [name for name in table if name.endswith("_deg")]
+    table[joints] = np.roll(table[joints].to_numpy(), 1, 0)
+
+
 def other_rows(table: pd.DataFrame) -> None:
     joints = [name for name in table if name.endswith("_deg")]
     table[joints] = table[joints].to_numpy()[::-1]
@@ -62,7 +72,15 @@ def test_a_few_poses_far_off_say_nothing_of_the_others(tmp_path: Path) -> None:
     assert checked(tmp_path, three_wrong_rows)[:2] == (0, "pass")
 
 
-@pytest.mark.parametrize(("changed", "named"), [(reversed_elbow, "elbow_deg"), (radians, "shoulder_deg")])
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [
+        (reversed_elbow, "elbow_deg"),
+        (radians, "shoulder_deg"),
+        (all_radians, "multiply by 57.29578"),
+        (a_row_too_far_down, "shifted by +1 row"),
+    ],
+)
 def test_a_slip_in_a_column_fails_and_is_named(
     tmp_path: Path, changed: Callable[[pd.DataFrame], None], named: str
 ) -> None:

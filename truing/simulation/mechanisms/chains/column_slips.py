@@ -1,4 +1,4 @@
-"""Slips in the columns of joint readings: two exchanged, one reversed, one in another unit; and zeros far off.
+"""Slips in the columns of joint readings: exchanged, reversed, in another unit, a row off; and zeros far off.
 
 A nominal machine misses by parts per thousand of its travel. A misfit of per cents means that readings and measured
 links do not belong together; the slip that explains it is named.
@@ -35,6 +35,8 @@ class ColumnSlipKind(StrEnum):
     DEGREES = "degrees-as-radians"
     RADIANS = "radians-as-degrees"
     ZEROS = "zeros"
+    DOWN = "a-row-too-far-down"
+    UP = "a-row-too-far-up"
 
 
 @dataclass(frozen=True)
@@ -133,18 +135,21 @@ def _with_zeros(
 
 
 def _corrected(readings: NDArray, is_revolute: NDArray) -> Iterator[tuple[ColumnSlipKind, tuple[int, ...], NDArray]]:
-    """Yield every slip with the readings (B, n) after its correction."""
-    count = readings.shape[1]
-    for a, b in combinations(range(count), 2):
+    """Yield every slip with the readings (B, n) after its correction; units of all angles together are one slip."""
+    every = tuple(range(readings.shape[1]))
+    for a, b in combinations(every, 2):
         if is_revolute[a] == is_revolute[b]:
             own = readings.copy()
             own[:, [a, b]] = readings[:, [b, a]]
             yield ColumnSlipKind.EXCHANGED, (a, b), own
-    for k in range(count):
-        factors = {ColumnSlipKind.REVERSED: -1.0}
-        if is_revolute[k]:
-            factors |= {ColumnSlipKind.DEGREES: np.pi / 180.0, ColumnSlipKind.RADIANS: 180.0 / np.pi}
-        for kind, factor in factors.items():
-            own = readings.copy()
-            own[:, k] *= factor
-            yield kind, (k,), own
+    angles = tuple(int(k) for k in np.flatnonzero(is_revolute))
+    scaled = [(ColumnSlipKind.REVERSED, -1.0, (k,)) for k in every]
+    for kind, factor in ((ColumnSlipKind.DEGREES, np.pi / 180.0), (ColumnSlipKind.RADIANS, 180.0 / np.pi)):
+        scaled += [(kind, factor, (k,)) for k in angles]
+        scaled += [(kind, factor, angles)] if len(angles) > 1 else []
+    for kind, factor, columns in scaled:
+        own = readings.copy()
+        own[:, list(columns)] *= factor
+        yield kind, columns, own
+    for kind, rows in ((ColumnSlipKind.DOWN, -1), (ColumnSlipKind.UP, 1)):
+        yield kind, every, np.roll(readings, rows, 0)
