@@ -101,10 +101,11 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
 def _recorded(slip: ColumnSlip, tree: Tree, names: list[str]) -> Iterator[RecordSlip]:
     """Yield the slip with the columns that it concerns; zeros one by one."""
     columns = [joint_columns(tree, names)[k] for k in slip.readings]
+    subjects = tuple(column.name for column in columns)
     if slip.kind is ColumnSlipKind.EXCHANGED:
-        yield RecordSlip(SlipKind.COLUMNS, "columns of readings", tuple(column.name for column in columns))
+        yield RecordSlip(SlipKind.COLUMNS, "columns of readings", subjects)
     elif slip.kind is ColumnSlipKind.REVERSED:
-        yield RecordSlip(SlipKind.SIGN, "readings", (columns[0].name,))
+        yield RecordSlip(SlipKind.SIGN, "readings", subjects)
     elif slip.kind in (ColumnSlipKind.DOWN, ColumnSlipKind.UP):
         yield RecordSlip(SlipKind.ROWS_SHIFTED, "readings", shift=1 if slip.kind is ColumnSlipKind.DOWN else -1)
     elif slip.kind is ColumnSlipKind.ZEROS:
@@ -112,8 +113,7 @@ def _recorded(slip: ColumnSlip, tree: Tree, names: list[str]) -> Iterator[Record
             yield RecordSlip(SlipKind.ZERO, "readings", (column.name,), offset=offset / column.si)
     else:
         factor = _RADIANS if slip.kind is ColumnSlipKind.RADIANS else 1.0 / _RADIANS
-        names = tuple(column.name for column in columns)
-        yield RecordSlip(SlipKind.UNIT, "readings", names, factor=factor, dimension="angle")
+        yield RecordSlip(SlipKind.UNIT, "readings", subjects, factor=factor, dimension="angle")
 
 
 def _without_lone_errors(start: StartValues, usable: Mask) -> Mask:

@@ -143,7 +143,7 @@ def _corrected(readings: NDArray, is_revolute: NDArray) -> Iterator[tuple[Column
             own[:, [a, b]] = readings[:, [b, a]]
             yield ColumnSlipKind.EXCHANGED, (a, b), own
     angles = tuple(int(k) for k in np.flatnonzero(is_revolute))
-    scaled = [(ColumnSlipKind.REVERSED, -1.0, (k,)) for k in every]
+    scaled: list[tuple[ColumnSlipKind, float, tuple[int, ...]]] = [(ColumnSlipKind.REVERSED, -1.0, (k,)) for k in every]
     for kind, factor in ((ColumnSlipKind.DEGREES, np.pi / 180.0), (ColumnSlipKind.RADIANS, 180.0 / np.pi)):
         scaled += [(kind, factor, (k,)) for k in angles]
         scaled += [(kind, factor, angles)] if len(angles) > 1 else []
