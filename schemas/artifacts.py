@@ -270,6 +270,13 @@ _CALIBRATION = (
         optional="effect_of*",
     ),
     parquet(
+        "arm_accuracy",
+        "ISO 9283 figures of an arm at each repeated pose: AP, RP, vAP, and those of angles about x, y, z (a, b, c); "
+        "pose: first of its group",
+        "subject* pose* figure* value unit attained",
+        optional="low high",
+    ),
+    parquet(
         "series_errors",
         "root mean square of measured minus predicted positions, or distances, of a chain, by series",
         "series* role* poses rms_before rms_after unit",

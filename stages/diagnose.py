@@ -35,7 +35,7 @@ DECLARATION = Stage(
     reads=(*_POINTS, "joints?", "distances?", "measured_poses?", "start?", *_LOADS, "qa?", *_RAYS),
     leaves=(
         *("diagnosis", "adequacy?", "model?", "detectable?", "pulls?", "pull_sums?"),
-        *("prediction?", "reading_errors?", "axis_errors?", "chain_parameters?", "series_errors?"),
+        *("prediction?", "reading_errors?", "axis_errors?", "chain_parameters?", "series_errors?", "arm_accuracy?"),
         "motor_encoders?",
         "joint_curves?",
         *("next_poses?", "next_loads?", "changes?", "cause_uncertainty?", "determined_combinations?"),

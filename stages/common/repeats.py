@@ -20,14 +20,15 @@ def repeated_poses(configurations: pa.Table, drives: tuple[str, ...], actuator_m
     The column ``repeat_of`` has precedence; else equal readings (of actuators or drives) count.
     """
     if DECLARED in configurations.column_names:
-        return _declared_repeats(configurations), DECLARED
+        return declared_repeats(configurations), DECLARED
     readings = drive_readings(configurations, drives)
     if not readings.shape[1]:
         return [], SAME_READINGS
     return repeated_groups(readings, np.full(readings.shape[1], max(_SAME * actuator_mm, 1e-9))), SAME_READINGS
 
 
-def _declared_repeats(configurations: pa.Table) -> list[Index]:
+def declared_repeats(configurations: pa.Table) -> list[Index]:
+    """Rows of the configurations, by group, that the column ``repeat_of`` joins."""
     poses = [str(pose) for pose in configurations.column("pose").to_pylist()]
     first = {pose: of for pose, of in zip(poses, configurations.column(DECLARED).to_pylist(), strict=True) if of}
     root = []

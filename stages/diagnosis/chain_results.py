@@ -19,6 +19,7 @@ from truing.simulation.mechanisms.chains.motor_encoders import MotorTerm
 from truing.simulation.mechanisms.chains.tree import TWIST
 from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.diagnosis.chain_next import chain_measurements_of
+from truing.stages.diagnosis.chain_repeats import accuracy_table
 from truing.stages.diagnosis.diagnosis_data import DiagnosisData, InstrumentResults
 from truing.stages.diagnosis.residual_tables import errors_by_role, prediction_table
 
@@ -52,11 +53,14 @@ def results(
     final = diagnosis.final
     next_poses = chain_measurements_of(diagnosis, settings, tables) if tables else None
     of_motors = {"motor_encoders": motors_table(motors)} if motors else {}
+    repeated = accuracy_table(data, tables)
+    of_repeats = {} if repeated is None else {"arm_accuracy": repeated}
     of_series = {"series_errors": series_table(diagnosis, data, series)} if series else {}
     return InstrumentResults(
         {
             "prediction": prediction_table(diagnosis, data, positions_alone),
             **of_series,
+            **of_repeats,
             **of_motors,
             "chain_parameters": parameters_table(final),
             **curves_table(final),

@@ -212,6 +212,14 @@ def position_repeatability(points: Array, rng: np.random.Generator) -> Figure:
     return Figure(value, value / float(high), value / float(low))
 
 
+def largest_distance(points: Array) -> float:
+    """Return the largest distance between two of some points (N, 3): vAP of the mean positions by direction.
+
+    Source: ISO 9283:1998, multi-directional pose accuracy variation.
+    """
+    return float(np.linalg.norm(points[:, None] - points[None], axis=-1).max())
+
+
 def _attained(points: Array) -> Array:
     """RP of positions (..., N, 3)."""
     distance = np.linalg.norm(points - points.mean(axis=-2, keepdims=True), axis=-1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
-from truing.report.numbers import count, listed, plain, rough, sign, with_uncertainty
+from truing.report.numbers import count, listed, plain, quantity, rough, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.scene.view import scene_axes
 from truing.report.tables import XYZ, Tables, table_or_none
@@ -52,6 +53,16 @@ _CURVES = (
     "Motion of the joint minus its reading, as the extended model holds it, with two standard deviations. The curve is "
     "drawn where the data determine it. Elsewhere it is unknown, and the model predicts as if it were zero."
 )
+_ISO = ("AP", "RP", "vAP", "AP_a", "AP_b", "AP_c", "RP_a", "RP_b", "RP_c", "vAP_a", "vAP_b", "vAP_c")
+_ISO_CAPTION = (
+    "Pose accuracy AP, repeatability RP (from five repeats on) and multi-directional variation vAP by ISO 9283; a, b, "
+    "c: small rotations about x, y, z. A command is the nominal chain at the readings, with places of base and tool "
+    "fitted to all poses: AP contains no error of these places"
+)
+_REPEATS, _OPEN = 30, 12  # repeats of the standard; rows that are not folded
+_REPEAT = (
+    "Send the arm to five poses of its workspace, 30 times each, from three directions for vAP; name them in repeat_of."
+)
 _MAP = (
     "Each point is the tip in one pose, by the nominal chain. Large errors in one region show an effect that the "
     "model lacks there."
@@ -80,9 +91,18 @@ def chain(tables: Tables) -> ReportSection | None:
     listings += [_by_series(series)] if series is not None else []
     motors = table_or_none(tables, "motor_encoders")
     listings += [_of_motors(motors)] if motors is not None else []
+    repeated = table_or_none(tables, "arm_accuracy")
+    listings += [_of_repeats(repeated)] if repeated is not None else []
+    statements = () if numbers is None else _on_repeats(repeated)
     see = (("gain", "Errors of each pose, before and after"),) if prediction is not None else ()
     return ReportSection(
-        "chain", "Chain", _opening_sentences(joints, numbers), tuple(figures), tuple(listings), see=see
+        "chain",
+        "Chain",
+        _opening_sentences(joints, numbers),
+        tuple(figures),
+        tuple(listings),
+        statements=statements,
+        see=see,
     )
 
 
@@ -130,6 +150,33 @@ def _listing(numbers: pd.DataFrame) -> Listing:
     return Listing(
         heads, tuple(rows), tuple(marks), f"Identified numbers. {_NUMBERS}", held_by="chain_parameters.parquet"
     )
+
+
+def _on_repeats(repeated: pd.DataFrame | None) -> tuple[tuple[str, str], ...]:
+    """Return what is lacking for figures by ISO 9283."""
+    if repeated is None:
+        why = "Pose accuracy and repeatability by ISO 9283 are not tested: no points or poses of a repeated pose."
+        return (("none", f"{why} {_REPEAT}"),)
+    fewest = int(repeated["attained"].min())
+    words = [f"The fewest repeats of a pose are {fewest}; ISO 9283 asks for {_REPEATS}."] if fewest < _REPEATS else []
+    if not repeated["figure"].str.startswith("vAP").any():
+        words.append("Multi-directional variation vAP is not tested: no pose was repeated from two directions.")
+    return (("none", " ".join([*words, _REPEAT])),) if words else ()
+
+
+def _of_repeats(repeated: pd.DataFrame) -> Listing:
+    """Return a row per subject and pose with the figures of ISO 9283, and 95 % intervals of repeatability."""
+    rows = []
+    for (subject, pose), own in repeated.groupby(["subject", "pose"], sort=False):
+        cells = {r.figure: _figure_cell(r) for r in own.itertuples()}
+        rows.append((str(subject), str(pose), str(own["attained"].max()), *(cells.get(name, "–") for name in _ISO)))
+    return Listing(("subject", "pose", "repeats", *_ISO), tuple(rows), caption=_ISO_CAPTION, folded=len(rows) > _OPEN,
+                   held_by="arm_accuracy.parquet")  # fmt: skip
+
+
+def _figure_cell(row: Any) -> str:
+    text, low = quantity(row.value, row.unit), getattr(row, "low", math.nan)
+    return text if low is None or low != low else f"{text} ({quantity(low, row.unit)} … {quantity(row.high, row.unit)})"
 
 
 def _by_series(series: pd.DataFrame) -> Listing:
