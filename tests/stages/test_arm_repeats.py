@@ -50,7 +50,7 @@ def _nominal(joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return R, t
 
 
-def _campaign(folder: Path, repeats: int) -> list[tuple[int, int, np.ndarray, np.ndarray]]:
+def _campaign(folder: Path, repeats: int, named: bool = False) -> list[tuple[int, int, np.ndarray, np.ndarray]]:
     """Write the campaign; return command, side, position (mm) and orientation of every pose.
 
     The poses of the first command land off by 0.8 mm in y, all of them by the side from which the first joint came.
@@ -69,11 +69,14 @@ def _campaign(folder: Path, repeats: int) -> list[tuple[int, int, np.ndarray, np
         t = t + np.array([LANDS[side], OFF * (command == 0), 0.0]) + rng.normal(0.0, NOISE, 3)
         R = Rotation.from_rotvec(rng.normal(0.0, TURN, 3)).as_matrix() @ R
         x, y, z, w = Rotation.from_matrix(R).as_quat()
-        poses.append((pose, *q, pose))
+        first = next((n for n, row in enumerate(rows, 1) if row[0] == command), None)
+        # encoders that read a little off the command make no other pose of it, where the table says so
+        read = q + rng.normal(0.0, 1e-4, 4) * named
+        poses.append((pose, *read, pose, *([first] if named else [])))
         measured.append((pose, "tip", *t, w, x, y, z, *(NOISE,) * 3, *(TURN,) * 3))
         rows.append((command, side, t, R))
     folder.mkdir(parents=True)
-    heads = ("pose", "q1_deg", "q2_deg", "q3_deg", "q4_deg", "time_s")
+    heads = ("pose", "q1_deg", "q2_deg", "q3_deg", "q4_deg", "time_s", *(["repeat_of"] if named else []))
     own = "pose,body,x_mm,y_mm,z_mm,qw,qx,qy,qz,sigma_x_mm,sigma_y_mm,sigma_z_mm,sigma_rx_rad,sigma_ry_rad,sigma_rz_rad"
     for name, head, lines in (("configurations", heads, poses), ("poses", own.split(","), measured)):
         with (folder / f"{name}.csv").open("w", newline="", encoding="utf-8") as file:
@@ -90,8 +93,9 @@ def _run(folder: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_figures_are_those_of_the_standard(tmp_path: Path) -> None:
-    made = _campaign(tmp_path / "arm", REPEATS)
+@pytest.mark.parametrize("named", [False, True])
+def test_figures_are_those_of_the_standard(tmp_path: Path, named: bool) -> None:
+    made = _campaign(tmp_path / "arm", REPEATS, named)
     run = _run(tmp_path / "arm")
     table = pq.read_table(run / "arm_accuracy.parquet").to_pylist()
     found = {(row["pose"], row["figure"]): row for row in table}
@@ -111,7 +115,8 @@ def test_figures_are_those_of_the_standard(tmp_path: Path) -> None:
         sides = {row[1] for row in own}
         if len(sides) == 2 and min(sum(row[1] == side for row in own) for side in sides) > 1:
             means = [np.mean([row[2] for row in own if row[1] == side], 0) * 1e3 for side in sorted(sides)]
-            assert_close(found[first, "vAP"]["value"], dist(*means), atol=1e-3)
+            # 1e-4 deg over 0.9 m moves a command by 1.6 um
+            assert_close(found[first, "vAP"]["value"], dist(*means), atol=3.0 if named else 1e-3)
     noise = 1e3 * NOISE * np.sqrt(3.0 / REPEATS)
     # base and tool take a part of an error that one pose has alone
     first = next(n for n, row in enumerate(made, 1) if row[0] == 0)

@@ -158,10 +158,13 @@ def _on_repeats(repeated: pd.DataFrame | None) -> tuple[tuple[str, str], ...]:
         why = "Pose accuracy and repeatability by ISO 9283 are not tested: no points or poses of a repeated pose."
         return (("none", f"{why} {_REPEAT}"),)
     fewest = int(repeated["attained"].min())
-    words = [f"The fewest repeats of a pose are {fewest}; ISO 9283 asks for {_REPEATS}."] if fewest < _REPEATS else []
+    found = []
+    if fewest < _REPEATS:
+        found.append(("warn", f"The fewest repeats of a pose are {fewest}; ISO 9283 asks for {_REPEATS}. {_REPEAT}"))
     if not repeated["figure"].str.startswith("vAP").any():
-        words.append("Multi-directional variation vAP is not tested: no pose was repeated from two directions.")
-    return (("none", " ".join([*words, _REPEAT])),) if words else ()
+        why = "Multi-directional variation vAP is not tested: no pose was repeated twice from each of two directions."
+        found.append(("none", why))
+    return tuple(found)
 
 
 def _of_repeats(repeated: pd.DataFrame) -> Listing:
