@@ -507,6 +507,11 @@ _DIAGNOSIS = (
         optional=_PLANNED,
     ),
     parquet(
+        "tip_uncertainty",
+        "contribution of each source to the uncertainty of the tip's predicted pose in the base, of an open chain",
+        "pose body parent quantity unit estimate input_source evaluation contribution degrees_of_freedom",
+    ),
+    parquet(
         "cause_uncertainty",
         "contribution of each source to the uncertainty of every parameter of the causes that were found",
         "cause subject parameter input_source evaluation contribution degrees_of_freedom unit",

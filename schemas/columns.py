@@ -442,7 +442,7 @@ _PHOTOGRAPHED = (
 _FITTED = ("errors-in-variables", "implicit", "nominal", "points")
 _DEFORMING = ("none", "linear", "nonlinear", "matrix", "in-plane")
 _LOAD_NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
-RESULTS = ("pose", "calibration", "accuracy", "cause", "compliance", "G_B", "G_B'", "load", "positioning")
+RESULTS = ("pose", "calibration", "accuracy", "cause", "compliance", "G_B", "G_B'", "load", "positioning", "tip")
 
 _CONCLUDED = (
     integer("rank", "1 is the most probable", minimum=1),

@@ -183,7 +183,7 @@ def combinations_table(diagnosis: CauseDiagnosis, legs: int) -> pa.Table:
 
 
 def _add(rows: Rows, final: FittedModel, cause: Cause, given: Contribution, legs: int) -> None:
-    name, larger = _source(final, given)
+    name, larger = source_of(final, given)
     with np.errstate(all="ignore"):  # a part may give nothing to a number that is a length or an angle
         reported = cause.reported(final.values(cause)[0], given.covariance, legs)
     for one in reported:
@@ -200,7 +200,7 @@ def _add(rows: Rows, final: FittedModel, cause: Cause, given: Contribution, legs
             )
 
 
-def _source(final: FittedModel, given: Contribution) -> tuple[str, bool]:
+def source_of(final: FittedModel, given: Contribution) -> tuple[str, bool]:
     """A source in words, and True if its size was estimated from measurements."""
     readings, survey = final.learned
     if given.source == OBSERVATIONS:

@@ -22,6 +22,7 @@ from truing.stages.diagnosis.chain_next import chain_measurements_of
 from truing.stages.diagnosis.chain_repeats import accuracy_table
 from truing.stages.diagnosis.diagnosis_data import DiagnosisData, InstrumentResults
 from truing.stages.diagnosis.residual_tables import errors_by_role, prediction_table
+from truing.stages.diagnosis.tip_uncertainty import tip_table
 
 if TYPE_CHECKING:
     from truing.inference.fitted_model import FittedModel
@@ -65,6 +66,7 @@ def results(
             "chain_parameters": parameters_table(final),
             **curves_table(final),
             "model": text_of_model(final, settings),
+            "tip_uncertainty": tip_table(final, settings),
             "next_poses": None if next_poses is None else next_poses.table,
         },
         {} if next_poses is None else next_poses.advice,

@@ -18,6 +18,7 @@ from truing.report.tables import Tables, cell, reason, table_or_none
 _TITLE = "Statement of uncertainty"
 KINDS = {
     "pose": "Poses",
+    "tip": "Predicted poses of the tip",
     "calibration": "Numbers of the mechanism",
     "cause": "Sizes of the causes that were found",
     "compliance": "Compliance",

@@ -169,6 +169,17 @@ def _predicted(extended: ExtendedChain, conditions: ChainConditions) -> Predicte
     return PredictedTip(frames.R[:, extended.tip], frames.t[:, extended.tip], np.asarray(covariance))
 
 
+def tip_by_joints(extended: ExtendedChain, conditions: ChainConditions) -> Array:
+    """Return the derivatives (B, 6, n) of the tip's pose (p, theta) in the base by the readings, m and rad."""
+    tree, tip = extended.tree, np.array([extended.tip])
+    right = identified_conditions(extended, conditions)
+    frames = tree.frames(right.readings, right.deviations)
+    by_twist = np.concatenate(
+        [tree.point_slopes(frames, tip, frames.t[:, tip]), tree.rotation_slopes(frames, tip)], 2
+    ).reshape(len(right.readings), TWIST, -1)
+    return np.asarray(by_twist @ tree.axis_twists.reshape(len(tree.readings), -1).T)
+
+
 def identified_conditions(extended: ExtendedChain, conditions: ChainConditions) -> ChainConditions:
     """Return conditions whose readings and deviations hold what was identified and the effects that last."""
     right = _corrected(extended, conditions)

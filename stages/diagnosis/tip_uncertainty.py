@@ -1,0 +1,115 @@
+"""Uncertainty of the predicted poses of a chain's tip, by source."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from truing.arrays import Array
+from truing.estimation.rotation import left_jacobian_so3, log_so3
+from truing.inference.linear_problem import Contribution, rows_by_source
+from truing.schemas.artifacts import ARTIFACTS
+from truing.simulation.mechanisms.chains.conditions import ChainConditions
+from truing.simulation.mechanisms.chains.extended_model import ExtendedChain, extended_chain, predict_tip, tip_by_joints
+from truing.simulation.mechanisms.chains.model import ChainModel
+from truing.stages.diagnosis.cause_tables import source_of
+
+if TYPE_CHECKING:
+    from truing.inference.fitted_model import FittedModel
+    from truing.schemas.campaign import Campaign
+
+_MM, _DEG = 1e-3, np.pi / 180.0
+# Poses of the campaign for which budgets are made, evenly over it.
+_MOST = 50
+_OWN_READINGS = "readings of the joints in the predicted pose"
+_COMPONENTS = {"px": "mm", "py": "mm", "pz": "mm", "rx": "rad", "ry": "rad", "rz": "rad"}
+
+
+def tip_contributions(
+    final: FittedModel[Any], conditions: ChainConditions, reading_sigma: NDArray
+) -> tuple[ExtendedChain, list[tuple[Contribution | None, Array]]]:
+    """Covariance (B, 6, 6), m and rad, of the tip's predicted poses in the base by each source, and the model.
+
+    ``reading_sigma`` (n,): noise of the readings in those poses, rad or m; its part has no source.
+    """
+    model = final.model
+    assert isinstance(model, ChainModel)
+    whitened, tip = final.fit.whitened, model.known.payload[0]
+    rows = rows_by_source(whitened, model.layout, {own.key for own in final.causes}, final.input_rows)
+    left = np.where(whitened.present, 1.0 - whitened.leverage, 0.0)
+    found: list[tuple[Contribution | None, Array]] = []
+    for name, part in whitened.covariance_from(rows, slice(0, model.shared_size)).items():
+        own = extended_chain(model, final.fit.shared, part * final.noise_ratio**2, tip, {})
+        source = Contribution(name, np.zeros((0, 0)), float(left[rows[name]].sum()))
+        found.append((source, predict_tip(own, conditions).covariance))
+    extended = extended_chain(model, final.fit.shared, final.covariance(), tip, {})
+    by_joints = tip_by_joints(extended, conditions)
+    own_readings = by_joints @ (reading_sigma[:, None] ** 2 * np.swapaxes(by_joints, -1, -2))
+    return extended, [*found, (None, np.asarray(own_readings))]
+
+
+def tip_table(final: FittedModel[Any], settings: Campaign) -> pa.Table:
+    """Rows of tip_uncertainty.parquet: contribution of each source to each component of the tip's predicted pose."""
+    model = final.model
+    assert isinstance(model, ChainModel)
+    conditions = _some(_in_right_columns(model))
+    extended, parts = tip_contributions(final, conditions, _reading_sigma(model, settings, final.learned[0]))
+    tip = predict_tip(extended, conditions)
+    vector = log_so3(tip.R)
+    estimate = np.concatenate([tip.p / _MM, vector], 1)
+    to_units = np.zeros((len(vector), 6, 6))
+    to_units[:, :3, :3], to_units[:, 3:, 3:] = np.eye(3) / _MM, np.linalg.inv(left_jacobian_so3(vector))
+    links = extended.tree.nodes[extended.tip].link, extended.tree.nodes[0].link
+    rows: list[dict[str, Any]] = []
+    for source, covariance in parts:
+        turned = to_units @ covariance @ np.swapaxes(to_units, -1, -2)
+        sigma = np.sqrt(np.maximum(np.diagonal(turned, axis1=1, axis2=2), 0.0))
+        words, from_data = (_OWN_READINGS, False) if source is None else source_of(final, source)
+        common: dict[str, Any] = {
+            "body": links[0],
+            "parent": links[1],
+            "input_source": words,
+            "evaluation": "A" if from_data else "B",
+        }
+        common["degrees_of_freedom"] = max(source.freedom, 1.0) if from_data and source is not None else None
+        if not sigma.any():
+            continue
+        for b, pose in enumerate(conditions.poses):
+            rows += [
+                {
+                    **common,
+                    "pose": str(pose),
+                    "quantity": name,
+                    "unit": unit,
+                    "estimate": float(estimate[b, k]),
+                    "contribution": float(sigma[b, k]),
+                }
+                for k, (name, unit) in enumerate(_COMPONENTS.items())
+            ]
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS["tip_uncertainty"].arrow_schema("string"))
+
+
+def _in_right_columns(model: ChainModel) -> ChainConditions:
+    """Conditions without errors of this campaign's table; zeros that are far off belong to the extended model."""
+    readings = model.conditions.readings
+    for cause in model.causes:
+        readings = readings if cause.is_persistent else cause.corrected(readings, model.tree.readings)
+    return replace(model.conditions, readings=readings)
+
+
+def _some(conditions: ChainConditions) -> ChainConditions:
+    count = len(conditions.readings)
+    kept = np.zeros(count, bool)
+    kept[np.unique(np.linspace(0, count - 1, min(count, _MOST)).round().astype(int))] = True
+    return conditions.subset(kept)
+
+
+def _reading_sigma(model: ChainModel, settings: Campaign, ratio: float) -> Array:
+    """Declared noise (n,) of the readings, rad or m, times the ratio at which the campaign shows it."""
+    noise = settings.noise
+    declared = np.where(model.tree.is_revolute, noise.joint_deg * _DEG, noise.joint_mm * _MM)
+    return declared * ratio
