@@ -208,7 +208,8 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
         parts += [("rays", "pose"), ("barless", "bundle"), ("scaleless", "bundle"), ("pictures", "images")]
         parts += [("poses", "calibrate"), ("axis", "deformation")]
         parts += [("sensor", "qa"), ("sensor", "uncertainty"), ("sensor", "transfer")]
-        parts += [("turntable", "diagnose"), ("slide", "diagnose"), ("plated", "report")]
+        parts += [(name, stage) for name in ("turntable", "slide") for stage in ("deformation", "diagnose")]
+        parts += [("plated", "report")]
         parts += [(f"arm-{notation}", "diagnose") for notation, _ in ARMS]
         for name, only in (("telescope", None), *parts):
             out = folder / "runs" / name
