@@ -95,7 +95,7 @@ def _harmonic(claim: Claim) -> str:
 def _curve(claim: Claim) -> str:
     size = largest(tuple(size for size in claim.sizes if size.name.startswith("largest")))
     who, up_to = _whose(claim), f", by up to {size_in_words(size)}" if size else ""
-    if who.startswith("joints "):
+    if claim.subject.split().count("joint") > 1:
         return f"{who} depart from their readings by repeatable curves{up_to}"
     return f"{who} departs from its reading by a repeatable curve{up_to}"
 
