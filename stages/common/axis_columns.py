@@ -132,7 +132,7 @@ def targets_of(command: Array) -> tuple[Array, Index]:
 
 
 def _overflows(off: Array, counts: Array, count: float) -> Array:
-    """Return what the overflows of a counter removed from deviations (N,); ``count`` is the size of one count.
+    """Return the steps that overflows of a counter removed from deviations (N,); ``count`` is the size of one count.
 
     All counts lie within a range of 16 to 32 bits, and the deviations, apart from whole ranges, within a small part of
     it.

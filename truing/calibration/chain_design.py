@@ -237,7 +237,7 @@ def hidden_combinations(poses: PlannedPoses, possible: PlannedPoses) -> list[Hid
 
 
 def _knowledge_that_shows(seen: Observability, unknowns: Sequence[ChainUnknown], direction: NDArray) -> Remedy:
-    """Return what must be known for the rest of a direction (G,) to be seen."""
+    """Return the numbers that must be known before the rest of a direction (G,) shows."""
     for kind, remedy in ((UnknownKind.BASE, Remedy.BASE), (UnknownKind.TARGET, Remedy.TARGETS)):
         own = np.array([unknown.kind is kind for unknown in unknowns])
         rest = np.where(own, 0.0, direction)
@@ -263,7 +263,7 @@ class CauseSight:
 
 
 def cause_sights(poses: PlannedPoses, causes: Sequence[ChainCause]) -> list[CauseSight]:
-    """Return what the poses show of causes, one at a time, with all unknowns of the plain chain free."""
+    """Return the visibility of causes in the poses, one at a time, with all unknowns of the plain chain free."""
     seen, model = poses.seen, poses.model.at(poses.conditions)
     rows = seen.without_pose_unknowns(seen.rows)
     flat = rows.reshape(-1, rows.shape[-1])
@@ -301,8 +301,8 @@ def _sigma(left: NDArray) -> Array:
 
 
 def rest_apart(sights: Sequence[CauseSight]) -> Array:
-    """Return what an effect of each cause b cannot imitate of an effect a of plausible size (N, N), in sigma of the
-    data; infinite between forms of one cause."""
+    """Return the part (N, N) of an effect a of plausible size that each cause b cannot imitate, in sigma of the data;
+    infinite between forms of one cause."""
     bases = [
         np.linalg.qr(one.left / np.linalg.norm(one.left))[0] if one.visible > _LEAST_VISIBLE else 0.0 * one.left
         for one in sights

@@ -153,7 +153,7 @@ def _listing(numbers: pd.DataFrame) -> Listing:
 
 
 def _on_repeats(repeated: pd.DataFrame | None) -> tuple[tuple[str, str], ...]:
-    """Return what is lacking for figures by ISO 9283."""
+    """Return the reasons why figures by ISO 9283 are missing."""
     if repeated is None:
         why = "Pose accuracy and repeatability by ISO 9283 are not tested: no points or poses of a repeated pose."
         return (("none", f"{why} {_REPEAT}"),)
@@ -195,7 +195,7 @@ def _by_series(series: pd.DataFrame) -> Listing:
 
 
 def _of_motors(motors: pd.DataFrame) -> Listing:
-    """Return what the difference of motor encoders and joint readings contains."""
+    """Return the components of the difference between motor encoders and joint readings."""
     rows, marks = [], []
     for row in motors.itertuples():
         factor, unit = _UNITS.get(row.unit, (1.0, "" if row.unit == "1" else row.unit))

@@ -55,7 +55,7 @@ def positioning(tables: Tables) -> ReportSection | None:
 
 
 def _is_single_axis(tables: Tables) -> bool:
-    """Return whether the results are those of the rows of an axis, not of positions of a table."""
+    """True if the results are those of the rows of an axis, not of positions of a table."""
     return "positioning" in tables and "configurations" in tables
 
 
