@@ -89,7 +89,7 @@ def design_chain(settings: Campaign, options: DesignOptions, tables: ChainDesign
         found,
         0 if kept_readings is None else len(kept_readings),
         order,
-        None if own is None else _existing(with_causes, own, rows),
+        None if own is None or len(layout.model.known.base_t) > 1 else _existing(with_causes, own, rows),
         None if own is None else _shown(own, probes, settings, ranges),
         _shown(_planned(layout, settings, everything, joint_readings(tree, everything)), probes, settings, ranges),
         options.causes,

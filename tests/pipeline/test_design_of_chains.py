@@ -199,3 +199,13 @@ def test_faults_of_forbidden_regions_name_their_place(tmp_path: Path, text: str,
     done = call(planned(tmp_path / "new"), "--poses", 8, "--avoid", avoid)
     assert done.exit_code == 2
     assert_says(" ".join(done.output.split()), expected)
+
+
+def test_poses_in_several_frames_are_not_rated_against_those_in_one(tmp_path: Path) -> None:
+    from tests.blind.generator.arms import draw, write
+
+    place = write(draw(21, instrument="points-series", causes=("joint-gain",), poses=40), tmp_path / "arm")
+    done = call(place, "--poses", 12)
+    assert done.exit_code == 0, done.output
+    assert "of the best possible" in done.output
+    assert "of the best of as many" not in done.output

@@ -215,7 +215,8 @@ def hidden_combinations(poses: PlannedPoses, possible: PlannedPoses) -> list[Hid
     seen, offered = _observed(poses.rows, unknowns, turn), possible.seen
     every = _observed(offered.without_pose_unknowns(offered.rows), unknowns, turn)
     covariance = np.linalg.inv(np.eye(len(unknowns)) + poses.information)
-    groups = inseparable(seen)
+    with np.errstate(divide="ignore", invalid="ignore"):  # of what the groups determine, which is not used here
+        groups = inseparable(seen)
     texts = [text for group in groups for text in group.texts]
     ordered = [change for group in groups for change in group.changes]
     known = {label: k for k, label in enumerate(seen.labels)}
