@@ -21,8 +21,13 @@ def part_of(path: Path) -> Path:
 
 
 def write_part(path: Path, write: Callable[[BinaryIO], None]) -> str:
-    """Write and flush the part file of ``path``; returns the SHA-256 of its bytes. Errors of ``write`` pass."""
+    """Write and flush the part file of ``path``, whose folder is made if absent; returns the SHA-256 of its bytes.
+
+    Errors of ``write`` pass.
+    """
     with environment(f"{path} cannot be written"):
+        if not path.parent.exists():
+            path.parent.mkdir(parents=True)
         file = open(part_of(path), "w+b")  # noqa: SIM115 (closed below; opening alone is the environment's)
     with file:
         write(file)

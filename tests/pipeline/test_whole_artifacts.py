@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.pipeline.fake_project import STAGES, FakeProject
+from truing.pipeline.whole_file import write_atomically
 
 posix_only = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals and limits")
 
@@ -209,3 +210,10 @@ def test_leftovers_of_dead_runs_are_removed(ran: FakeProject) -> None:
     (ran.out / ".poses.parquet.part").write_bytes(b"half")
     ran.run()
     assert not list(ran.out.rglob("*.part"))
+
+
+def test_a_file_makes_the_folder_that_it_lacks(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "folder" / "plan.csv"
+    write_atomically(path, b"pose\n")
+    assert path.read_bytes() == b"pose\n"
+    assert [own.name for own in path.parent.iterdir()] == ["plan.csv"]
