@@ -19,7 +19,7 @@ from truing.report.diagnosis.assessed_causes import (
     accepted_of,
 )
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, label, style
-from truing.report.numbers import count, p_value, plain, rough, sign
+from truing.report.numbers import count, p_equals, p_value, plain, rough, sign
 from truing.report.page import Listing, ReportSection
 from truing.report.parameter_names import UNBROKEN
 from truing.report.wordings.catalogue import cause_words
@@ -33,6 +33,8 @@ _VERDICTS = {
     NOT_TESTABLE: ("not testable", _PALE),
 }
 _MARKS = {FOUND: "found", SUSPECTED: "warn", RIVAL: "warn", REJECTED: "none", NOT_TESTABLE: "none"}
+_CHANCE = "chance"  # reason of a rejection: next to all findings, chance does as much
+_CLEAR = 0.95
 # Most candidates of a figure; the table has them all.
 _SHOWN = 16
 _RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹"
@@ -53,7 +55,12 @@ def evidence(rows: list[AssessedCause]) -> ReportSection:
 def _figures(causes: list[AssessedCause]) -> list[tuple[object, str]]:
     known = [row for row in causes if row.evidence is not None]
     if known:
-        return [(_odds_figure(known), f"Left of the line: evidence against the cause. {_shown_causes(causes)}")]
+        return [
+            (
+                _odds_figure(known),
+                f"Right of the line: evidence for the cause; left: against it. {_shown_causes(causes)}",
+            )
+        ]
     known = [row for row in causes if row.probability is not None]
     return [(_probability_figure(known), _shown_causes(causes))] if known else []
 
@@ -88,8 +95,20 @@ def _next_best(rows: list[AssessedCause], found: list[AssessedCause]) -> str:
     best = max(behind, key=lambda row: row.evidence or 0.0)
     gap = first - (best.evidence or 0.0)
     if gap < math.log(EQUAL_ODDS):
-        return ""
+        return _alone(best, found)
     return f" The best rejected cause ({_kind(best)}) is {_times(gap)} times less probable than {found[0].name}."
+
+
+def _alone(best: AssessedCause, found: list[AssessedCause]) -> str:
+    """Return in words why a rejected cause can have like odds alone as the first finding, which the figure shows."""
+    first = found[0]
+    if len(found) < 2 or best.reason_code != _CHANCE or best.p_value is None or (first.probability or 0.0) < _CLEAR:
+        return ""
+    other = _kind(best)
+    return (
+        f" Alone, {other} explains the data about as well as {first.name}. Next to the other findings, the "
+        f"latter is more probable, and {other} adds no more than chance does (p {p_equals(best.p_value)})."
+    )
 
 
 def _times(gap: float) -> str:
@@ -121,7 +140,7 @@ def _odds_figure(rows: list[AssessedCause]) -> go.Figure:
     shown = _best(rows)
     figure = _bars(shown, [_position(row.evidence or 0.0) for row in shown], [_odds(row) for row in shown])
     positions = np.array([_position(row.evidence or 0.0) for row in shown])
-    subtitle = "Right of the line: evidence for the cause, with its odds. Hatched: depends on the assumed effect size"
+    subtitle = "Found causes next to those found before, others alone. Hatched: depends on the assumed effect size"
     _finish(figure, "Odds of the model with each cause over the model without it", subtitle, len(shown))
     figure.update_xaxes(title_text="odds (powers of ten, compressed scale)", **_axis(positions))
     figure.add_vline(x=0.0, line={"color": GREY, "width": 1})
