@@ -194,8 +194,8 @@ class Workspace(PoseComponents):
     @field_validator("joints")
     @classmethod
     def _joints_move(cls, joints: dict[str, tuple[float, float]]) -> dict[str, tuple[float, float]]:
-        if wrong := [name for name, (low, high) in joints.items() if low >= high]:
-            raise ValueError(f"a lowest reading below the highest, for {wrong[0]}")
+        if wrong := [f"{name} = [{low:g}, {high:g}]" for name, (low, high) in joints.items() if low >= high]:
+            raise ValueError(f"the lowest reading before the highest, not {', '.join(wrong)}")
         return joints
 
 

@@ -169,7 +169,12 @@ def test_poses_that_are_kept_count_and_a_cause_joins_the_unknowns(tmp_path: Path
     [
         ("targets.csv", "", (), "needs targets.csv with planned places of targets on links"),
         ("", "\n[workspace.joints]\nelbo_deg = [0.0, 1.0]\n", (), "column workspace.joints.elbo_deg"),
-        ("", "\n[workspace.joints]\nelbow_deg = [1.0, 0.0]\n", (), "a lowest reading below the highest"),
+        (
+            "",
+            "\n[workspace.joints]\nelbow_deg = [1.0, 0.0]\n",
+            (),
+            "the lowest reading before the highest, not elbow_deg",
+        ),
         ("", "", ("--method", "direct"), "exchange, ioops or random"),
         ("", "", ("--parameters", "a_x"), "--parameters"),
         ("", "", ("--causes", "leg-drift"), "causes that poses of this chain can show"),
