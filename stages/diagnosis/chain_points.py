@@ -80,11 +80,8 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     measured = with_distances(points, lines)
     readings = joint_readings(tree, table)
     reference = None if points is None else reference_link(settings, points)
-    out, framed, read = (
-        _excluded(settings, poses),
-        is_framed(points or measured, reference),
-        np.isfinite(readings).all(1),
-    )
+    out, read = _excluded(settings, poses), np.asarray(np.isfinite(readings).all(1))
+    framed = is_framed(points or measured, reference)
     usable = read & measured.seen.any(1) & ~out & framed
     if usable.sum() < _FEWEST:
         raise ValueError(f"needs at least {_FEWEST} poses with readings of all joints and measured links")
@@ -112,18 +109,11 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     time = own.covariates.get("time_s")
     labels = selected_groupings(labels_of(table, poses), fitted)
     groupings = groupings_of(own.readings, time, None, labels)
-    unread, loose = int((~read).sum()), int((~framed).sum())
-    words = [
-        f"{counted(int(out.sum()), 'pose')} excluded by a person" if out.any() else "",
-        f"{counted(unread, 'pose')} without a reading of every joint" if unread else "",
-        f"{counted(loose, 'pose')} with too few targets of the reference link" if loose else "",
-        thinned,
-    ]
     return DiagnosisData(
         model.at(own),
         replace(searched, groupings=groupings),
         epochs(held) if held.any() else None,
-        "; ".join(filter(None, words)),
+        _omissions(out, read, framed, thinned),
         partial(
             results,
             series=_labels(table),
@@ -135,6 +125,18 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         shown=_shown(model),
         relation=Relation.JOINTS_LINKS,
     )
+
+
+def _omissions(out: Mask, read: Mask, framed: Mask, thinned: str) -> str:
+    """Poses (B,) that are not searched, in words."""
+    unread, loose = int((~read).sum()), int((~framed).sum())
+    words = (
+        f"{counted(int(out.sum()), 'pose')} excluded by a person" if out.any() else "",
+        f"{counted(unread, 'pose')} without a reading of every joint" if unread else "",
+        f"{counted(loose, 'pose')} with too few targets of the reference link" if loose else "",
+        thinned,
+    )
+    return "; ".join(filter(None, words))
 
 
 def _filled(measured: MeasuredLinks) -> MeasuredLinks:

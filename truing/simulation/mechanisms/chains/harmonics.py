@@ -29,15 +29,15 @@ _VANISHING = 0.05  # a wave of this rms size at the readings shows nothing
 
 
 @dataclass(frozen=True)
-class JointEccentricity(JointCause):
-    """A joint turns by sine x sin(q) + cosine x cos(q) more than it reads, once per turn.
+class TurningError(JointCause):
+    """Base class of errors that repeat with the angle of a joint.
 
-    If ``aliased``, other orders give the same waves at the readings; the effect then ends with its campaign.
+    If ``aliased``, other orders give the same waves at the readings; the effect then ends with its campaign, because no
+    other reading can be predicted.
     """
 
     aliased: bool = False
 
-    id = "joint-eccentricity"
     reach = 10.0
     is_held_beyond = True
 
@@ -45,6 +45,17 @@ class JointEccentricity(JointCause):
     def is_persistent(self) -> bool:
         """True if the order is determined."""
         return not self.aliased
+
+    def applies(self, machine: ChainInputs) -> bool:
+        """True if the joint turns."""
+        return self.is_angle
+
+
+@dataclass(frozen=True)
+class JointEccentricity(TurningError):
+    """A joint turns by sine x sin(q) + cosine x cos(q) more than it reads, once per turn."""
+
+    id = "joint-eccentricity"
 
     def candidates(self, scene: ChainScene) -> Sequence[Self]:
         """Return every revolute joint."""
@@ -54,10 +65,6 @@ class JointEccentricity(JointCause):
             angle = machine.readings[:, machine.tree.readings.index(cause.joint)]
             found.append(replace(cause, aliased=_Waves.of(angle).is_open(0)))
         return found
-
-    def applies(self, machine: ChainInputs) -> bool:
-        """True if the joint turns."""
-        return self.is_angle
 
     def parameters(self, legs: int) -> tuple[Parameter, ...]:
         """Return the two amplitudes."""
@@ -69,27 +76,18 @@ class JointEccentricity(JointCause):
 
 
 @dataclass(frozen=True)
-class JointHarmonic(JointCause):
+class JointHarmonic(TurningError):
     """A joint turns by sine x sin(order q) + cosine x cos(order q) more than it reads: gears, bearings, encoders.
 
     A searched order lies within ``beside`` of ``order``; if ``free``, its distance is a further parameter, limited by a
-    hyperbolic tangent. If ``aliased``, other orders give the same waves at the readings; the effect then ends with its
-    campaign, because no other reading can be predicted.
+    hyperbolic tangent.
     """
 
     order: float = 2
     beside: float = 0.0
     free: bool = False
-    aliased: bool = False
 
     id = "joint-harmonic"
-    reach = 10.0
-    is_held_beyond = True
-
-    @property
-    def is_persistent(self) -> bool:
-        """True if the order is determined."""
-        return not self.aliased
 
     def candidates(self, scene: ChainScene) -> Sequence[Self]:
         """Return every revolute joint with every order that its readings distinguish, up to 200.
@@ -104,10 +102,6 @@ class JointHarmonic(JointCause):
             for order, beside, aliased in _orders(angle, machine.gear_orders.get(cause.joint)):
                 found.append(replace(cause, order=order, beside=beside, aliased=aliased))
         return found
-
-    def applies(self, machine: ChainInputs) -> bool:
-        """True if the joint turns."""
-        return self.is_angle
 
     def prior(self, scene: ChainScene) -> float:
         """Return the weight of the order: all searched ones of a joint together have that of two low ones."""
