@@ -51,7 +51,7 @@ _MOTOR_WORDS = {
 }
 _CURVES = (
     "Motion of the joint minus its reading, as the extended model holds it, with two standard deviations. The curve is "
-    "drawn where the data determine it. Elsewhere it is unknown, and the model predicts as if it were zero."
+    "drawn where the data determine it. Elsewhere predictions rest on the assumption that it is small."
 )
 _ISO = ("AP", "RP", "vAP", "AP_a", "AP_b", "AP_c", "RP_a", "RP_b", "RP_c", "vAP_a", "vAP_b", "vAP_c")
 _ISO_CAPTION = (
