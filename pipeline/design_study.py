@@ -18,14 +18,14 @@ from truing.pipeline.run_owner import folder_next_to_run, note_owner
 from truing.report.accuracy_page import accuracy_head, accuracy_sections, accuracy_words
 from truing.report.page import PageHead, ReportSection
 from truing.report.rendering.render import render_page
-from truing.report.sensor.tolerances import tolerance_head, tolerance_sections, tolerance_words
+from truing.report.sensor.tolerances import chain_section, tolerance_head, tolerance_sections, tolerance_words
 from truing.report.uniqueness_page import uniqueness_head, uniqueness_sections, uniqueness_words
 from truing.schemas.campaign import Campaign
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.configurations.accuracy import accuracy_tables
 from truing.stages.configurations.chosen import DesignOptions, DesignTables
 from truing.stages.configurations.uniqueness import uniqueness_tables
-from truing.stages.responses.tolerances import tolerance_tables
+from truing.stages.responses.tolerances import chain_tables, tolerance_tables
 
 Frames = Mapping[str, pd.DataFrame]
 
@@ -42,7 +42,8 @@ class DesignStudy:
 
 
 def _tolerance_tables(settings: Campaign, options: DesignOptions, _: DesignTables) -> dict[str, pa.Table]:
-    return dict(zip(("", "-samples"), tolerance_tables(settings, options.seed).values(), strict=True))
+    drawn = dict(zip(("", "-samples"), tolerance_tables(settings, options.seed).values(), strict=True))
+    return drawn | {f"-{name}": table for name, table in chain_tables(settings).items()}
 
 
 def _as_artifacts(frames: Frames) -> Frames:
@@ -57,7 +58,7 @@ STUDIES = {
         "errors",
         lambda frames: tolerance_words(frames["errors"]),
         lambda name, frames: tolerance_head(name, frames["errors"]),
-        lambda frames: tolerance_sections(_as_artifacts(frames)),
+        lambda frames: [*tolerance_sections(_as_artifacts(frames)), chain_section(frames)],
     ),
 }
 

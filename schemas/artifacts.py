@@ -243,7 +243,8 @@ _CALIBRATION = (
     ),
     parquet(
         "frames",
-        "origin and direction of each axis of a sensor's frames, unloaded, in the frame of the base",
+        "origin and direction of each axis of a sensor's frames, unloaded, or of those of a machine on legs at its "
+        "reference readings, in the frame of the base",
         f"frame* axis_name* {POINT} along_x along_y along_z",
     ),
     parquet(

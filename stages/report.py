@@ -19,7 +19,7 @@ DECLARATION = Stage(
     reads=tuple(f"{table}?" for table in tables_read()),
     leaves=("frames?", "verdict", "next_measurements", "report"),
     settings=(
-        *("campaign.name", "mechanism.legs", "mechanism.height_mm", "noise.signal_mv"),
+        *("campaign.name", "mechanism.type", "mechanism.legs", "mechanism.height_mm", "noise.signal_mv"),
         "interferometer.beams",
     ),
     summary="the verdict, and one self-contained page with figures, findings and exclusions",
@@ -32,9 +32,9 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from truing.report.rendering.render import render_page
     from truing.report.verdict import gates
     from truing.runs.page_parts import next_measurements_table, page_parts, verdict_table
-    from truing.stages.common.frames_of_sensor import sensor_frames
+    from truing.stages.common.frames_of_machine import machine_frames
 
-    frames = sensor_frames(settings)
+    frames = machine_frames(settings, tables.get("poses"))
     made = {} if frames is None else {"frames": frames}
     verdict = verdict_table(tables)
     reported = {**tables, **made, "verdict": verdict}

@@ -30,7 +30,8 @@ TESTS = Path(__file__).resolve().parent
 # bear the mark themselves.
 SLOW = (
     "blind", "broken", "docs", "estimation/image_targets", "photographs", "real", "report/test_in_browser.py",
-    "simulation/bench/test_recovery.py", "simulation/mechanisms/test_recalibration.py", "stages/photographs",
+    "second_hand", "simulation/bench/test_recovery.py", "simulation/mechanisms/test_recalibration.py",
+    "stages/photographs",
 )  # fmt: skip
 SLOW_FIXTURES = {"browser", "real_data", "sample_run"}
 

@@ -12,6 +12,8 @@ from truing.calibration.accuracy_map import AccuracyMap, accuracy_map
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.mechanisms.actuator_errors import QUANTITIES
 from truing.simulation.mechanisms.parameters import ParameterSet
+from truing.simulation.mechanisms.structures.catalogue import structures
+from truing.simulation.mechanisms.structures.structure import NO_CHANGE, Machine
 from truing.stages.common.nominal_mechanism import FILE, plain_machine
 from truing.stages.configurations.chosen import DesignOptions, DesignTables
 from truing.stages.configurations.problem import limits_of, problem_of
@@ -30,7 +32,10 @@ _OF_NOISE = np.sqrt(3.0)  # half width of an even distribution, in standard devi
 
 
 def accuracy_tables(settings: Campaign, options: DesignOptions, tables: DesignTables) -> dict[str, pa.Table]:
-    """Return the tables by the ending of their file: worst (none), ``-legs`` and ``-map``; raises CampaignFaults."""
+    """Return the tables by the ending of their file: worst (none), ``-legs``, ``-map`` and ``-jacobian``.
+
+    Raises CampaignFaults.
+    """
     machine = plain_machine(settings)
     accuracy, given_by = _accuracy(settings, machine.legs.count)
     limits = limits_of(
@@ -42,7 +47,8 @@ def accuracy_tables(settings: Campaign, options: DesignOptions, tables: DesignTa
     except ValueError as error:
         place = FILE if tables.avoid is None else tables.avoid_file
         raise CampaignFaults([Fault(place, str(error))]) from None
-    return {"": _worst(found, settings), "-legs": _legs(found, given_by), "-map": _map(found)}
+    tables_found = {"": _worst(found, settings), "-legs": _legs(found, given_by), "-map": _map(found)}
+    return tables_found | {"-jacobian": _jacobian(machine, found)}
 
 
 def _accuracy(settings: Campaign, legs: int) -> tuple[NDArray, str]:
@@ -89,6 +95,23 @@ def _legs(found: AccuracyMap, given_by: str) -> pa.Table:
         "accuracy_from": [given_by] * shares.size,
     }
     return pa.table(columns)
+
+
+def _jacobian(machine: Machine, found: AccuracyMap) -> pa.Table:
+    """Return the change of each reading by a motion of the platform at the reference pose (telescope report,
+    eq. 8)."""
+    placed = found.placed
+    closing = structures(machine)[0].close(machine, placed.p[:1], placed.R[:1], placed.rho[:1], NO_CHANGE)
+    slope = -np.linalg.solve(closing.by_rho[0], closing.by_twist[0]) * _POSE_SI * 1e3
+    columns: dict[str, object] = {"leg": np.arange(len(slope)) + 1}
+    units = (("mm",) * 3) + (("deg",) * 3)
+    return pa.table(
+        columns
+        | {
+            f"mm_per_{unit}_of_{name.partition('_')[0]}": slope[:, k]
+            for k, (name, unit) in enumerate(zip(_POSE, units, strict=True))
+        }
+    )
 
 
 def _map(found: AccuracyMap) -> pa.Table:

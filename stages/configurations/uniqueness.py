@@ -115,7 +115,7 @@ def _flexures(flexures: Flexures, bend: float) -> pa.Table:
     columns: dict[str, object] = {"bend_deg": np.degrees(path.slope)}
     for name, (along, across) in (("pivot", path.pivot), ("beam", path.beam), ("circle", path.circle)):
         columns |= {f"{name}_across_um": 1e6 * across, f"{name}_along_um": 1e6 * along}
-    columns |= {"flexure_length_mm": np.full(_STEPS, 1e3 * length)}
+    columns |= {"flexure_length_mm": np.full(_STEPS, 1e3 * length), "flexure_beta": np.full(_STEPS, beta)}
     return pa.table(columns | {"largest_bend_deg": np.full(_STEPS, np.degrees(bend))})
 
 

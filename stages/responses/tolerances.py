@@ -6,9 +6,18 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from truing.schemas.faults import CampaignFaults, Fault
-from truing.simulation.bench.six_upur.assembly import SOURCES
+from truing.simulation.bench.six_upur.assembly import (
+    LINKS,
+    SOURCES,
+    angles_between,
+    influence_coefficients,
+    joined_links,
+    length_of_source,
+    sensor_chains,
+)
 from truing.simulation.bench.six_upur.source_errors import ALL, SourceErrors, source_errors
 from truing.simulation.bench.six_upur.tolerances import sigma_of
 from truing.stages.common.nominal_mechanism import FILE
@@ -23,6 +32,7 @@ LEAVES = ("tolerance_errors", "tolerance_samples")
 _ARCSEC = np.pi / 180.0 / 3600.0
 _PARTS = (("position", "um", 1e6), ("attitude", "arcsec", 1.0 / _ARCSEC))
 _SEED = 8
+_DECIMALS = 9  # of mm, degrees and unit vectors: far below any drawing's
 
 
 def tolerance_tables(settings: Campaign, seed: int = _SEED) -> dict[str, pa.Table]:
@@ -40,6 +50,42 @@ def tolerance_tables(settings: Campaign, seed: int = _SEED) -> dict[str, pa.Tabl
     except ValueError as error:
         raise CampaignFaults([Fault(FILE, str(error), column="mechanism")]) from None
     return {"tolerance_errors": _errors(found, widths), "tolerance_samples": _samples(found)}
+
+
+def chain_tables(settings: Campaign) -> dict[str, pa.Table]:
+    """Return the legs of a sensor as chains (force-sensor paper, eq. 5-13): ``links``, and ``influence``, the error of
+    the platform by 1 um of each source of each leg alone, the other legs removed."""
+    chain = sensor_chains(sensor_joints(cast("SensorMechanism", settings.mechanism)))
+    links = joined_links(chain)
+    legs = len(links.axis)
+    numbers = {"leg": np.repeat(np.arange(legs) + 1, LINKS), "link": np.tile(np.arange(LINKS) + 1, legs)}
+    nothing = np.full((legs, 1), np.nan)
+    # Angles about axes and normals, by eq. 12: the chain's own, but from its vectors.
+    twist = np.concatenate([angles_between(links.axis, links.normal[:, 1:]), nothing], -1)
+    angle = np.concatenate([angles_between(links.normal, links.axis[:, :-1]), nothing], -1)
+    of_links: dict[str, object] = {
+        "length_mm": chain.a.ravel() * 1e3,
+        "offset_mm": chain.S.ravel() * 1e3,
+        "angle_deg": _rounded(np.degrees(angle)).ravel(),
+        "twist_to_next_deg": _rounded(np.degrees(twist)).ravel(),
+    }
+    vectors = {"axis": links.axis, "normal": links.normal, "corner": links.corner * 1e3}
+    for name, vector in vectors.items():
+        ending = "_mm" if name == "corner" else ""
+        of_links |= {f"{name}_{c}{ending}": _rounded(vector[..., k]).ravel() for k, c in enumerate("xyz")}
+    slopes = length_of_source(influence_coefficients(links))
+    parts = ("x_um", "y_um", "z_um", "rx_arcsec", "ry_arcsec", "rz_arcsec")
+    scale = np.array([1.0] * 3 + [1e-6 / _ARCSEC] * 3)
+    of_sources: dict[str, object] = {
+        "leg": np.repeat(np.arange(legs) + 1, len(SOURCES)),
+        "error_source": list(SOURCES) * legs,
+    }
+    of_sources |= {name: _rounded(slopes[:, k] * scale[k]).ravel() for k, name in enumerate(parts)}
+    return {"links": pa.table(numbers | of_links), "influence": pa.table(of_sources)}
+
+
+def _rounded(values: NDArray) -> NDArray:
+    return np.round(values, _DECIMALS) + 0.0
 
 
 def has_tolerances(settings: Campaign) -> bool:

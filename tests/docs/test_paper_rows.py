@@ -32,6 +32,7 @@ def test_every_row_is_whole(page: str) -> None:
     for number, meaning, there, own, verdict, _figure in rows(page):
         assert 1 <= len(meaning.split()) <= 6, number
         assert verdict.startswith(VERDICTS), number
+        assert "Python" not in own, number  # a command, an artifact, or a section of the page
         is_absent = there.startswith("none") and own.startswith("none")
         assert (verdict == "no counterpart") == is_absent, number
 

@@ -109,7 +109,11 @@ def accuracy_sections(frames: Mapping[str, pd.DataFrame]) -> list[ReportSection]
     return [
         ReportSection("components", "Largest errors", lead, listings=listings),
         ReportSection(
-            "legs", "Share of each leg", "Equal shares mean that no single actuator limits the accuracy.", shares
+            "legs",
+            "Share of each leg",
+            "Equal shares mean that no single actuator limits the accuracy.",
+            shares,
+            listings=(_jacobian(frames["jacobian"]),),
         ),
         ReportSection(
             "map",
@@ -125,6 +129,12 @@ _MAPS = {
     "position": "Largest error of the position.",
     "orientation": "Largest error of the orientation.",
 }
+
+
+def _jacobian(table: pd.DataFrame) -> Listing:
+    heads = ("leg", *(name.replace("_", " ") for name in table.columns[1:]))
+    rows = tuple((str(int(row[0])), *(f"{value:.5f}" for value in row[1:])) for row in table.itertuples(index=False))
+    return Listing(heads, rows, (), "Change of each reading by a motion of the platform at the reference pose")
 
 
 def _components(worst: pd.DataFrame) -> Listing:

@@ -47,7 +47,7 @@ SECTIONS = (
         reads=("joints", "chain_parameters", "joint_curves", "series_errors", "arm_accuracy", "motor_encoders"),
     ),
     PageSection("measured", ("truing.report.measured_section",)),
-    PageSection("frames", ("truing.report.scene.frames",), bench=True),
+    PageSection("frames", ("truing.report.scene.frames",)),
     PageSection("qa", ("truing.report.quality_section",), "Quality"),
     PageSection("photographs", ("truing.report.photographs.section",)),
     PageSection("displacement", ("truing.report.sensor.displacement",), "Displacement", "positioning", bench=True),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
 
@@ -94,9 +95,12 @@ def uniqueness_sections(frames: Mapping[str, pd.DataFrame]) -> list[ReportSectio
         most, length = (float(path[name].iloc[0]) for name in ("largest_bend_deg", "flexure_length_mm"))
         text = f"Flexures of {plain(length)} mm bend by up to {plain(most)}° at the corners of the workspace."
         caption = "Displacement of a flexure's end from its straight place (telescope report, figure 9)."
-        sections.append(
-            ReportSection("flexures", "Flexures and ideal pivots", text, ((flexure_figure(path), caption),))
+        drawn = (
+            "Beam: constant curvature (figure 8). Joint in its place: the end stays on a sphere about a point at β of "
         )
+        drawn += "the length from the root, and the leg turns as about a pivot in the middle (figure 10)."
+        figures = ((flexure_figure(path), caption), (flexure_drawing(path), drawn))
+        sections.append(ReportSection("flexures", "Flexures and ideal pivots", text, figures))
     return sections
 
 
@@ -135,6 +139,41 @@ def flexure_figure(path: pd.DataFrame) -> go.Figure:
     return figure
 
 
+def flexure_drawing(path: pd.DataFrame) -> go.Figure:
+    """Return a flexure bent by far more than it ever is: beam, sphere of the joint in its place, and pivot."""
+    length, beta = (float(path[name].iloc[0]) for name in ("flexure_length_mm", "flexure_beta"))
+    bend, steps = np.radians(_DRAWN_BEND), np.linspace(0.0, 1.0, _DRAWN_POINTS)
+    # root at the origin, straight flexure along x
+    beam = length / bend * np.stack([np.sin(bend * steps), 1.0 - np.cos(bend * steps)])
+    end, way = beam[:, -1], np.array([np.cos(bend), np.sin(bend)])
+    pivot, radius = np.array([0.5 * length, 0.0]), (1.0 - beta) * length
+    about = np.linspace(-0.5, 1.6, _DRAWN_POINTS) * bend
+    sphere = np.array([[beta * length], [0.0]]) + radius * np.stack([np.cos(about), np.sin(about)])
+    leg = np.stack([end, end + 0.4 * length * way], -1)
+    lever = np.stack([pivot, pivot + 0.5 * length * way], -1)
+    figure = go.Figure()
+    for (across, along), line, name in (
+        (np.array([[0.0, length], [0.0, 0.0]])[::-1], {"color": GREY, "width": 6}, "straight flexure"),
+        (beam[::-1], {"color": BLUE, "width": 6}, "bent flexure"),
+        (leg[::-1], {"color": BLUE, "width": 2}, "direction of the leg"),
+        (sphere[::-1], {"color": ORANGE, "dash": "dot", "width": 2}, "sphere of its end"),
+        (lever[::-1], {"color": GREY, "dash": "dash", "width": 2}, "ideal pivot"),
+    ):
+        figure.add_trace(go.Scatter(x=across, y=along, mode="lines", line=line, name=name))
+    centres = {"x": [0.0, 0.0], "y": [beta * length, 0.5 * length], "text": ["centre of the sphere", "pivot"]}
+    figure.add_trace(
+        go.Scatter(
+            **centres, mode="markers+text", textposition="middle left", marker={"color": "black"}, showlegend=False
+        )
+    )
+    style(figure, "A bent flexure and the joint in its place", f"drawn with {_DRAWN_BEND}°, β = {plain(beta)}", 480)
+    figure.update_xaxes(title={"text": "across, mm"}, range=[-0.6 * length, 0.7 * length])
+    figure.update_yaxes(title={"text": "along, from the root, mm"}, scaleanchor="x")
+    figure.update_layout(legend={"orientation": "h", "y": -0.18})
+    return figure
+
+
+_DRAWN_BEND, _DRAWN_POINTS = 25, 61  # degrees: visible, and far beyond any flexure's bend
 _PATHS = {
     "pivot": ("ideal pivot in the middle", {"color": GREY, "dash": "dash"}),
     "beam": ("beam theory (eq. 12)", {"color": BLUE, "width": 4}),

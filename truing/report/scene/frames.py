@@ -25,33 +25,44 @@ def frames(tables: Tables) -> ReportSection | None:
     table = table_or_none(tables, "frames")
     if table is None:
         return None
-    lead = (
-        "Every load, displacement and compliance is in the axes of the base, at the platform's origin. An element of a "
-        "leg is in the axes of its leg: z from the lower to the upper joint, x horizontal (S1), S2 opposite to y."
-    )
-    words = "Click an entry of the legend to show or hide it; a double click shows it alone. S1, S2: lower universal "
-    words += (
-        "joint; S3: force cell; S4, S5: upper universal joint; S6: revolute joint. dx .. rz: directions in which the "
-    )
-    words += "channels count, with [interferometer.beams]."
-    return ReportSection("frames", "Frames", lead, ((frames_figure(table), words),), (_listing(table),))
+    lead, words = _OF_SENSOR if (table["frame"] == "measurement").any() else _OF_LEGS_ALONE
+    figures = ((frames_figure(table), f"{_LEGEND} {words}"),)
+    return ReportSection("frames", "Frames", lead, figures, (_listing(table),))
+
+
+_LEGEND = "Click an entry of the legend to show or hide it; a double click shows it alone."
+_OF_SENSOR = (
+    "Every load, displacement and compliance is in the axes of the base, at the platform's origin. An element of a leg "
+    "is in the axes of its leg: z from the lower to the upper joint, x horizontal (S1), S2 opposite to y.",
+    "S1, S2: lower universal joint; S3: force cell; S4, S5: upper universal joint; S6: revolute joint. Radii: "
+    "directions in which errors of the two radii move the joints. dx .. rz: directions in which the channels count, "
+    "with [interferometer.beams].",
+)
+_OF_LEGS_ALONE = (
+    "Poses are those of the platform in the axes of the base. z of a leg leads from its lower to its upper joint (b), "
+    "x is in the plane of z and of the base's z. Drawn as designed, at the reference readings.",
+    "u: direction of the actuator at the lower joint. a' to c' and d' to b': flexures with their axes along the leg; "
+    "c' to d': the tube between them.",
+)
 
 
 def frames_figure(table: pd.DataFrame) -> go.Figure:
     """Return all frames with named axes, and the legs with the outlines of their joints; fixed frame, mm."""
-    lower, upper = _joints(table, "S1"), _joints(table, "S6")
+    lower, upper = _joints(table)
     size = float(np.linalg.norm(np.concatenate([lower, upper])[:, :2], axis=1).max())
+    tall = float(np.ptp(np.concatenate([lower, upper])[:, 2])) / (2.0 * size)
+    away = max(1.0, 1.7 * tall)  # of the camera: a machine taller than wide would leave the view
     figure = go.Figure([*_legs(lower, upper), *_axes(table, size)])
     style(
         figure,
-        "Frames of the sensor",
-        "Unloaded, in the frame of the base. Legs are numbered at their lower joints",
+        "Frames",
+        "As designed, in the frame of the base. Legs are numbered at their lower joints",
         680,
     )
     figure.update_layout(
         scene={
             "aspectmode": "data",
-            "camera": {"eye": {"x": 1.0, "y": -1.25, "z": 0.8}},
+            "camera": {"eye": {"x": away, "y": -1.25 * away, "z": 0.8 * away}},
             **{f"{c}axis": {"title": {"text": f"{c} (mm)"}, "nticks": 6} for c in "xyz"},
         },
         legend={"orientation": "h", "y": 1.0, "yanchor": "top", "itemsizing": "constant"},
@@ -60,9 +71,10 @@ def frames_figure(table: pd.DataFrame) -> go.Figure:
     return figure
 
 
-def _joints(table: pd.DataFrame, axis: str) -> NDArray[np.float64]:
-    """Return the points (L, 3) of one joint axis of all legs."""
-    return table.loc[table["axis_name"] == axis, XYZ].to_numpy(dtype=float)
+def _joints(table: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lower and the upper joints (L, 3) of all legs: the first and the last of their joint axes."""
+    joints = table[table["frame"].str.startswith("joints of leg")].groupby("frame", sort=False)[XYZ]
+    return joints.first().to_numpy(dtype=float), joints.last().to_numpy(dtype=float)
 
 
 def _legs(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> Iterator[go.Scatter3d]:

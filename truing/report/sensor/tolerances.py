@@ -5,6 +5,8 @@ Dots are drawn sensors; a bar is the 95 % interval of their rms; a line is the r
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pandas as pd
 import plotly.graph_objects as go
@@ -135,6 +137,41 @@ def _listing(errors: pd.DataFrame, part: str) -> Listing:
         for row in own.itertuples()
     )
     return Listing(_HEADS, rows, caption=f"Errors of the {part}")
+
+
+def chain_section(frames: Mapping[str, pd.DataFrame]) -> ReportSection:
+    """Return the section on the legs as chains: links, and what 1 um of each source does at the end of an open leg."""
+    links, influence = frames["links"], frames["influence"]
+    lead = "Each leg as a chain from the base's axis to the platform's origin (force-sensor paper, eq. 5 to 13), with "
+    lead += "imaginary joints along both radii (links 1 and 7). The first leg is shown; the tables hold all legs."
+    own = links[links["leg"] == 1]
+    geometry = tuple(
+        (
+            str(row.link),
+            f"{plain(row.length_mm)} mm",
+            f"{plain(row.offset_mm)} mm",
+            _degrees(row.angle_deg),
+            _degrees(row.twist_to_next_deg),
+            ", ".join(f"{value + 0.0:.4f}" for value in (row.axis_x, row.axis_y, row.axis_z)),
+        )
+        for row in own.itertuples()
+    )
+    heads = ("link", "along the normal", "along the axis", "angle about the axis", "twist to the next axis", "axis")
+    chain = Listing(heads, geometry, (), "Links of leg 1", held_by="the -links table")
+    parts = [name for name in influence.columns if name not in ("leg", "error_source")]
+    first = influence[influence["leg"] == 1]
+    rows = tuple(
+        (_NAMES[str(row["error_source"])], *(plain(float(row[name])) for name in parts)) for _, row in first.iterrows()
+    )
+    named = tuple(f"{name.partition('_')[0]}, {sign(name.partition('_')[2])}" for name in parts)
+    open_leg = Listing(
+        ("1 µm of", *named), rows, (), "Platform on leg 1 alone, without the others", held_by="the -influence table"
+    )
+    return ReportSection("chains", "Legs as chains", lead, listings=(chain, open_leg))
+
+
+def _degrees(value: float) -> str:
+    return "–" if value != value else f"{plain(value)}°"
 
 
 def tolerance_head(campaign: str, errors: pd.DataFrame) -> PageHead:

@@ -234,8 +234,12 @@ def comprehensive(error: NDArray) -> tuple[NDArray, NDArray]:
 
 def _by_source(joints: JointCentres) -> NDArray:
     """Return the error at the end of each leg by each of its sources, (..., 6 legs, 6, 5)."""
-    found = coefficients_of(joints)
-    return np.concatenate([found.a[..., _LENGTHS], found.S[..., _OFFSET, None]], -1)
+    return length_of_source(coefficients_of(joints))
+
+
+def length_of_source(coefficients: InfluenceCoefficients) -> NDArray:
+    """Return the coefficients (..., 6, 5) of the lengths in which the sources of a leg err."""
+    return np.concatenate([coefficients.a[..., _LENGTHS], coefficients.S[..., _OFFSET, None]], -1)
 
 
 @dataclass(frozen=True)
