@@ -62,8 +62,19 @@ _CAUSES = {
 }
 
 
+# Libraries that only some of the work needs, and how to install each.
+_CLUSTER = 'pip install "truing[cluster]"'
+_INSTALLED_BY = {
+    "cv2": "pip install opencv-contrib-python-headless",
+    "dask": _CLUSTER,
+    "distributed": _CLUSTER,
+}
+
+
 def environment_problem(error: Exception, doing: str) -> EnvironmentProblem | None:
     """The problem in words if ``error`` comes from the environment, else None."""
+    if isinstance(error, ModuleNotFoundError) and error.name in _INSTALLED_BY:
+        return EnvironmentProblem(f"{doing}: needs {error.name}, which is not installed; {_INSTALLED_BY[error.name]}")
     if (found := shortage_in_chain(error)) is not None:
         return EnvironmentProblem(f"{doing}: there is not enough memory{_brief(found)}; {_MORE_MEMORY}")
     cause = _CAUSES.get(error.errno or 0) if isinstance(error, OSError) else None

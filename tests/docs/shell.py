@@ -17,7 +17,10 @@ from truing.pipeline.command_line import app
 from truing.pipeline.stage_order import ORDER
 
 # What a reader's shell or a cluster brings along, and what is not ours to check.
-FOREIGN = {"cat", "cd", "cp", "dask", "git", "ls", "mkdir", "pip", "rm", "sbatch", "srun"}
+FOREIGN = {
+    *("cat", "cd", "cp", "git", "ls", "mkdir", "rm"),
+    *("dask", "docker", "dvc", "pip", "pipx", "sbatch", "snakemake", "srun", "uv"),
+}
 _MAKE_TARGETS = set(re.findall(r"^([a-z]+):", (PROJECT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
 _TRUING: Any = typer.main.get_command(app)
 # Some versions of typer bring a click of their own.
