@@ -162,7 +162,12 @@ def read_campaign(document: dict[str, Any], file: str = "campaign.toml") -> Camp
 
 
 # Bounds are shortened here, because pydantic writes all their digits.
-_BOUNDS = {"less_than_equal": ("at most", "le"), "greater_than_equal": ("at least", "ge")}
+_BOUNDS = {
+    "less_than_equal": ("at most", "le"),
+    "greater_than_equal": ("at least", "ge"),
+    "less_than": ("less than", "lt"),
+    "greater_than": ("greater than", "gt"),
+}
 # Expected types by pydantic's error types.
 _KINDS = {
     "float_type": "a number, without quotation marks",
@@ -174,6 +179,7 @@ _KINDS = {
     "dict_type": "a table",
     "model_type": "a table",
     "model_attributes_type": "a table",
+    "finite_number": "a finite number",
 }
 
 
@@ -219,7 +225,9 @@ def _expectation(detail: Any) -> str:
         return known
     if detail["type"] == "value_error":
         return str(detail["ctx"]["error"])
-    return str(detail["msg"]).removeprefix("Input should be ")  # wording of pydantic
+    if detail["type"] in ("literal_error", "enum"):
+        return str(detail["ctx"]["expected"])
+    return str(detail["msg"])
 
 
 def _suggestion(location: tuple[int | str, ...]) -> str:

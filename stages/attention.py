@@ -32,7 +32,7 @@ def attention(settings: Campaign, found: CampaignContents) -> Iterator[str]:
         yield from _of_machine(settings, found)
         yield from _of_scale(settings, found)
     else:
-        yield from _of_undeclared_noise(settings, found)
+        yield from _of_noise(settings, found)
     yield from _of_names(found)
 
 
@@ -92,7 +92,7 @@ def _of_scale(settings: Campaign, found: CampaignContents) -> Iterator[str]:
         )
 
 
-def _of_undeclared_noise(settings: Campaign, found: CampaignContents) -> Iterator[str]:
+def _of_noise(settings: Campaign, found: CampaignContents) -> Iterator[str]:
     """Channels without a declared standard deviation; their measured scatter is used and not tested."""
     keys = _KEYS_OF_MOTION if "displacement" in found.given else _KEYS_OF_READINGS
     measured = (found.tables.get(name) for name in ("readings", "signals"))

@@ -17,6 +17,7 @@ from truing.report.numbers import count as counted
 from truing.report.numbers import listed
 from truing.schemas.photograph_artifacts import BENT, SHARED
 from truing.stages.common.point_arrays import number_column, text_column
+from truing.stages.common.ray_statistics import shared_numbers
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
 from truing.stages.quality.scale_checks import Figures, bar_lengths, figures_of, rows_of, scale, target_sizes
 
@@ -145,12 +146,12 @@ def camera_stability(
         yield not_evaluated("stability of cameras", "camera-stability", "", "rays of a single pose do not show it")
         return
     poses = list(dict.fromkeys(statistics.column("pose").to_pylist()))
-    cameras = [name for name in dict.fromkeys(statistics.column("shared_number").to_pylist()) if name.endswith(" c")]
-    for named in cameras:
-        camera = named.removesuffix(" c").removeprefix("camera ")
+    parameters = [known for known in shared_numbers(statistics) if known.kind == "camera"]
+    for camera in [known.owner for known in parameters if known.name == _WATCHED[0]]:
         if camera in changed:
             continue
-        watched = [named.removesuffix("c") + name for name in _WATCHED]
+        called = {known.name: known.called for known in parameters if known.owner == camera}
+        watched = [called[name] for name in _WATCHED]
         if len(poses) < 2:
             yield not_evaluated("stability", "camera-stability", f"camera {camera}", "there is only one pose")
             continue
