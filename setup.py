@@ -1,4 +1,4 @@
-"""Which folders of the checkout are which packages: all are installed below the one name `truing`."""
+"""Packages of the checkout by folder: all are installed below the one name `truing`."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""How well the diagnosis does on campaigns that it has never seen: hundreds of them, with effects hidden at random.
+"""Blind benchmark: rates of right and wrong diagnoses in hundreds of campaigns with random hidden effects.
 
     python -m benchmarks.blind [--instrument sensor] [--campaigns 40] [--workers 2] [--seed S] [--results F] [--write]
     python -m benchmarks.blind --instrument sensor --unforeseen [...]: effects thought of when the diagnosis stood

@@ -1,4 +1,4 @@
-"""What the blind benchmark draws from, instrument by instrument: causes, layouts, and where its results are told."""
+"""Causes, layouts and result files of the blind benchmark, instrument by instrument."""
 
 from __future__ import annotations
 

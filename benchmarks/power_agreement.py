@@ -1,4 +1,4 @@
-"""Whether `truing power` finds as much as the diagnosis finds in campaigns of the independent generator.
+"""Benchmark of `truing power` against diagnoses of campaigns from the independent generator.
 
     python -m benchmarks.power_agreement [--draws 4] [--seed 1] [--results FILE] [--write]
 

@@ -1,4 +1,4 @@
-"""How often the QA stage fails good campaigns: ``python -m benchmarks.quality_checks [campaigns]``.
+"""Share of good campaigns that the QA stage fails: ``python -m benchmarks.quality_checks [campaigns]``.
 
 Campaigns are drawn by the generator of the blind tests. Of points: three layouts (the telescope's; noisy, with targets
 missing and gross errors; another geometry), with nothing hidden or with a deforming platform. Of loads: all layouts of

@@ -1,4 +1,4 @@
-"""How Sphinx makes the pages of docs/ into build/docs/html (`make docs`): offline, and with warnings as errors."""
+"""Sphinx settings: the pages of docs/ become build/docs/html (`make docs`), offline, with warnings as errors."""
 
 from __future__ import annotations
 

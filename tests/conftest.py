@@ -1,4 +1,4 @@
-"""What all tests share: settings of property tests, the mark of slow tests, runs of the sample, measured data."""
+"""Settings and fixtures of all tests: property tests, the mark of slow tests, runs of the sample, measured data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which parameters of the telescope swallow what its model leaves out, before any fit: numbers and figure of a page."""
+"""Numbers and figure of the absorption map: bias of the telescope's parameters by effects that its model leaves out."""
 
 from __future__ import annotations
 

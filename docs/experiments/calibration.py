@@ -1,4 +1,4 @@
-"""What the sample's calibrations come to, and what errors in variables gain: the tables of docs/calibration.md.
+"""Tables of docs/calibration.md: calibrations of the sample, and the gain by errors in variables.
 
     python -m docs.experiments.calibration
 

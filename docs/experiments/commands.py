@@ -14,8 +14,8 @@ from truing.pipeline.command_line import app
 PAGE = Path(__file__).resolve().parents[1] / "reference" / "commands.md"
 _HEAD = """# Which commands and options are there?
 
-`python -m docs.experiments.commands` writes it from the command line. Exit codes and remedies:
-[running](../running.md#what-the-exit-code-says).
+This page lists the commands of `truing` with their options (made by `python -m docs.experiments.commands`).
+Exit codes and remedies: [running](../running.md#what-the-exit-code-says).
 
 | command | does |
 | --- | --- |

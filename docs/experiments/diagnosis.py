@@ -1,4 +1,4 @@
-"""What the diagnosis says of the sample campaign, and how many draws its search needs: docs/diagnosis.md.
+"""Tables of docs/diagnosis.md: the diagnosis of the sample campaign, and the number of draws that its search needs.
 
 python -m docs.experiments.diagnosis
 """

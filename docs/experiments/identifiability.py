@@ -1,4 +1,4 @@
-"""What a calibration of the telescope can know, and who swallows what it leaves out: tables and figure of a page.
+"""Tables and figure of docs/identifiability.md: identifiable parameters of the telescope, and bias by omitted effects.
 
     python -m docs.experiments.identifiability
 

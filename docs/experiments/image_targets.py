@@ -1,4 +1,4 @@
-"""How well circular targets are measured, in rendered photographs: the tables of docs/targets-in-images.md.
+"""Tables of docs/targets-in-images.md: accuracy of circular targets in rendered photographs.
 
     python -m docs.experiments.image_targets
 

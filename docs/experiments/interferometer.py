@@ -1,4 +1,4 @@
-"""What interferometer logs can say, in tables: signals, fringes, runs, compliance, an axis' positioning.
+"""Tables of docs/interferometer.md: signals, fringes, runs, compliance, positioning of an axis.
 
     TRUING_REAL_DATA=FOLDER python -m docs.experiments.interferometer
 

@@ -1,4 +1,4 @@
-"""Whether calibrations of the telescope's legs find the same minimum from wherever they start, by both methods.
+"""Calibrations of the telescope's legs from many starts, by both methods: the minima that they find.
 
     python -m docs.experiments.many_starts
 

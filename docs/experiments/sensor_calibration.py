@@ -1,4 +1,4 @@
-"""What each way of calibrating a force sensor is worth, on a simulated bench: the tables of docs/sensor-calibration.md.
+"""Tables of docs/sensor-calibration.md: accuracy of each calibration of a force sensor on a simulated bench.
 
     python -m docs.experiments.sensor_calibration
 

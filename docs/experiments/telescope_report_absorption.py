@@ -1,4 +1,4 @@
-"""What a fit that knows less than the whole of K makes of the telescope: to first order, and as a full calibration."""
+"""Fits of the telescope that ignore part of K: bias to first order, and by full calibrations."""
 
 from __future__ import annotations
 

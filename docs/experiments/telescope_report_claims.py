@@ -1,4 +1,4 @@
-"""Where the telescope report's statements and its own numbers part: each once more, from the inferred geometry."""
+"""Conclusions of the telescope report that its own numbers contradict, computed from the inferred geometry."""
 
 from __future__ import annotations
 

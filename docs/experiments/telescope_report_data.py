@@ -1,4 +1,4 @@
-"""What the telescope report prints, as arrays; published_telescope.json beside this file names the table of each."""
+"""Printed values of the telescope report as arrays; published_telescope.json names the table of each."""
 
 from __future__ import annotations
 

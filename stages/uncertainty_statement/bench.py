@@ -60,7 +60,7 @@ def state_compliance(statement: Statement, tables: Mapping[str, pa.Table], setti
     estimate = np.array([row["coefficient"] for row in rows], float)
     budget = budget.with_source(CORRECTED, np.abs(estimate) * _corrected(tables)[[i for i, _ in places]])
     names, units = [f"{row['response']} per {row['load']}" for row in rows], [row["unit"] for row in rows]
-    statement.state("compliance", "loads as written down", names, estimate, units, budget.filled())
+    statement.state("compliance", "recorded loads", names, estimate, units, budget.filled())
     _omit(statement, tables, settings)
 
 
@@ -84,7 +84,7 @@ def _omit(statement: Statement, tables: Mapping[str, pa.Table], settings: Campai
     if not noise.load_n and not noise.load_nm:
         statement.omitted("compliance", "applied loads", "[noise] declares neither load_n nor load_nm")
     if "reading_corrections" not in tables or not tables["reading_corrections"].num_rows:
-        why = "readings came corrected, and [interferometer] declares nothing of what that leaves open"
+        why = "the readings are corrected already, and [interferometer] declares no uncertainty of the corrections"
         statement.omitted("compliance", "wavelength, air and material", why)
     for name in found_causes(tables):
         statement.omitted("compliance", name, NOT_HELD)

@@ -109,12 +109,14 @@ def state_accuracy(statement: Statement, tables: Mapping[str, pa.Table], setting
         for column, (quantity, unit) in _ERRORS.items():
             errors = np.array([row[column] for row in own if row[column] is not None], float)
             if len(errors) < LEAST_POSES:
-                why = f"needs {LEAST_POSES} poses that nothing was fitted to, found {len(errors)}"
+                why = f"needs {LEAST_POSES} held-out poses, found {len(errors)}"
                 statement.not_evaluated("accuracy", quantity, why, subject)
                 continue
             value, stated = root_mean_square(errors)
             statement.state("accuracy", subject, [quantity], np.array([value]), unit, stated)
-    statement.omitted("accuracy", "places and conditions that were not measured", "it holds for poses like those taken")
+    statement.omitted(
+        "accuracy", "places and conditions that were not measured", "the figures hold for poses like the measured ones"
+    )
 
 
 def _quoted(tables: Mapping[str, pa.Table]) -> list[tuple[str, str]]:

@@ -57,7 +57,7 @@ def state_poses(statement: Statement, tables: Mapping[str, pa.Table], settings: 
         _state(statement, tables, body, parents[body], poses)
     if bodies:
         if not has_scale(tables):
-            text = "no scale bar or certified length tells it from here"
+            text = "no scale bar or certified length determines it"
             statement.omitted("pose", "scale of the measurement", text)
         for name, cause in found_causes(tables).items():
             if of_instrument(cause):

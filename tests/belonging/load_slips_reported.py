@@ -1,4 +1,4 @@
-"""What the quality stage says of campaigns with a slip in them: it, another one, that it would not show, or nothing."""
+"""Answers of the quality stage to campaigns with a slip: the right one, another one, not detectable, or none."""
 
 from __future__ import annotations
 

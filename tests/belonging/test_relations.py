@@ -1,4 +1,4 @@
-"""What the tests of relations do with arrays: physics is no slip, and what poses cannot show is said."""
+"""Relations between arrays: physical effects are no slip, and undetectable slips are listed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How many campaigns are run at a time."""
+"""Number of campaigns that run at a time."""
 
 from __future__ import annotations
 

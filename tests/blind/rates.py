@@ -1,4 +1,4 @@
-"""What a diagnosis must reach, counted over many campaigns: each count is a share of campaigns that were judged."""
+"""Required rates of a diagnosis over many campaigns: each is a share of the assessed campaigns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `truing power` draws shows an effect as strongly as what the independent generator draws in the same layout.
+"""Effects of `truing power` are as strong as those of the independent generator in the same layout.
 
 The signal-to-noise ratio of the hidden cause's own candidate is compared, which tells more per campaign than whether it
 was found: the power of the diagnosis follows from it.

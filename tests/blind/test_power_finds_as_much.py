@@ -1,4 +1,4 @@
-"""What `truing power` draws is found as often as what the independent generator draws, effect by effect, size by size.
+"""Effects of `truing power` are found as often as those of the independent generator, size by size.
 
 A few kinds of cause are searched, so that a diagnosis takes little; ``python -m benchmarks.power_agreement`` searches
 the whole catalogue in more layouts. ``TRUING_BLIND_SEED`` draws other campaigns; a simulation that is right fails once

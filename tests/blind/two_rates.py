@@ -1,4 +1,4 @@
-"""Whether two that try the same find as much: counts of several sizes, compared exactly."""
+"""Exact comparison of two rates, from counts of several sizes."""
 
 from __future__ import annotations
 

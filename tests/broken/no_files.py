@@ -1,4 +1,4 @@
-"""What stands in the place of a file and is none: links in a circle, pipes, devices, folders."""
+"""Things in the place of a file: links in a circle, pipes, devices, folders."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What must hold of `truing check` on a damaged campaign, whatever the damage."""
+"""Laws of `truing check` on a damaged campaign, whatever the damage."""
 
 from __future__ import annotations
 

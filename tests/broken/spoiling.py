@@ -1,4 +1,4 @@
-"""How a campaign is spoilt: small changes of a file, each a function of the campaign's folder."""
+"""Damages of a campaign: small changes of a file, each a function of the campaign's folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is fuzzed: small good campaigns in memory, and which of their files is damaged, in which way."""
+"""Subjects of the fuzzing: small good campaigns in memory, with the files to damage and the kinds of damage."""
 
 from __future__ import annotations
 

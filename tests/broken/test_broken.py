@@ -1,4 +1,4 @@
-"""What is broken is named: file, row, column, value and what was expected; no traceback, nothing half-written."""
+"""Faults of broken campaigns: file, row, column, value and expectation; no traceback, nothing half-written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What looks odd and is not broken: the same results, and nothing said."""
+"""Odd but valid campaigns give the same results, without any message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What happens to the files of a campaign and of its run while it runs, or has happened to the run's folder before."""
+"""Files of a campaign and of its run that change before or while it runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What 95 of 100 poses stay below: less what the measurement adds, and with an interval that holds the truth."""
+"""Limits that 95 of 100 poses stay below, without the share of the measurement; their interval holds the truth."""
 
 from __future__ import annotations
 

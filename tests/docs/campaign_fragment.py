@@ -1,4 +1,4 @@
-"""Whether a piece of TOML on a page is what it looks like: part of a campaign.toml or of a pyproject.toml."""
+"""Check of TOML on a page: part of a valid campaign.toml or pyproject.toml."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands on pages for the reader's own data: for each page a function of the names told so far."""
+"""Names that pages take as given, as the reader's own data: a function for each page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a command line on a page would do what it says: the program, its command and options, the files it names."""
+"""Check of a command line on a page: program, command, options and files exist."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What docs/calibration.md says of the sample and of the two estimators holds, and its tables are the command's."""
+"""Statements of docs/calibration.md hold, and its tables are those of its command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""docs/power.md says what the results of its comparison say, and these do not speak against the simulation."""
+"""The figures on docs/power.md are those of its comparison, and they agree with the simulation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What docs/identifiability.md says of the telescope holds, and the page and its figure are what the command writes."""
+"""Statements of docs/identifiability.md hold, and its tables and figure are those of its command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What docs/interferometer.md says is what its command makes, and what its tables show."""
+"""Statements and tables of docs/interferometer.md are those of its command."""
 
 from __future__ import annotations
 

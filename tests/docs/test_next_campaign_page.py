@@ -1,4 +1,4 @@
-"""What docs/next-campaign.md says: its tables are those of the command, and what they show is what the page claims."""
+"""Tables of docs/next-campaign.md are those of its command, and show what the page claims."""
 
 from __future__ import annotations
 

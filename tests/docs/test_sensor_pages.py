@@ -1,4 +1,4 @@
-"""What the pages on the calibration and the errors of force sensors show is what their commands write."""
+"""Tables of the pages on calibration and errors of force sensors are those of their commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What docs/solver.md says of many starts is made from the sample, and says what it counted."""
+"""Figures of docs/solver.md on many starts are computed from the sample."""
 
 from __future__ import annotations
 

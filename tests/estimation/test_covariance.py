@@ -1,4 +1,4 @@
-"""What bodies seen from a common parent share: the error of the parent's own pose."""
+"""Errors that bodies share through the pose of their common parent."""
 
 from __future__ import annotations
 

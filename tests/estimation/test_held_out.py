@@ -1,4 +1,4 @@
-"""Which model held-out poses speak for: refuted by more than noise, else the most probable, else the simplest."""
+"""Choice of a model by held-out poses: excluded beyond noise, else the most probable, else the simplest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What repeats tell: pure error against noise of known size, lack of fit, and repeatability by ISO 9283."""
+"""Pure error against noise of known size, lack of fit, and repeatability by ISO 9283."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a target sits over a campaign: one place, several one after the other, or nowhere that counts."""
+"""Positions of a target over a campaign: one, several in turn, or none."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tests of the readers share: a folder with files and a mapping, read as one table."""
+"""Helpers of the tests of readers: a folder with files and a mapping, read as one table."""
 
 from __future__ import annotations
 

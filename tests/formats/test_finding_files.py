@@ -1,4 +1,4 @@
-"""Which files a path or glob means, what it costs to find them, and what may be shown of those outside the folder."""
+"""Files of a path or glob: which are found, at which cost, and what messages show of files outside the folder."""
 
 from __future__ import annotations
 

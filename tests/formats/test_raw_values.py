@@ -1,4 +1,4 @@
-"""What the numbers of a raw column stand for: arithmetic with units, coverage factors, rows that belong together."""
+"""Values of a raw column: arithmetic with units, coverage factors, rows that belong together."""
 
 from __future__ import annotations
 

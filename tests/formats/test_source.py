@@ -1,4 +1,4 @@
-"""Which raw files a campaign has, valid or not; and that reading leaves them alone."""
+"""Raw files of a campaign, valid or not; reading does not change them."""
 
 from __future__ import annotations
 

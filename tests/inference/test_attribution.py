@@ -1,4 +1,4 @@
-"""Which inputs predict what a model misses: found where they do, silent where nothing does."""
+"""Inputs that predict the residuals: found if they do, none if nothing does."""
 
 from __future__ import annotations
 

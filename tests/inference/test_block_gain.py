@@ -1,4 +1,4 @@
-"""What a cause gains in blocks that were left out is the difference of two densities, and negative where it fails."""
+"""Gain of a cause in left-out blocks: the difference of two densities, negative if the cause fails there."""
 
 from __future__ import annotations
 

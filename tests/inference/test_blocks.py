@@ -1,4 +1,4 @@
-"""Which groupings of epochs can be left out block by block: by kind, by number and by size."""
+"""Groupings of epochs for leaving out blocks: by kind, by number and by size."""
 
 from __future__ import annotations
 

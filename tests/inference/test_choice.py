@@ -1,4 +1,4 @@
-"""What is accepted first, and what the data cannot tell from it: alone, or beside what else is there."""
+"""Order of acceptance of causes, and the rivals that the data cannot separate, alone or next to other causes."""
 
 from __future__ import annotations
 

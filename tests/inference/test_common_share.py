@@ -1,4 +1,4 @@
-"""What legs have in common is learned, and pulls stay in their band, however alike nature made the legs."""
+"""The common share of the legs is estimated, and pulls stay in their band at every true share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of a parameter's sign, in its evidence."""
+"""Evidence of parameters whose sign is known."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which legs are told to err: all choices of six compete on scores that are coupled as those of a mechanism are."""
+"""Reported legs of an effect: all choices of six compete on scores that are coupled as those of a mechanism."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the program says is for readers: no code looks for a fact in its own sentences, which columns and enums hold."""
+"""No code looks for a fact in the program's own sentences: columns and enums hold facts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What nature does to photographs and a plain bundle adjustment leaves out: cameras that change, bars that grow, rays
+"""Hidden effects of photographs that a plain bundle adjustment leaves out: cameras that change, bars that grow, rays
 that bend.
 """
 

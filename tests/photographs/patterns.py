@@ -1,4 +1,4 @@
-"""What is printed on planar things: how light and how opaque every sample of a plane is.
+"""Patterns printed on planar objects: brightness and opacity of every sample of a plane.
 
 A pattern is a function of plane coordinates u to the right and v down as seen from the front (mm, one per sample of a
 grid), and gives albedo and opacity of each sample. Edges are exact to second order: a sample is a small square, and

@@ -1,4 +1,4 @@
-"""What stands before a camera: solids, and planar things printed on them."""
+"""Scene before a camera: solids, and planar objects on them."""
 
 from __future__ import annotations
 

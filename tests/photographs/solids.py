@@ -1,4 +1,4 @@
-"""What stands in a scene besides targets: plates and tubes, hit by rays of a camera."""
+"""Solids of a scene: plates and tubes, hit by rays of a camera."""
 
 from __future__ import annotations
 

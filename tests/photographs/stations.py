@@ -1,4 +1,4 @@
-"""Where a camera stands round an object, and how it is held."""
+"""Camera stations around an object: place and attitude."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How strongly an effect shows in the rays of a campaign: what no other points, stations, lenses or bars explain."""
+"""Strength of an effect in the rays of a campaign: the part that no other points, stations, lenses or bars explain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How strongly an effect shows in rays against the survey of the bodies: what rays alone cannot contradict."""
+"""Strength of an effect in rays against the survey of the bodies, where rays alone cannot contradict it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How strongly effects show in rays: what an adjustment takes up is nothing, and what is left grows in proportion."""
+"""Strength of effects in rays: zero for what an adjustment absorbs, else in proportion to the size."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ def test_expected_sigmas_are_those_of_the_diagnosis(designed: tuple[Path, str], 
 def test_a_zero_that_the_free_base_hides_is_named_with_what_would_show_it(designed: tuple[Path, str]) -> None:
     _, output = designed
     assert re.search(
-        r"base turn_z : turn offset = −1 : 1 goes unseen: no pose within the ranges shows it; targets of", output
+        r"base turn_z : turn offset = −1 : 1 is unobservable: no pose within the ranges shows it; targets of", output
     )
     hidden, shown = (numbers(designed[0], "plan")["offset", joint, "offset"] for joint in ("turn", "bend"))
     assert (hidden["identifiable"], shown["identifiable"]) == ("false", "true")

@@ -1,4 +1,4 @@
-"""How a run ends, as the shell and the person see it."""
+"""End of a run: exit codes and messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What reruns what: content decides, clocks and places do not, and the reasons are said in words."""
+"""Freshness of stages: contents decide, clocks and places do not, and every reason is given."""
 
 from __future__ import annotations
 

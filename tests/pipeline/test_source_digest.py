@@ -1,4 +1,4 @@
-"""Which files a stage consists of: what runs when it runs, and no more."""
+"""Source files of a stage: those that it executes, and no others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a starter leaves open or guesses is told by `truing check` until a person has answered it."""
+"""`truing check` names open keys and guesses of a starter until a person has answered them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a call is told to write never takes the place of a raw file, of a run's table, or of what the call reads."""
+"""Output of a call never replaces a raw file, a table of a run, or an input of the call."""
 
 from __future__ import annotations
 

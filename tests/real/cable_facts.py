@@ -152,7 +152,7 @@ def told(seen: Observability, chosen: Observability) -> dict[str, Any]:
     return {
         "parameters": len(seen.labels),
         "rank": seen.rank,
-        "hopeless": [(text.removesuffix(" goes unseen"), sigma) for text, sigma in groups],
+        "hopeless": [(text.removesuffix(" is unobservable"), sigma) for text, sigma in groups],
         "chosen": chosen.labels,
     }
 

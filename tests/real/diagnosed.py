@@ -1,4 +1,4 @@
-"""What the diagnosis said of a campaign on real measurements, from the tables that its run leaves."""
+"""Diagnosis of a campaign on real measurements, from the tables of its run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What public measurements on force sensors and a loaded platform say, computed from the files as published."""
+"""Figures of public measurements on force sensors and a loaded platform, computed from the published files."""
 
 from __future__ import annotations
 

@@ -119,10 +119,14 @@ def _observability(chosen, legs, parameters) -> pd.DataFrame:
         told += [("sigma", 9.6, f"{name}{leg}") for name in parameters] if leg else []
         told += [
             ("sigma", np.nan, f"rho0{leg}"),
-            ("unidentifiable", 1.18, f"a_x{leg} + 0.01 u_x{leg} cannot be told apart"),
+            ("unidentifiable", 1.18, f"only a_x{leg} + 0.01 u_x{leg} is determined"),
         ]
         told += [
-            ("unidentifiable", 1.2, f"a_z{leg} : rho0{leg} = 1 : -1 goes unseen; b_z{leg} : l{leg} = 1 : 1 goes unseen")
+            (
+                "unidentifiable",
+                1.2,
+                f"a_z{leg} : rho0{leg} = 1 : -1 is unobservable; b_z{leg} : l{leg} = 1 : 1 is unobservable",
+            )
         ]
         rows += [(chosen[0], *own, name, value, "1", words) for name, value, words in told if leg or name != "sigma"]
     return pd.DataFrame(rows, columns=["model", "deformation", "leg", "figure", "value", "unit", "combination"])

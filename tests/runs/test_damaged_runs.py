@@ -1,4 +1,4 @@
-"""What reads a run refuses one that is damaged, mixed, half, or of a later version, in one line per fault."""
+"""Runs that are damaged, mixed, incomplete or of a later version are refused, with one line per fault."""
 
 from __future__ import annotations
 

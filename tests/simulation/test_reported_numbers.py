@@ -1,4 +1,4 @@
-"""What the tables tell of numbers that changed between two campaigns."""
+"""Parameters that changed between two campaigns, in the tables."""
 
 from __future__ import annotations
 

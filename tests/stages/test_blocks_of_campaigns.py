@@ -1,4 +1,4 @@
-"""What epochs of a campaign belong to: repeats, series, runs, days, directions and regions, from its tables."""
+"""Blocks of a campaign from its tables: repeats, series, runs, days, directions and regions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was measured of a chain: correlated poses, and distances beside points, with the frames that they need."""
+"""Measurements of a chain: correlated poses, and distances next to points, with their frames."""
 
 from __future__ import annotations
 

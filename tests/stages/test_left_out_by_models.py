@@ -1,4 +1,4 @@
-"""What diagnosis and calibration take out beyond the poses' own gross errors is told point by point."""
+"""Points left out by diagnosis and calibration, besides gross errors of the poses, are listed one by one."""
 
 from __future__ import annotations
 

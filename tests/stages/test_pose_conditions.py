@@ -1,4 +1,4 @@
-"""What is known of each pose beside its points: where actuators came from, how far, in which order."""
+"""Conditions of each pose besides its points: direction, size and order of the actuators' movements."""
 
 from __future__ import annotations
 

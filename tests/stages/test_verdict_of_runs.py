@@ -1,4 +1,4 @@
-"""What the verdict says of whole runs of small campaigns, and that page, log, summary and exit code say the same."""
+"""Verdicts of whole runs of small campaigns: page, log, summary and exit code agree."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a file of rays does not say, the run says: sigmas that were declared, a scale that nothing gives."""
+"""A run reports what a file of rays lacks: undeclared sigmas, a missing scale."""
 
 from __future__ import annotations
 

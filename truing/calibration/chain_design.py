@@ -1,5 +1,5 @@
-"""What poses of a chain show: its unknowns, combinations that stay hidden, effects of causes and their rivals; choice
-of poses.
+"""Information of the poses of a chain: its unknowns, hidden combinations, effects of causes and their rivals; choice of
+poses.
 
 All of it follows from the derivatives of the diagnosis' own model, whitened by the instrument's noise.
 """

@@ -17,7 +17,7 @@ from truing.arrays import Array
 
 COVERAGE = 0.95  # probability of the interval of an expanded uncertainty
 # Reasons to leave a cause out of all budgets: it biases the estimates, and their uncertainty does not include that.
-NOT_HELD = "the diagnosis found it, and these results are of a model without it"
+NOT_HELD = "the diagnosis found it, and the model of these results does not contain it"
 Evaluation = Literal["A", "B"]
 
 

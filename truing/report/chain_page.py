@@ -33,8 +33,8 @@ _ARM = (
 )
 _NUMBERS = (
     "offset: zero of the joint. dx, dy, dz, turn_x, turn_y, turn_z: shift and rotation of the joint's frame in the "
-    "link below. Determined: the measurements reduce the standard deviation below 70 % of that known before. Another "
-    "number rests on its tolerance, and is no physical property."
+    "link below. Determined: the measurements reduce the standard deviation below 70 % of that known before. Other "
+    "numbers follow from their tolerances, and are no physical properties."
 )
 _SURE = 3.5  # standard deviations of a term beyond chance
 _MOTORS = (

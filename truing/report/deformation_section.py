@@ -192,7 +192,7 @@ def _sentence(tables: Tables) -> str:
         p = float(facts.xs(("linear", "p_value_over_none")).min())
         words.append(f"The linear model {_significance_words(p)} than no deformation (p {p_equals(p)}).")
     if ("matrix", "rank") in facts:
-        words.append(f"K has {count(int(facts[('matrix', 'rank')]), 'independent shape')} above noise.")
+        words.append(f"K has {count(int(facts[('matrix', 'rank')]), 'independent deformation shape')} above noise.")
     if ("none", "share_buckle") in facts:
         lift, tilt, buckle = (100 * float(facts[("none", f"share_{s}")]) for s in ("lift", "tilt", "buckle"))
         words.append(

@@ -39,7 +39,7 @@ def _opening_sentences(tables: Tables) -> str:
     names = ("diagnosis_left_out", "calibration_left_out")
     further = sum(len(table) for name in names if (table := table_or_none(tables, name)) is not None)
     besides = f" Diagnosis and calibration left out {count(further, 'further gross error')}." if further else ""
-    return f"Left out of files and poses, each with its reason: {' and '.join(words)}.{besides}"
+    return f"Left out of files and poses: {' and '.join(words)}.{besides}"
 
 
 def _by_person(table: pd.DataFrame) -> pd.Series:

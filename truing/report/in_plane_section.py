@@ -39,8 +39,8 @@ def in_plane_sentence(facts: Facts) -> list[str]:
         words.append(f"The part that follows the actuators is {size['plane']} rms per axis, and {size['z']} along z.")
     else:
         words.append(
-            f"In the platform's plane at most {size['upper']} rms per axis follow the actuators (95 %), and "
-            f"{size['z']} along z; {size['detectable']} in the plane would be found with a probability of 95 %."
+            f"The part that follows the actuators is {size['z']} rms along z, and at most {size['upper']} per axis in "
+            f"the plane (95 %). A shift of {size['detectable']} in the plane would be found with a probability of 95 %."
         )
     return words
 

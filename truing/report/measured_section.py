@@ -246,11 +246,11 @@ def _opening_sentences(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) 
     signals = signal_names(tables)
     beside = f"{count(len(signals), 'signal')} ({signals[0]} to {signals[-1]})" if signals else ""
     if not len(read):
-        return f"{text}Read were {beside or 'no channels'}; how the platform moved was not measured."
+        return f"{text}Recorded: {beside or 'no channels'}. The motion of the platform was not measured."
     per_run = read.groupby("run")["channel"].nunique()
     channels = in_channel_order(read["channel"].unique())
     how = "one in each run" if (per_run == 1).all() else "all in every run" if (per_run == len(channels)).all() else ""
-    text += f"Read were {', '.join(channels)}{f' ({how})' if how else ''}{f' and {beside}' if beside else ''}."
+    text += f"Recorded: {', '.join(channels)}{f' ({how})' if how else ''}{f' and {beside}' if beside else ''}."
     roles = steps.groupby("run")["role"].first().value_counts()
     return text + (f" Held out: {count(int(roles['verification']), 'run')}." if "verification" in roles else "")
 

@@ -1,4 +1,4 @@
-"""What an encoder of an axis may do that has no name: courses over rows, commands and movements, without truing."""
+"""Effects on an encoder without a catalogued cause: courses over rows, commands and movements, without truing."""
 
 from __future__ import annotations
 

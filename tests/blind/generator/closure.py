@@ -1,6 +1,4 @@
-"""Where the platform stands: the closure of the legs, as polynomials in the quaternion of the
-platform.
-"""
+"""Pose of the platform: the closure of the legs, as polynomials in the quaternion of the platform."""
 
 from __future__ import annotations
 

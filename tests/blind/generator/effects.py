@@ -1,6 +1,4 @@
-"""What nature does and a plain simulation leaves out: one class per effect, at the step of the chain where it
-acts.
-"""
+"""Hidden effects that a plain simulation leaves out: one class each, at the step of the chain where it acts."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""What the instruments make of it: measurement frames, noise, gross errors, missing targets, the survey, the
-readings.
-"""
+"""Measured data: measurement frames, noise, gross errors, missing targets, the survey, the readings."""
 
 from __future__ import annotations
 

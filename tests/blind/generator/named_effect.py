@@ -1,5 +1,4 @@
-"""What every hidden effect is, whatever it changes: an id, its sizes, what it concerns; and how the file of truths
-tells it."""
+"""Base of every hidden effect: id, sizes and subject, and their form in the file of truths."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was asked of the machine: configurations, their order in time, and the temperature meanwhile."""
+"""Commanded configurations, their order in time, and the temperature meanwhile."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What nature does too, and no catalogue of causes knows: a diagnosis must say what it follows, and give it no name.
+"""Hidden effects outside the catalogue: a diagnosis must name their inputs, and no cause.
 
 Amounts are per leg (L,), zero where a leg is spared; each effect names the columns of configurations.csv that drive
 it.

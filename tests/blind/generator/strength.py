@@ -1,4 +1,4 @@
-"""How strongly an effect shows in a campaign: the root of its non-centrality after all that is not known is fitted.
+"""Strength of an effect in a campaign: root of its non-centrality after a fit of all unknowns.
 
 What is not known: the geometry (to its tolerance), where the targets sit (to the survey's noise), where the legs'
 survey frames sit and how far each leg has turned about itself, the measurement frame of every pose, and where the

@@ -1,4 +1,4 @@
-"""How a network is built, against geometry that can be reckoned by hand."""
+"""Geometry of a network, against values computed by hand."""
 
 import numpy as np
 import pytest

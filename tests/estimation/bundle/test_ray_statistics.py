@@ -1,4 +1,4 @@
-"""What rays tell, pose by pose, of numbers that all poses should share: exact where nothing is noise."""
+"""Statistics of rays on parameters that poses share: exact without noise."""
 
 from __future__ import annotations
 

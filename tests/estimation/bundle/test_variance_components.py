@@ -1,4 +1,4 @@
-"""How exactly kinds of targets were measured: components found, with honest standard deviations, and sigma0 tested."""
+"""Variance components of kinds of targets: recovered, with honest standard deviations, and sigma0 tested."""
 
 from dataclasses import replace
 

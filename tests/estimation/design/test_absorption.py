@@ -1,4 +1,4 @@
-"""What a fit does with what it has no parameter for: the telescope's deformation, and laws of the projection."""
+"""Absorption of an effect outside the model: the telescope's deformation, and laws of the projection."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What cannot be told apart is named by few parameters, and stays unseen as it is named."""
+"""Inseparable parameters are named with few parameters, and each named combination is unobservable."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ def test_the_telescopes_heights_and_length_cannot_be_told_apart(leg):
     """Equation 36, corrected: z_z (a_z - b_z) + l, and z_z is 0.975 on all legs at home."""
     texts = [group.text for group in inseparable(leg_observability(["az", "bz", "l"], leg))]
     n = leg + 1
-    assert texts == [f"a_z{n} − b_z{n} + 1.03 l{n} cannot be told apart"]
+    assert texts == [f"only a_z{n} − b_z{n} + 1.03 l{n} is determined"]
     slope = directions(*poses(), DRHO_MM[:, leg], leg)[:, 2]
     (group,) = inseparable(leg_observability(["az", "bz", "l"], leg))
     assert_close(group.seen[0], [1.0, -1.0, 1.0 / slope.mean()], atol=np.ptp(1.0 / slope))
-    assert f"a_z{n} − b_z{n} + 1.03 l{n} cannot be told apart" in [
+    assert f"only a_z{n} − b_z{n} + 1.03 l{n} is determined" in [
         group.text for group in inseparable(leg_observability(NINE, leg))
     ]
 
@@ -44,7 +44,10 @@ def test_rho0_is_the_height_of_the_base_joint_and_nothing_else():
         found = inseparable(leg_observability([*NINE, "rho0"], leg))
         null = [t for group in found for t, s in zip(group.texts, group.sigma, strict=True) if np.isinf(s)]
         n = leg + 1
-        assert null in ([f"a_z{n} : rho0_{n} = −1 : 1 goes unseen"], [f"a_z{n} : rho0_{n} = 1 : −1 goes unseen"])
+        assert null in (
+            [f"a_z{n} : rho0_{n} = −1 : 1 is unobservable"],
+            [f"a_z{n} : rho0_{n} = 1 : −1 is unobservable"],
+        )
 
 
 @pytest.mark.parametrize("leg", LEGS)
@@ -79,8 +82,8 @@ def test_planted_null_vectors_come_out_as_they_were_planted(seed):
         members = vector[vector != 0]
         assert_close(group.changes[0] / group.changes[0][0], members / members[0], atol=1e-6)
         assert np.isinf(group.sigma).all()
-    assert found[0].text == "x1 + 0.5 x4 cannot be told apart"
-    assert found[1].text.replace("−", "-").endswith("goes unseen")
+    assert found[0].text == "only x1 + 0.5 x4 is determined"
+    assert found[1].text.replace("−", "-").endswith("is unobservable")
 
 
 @given(SEEDS, st.integers(1, 4))
@@ -107,7 +110,7 @@ def test_directions_stay_unidentifiable_span_what_is_unseen_and_each_has_its_own
 
 def test_a_parameter_that_does_nothing_stands_alone():
     found = inseparable(observe(np.diag([5.0, 0.0, 7.0])[:, [0, 1, 2]], np.ones(3), ["x", "y", "z"]))
-    assert [group.text for group in found] == ["y cannot be seen"]
+    assert [group.text for group in found] == ["y is unobservable"]
     assert inseparable(observe(5.0 * np.eye(3), np.ones(3), ["x", "y", "z"])) == ()
 
 

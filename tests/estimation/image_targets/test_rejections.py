@@ -1,4 +1,4 @@
-"""What is no target is rejected, and counted by the reason."""
+"""Shapes that are no targets are rejected, and counted by reason."""
 
 from __future__ import annotations
 

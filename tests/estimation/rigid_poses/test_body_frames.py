@@ -1,4 +1,4 @@
-"""What a fitted frame does to residuals: the stated covariance is the one that simulated errors show."""
+"""Residuals in a fitted frame: the stated covariance is that of simulated errors."""
 
 from __future__ import annotations
 

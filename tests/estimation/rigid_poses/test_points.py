@@ -1,4 +1,4 @@
-"""Which targets make a body's frame, and what the fit of that frame leaves of its points, in the body's own axes."""
+"""Targets that define the frame of a body, and residuals of its points in the axes of the body."""
 
 from __future__ import annotations
 

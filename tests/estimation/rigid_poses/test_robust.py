@@ -1,4 +1,4 @@
-"""Which points agree: gross errors of every kind, clean data, ambiguity, laws."""
+"""Consensus of points: gross errors of every kind, clean data, ambiguity, laws."""
 
 from __future__ import annotations
 

@@ -221,8 +221,8 @@ def _with_arm(loads):
     ("table", "words"),
     [
         (_table(_never(5)), "mz is zero in all rows; apply loads"),
-        (_table(_with_arm), "fy .* mx cannot be told apart"),
-        (_table(channels=lambda v: np.column_stack([v, v[:, 2]])), "v3 . v7 cannot be told apart"),
+        (_table(_with_arm), "only fy .* mx is determined"),
+        (_table(channels=lambda v: np.column_stack([v, v[:, 2]])), "only v3 . v7 is determined"),
         (_table(channels=lambda v: v * (np.arange(6) != 3)), "V V.T is singular.*v4 is zero in all rows"),
         (_table(channels=lambda v: v[:, :5] @ np.eye(5, 6)), "v6 is zero in all rows"),
         (_table(channels=lambda v: np.column_stack([v, v[:, :2]]), noise=True), "6 independent signals in 8 channels"),

@@ -1,4 +1,4 @@
-"""What to measure next on the page: the most urgent need first, totals told, nothing invented."""
+"""Next measurements on the page: the most urgent need first, with totals, nothing invented."""
 
 from __future__ import annotations
 

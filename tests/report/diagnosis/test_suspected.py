@@ -1,4 +1,4 @@
-"""What is only suspected never reads as found, and a model that does not hold never reads as agreement."""
+"""A suspected cause never reads as found, and a model that does not hold never as agreement."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a finding holds elsewhere is said with what was left out; where nothing could be, with what to measure."""
+"""The page says with which left-out blocks a finding was tested, or what to measure if there are none."""
 
 from __future__ import annotations
 

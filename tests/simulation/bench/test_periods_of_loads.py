@@ -1,4 +1,4 @@
-"""Which periods of a load a campaign tells apart: those that it went through twice, by four levels at least."""
+"""Periods of a load that a campaign can separate: passed twice, with at least four levels."""
 
 from __future__ import annotations
 

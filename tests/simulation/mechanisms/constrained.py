@@ -1,4 +1,4 @@
-"""What holds for the equations of every calibration: exact derivatives, and batches that are each of their members."""
+"""Laws of the equations of every calibration: exact derivatives, and batches that equal their members."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What bends, grows and drifts: exact derivatives, alone and on top of one another, and candidates that make sense."""
+"""Causes of the structure: exact derivatives, alone and on top of one another, and valid candidates."""
 
 from __future__ import annotations
 

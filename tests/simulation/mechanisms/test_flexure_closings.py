@@ -1,4 +1,4 @@
-"""What the beam and the stiffness model have in common: exact derivatives, and laws of any model of a structure."""
+"""Laws that the beam and the stiffness model share: exact derivatives, and those of any structure."""
 
 from __future__ import annotations
 

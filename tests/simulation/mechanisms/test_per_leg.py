@@ -1,4 +1,4 @@
-"""Which legs a cause concerns, once it is fitted: those that do nothing beside the others are left out again."""
+"""Legs of a fitted cause: those without effect are dropped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What rays would tell of a camera, two bars and the air in some poses, drawn without any network."""
+"""Simulated statistics of rays on a camera, two bars and the air in some poses, without a network."""
 
 from __future__ import annotations
 

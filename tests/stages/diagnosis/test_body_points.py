@@ -1,4 +1,4 @@
-"""What the diagnosis compares where there is no mechanism, from the tables of a run; and where a body stands still."""
+"""Data of the diagnosis without a mechanism, from the tables of a run; bodies that stand still."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What to load next: runs that tell causes of a bench apart, or narrow one down, and whether they do as they say."""
+"""Next loads: runs that separate causes of a bench, or improve one, with the effect that they state."""
 
 from __future__ import annotations
 

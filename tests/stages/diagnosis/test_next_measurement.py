@@ -1,4 +1,4 @@
-"""What to measure next on a simulated machine: warm legs or drifting ones, when it only ever got warmer."""
+"""Next measurements on a simulated machine whose legs warm up or drift while the temperature only rises."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What reaches the diagnosis: moved and exchanged targets do, gross errors do not."""
+"""Points of the diagnosis: moved and exchanged targets are kept, gross errors are not."""
 
 from __future__ import annotations
 

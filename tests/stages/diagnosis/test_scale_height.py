@@ -1,4 +1,4 @@
-"""Where lengths are right in points from photographs: at the height of the bars that gave their scale."""
+"""Height at which lengths from photographs are right: that of the scale bars."""
 
 from __future__ import annotations
 

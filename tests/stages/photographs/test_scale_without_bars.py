@@ -1,4 +1,4 @@
-"""What gives photographs their scale where no bar is seen, and what is said of bars that are not."""
+"""Scale of photographs without a visible bar, and what is reported of unseen bars."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What gives photographs their scale and what checks it is said; distances of a survey are told by body."""
+"""Reported source and check of the scale of photographs; distances of a survey are reported by body."""
 
 from __future__ import annotations
 

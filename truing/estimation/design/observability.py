@@ -175,17 +175,18 @@ class Inseparable:
 
     @property
     def text(self) -> str:
-        """Return the combination in words: ``a_z3 − b_z3 + 1.03 l3 cannot be told apart``."""
+        """Return the combination in words: ``only a_z3 − b_z3 + 1.03 l3 is determined``."""
         if len(self.seen) == 0:
-            return f"{' and '.join(self.labels)} cannot be seen"
+            verb = "is" if len(self.labels) == 1 else "are"
+            return f"{' and '.join(self.labels)} {verb} unobservable"
         if len(self.seen) == 1:
-            return f"{_sum(self.labels, self.seen[0])} cannot be told apart"
+            return f"only {_sum(self.labels, self.seen[0])} is determined"
         return "; ".join(self.texts)
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Return each unseen change in words: ``a_x1 : u_x1 : kappa1 = −10.2 : 1 : 0.215 goes unseen``."""
-        return tuple(f"{_ratio(self.labels, change)} goes unseen" for change in self.changes)
+        """Return each unseen change in words: ``a_x1 : u_x1 : kappa1 = −10.2 : 1 : 0.215 is unobservable``."""
+        return tuple(f"{_ratio(self.labels, change)} is unobservable" for change in self.changes)
 
 
 def inseparable(observability: Observability) -> tuple[Inseparable, ...]:

@@ -329,7 +329,7 @@ def _rivals(figures: pd.DataFrame, chosen: Key) -> str:
     texts = []
     if equal.any():
         named = " and ".join(calibration_name((str(m), str(d))) for m, d in others.index[equal])
-        texts.append(f"The data cannot distinguish {named} from it; the simpler one is chosen.")
+        texts.append(f"Equally good by these data: {named}; the simplest is chosen.")
     rest = others[~equal]
     if len(rest) and "heldout_ratio" in rest and rest["heldout_ratio"].notna().any():
         pulls = f", rms pull {_from_to(rest['rms_pull'])}" if "rms_pull" in rest else ""
@@ -344,7 +344,8 @@ def _extended(tables: Tables) -> str:
     figures = figures_by_calibration(tables, TO_POINTS)
     if figures is None or not _is_known(figures.iloc[0], _HELD_OUT):
         return ""
-    return f"The extended model of the diagnosis gives {_error_words(figures.iloc[0], 'verification')} there."
+    errors = _error_words(figures.iloc[0], "verification")
+    return f"The extended model of the diagnosis gives {errors} on the held-out poses."
 
 
 def _from_to(values: pd.Series) -> str:

@@ -107,7 +107,7 @@ def _alone(best: AssessedCause, found: list[AssessedCause]) -> str:
     other = _kind(best)
     return (
         f" Alone, {other} explains the data about as well as {first.name}. Next to the other findings, the "
-        f"latter is more probable, and {other} adds no more than chance does (p {p_equals(best.p_value)})."
+        f"latter is more probable, and {other} adds no more than chance (p {p_equals(best.p_value)})."
     )
 
 

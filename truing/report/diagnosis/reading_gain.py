@@ -38,11 +38,7 @@ def drawn_readings(misses: pd.DataFrame, modelled: bool) -> Drawn:
     """Return figures of the misfit by channel and load, over the load, and in time."""
     unknown = channels_of(misses[misses["noise_floor"].isna()])
     left = "the residual with the causes modelled"
-    words = (
-        f"The noise follows from the declared noise; for {', '.join(unknown)} it is {left}"
-        if unknown
-        else "The noise follows from the declared noise"
-    )
+    words = f"Noise as declared; for {', '.join(unknown)} it is {left}" if unknown else "Noise as declared"
     if len(unknown) == misses["channel"].nunique():
         words = f"The noise is {left}"
     straight = "A straight line through zero is a wrong slope. Loading and unloading differ by hysteresis or creep."

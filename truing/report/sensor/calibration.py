@@ -153,12 +153,12 @@ def _opening_sentences(
     if len(printed) and chosen != printed["model"].iloc[0]:
         other = 100.0 * float(printed.set_index("subject")["value"][worst]) / largest[worst]
         if other > 1.5 * share[worst]:
-            texts.append(f"Least squares without a zero gives {plain(other)} % there.")
+            texts.append(f"Least squares without a zero gives {plain(other)} % for {worst}.")
     texts += _verified(own)
     texts += filter(None, [data_words(tables)])
     equal = choice[(choice["figure"] == "indistinguishable") & (choice["value"] == 1.0)]["model"]
     if len(equal):
-        texts.append(f"The data cannot distinguish {' or '.join(equal)} from it; the simpler one is chosen.")
+        texts.append(f"Equally good by these data: {', '.join(equal)}; the simplest is chosen.")
     if (own["figure"] == "tared").any() and float(own.loc[own["figure"] == "tared", "value"].iloc[0]):
         texts.append(
             "Unloaded signals differ between runs by more than noise, so signals are relative to each run's zero."

@@ -228,7 +228,7 @@ def _errors(errors: pd.DataFrame) -> Listing:
         for r in errors.itertuples()
     )
     heads = ("model", "component", "figure", "value")
-    caption = "Error figures of every model; cv: whole runs left out; verification: runs that nothing was fitted to"
+    caption = "Error figures of every model; cv: whole runs left out; verification: held-out runs"
     return Listing(heads, rows, (), caption, True, "deformation_errors.parquet")
 
 
@@ -280,7 +280,7 @@ def _own_axes(curves: pd.DataFrame, tables: Tables) -> go.Figure:
             grid.add_trace(trace, **place)
         grid.update_xaxes(title_text=f"{load} ({kilo(load)})", title_standoff=4, **place)
         grid.update_yaxes(title_text=f"{channel} ({moved_unit(channel)})", title_standoff=4, **place)
-    subtitle = "Bars: 95 % of the noise. Line and band: simulation, and 95 % of what its tolerances leave open"
+    subtitle = "Bars: 95 % of the noise. Line: simulation; band: its 95 % range by tolerances"
     if not any(_simulated(_curve_of(curves, *pair)) for pair in pairs):
         subtitle = "Bars: 95 % of the noise. The campaign holds no simulation"
     if published_pairs(tables):

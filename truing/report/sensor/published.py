@@ -82,9 +82,9 @@ def published_listing(tables: Tables) -> Listing | None:
         "verdict",
     )
     caption = (
-        "Published values beside this campaign: theory beside the simulation, a measurement beside the measurement "
+        "Published values compared with this campaign: theory with the simulation, a measurement with that at the same "
     )
-    caption += "at the same load. Allowed: 95 %, by noise and tolerances"
+    caption += "load. Allowed: 95 %, by noise and tolerances"
     return Listing(heads, tuple(rows), tuple(marks), caption, held_by="published_compared.parquet")
 
 

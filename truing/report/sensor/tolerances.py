@@ -71,7 +71,7 @@ def tolerance_words(errors: pd.DataFrame) -> list[str]:
         said += [text, f"Largest share in the {part} variance: {name}, {share}."]
     return [
         *said,
-        "Errors are of the sensor as designed, without load; its legs are closed loops. No data change them.",
+        "These errors follow from the design alone, without load and without measurements; the legs are closed loops.",
     ]
 
 

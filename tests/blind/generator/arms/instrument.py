@@ -1,4 +1,4 @@
-"""What an instrument sees of an arm: points of targets, poses of the tip, or distances to stations."""
+"""Measurements of an arm: points of targets, poses of the tip, or distances to stations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the links of an arm are: exact kinematics with elastic joints and links under gravity."""
+"""Poses of an arm's links: exact kinematics with elastic joints and links under gravity."""
 
 from __future__ import annotations
 

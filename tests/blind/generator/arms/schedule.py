@@ -1,4 +1,4 @@
-"""Which poses an arm takes, in which order, at which temperature: before anything is hidden."""
+"""Poses of an arm, their order and their temperature, before anything is hidden."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How strongly an effect shows: root of its non-centrality after a least-squares fit of all that is not known.
+"""Strength of an effect: root of its non-centrality after a least-squares fit of all unknowns.
 
 Not known: the base's place in each measurement frame or the stations' places, that of the tool whose poses are
 measured, the targets' places (to the survey's noise where surveyed), the geometry (to its tolerance; where none is

@@ -1,4 +1,4 @@
-"""What nature does on the bench and a plain simulation leaves out: one class per effect, at the step where it acts.
+"""Hidden effects on the bench that a plain simulation leaves out: one class each, at the step where it acts.
 
 Axes of load and channels are told by their place, 0 to 5. ``Per`` one of them is what nearly all effects are.
 """

@@ -1,4 +1,4 @@
-"""What a leg is made of, by the energy that a wrench leaves in it (Castigliano): no element has a matrix of its own.
+"""Elements of a leg by the energy that a wrench leaves in them (Castigliano), without matrices.
 
 A leg runs along z of its axes, from the base to the platform. What a section of it carries under a wrench at any point
 is a force and the moment about the section; the energy of two such states is the compliance one feels of the other.

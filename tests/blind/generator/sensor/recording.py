@@ -1,4 +1,4 @@
-"""What goes wrong where readings and signals are recorded: beams, air, zeros, fringes, bridges that leak, rows."""
+"""Hidden effects in recorded readings and signals: beams, air, zeros, fringes, bridges that leak, rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was asked of the bench: runs and steps, loads, what was watched meanwhile, and the hall's weather."""
+"""Commanded runs and steps, loads, recorded channels, and the climate of the hall."""
 
 from __future__ import annotations
 

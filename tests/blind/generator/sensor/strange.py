@@ -1,4 +1,4 @@
-"""What nature does on a bench too, and no catalogue of causes knows: a diagnosis must say what it follows.
+"""Hidden effects on the bench outside the catalogue: a diagnosis must name their inputs, and no cause.
 
 Amounts are m or rad of a channel at the largest value of what drives them; each effect names the columns it follows.
 """

@@ -1,4 +1,4 @@
-"""How strongly an effect shows in a campaign: the root of its non-centrality after all that is not known is fitted.
+"""Strength of an effect in a campaign: root of its non-centrality after a fit of all unknowns.
 
 What is not known: the zero of each run and channel, lengths and elastic parameters of the legs, gain and offset of each
 signal, and the loads where they are noisy. All derivatives are differences of the generator's own machine; whatever is

@@ -1,4 +1,4 @@
-"""What a bench applies: moments of forces off their line, and two units that do not share alike."""
+"""Applied loads: moments of eccentric forces, and two units that share a load unevenly."""
 
 from __future__ import annotations
 
