@@ -104,8 +104,8 @@ def _column_names(tree: Tree, joint: str) -> list[str]:
 class ForbiddenPoses:
     """Regions that poses must avoid: F boxes of readings (F, n) and places (F, 3) in the base's frame, and functions.
 
-    A box forbids a pose if all its readings are within, and the origin of a link that moves, or a point on the straight
-    line to it from the link below, is within its range of places; ``links`` (F,) restricts it to some links. SI.
+    A box forbids a pose if all readings are within, and a moving link touches its range of places: its origin, or the
+    straight line to it from the link below; ``links`` (F,) restricts it to some links. SI.
     """
 
     reading_ends: NDArray  # (2, F, n)

@@ -34,9 +34,9 @@ _SCATTER = "Hold one load and read every channel ten times over: the scatter is 
 class ReportedRms:
     """Root mean squares over some targets (all of them: every coordinate of every point), in a unit of so much SI.
 
-    In words: ``what`` was measured, ``epoch`` where, ``fitted`` is what was fitted to, ``held_out`` what was not,
-    ``drive`` what predictions are made from, ``scatter`` how to see the noise by itself. ``is_length``: whether an
-    effect moves anything by a length or an angle.
+    Words for the page: ``what`` was measured, an ``epoch``, ``fitted`` and ``held_out`` data, the ``drive``
+    of the predictions, and a measurement of the ``scatter`` by itself. ``is_length``: whether an effect moves anything
+    by a length or an angle.
     """
 
     unit: str = "um"

@@ -53,8 +53,8 @@ def size_faults(
 ) -> Iterator[Fault]:
     """Faults of body size: a body must be as large as in the survey, and comparable to its joints.
 
-    A ratio of 3 between equal targets is a fault (gross errors and deformation stay below), and of 20 between targets
-    and joints, because their positions differ; a wrong unit gives at least 25.4.
+    A ratio of 3 between equal targets is a fault; gross errors and deformation stay below. Between targets and joints
+    the limit is 20, because their positions differ; a wrong unit gives at least 25.4.
     """
     for body in dict.fromkeys(body for _, body in points):
         surveyed = geometry.survey.get(body, {})

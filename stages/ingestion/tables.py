@@ -69,8 +69,9 @@ def read_configurations(
 
 
 def _check_loads(found: CollectedRows, log: FaultLog, settings: Any) -> None:
-    """A fault at every row without a load, in columns of external loads that a stiffness model takes up, and where a
-    load is declared for legs without one."""
+    """Faults: rows without a load in the columns of external loads, and loads declared for legs without a stiffness
+    model.
+    """
     if settings.mechanism.is_legged and settings.mechanism.is_elastic:
         for name in WRENCH:
             if name in found.table.column_names:

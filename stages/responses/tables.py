@@ -34,8 +34,8 @@ def error_rows(
 
     ``sets`` are residuals (N, L), of the fit and of what was held out, by what stands before a figure's name;
     `residual_sets` has those that every fit has. ``scale`` turns SI into ``unit``. Responses are legs counted from 1
-    where ``responses`` is None, are told by name where it names them, and are told only together, under the subject
-    ``whole``, where it is empty.
+    if ``responses`` is None, and named if it names them. If it is empty, they are reported together, with the subject
+    ``whole``.
     """
     chosen = range(*part.indices(fit.residuals.shape[1])) if responses != () else ()
     for prefix, residual in sets.items():

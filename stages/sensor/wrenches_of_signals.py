@@ -27,8 +27,8 @@ def is_of_signals(table: pa.Table) -> bool:
 def wrenches_of_signals(sensor: CalibratedSensor, table: pa.Table, file: str) -> pa.Table:
     """Rows of ``wrenches`` for a table of signals, in mV, with the covariates that the calibration follows.
 
-    A sensor whose zero changes from run to run needs rows marked 1 in a column ``unloaded``, in every run where a
-    column ``run`` tells runs apart. Raises CampaignFaults where ``file`` lacks a column or holds no number.
+    A sensor whose zero changes from run to run needs rows marked 1 in a column ``unloaded``, in every run of a column
+    ``run``. Raises CampaignFaults where ``file`` lacks a column or holds no number.
     """
     columns = _checked(sensor, table, file)
     signals = np.column_stack([columns[name] for name in _signal_columns(sensor)])

@@ -1,7 +1,7 @@
 """Run matrix products on one thread.
 
-Matrices are small here. Threads that share one product wait for each other longer than they compute (tens of times as
-long on a busy machine), and change its last bits.
+Matrices are small here. Threads that share one product wait for each other longer than they compute, tens of times as
+long on a busy machine. They also change its last bits.
 """
 
 from __future__ import annotations

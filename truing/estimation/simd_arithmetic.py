@@ -38,8 +38,8 @@ summing = njit(**{**_MODE, "fastmath": {*_MODE["fastmath"], "reassoc"}}, **_BARE
 def compiled(*made_of: str) -> Callable[[Callable], Callable]:
     """Return a decorator that compiles at the first call, and caches the code next to its source if possible.
 
-    made_of: source files of the code. numba only notices changes of the function's own file, so a digest of all files
-    becomes part of the function's name, and of the cache file's name.
+    made_of: source files of the code. numba only notices changes of the function's own file. A digest of all files
+    therefore becomes part of the names of function and cache file.
     """
     digest = hashlib.sha256(b"".join(Path(name).read_bytes() for name in made_of)).hexdigest()[:12]
 

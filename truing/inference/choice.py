@@ -43,8 +43,8 @@ def choose(
 ) -> CandidateChoice[CauseT] | None:
     """Return the candidate to accept, at the p-value ``level``; None where no candidate is real.
 
-    Of the kinds that explain the data equally well, and have a probability of at least 5 %, this is the one with the
-    fewest parameters. A catalogued cause is preferred to a nonparametric effect unless the effect is clearly more
+    This is the kind with the fewest parameters among those that explain the data equally well and have a probability
+    of at least 5 %. A catalogued cause is preferred to a nonparametric effect unless the effect is clearly more
     probable. Where a pair explains what a single candidate would absorb, it is the first of the pair. Its rivals are
     then those that do as well in its place. Kinds in ``refused`` are ignored, also as a standard for the others.
     """

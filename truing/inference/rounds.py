@@ -187,8 +187,8 @@ class Round(Generic[CauseT]):
     def p_value_of_rivals(self, name: CauseCandidate[CauseT], before: Round[CauseT]) -> float:
         """Return the p-value of nonparametric rivals of an accepted cause next to it.
 
-        Rivals were probable themselves in the round ``before`` its acceptance, and explained at least a quarter of its
-        squares that they do not explain any more. A name of the right form leaves them nothing but chance.
+        Rivals were probable themselves in the round ``before`` its acceptance. They explained at least a quarter of
+        its squares, and no longer do. A name of the right form leaves them nothing but chance.
         """
         least = _OF_ITS_SIZE * before.scores[name.key].squares
         p_values = [

@@ -1,8 +1,8 @@
 """Search over all candidates of all kinds of cause on one residual, and its null distribution.
 
-Each kind is assessed by its best candidate. The statistic is the smallest p-value over kinds, each multiplied by the
-cost of the choice among its candidates and divided by its share of the false-alarm budget. The null distribution comes
-from the same search on simulated residuals and on sign-flipped ones.
+Each kind is assessed by its best candidate. The statistic is the smallest p-value over kinds. Each is multiplied by
+the cost of the choice among its candidates and divided by its share of the false-alarm budget. The null distribution
+comes from the same search on simulated residuals and on sign-flipped ones.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Test whether the principal distance of a camera changed from image to image, and how much that moves points.
 
-Each image of a pose gets its own principal distance, with all other camera elements fixed. These are tested against the
-value that most images share (a shift of one image, Baarda), so that a changed minority does not bias the reference.
+Each image of a pose gets its own principal distance, with all other camera elements fixed. These are tested against
+the value that most images share (a shift of one image, Baarda). A changed minority then does not bias the reference.
 """
 
 from __future__ import annotations

@@ -69,8 +69,8 @@ def global_test(chi2: float, redundancy: int, alpha: float = 0.05) -> GlobalTest
 def grouped(network: Network, used: Mask, redundancy: Array) -> VarianceComponents:
     """Return components with factor one: a group per camera and kind of target, with small groups pooled.
 
-    used (N,): rays that count; redundancy (N,) of each. Small groups are pooled with other small ones of their camera,
-    and if that is not enough, with the largest group of their camera, or of all.
+    used (N,): rays that count; redundancy (N,) of each. Small groups are pooled with other small ones of their camera.
+    If that is not enough, they join the largest group of their camera, or of all.
     """
     camera = network.image_camera[network.rays.image]
     pairs, component = np.unique(np.stack([camera, network.rays.kind], axis=1), axis=0, return_inverse=True)

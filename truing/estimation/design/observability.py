@@ -363,13 +363,13 @@ def choose_identifiable(
 ) -> IdentifiableSet:
     """Return a maximal set of parameters with all directions identifiable from a whitened Jacobian (N, P).
 
-    Parameters are taken one by one: lower ``preference`` (P,) first, and among equals the one whose tolerance changes
-    most beyond the parameters taken before (QR with column pivoting of the scaled Jacobian). Of inseparable parameters
-    this takes the one of the largest tolerance, the rule of the telescope report (section 6.3.1). A parameter that
-    would leave a direction uncertain by ``unidentifiable`` or more tolerances is left out. Parameters with the same
-    entry of ``groups`` enter together or not at all, for example one set for all legs; they are ordered by volume
-    instead of length. Raises ValueError as `observe`, and for groups or preferences whose number is not that of the
-    parameters.
+    Parameters are taken one by one: lower ``preference`` (P,) first. Among equals the one is taken whose tolerance
+    changes most beyond the parameters before (QR with column pivoting of the scaled Jacobian). Of inseparable
+    parameters this takes the one of the largest tolerance, the rule of the telescope report (section 6.3.1). A
+    parameter that would leave a direction uncertain by ``unidentifiable`` or more tolerances is left out. Parameters
+    with the same entry of ``groups`` enter together or not at all, for example one set for all legs; they are ordered
+    by volume instead of length. Raises ValueError as `observe`, and for groups or preferences whose number is not that
+    of the parameters.
     """
     whole = observe(jacobian, scales, labels, unidentifiable=unidentifiable)
     members = _members(range(len(labels)) if groups is None else groups, len(labels))

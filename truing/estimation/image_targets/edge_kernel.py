@@ -1,7 +1,7 @@
 """Compiled fit of circle edges in a photograph, one target after the other.
 
-Pixels around each edge are collected, a blurred ellipse is fitted to them, outlying pixels are excluded, and the
-residuals show how elliptic the edge is. A pixel at x has the grey value
+A blurred ellipse is fitted to the pixels around each edge, without outlying pixels. The residuals show how elliptic
+the edge is. A pixel at x has the grey value
 
     I = (ground + contrast (M + T)) (1 + slope . (x - x_start) / size),        M = Phi(-(d + s^2 k / 2) / s)
 

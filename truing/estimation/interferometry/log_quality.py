@@ -148,9 +148,9 @@ def channels_twice(run: Index, step: Index, channel: Index, reading: ArrayLike) 
 def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> LogFaults:
     """Return samples (N,) at a clipped end of a signal's range; size: the value there.
 
-    An end is clipped if its value is the largest or smallest, occurs at least eight times, and many times as often as
-    the neighbouring values (a signal that turns there also comes close often). With the drive (N,) of the signal, three
-    times at different drives are enough, which excludes a held or repeated load.
+    An end is clipped if its value is the largest or smallest and occurs at least eight times. It must occur many times
+    as often as its neighbours, because a signal that turns there comes close often. With the drive (N,) of the signal,
+    three times at different drives are enough, which excludes a held or repeated load.
     """
     value = np.asarray(signal, float)
     levels, count = np.unique(value[np.isfinite(value)], return_counts=True)

@@ -1,8 +1,7 @@
 """Labels for unlabelled points from the survey of one or several bodies.
 
-A labelling is accepted only if it is no accident (fewer than 0.001 fits with as many points are expected by chance),
-and if it beats every contradicting labelling by odds of a million to one. Otherwise it is refused, and its rivals are
-named.
+A labelling is accepted if fewer than 0.001 fits with as many points are expected by chance. It must also beat every
+contradicting labelling by odds of a million to one. Otherwise it is refused, and its rivals are named.
 """
 
 from __future__ import annotations

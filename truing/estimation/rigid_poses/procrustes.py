@@ -37,8 +37,8 @@ def common_shape(points: NDArray, mask: NDArray, sigma: float) -> NDArray:
     """Return the shape (N, 3), in m, of targets in connected poses; NaN for the others.
 
     points (B, N, 3) in m, mask (B, N), sigma: standard deviation per coordinate of a point, in m. Starts from the pose
-    that shares most targets with the others, adds the others by consensus with the shape, those with most common
-    targets first, and puts each target at its median over the poses, where most poses saw it if it was moved. Axes of
+    that shares most targets with the others. The others are added by consensus with the shape, those with most common
+    targets first. Each target is put at its median over the poses, where most poses saw it if it was moved. Axes of
     the first pose's measurement frame, origin at the mean of its targets. All NaN if no pose has three targets.
     """
     points = np.where(mask[..., None], points, 0.0)

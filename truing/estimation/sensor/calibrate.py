@@ -151,8 +151,8 @@ class _CalibrationTable:
 def fit_calibration(table: LoadTable, model: CalibrationModel | None = None) -> Calibration:
     """Return the calibration of a table of loads.
 
-    Raises UndeterminedCalibrationError, naming what is missing, if loads or signals do not determine it, and ValueError
-    if the estimator needs a covariance that was not declared, or a covariate that the table lacks.
+    Raises UndeterminedCalibrationError, naming what is missing, if loads or signals do not determine it. Raises
+    ValueError if the estimator needs an undeclared covariance, or a covariate that the table lacks.
     """
     problem = _CalibrationTable(model or CalibrationModel(), table)
     _check(problem)

@@ -76,8 +76,8 @@ class CalibrationChoice:
 def hold_out(table: LoadTable, model: CalibrationModel) -> HeldOutPredictions:
     """Return the predictions of every load case by a fit to all others.
 
-    Raises UndeterminedCalibrationError, naming the case, if the others do not determine the model, and ValueError if a
-    case has only the row that determines its own zero.
+    Raises UndeterminedCalibrationError, naming the case, if the others do not determine the model. Raises ValueError
+    if a case has only the row that determines its own zero.
     """
     alone = [case for case in table.cases if np.sum(table.case == case) < 2]
     if model.zero == "case" and alone:

@@ -318,9 +318,10 @@ def _by_chance(
     whitened: NDArray, rows: tuple[NDArray, NDArray], way: NDArray, taken: NDArray, explained: NDArray
 ) -> NDArray:
     """Return the expected number of accidental exchanges as good as each of P pairs, among rows that are equally far
-    off. whitened (N, W), way and taken (P, W). A row with another cause lies anywhere within its size, so it reaches
-    the place of another row by chance the less often the further it is off. Heavy tails are included. Rows
-    ``explained`` by other exchanges are not counted."""
+    off. whitened (N, W), way and taken (P, W). A row with another cause lies anywhere within its size. The further it
+    is off, the less often it reaches the place of another row by chance. Heavy tails are included. Rows ``explained``
+    by other exchanges are not counted.
+    """
     sizes = np.sort(np.delete(np.max(np.abs(whitened), axis=1), explained))
     expected = np.full(len(way), 0.5)
     for row, sign in zip(rows, (-1.0, 1.0), strict=True):

@@ -49,9 +49,9 @@ class ExtendedChain(IdentifiedInSI[ChainCause]):
     """An identified chain: its tree holds the nominal transforms, ``twists`` (N, 6) the identified changes, m and rad.
 
     The covariance is that of the twists of the nodes ``moved`` (M,), then of the effects. ``tip`` is the node whose
-    pose is predicted; the payload of ``payload_kg`` sits at ``payload_com`` (3,) m in its
-    link. ``measured`` (2, n) are the ends of the readings of nearly all fitted poses, beyond which functions of a
-    reading are held, because nothing shows how they go on.
+    pose is predicted; the payload of ``payload_kg`` sits at ``payload_com`` (3,) m in its link. ``measured`` (2, n)
+    are the ends of the readings of nearly all fitted poses. Beyond them functions of a reading are held, because no
+    data show how they continue.
     """
 
     tree: Tree

@@ -1,8 +1,8 @@
 """Class `JointErrorCurve`: a joint departs from its reading by a curve that repeats: its encoder's scale, or its gear.
 
-The curve consists of bumps of zero mean and zero slope, second differences of cubic splines with equally spaced knots
-over one turn, or over the travel of a joint that slides. Thus it can hardly stand in for offsets, gains or errors of
-low order, which are causes of their own, and it returns to zero where no pose shows it.
+The curve consists of bumps of zero mean and zero slope: second differences of cubic splines. Their knots are equally
+spaced over one turn, or over the travel of a joint that slides. Thus it can hardly imitate offsets, gains or errors of
+low order, which are causes of their own. It returns to zero where no pose shows it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Joint zeros far beyond their tolerance, which a precise measurement shows before any search.
 
-Where data are much finer than the tolerance, the free zero of a joint absorbs its offset almost entirely, and the
-search cannot tell the two apart: only the tolerance itself then speaks against so large a value.
+With data much finer than the tolerance, the free zero of a joint absorbs its offset almost entirely, so that the
+search cannot separate them: only the tolerance itself then speaks against so large a value.
 """
 
 from __future__ import annotations
