@@ -164,3 +164,10 @@ PHOTOGRAPHS = (
         "pose* point* shared_number* moves_x_mm moves_y_mm moves_z_mm",
     ),
 )
+
+
+def subject_and_name(number: str) -> tuple[str, str, str]:
+    """Return kind and name of the owner of a shared parameter, and its own name: camera, A, c for ``camera A c``."""
+    kind, _, rest = number.partition(" ")
+    owner, _, own = rest.rpartition(" ")
+    return kind, owner, own

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array
 from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.photograph_artifacts import subject_and_name
 from truing.simulation.photographs.ray_poses import RayParameter
 from truing.stages.common.point_arrays import number_column, positions
 
@@ -110,13 +111,6 @@ def shared_numbers(table: pa.Table) -> tuple[RayParameter, ...]:
         if name not in found:
             found[name] = RayParameter(*subject_and_name(name), *(row[f"shared_{own}"] for own in suffixes))
     return tuple(found.values())
-
-
-def subject_and_name(number: str) -> tuple[str, str, str]:
-    """Return kind and name of the owner of a shared parameter, and its own name: camera, A, c for ``camera A c``."""
-    kind, _, rest = number.partition(" ")
-    owner, _, own = rest.rpartition(" ")
-    return kind, owner, own
 
 
 def information_and_score(

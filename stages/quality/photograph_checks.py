@@ -15,9 +15,8 @@ from truing.estimation.bundle.camera_stability import WATCHED as _WATCHED
 from truing.estimation.bundle.camera_stability import camera_stability as camera_deviations
 from truing.report.numbers import count as counted
 from truing.report.numbers import listed
-from truing.schemas.photograph_artifacts import BENT, SHARED
+from truing.schemas.photograph_artifacts import BENT, SHARED, subject_and_name
 from truing.stages.common.point_arrays import number_column, text_column
-from truing.stages.common.ray_statistics import shared_numbers
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
 from truing.stages.quality.scale_checks import Figures, bar_lengths, figures_of, rows_of, scale, target_sizes
 
@@ -146,12 +145,15 @@ def camera_stability(
         yield not_evaluated("stability of cameras", "camera-stability", "", "rays of a single pose do not show it")
         return
     poses = list(dict.fromkeys(statistics.column("pose").to_pylist()))
-    parameters = [known for known in shared_numbers(statistics) if known.kind == "camera"]
-    for camera in [known.owner for known in parameters if known.name == _WATCHED[0]]:
-        if camera in changed:
+    cameras: dict[str, dict[str, str]] = {}
+    for number in dict.fromkeys(statistics.column("shared_number").to_pylist()):
+        kind, owner, name = subject_and_name(number)
+        if kind == "camera":
+            cameras.setdefault(owner, {})[name] = number
+    for camera, numbers in cameras.items():
+        if camera in changed or _WATCHED[0] not in numbers:
             continue
-        called = {known.name: known.called for known in parameters if known.owner == camera}
-        watched = [called[name] for name in _WATCHED]
+        watched = [numbers.get(name, "") for name in _WATCHED]  # an element that is held has no parameter
         if len(poses) < 2:
             yield not_evaluated("stability", "camera-stability", f"camera {camera}", "there is only one pose")
             continue

@@ -15,6 +15,7 @@ from truing.estimation.covariance import relative
 from truing.estimation.rigid_poses.body_poses import body_parts
 from truing.estimation.rotation import left_jacobian_so3, log_so3
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source
+from truing.schemas.photograph_artifacts import subject_and_name
 from truing.simulation.photographs.ray_poses import BAR
 from truing.stages.common.calibration_data import body_poses
 from truing.stages.common.point_arrays import (
@@ -26,7 +27,6 @@ from truing.stages.common.point_arrays import (
     survey_points,
 )
 from truing.stages.common.point_errors import common_correlation
-from truing.stages.common.ray_statistics import subject_and_name
 from truing.stages.uncertainty_statement.causes import found_causes, of_instrument
 from truing.stages.uncertainty_statement.statement import Statement
 

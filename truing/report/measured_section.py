@@ -246,7 +246,7 @@ def _opening_sentences(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) 
     signals = signal_names(tables)
     beside = f"{count(len(signals), 'signal')} ({signals[0]} to {signals[-1]})" if signals else ""
     if not len(read):
-        return f"{text}Recorded: {beside or 'no channels'}. The motion of the platform was not measured."
+        return f"{text}Recorded: {beside or 'no channels'}; the motion of the platform was not measured."
     per_run = read.groupby("run")["channel"].nunique()
     channels = in_channel_order(read["channel"].unique())
     how = "one in each run" if (per_run == 1).all() else "all in every run" if (per_run == len(channels)).all() else ""
