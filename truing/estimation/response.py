@@ -288,10 +288,13 @@ def consistent_responses(
 def _standardised(fit: ResponseFit, u: Array, y: Array, cov: Array) -> Array:
     """Return |residual| (N, L) in units of its standard deviation, for rejected and kept values. For a value outside
     the fit, the unit includes the error of K, and is infinite along drives that were never varied."""
-    fitted = np.isfinite(fit.residuals)
-    residual = np.where(fitted, fit.residuals, y - fit.offset[0] - fit.predict(u))
-    unseen = np.where(_spanned(u, fitted), fit.predicted_variance(u), np.inf)
-    spread = np.sqrt(np.einsum("nll->nl", cov) + np.where(fitted, 0.0, unseen))
+    fitted, variance = np.isfinite(fit.residuals), np.einsum("nll->nl", cov)
+    residual = fit.residuals
+    if not fitted.all():
+        residual = np.where(fitted, residual, y - fit.offset[0] - fit.predict(u))
+        unseen = np.where(_spanned(u, fitted), fit.predicted_variance(u), np.inf)
+        variance = variance + np.where(fitted, 0.0, unseen)
+    spread = np.sqrt(variance)
     return np.abs(np.nan_to_num(residual)) / np.where(spread > 0.0, spread, np.inf)
 
 
@@ -309,12 +312,13 @@ def _spanned(u: Array, fitted: Mask) -> Mask:
 def _standardised_l1(u: Array, kept: Array, y: Array, cov: Array, offset_cov: Array | None) -> Array:
     """Return |residual| (N, L) of all y in units of its standard deviation, after a least-absolute-deviation fit to the
     kept ones."""
-    inflated = cov
+    root = np.ones(y.shape)
     for _ in range(30):
-        fit = fit_response(u, kept, inflated, offset_cov=offset_cov)
+        fit = fit_response(u, kept, cov * root[:, :, None] * root[:, None, :], offset_cov=offset_cov)
         z = _standardised(fit, u, y, cov)
-        root = np.sqrt(np.maximum(z, 1.0))
-        inflated = cov * root[:, :, None] * root[:, None, :]
+        before, root = root, np.sqrt(np.maximum(z, 1.0))
+        if np.array_equal(root, before):  # the next fit is the same
+            break
     return z
 
 
