@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.cpu_time import CpuTime
 from tests.made_once import made_once
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -34,6 +35,10 @@ SLOW = (
     "stages/photographs",
 )  # fmt: skip
 SLOW_FIXTURES = {"browser", "real_data", "sample_run"}
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.pluginmanager.register(CpuTime(), "cpu-time")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
