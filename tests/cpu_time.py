@@ -57,7 +57,7 @@ class CpuTime:
     def pytest_fixture_setup(self, fixturedef: pytest.FixtureDef[Any]) -> Iterator[None]:
         if fixturedef.scope == "function":
             return (yield)
-        name = f"{fixturedef.argname} of {fixturedef.baseid}"
+        name = f"{fixturedef.argname} of {fixturedef.baseid or 'pytest'}"
         self.made[name] += 1
         with self._measured((self.fixtures, name)):
             return (yield)

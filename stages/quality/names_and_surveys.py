@@ -58,11 +58,12 @@ def likely_names(
 
 def _names(observations: pa.Table) -> dict[str, list[str]]:
     """Return the names of the observed targets by body, in order of appearance."""
-    pairs = observations.select(["body", "target"]).group_by(["body", "target"], use_threads=False).aggregate([])
-    out: dict[str, list[str]] = {}
-    for body, target in zip(pairs.column("body").to_pylist(), pairs.column("target").to_pylist(), strict=True):
-        out.setdefault(body, []).append(target)
-    return out
+    import pyarrow.compute as pc
+
+    # Not by `group_by`, which loads pyarrow.acero: as long as the rest of pyarrow.
+    bodies, targets = observations.column("body"), observations.column("target")
+    names = pc.unique(bodies).to_pylist()
+    return {body: pc.unique(targets.filter(pc.equal(bodies, body))).to_pylist() for body in names}
 
 
 def _likely(body: BodyView, points: PosePoints, at: int) -> LikelyName | None:

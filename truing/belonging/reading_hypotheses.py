@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 from scipy.special import gammaln
 
 from truing.arrays import Array, Index, Mask
+from truing.belonging.assignment import cheapest_columns
 from truing.belonging.evidence import Physics, log_evidence, physics
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
 from truing.simulation.mechanisms.legs.closures import Legs
@@ -296,8 +296,11 @@ def _most_likely(scores: Array, changes: tuple[Changed, ...], *, exchanged: bool
     own = np.arange(count)
     best: tuple[Index, list[int], float] = (own, [0] * count, -np.inf)
     for value, common in (*ways, (alone.max(axis=2), None)):
-        orders = [own, _assigned(value)] if exchanged else [own]
-        for columns in orders:
+        for is_moved in (False, True) if exchanged else (False,):
+            # No order of columns can be better than the best column of each leg.
+            if is_moved and float(value.max(axis=1).sum()) - exchange <= best[2]:
+                continue
+            columns = _assigned(value) if is_moved else own
             total = float(value[own, columns].sum()) - exchange * bool((columns != own).any())
             if total > best[2]:
                 chosen = alone[own, columns].argmax(axis=1).tolist() if common is None else [common] * count
@@ -307,7 +310,7 @@ def _most_likely(scores: Array, changes: tuple[Changed, ...], *, exchanged: bool
 
 def _assigned(value: Array) -> Index:
     """Return the column (L,) of each leg that maximises the sum of values."""
-    return linear_sum_assignment(np.where(np.isfinite(value), value, -1e30), maximize=True)[1]
+    return cheapest_columns(np.where(np.isfinite(value), -value, 1e30))
 
 
 def _written(

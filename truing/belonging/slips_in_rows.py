@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from truing.arrays import Array, Index, Mask
+from truing.belonging.assignment import cheapest_columns
 
 _FEWEST, _FEWEST_APART = 4, 3  # fewest rows that agree, and that do not
 _LEAST_SHARE = 0.2  # least share of all rows that agree; fewer may do so by chance
@@ -215,13 +215,13 @@ def _exchanged(readings: Array, asked: Array, noise: float) -> RowOrder:
     for _ in range(2):  # the second time with the noise level and the zero after the first assignment
         between = (readings[suspects] - offset)[None] - asked[suspects][:, None]
         cost = np.sum(np.log1p((between / level) ** 2), axis=2)  # bounded growth: one wild leg decides nothing
-        poses, rows = linear_sum_assignment(cost)
-        left = readings[suspects[rows]] - asked[suspects[poses]]
+        rows = cheapest_columns(cost)
+        left = readings[suspects[rows]] - asked[suspects]
         if len(suspects) == len(every):
             offset = np.median(left, axis=0)
             level = np.maximum(1.4826 * np.median(np.abs(left - offset), axis=0), noise)
     order = every.copy()
-    order[suspects[poses]] = suspects[rows]
+    order[suspects] = suspects[rows]
     paid = 0.0
     place = {int(row): at for at, row in enumerate(suspects)}
     for cycle in _cycles(order):

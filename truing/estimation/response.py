@@ -118,19 +118,18 @@ def _component_by_component(
     u: Array, y: Array, cov: Array, form: Form, offset_cov: Array | None, group: Index
 ) -> ResponseFit:
     """Return the same fit for uncoupled components, each from the rows in which it was observed."""
-    from scipy.linalg import block_diag
-
     (n, width), groups = y.shape, int(group.max()) + 1
     drives = [np.arange(u.shape[1]) if form == "matrix" else np.arange(k, k + (form == "linear")) for k in range(width)]
+    ends = np.cumsum([len(own) for own in drives])
+    covariance = np.zeros((ends[-1], ends[-1]))
     coefficients, offset = np.zeros((width, u.shape[1])), np.zeros((groups, width))
     residuals, loo = np.full((2, n, width), np.nan)
-    free, blocks, deficient, chi_square, dof = np.zeros(coefficients.shape, bool), [], 0, 0.0, 0
+    free, deficient, chi_square, dof = np.zeros(coefficients.shape, bool), 0, 0.0, 0
     beside = np.zeros((width, u.shape[1] + 1))
     for k, own in enumerate(drives):
         free[k, own] = True
         rows = np.flatnonzero(np.isfinite(y[:, k]))
         if not len(rows):
-            blocks.append(np.zeros((len(own), len(own))))
             deficient += len(own) + (groups if offset_cov is None else 0)
             continue
         met, place = np.unique(group[rows], return_inverse=True)
@@ -143,12 +142,10 @@ def _component_by_component(
         coefficients[k, own], offset[met, k] = one.coefficients[0], one.offset[:, 0]
         beside[k, [*own, -1]] = one.offset_covariance[0]
         residuals[rows, k], loo[rows, k] = one.residuals[:, 0], one.loo_residuals[:, 0]
-        blocks.append(one.covariance)
+        covariance[ends[k] - len(own) : ends[k], ends[k] - len(own) : ends[k]] = one.covariance
         deficient += one.deficient + (groups - len(met) if offset_cov is None else 0)
         chi_square, dof = chi_square + one.chi_square, dof + one.dof
-    return ResponseFit(
-        form, coefficients, block_diag(*blocks), free, offset, residuals, loo, chi_square, dof, deficient, beside
-    )
+    return ResponseFit(form, coefficients, covariance, free, offset, residuals, loo, chi_square, dof, deficient, beside)
 
 
 def _design(u: Array, free: Mask, group: Index) -> Array:

@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.runs.recorded_run import Run
@@ -60,7 +60,7 @@ def reasons_for_caution(run: Mapping[str, pd.DataFrame]) -> dict[tuple[str, str]
     found: dict[tuple[str, str], str] = {}
     if "pulls" in run:
         pulls = run["pulls"].dropna(subset=["leg"])
-        limit = float(norm.isf(_UNLIKELY / 2 / max(len(pulls), 1)))
+        limit = -float(ndtri(_UNLIKELY / 2 / max(len(pulls), 1)))
         for row in pulls.itertuples():
             of = f"leg{int(row.leg)}", "length" if row.parameter == "l" else str(row.parameter)
             if not row.identifiable:

@@ -7,7 +7,7 @@ search cannot separate them: only the tolerance itself then speaks against so la
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from truing.arrays import Array, Mask
 from truing.inference.fit import Fit, fit_model
@@ -30,7 +30,7 @@ def offsets_beyond_tolerance(model: ChainModel, measured: Observations, frames: 
     """
     found: list[JointOffset] = []
     readings = model.free_offsets
-    least = float(norm.isf(_FALSE / 2.0 / max(len(readings), 1)))
+    least = -float(ndtri(_FALSE / 2.0 / max(len(readings), 1)))
     for _ in range(len(readings)):
         own = model.with_causes([*model.causes, *found])
         fit = fit_model(own.predict, measured, frames, np.zeros(own.shared_size), _no_errors(own, measured.seen))
