@@ -355,13 +355,13 @@ def flow_drawing(name: str) -> str:
     return _svg(544, 12 + len(steps) * height + 4, f"Flow: {name}", parts)
 
 
-def flow_list(name: str) -> str:
-    """The steps of a flow as a numbered list with links to the files."""
-    rows = (
-        f"{k}. [`{step.file}`](../{step.file}), `{step.name}`: {step.does} → *{step.result}*"
+def flow_table(name: str) -> str:
+    """The numbered steps of a flow as a table with links to the files."""
+    rows = [
+        [str(k), f"[`{step.file}`](../{step.file})", f"`{step.name}`", step.does, step.result]
         for k, step in enumerate(FLOWS[name], 1)
-    )
-    return "\n".join(rows)
+    ]
+    return table(["", "file", "name", "does", "result"], rows)
 
 
 def imports_table(found: Mapping[str, set[str]]) -> str:
@@ -381,7 +381,7 @@ def drawings() -> dict[str, str]:
 
 def tables() -> dict[str, str]:
     """The marked parts of the page by name."""
-    return {"imports": imports_table(imports()), **{name: flow_list(name) for name in FLOWS}}
+    return {"imports": imports_table(imports()), **{name: flow_table(name) for name in FLOWS}}
 
 
 def main() -> None:

@@ -66,7 +66,7 @@ def _opening_sentences(steps: list[NextStep], tables: Tables) -> str:
         return f"{text} {begins}".strip()
     if table_or_none(tables, "next_poses") is not None:
         unchecked = f" {_UNCHECKED}" if "joints" in tables else ""
-        return f"{text} The tables give readings of the machine.{unchecked}".strip()
+        return f"{text} The tables list the readings to command.{unchecked}".strip()
     legless = part_names(tables) is POINTS and "pulls" not in tables
     why = _OF_CHAIN if "joints" in tables else _WITHOUT_MECHANISM
     return f"{text} {why if legless else part_names(tables).not_planned}".strip()

@@ -49,7 +49,7 @@ def calibration(tables: Tables) -> ReportSection | None:
     shown: Drawn = []
     listings: list[Listing] = []
     if choice is not None:
-        words = "By fits without the load case itself. A term that does not reduce these errors is left out."
+        words = "Each load case is predicted by a fit without it. A term that does not reduce these errors is left out."
         shown.append((held_out_errors(choice, largest), words))
         listings += [*compared_calibrations(tables), _matrix(matrices), _choices(choice, largest)]
     if classes is not None and classes["value"].notna().any():

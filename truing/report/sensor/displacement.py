@@ -36,11 +36,11 @@ def displacement(tables: Tables) -> ReportSection | None:
 
 def _opening_sentences(cases: pd.DataFrame, residuals: pd.DataFrame) -> str:
     known = cases[list(_COMPONENTS.values())].notna().to_numpy()
-    texts = [
-        f"{count(len(residuals), 'reading')} of {count(residuals['run'].nunique(), 'run')} join to the displacement"
-    ]
+    read = f"{count(len(residuals), 'reading')} of {count(residuals['run'].nunique(), 'run')}"
     whole = int(known.all(axis=1).sum())
-    texts[0] += f" of the platform in {count(len(cases), 'load case')}, {whole:,} of them in all six components."
+    those = "all" if whole == len(cases) else f"{whole:,} of them"
+    where = f"{count(len(cases), 'load case')}, {those} in all six components"
+    texts = [f"{read} give the displacement of the platform in {where}."]
     never = [channel for channel, seen in zip(_COMPONENTS, known.any(axis=0), strict=True) if not seen]
     if never:
         texts.append(f"Never measured, and therefore unknown: {', '.join(never)}.")
