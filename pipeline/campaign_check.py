@@ -14,7 +14,7 @@ from truing.pipeline.campaign_run import CampaignRun, detached_run
 from truing.pipeline.console import RunConsole
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.second_campaign import second_folder
-from truing.pipeline.stage_order import RAW_READERS, is_optional, stage_module
+from truing.pipeline.stage_order import PAGE, RAW_READERS, is_optional, stage_module
 from truing.pipeline.starter import unconfirmed
 from truing.schemas.faults import CampaignFaults, Fault
 
@@ -119,8 +119,8 @@ def _read_raw(run: CampaignRun, *, measure: bool = True) -> _Raw:
     raw = _Raw()
     faults: list[Fault] = []
     for stage in run.order:
-        if stage.name not in RAW_READERS or not all(map(is_optional, stage.reads)):
-            continue  # measuring photographs is too long for a check of the files
+        if stage.name not in RAW_READERS or stage.name == PAGE or not all(map(is_optional, stage.reads)):
+            continue  # measuring photographs is too long for a check of the files, and the page shows none of them
         try:
             source = CampaignFiles(run.campaign.folder, run.settings)
             if stage.name == "images" and source.entries("images") and not measure:

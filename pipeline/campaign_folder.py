@@ -63,6 +63,11 @@ class CampaignFolder:
 
             if faults := tuple(cause_faults(settings, str(self.file))):
                 raise CampaignFaults(faults)
+        if settings.comment or settings.campaign.logo:
+            from truing.stages.common.campaign_facts import page_faults
+
+            if faults := tuple(page_faults(settings, self.folder, str(self.file))):
+                raise CampaignFaults(faults)
         return settings
 
     @property

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 PROJECT = Path(truing.__file__).parent.parent
 _VERDICT = "verdict"  # the artifact that decides the exit code
+_TOLD = ("state", "decided_by", "explanation")  # columns of its first row that the last lines of a run give
 _Piece = TypeVar("_Piece")
 Result = TypeVar("Result")
 
@@ -217,6 +218,25 @@ class CampaignRun:
         """Write the manifest and the digest cache if they changed."""
         self.manifest.save(self.folder / PRIVATE / "ledger.json")
         self.digest_cache.save()
+
+    def verdict_words(self, stages: tuple[Stage, ...]) -> str:
+        """State, deciding section and sentence of the campaign's verdict; empty without one among these stages.
+
+        The words are remembered, because reading a table takes longer than everything else of a run with nothing to do.
+        """
+        digests = (entry.artifacts[_VERDICT] for entry in self._entries(stages) if _VERDICT in entry.artifacts)
+        digest = next(digests, None)
+        if digest is None:
+            return ""
+        known = self.digest_cache.fact(f"verdict {digest}")
+        if known is None:
+            from truing.pipeline.artifacts import table_of
+
+            table = table_of(self.folder, _VERDICT)
+            known = {} if table is None else {key: table.to_pylist()[0][key] for key in _TOLD}
+            self.digest_cache.note(f"verdict {digest}", known)
+        by = f" ({known['decided_by']})" if known.get("decided_by") else ""
+        return f"{known['state']}{by}. {known['explanation']}" if known else ""
 
     def failed_checks(self, stages: tuple[Stage, ...]) -> tuple[str, ...]:
         """Failed checks in the last success of these stages."""

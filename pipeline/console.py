@@ -1,10 +1,9 @@
-"""Output of a run: a progress bar on a terminal, plain lines elsewhere, nothing if quiet."""
+"""Output of a run: a progress bar on a terminal, one line per stage elsewhere, nothing if quiet."""
 
 from __future__ import annotations
 
 import os
 import sys
-import time
 from collections.abc import Sequence
 from io import StringIO
 from types import TracebackType
@@ -13,7 +12,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
-_SECONDS_BETWEEN_LINES = 5.0
 _WIDE = 200  # characters of a table without a terminal
 
 
@@ -25,7 +23,6 @@ class RunConsole:
         self._terminal = not quiet and sys.stdout.isatty()
         self._bar: Bar | None = None
         self._stage = ""
-        self._last_line = 0.0
 
     def line(self, line: str) -> None:
         """Print one line unless quiet."""
@@ -61,7 +58,6 @@ class RunConsole:
     def during(self, stage: str) -> RunConsole:
         """This console, for the messages of one stage."""
         self._stage = stage
-        self._last_line = time.monotonic()
         return self
 
     def __enter__(self) -> RunConsole:
@@ -79,13 +75,10 @@ class RunConsole:
             self._bar = None
 
     def __call__(self, done: int, total: int, what: str) -> None:
-        """Show the progress of the stage: ``done`` of ``total`` (0: unknown), working on ``what``."""
+        """Show the progress of the stage on a terminal: ``done`` of ``total`` (0: unknown), working on ``what``."""
         if self._bar is not None:
             task = self._bar.task_ids[0]
             self._bar.update(task, completed=done, total=total or None, description=f"{self._stage}: {what}")
-        elif time.monotonic() - self._last_line > _SECONDS_BETWEEN_LINES:
-            self._last_line = time.monotonic()
-            self.line(f"{self._stage}: {done} of {total} {what}" if total else f"{self._stage}: {done} {what}")
 
 
 class Recorder(RunConsole):

@@ -21,6 +21,21 @@ class ExitCode(IntEnum):
     ENVIRONMENT = 4
     KEYBOARD = 130  # Ctrl-C: 128 + SIGINT, as is usual
 
+    @property
+    def meaning(self) -> str:
+        """Meaning of the code, as the last line of a run gives it."""
+        return _MEANING[self]
+
+
+_MEANING = {
+    ExitCode.DONE: "done",
+    ExitCode.DEFECT: "truing has a defect",
+    ExitCode.UNUSABLE_CAMPAIGN: "the campaign cannot be used",
+    ExitCode.FAILED_CHECK: "done, but a quality check failed",
+    ExitCode.ENVIRONMENT: "the environment prevented the work",
+    ExitCode.KEYBOARD: "ended by Ctrl-C",
+}
+
 
 # With several campaigns, the worst exit code is the call's.
 _GRAVITY = (

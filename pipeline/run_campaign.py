@@ -91,11 +91,18 @@ def run_campaign(campaign: CampaignFolder, folder: Path, settings: RunOptions, c
         stages = settings.selection.stages(run.order)
         _validate(run)
         _check_before_photographs(run, stages, settings)
-        ran = [stage.name for stage in stages if _bring_up_to_date(run, stage, settings, console)]
+        ran = [
+            stage.name
+            for k, stage in enumerate(stages, 1)
+            if _bring_up_to_date(run, stage, settings, console, f"{k}/{len(stages)}")
+        ]
+        verdict = run.verdict_words(stages)
         run.save()
         if not ran:
             console.line(f"{campaign.name}: everything is up to date")
         _print_location(run, console)
+        if verdict:
+            console.line(f"verdict: {verdict}")
         return _exit_code(run, stages, settings, console)
 
 
@@ -120,8 +127,8 @@ def _check_before_photographs(run: CampaignRun, stages: tuple[Stage, ...], setti
         check_before_photographs(detached_run(run.campaign))
 
 
-def _bring_up_to_date(run: CampaignRun, stage: Stage, settings: RunOptions, console: RunConsole) -> bool:
-    """Run a stage unless it is fresh; returns True if it ran."""
+def _bring_up_to_date(run: CampaignRun, stage: Stage, settings: RunOptions, console: RunConsole, number: str) -> bool:
+    """Run a stage unless it is fresh; returns True if it ran. ``number``: such as 2/9."""
     log = run.folder / _LOG
     with defects_logged(log, f"stage {stage.name}"):
         now = run.made_from(stage)
@@ -129,9 +136,9 @@ def _bring_up_to_date(run: CampaignRun, stage: Stage, settings: RunOptions, cons
         if status.state is Freshness.FRESH and not settings.selection.forces(stage, run.order):
             return False
         log.unlink(missing_ok=True)
-        with console.during(stage.name) as progress:
+        with console.during(f"{number} {stage.name}") as progress:
             closing = run.execute(stage, now, progress)
-        console.line(f"{stage.name:<12} {closing}")
+        console.line(f"{stage.name:<12} {number}: {closing}")
         return True
 
 
@@ -227,8 +234,11 @@ def run_campaigns(
     console, plan = RunConsole(quiet=quiet), _JobPlan(out, settings, several=len(places) > 1)
     if workforce is None or workforce.is_alone or (len(places) == 1 and workforce.scheduler is None):
         plan.options = replace(settings, workers=(workforce and workforce.workers) or processors())
-        return end_all([partial(_run_in_process, place, plan, console) for place in places], console)
-    return end_all([partial(_run_at_a_time, places, plan, workforce, console)], console)
+        code = end_all([partial(_run_in_process, place, plan, console) for place in places], console)
+    else:
+        code = end_all([partial(_run_at_a_time, places, plan, workforce, console)], console)
+    console.line(f"exit code {code:d}: {code.meaning}")
+    return code
 
 
 def _run_in_process(place: Path, plan: _JobPlan, console: RunConsole) -> ExitCode:

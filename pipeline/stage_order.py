@@ -6,7 +6,7 @@ import importlib
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from truing.formats.source import OF_IMAGES, OTHERS
+from truing.formats.source import LOGO, OF_IMAGES, OTHERS
 
 if TYPE_CHECKING:
     from truing.stages.declaration import Stage
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 _EVERY = ("ingest", "qa", "pose", "deformation", "diagnose", "calibrate", "transfer", "uncertainty", "report")
 # Stage that predicts a second campaign, and the stages of that campaign whose tables it receives.
 OF_SECOND_CAMPAIGNS = {"transfer": ("ingest", "qa", "pose")}
+PAGE = "report"  # stage that writes the page
 OF_PHOTOGRAPHS = ("images", "bundle")  # stages of campaigns with photographs only
 
 ORDER: dict[str, tuple[str, ...]] = {
@@ -22,7 +23,12 @@ ORDER: dict[str, tuple[str, ...]] = {
 }
 
 # Stages that read raw files through truing.formats, and their tables of [files].
-RAW_READERS: dict[str, tuple[str, ...]] = {"images": OF_IMAGES, "bundle": ("targets",), "ingest": OTHERS}
+RAW_READERS: dict[str, tuple[str, ...]] = {
+    "images": OF_IMAGES,
+    "bundle": ("targets",),
+    "ingest": OTHERS,
+    PAGE: (LOGO,),
+}
 # Stages with independent pieces of work, which can run in several processes.
 IN_PIECES = ("images",)
 

@@ -21,6 +21,7 @@ from truing.schemas.sections import (
     Bodies,
     CalibrationSection,
     CampaignSection,
+    Comment,
     Diagnosis,
     ExternalLoad,
     Loading,
@@ -107,6 +108,7 @@ class Campaign(Section):
     accept: tuple[Acceptance, ...] = ()
     renamed: tuple[Renamed, ...] = ()
     resurvey: tuple[Resurvey, ...] = ()
+    comment: tuple[Comment, ...] = ()
     certificate: Certificate = Certificate()
     files: dict[str, Annotated[tuple[FileMapping, ...], BeforeValidator(_listed)]] = Field(default_factory=dict)
 

@@ -44,7 +44,8 @@ class Fault:
         if self.row is not None:
             place += f", row {self.row}"
         if self.column:
-            place += f", column {_one_line(self.column, _LONGEST['place'])}"
+            what = "key" if self.file.endswith(".toml") else "column"
+            place += f", {what} {_one_line(self.column, _LONGEST['place'])}"
         found = "" if self.value is None else f"found {_shortened(self.value, _LONGEST['value'])!r}; "
         within = f", in {self.more_files} other files" if self.more_files else ""
         others = f" (and {self.more} more like it{within})" if self.more else ""

@@ -35,6 +35,21 @@ class CampaignSection(Section):
         description="photogrammetry: points of bodies; interferometer: motion of a platform under load"
     )
     drives: tuple[Name, ...] = Field((), description="columns of configurations.csv on which deformation may depend")
+    title: Words | None = Field(None, description="title of the page; absent: the name")
+    laboratory: Words | None = Field(
+        None, description="laboratory, as shown on the page; absent: certificate.laboratory.name"
+    )
+    customer: Words | None = Field(
+        None, description="customer, as shown on the page; absent: certificate.customer.name"
+    )
+    logo: Path | None = Field(None, description="picture at the top of the page: PNG, JPEG or SVG of at most 1 MB")
+
+
+class Comment(Section):
+    """[[comment]]: sentences of a person, shown in a section of the page."""
+
+    section: Name = Field(description="section of the page, by its id, as in its address: report.html#calibration")
+    text: Words = Field(description="sentences; a line end begins a new paragraph")
 
 
 class Overload(Section):

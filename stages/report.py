@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
+    from truing.formats.source import CampaignFiles
     from truing.schemas.campaign import Campaign
 
 DECLARATION = Stage(
@@ -19,39 +20,43 @@ DECLARATION = Stage(
     reads=tuple(f"{table}?" for table in tables_read()),
     leaves=("frames?", "verdict", "next_measurements", "report"),
     settings=(
-        *("campaign.name", "mechanism.type", "mechanism.legs", "mechanism.height_mm", "noise.signal_mv"),
-        "interferometer.beams",
+        *(f"campaign.{key}" for key in ("name", "title", "laboratory", "customer", "logo")),
+        *(f"certificate.{key}" for key in ("begin", "end", "laboratory", "customer", "item", "equipment")),
+        *("mechanism.type", "mechanism.legs", "mechanism.height_mm", "noise.signal_mv"),
+        *("interferometer.beams", "comment"),
     ),
     summary="the verdict, and one self-contained page with figures, findings and exclusions",
 )
 
 
-def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
-    """Give the verdict, and render the page that reads it."""
+def run(
+    tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress, files: CampaignFiles | None = None
+) -> Outcome:
+    """Give the verdict, and render the page that reads it; ``files`` are needed for a logo alone."""
     from truing.report.page import all_of
     from truing.report.rendering.render import render_page
     from truing.report.verdict import gates
     from truing.runs.page_parts import next_measurements_table, page_parts, verdict_table
+    from truing.stages.common.campaign_facts import campaign_facts
     from truing.stages.common.frames_of_machine import machine_frames
 
     frames = machine_frames(settings, tables.get("poses"))
     made = {} if frames is None else {"frames": frames}
     verdict = verdict_table(tables)
     reported = {**tables, **made, "verdict": verdict}
-    head, sections = page_parts(settings.campaign.name, reported, _joints(settings), _declared_noise(settings))
+    head, sections = page_parts(
+        settings.campaign.name,
+        reported,
+        _joints(settings),
+        _declared_noise(settings),
+        campaign_facts(settings, files),
+    )
     progress(1, 2, "figures")
     page = render_page(head, sections)
     drawn = sum(len(section.figures) for section in all_of(sections))
     read, size = f"{len(tables)} artifacts", f"{len(sections)} sections, {drawn} figures, {len(page) / 1e6:.1f} MB"
     left = {**made, "verdict": verdict, "next_measurements": next_measurements_table(reported), "report": page}
-    return Outcome(left, read, "nothing", f"{size}; {_log_row(verdict)}", tuple(gates(verdict.to_pylist())))
-
-
-def _log_row(verdict: pa.Table) -> str:
-    """The row of the campaign, as the log tells it."""
-    whole = verdict.to_pylist()[0]
-    of = f" by {whole['decided_by']}" if whole["decided_by"] else ""
-    return f"verdict: {whole['state']}{of} ({whole['reason_code']}). {whole['explanation']}"
+    return Outcome(left, read, "nothing", size, tuple(gates(verdict.to_pylist())))
 
 
 def _declared_noise(settings: Campaign) -> pd.DataFrame:

@@ -180,7 +180,7 @@ DECLARATION = Stage(
 )
 
 
-def run(tables, settings, progress):
+def run(tables, settings, progress, source=None):
     page = f"<!doctype html><html><body>{tables['observations'].num_rows} -- {settings.requirement.x_mm}</body></html>"
     return Outcome({"report": page}, "all", "nothing", "1 page")
 """,

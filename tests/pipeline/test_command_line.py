@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
-import time
 
 import pytest
 from typer.testing import CliRunner
@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from tests.pipeline.fake_project import STAGES, FakeProject
 from tests.sentences import assert_says
 from truing.pipeline.command_line import app
+from truing.pipeline.problems import ExitCode
 
 COMMANDS = ("run", "stages", "check", "init", "predict", "design", "power", "plan", "export", "compare")
 
@@ -80,7 +81,7 @@ def test_elsewhere_than_on_a_terminal_there_are_plain_lines(fake: FakeProject) -
     done = fake.call("run", str(fake.campaign))
     assert "\x1b" not in done.stdout + done.stderr
     assert "\r" not in done.stdout
-    assert [line.split()[0].rstrip(":") for line in done.stdout.splitlines()] == [*STAGES, "report"]
+    assert [line.split()[0].rstrip(":") for line in done.stdout.splitlines()] == [*STAGES, "report", "exit"]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
@@ -127,13 +128,20 @@ def test_a_listener_who_goes_does_not_end_the_run(fake: FakeProject) -> None:
     assert (fake.out / "report.html").exists()
 
 
-def test_a_long_stage_says_how_far_it_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_terminal_a_stage_has_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     from truing.pipeline.console import RunConsole
 
-    clock = iter(range(0, 100, 3))
-    monkeypatch.setattr(time, "monotonic", lambda: next(clock))
-    with RunConsole(quiet=False).during("pose") as progress:
+    console = RunConsole(quiet=False)
+    with console.during("2/9 pose") as progress:
         for done in range(5):
             progress(done, 5, "poses")
-        progress(7, 0, "rows")
-    assert capsys.readouterr().out.splitlines() == ["pose: 1 of 5 poses", "pose: 3 of 5 poses", "pose: 7 rows"]
+    console.line("2/9 pose read 5 poses")
+    assert capsys.readouterr().out.splitlines() == ["2/9 pose read 5 poses"]
+
+
+def test_a_run_ends_with_its_verdict_and_the_reason_of_its_exit_code(fake: FakeProject) -> None:
+    lines = fake.call("run", str(fake.campaign)).stdout.splitlines()
+    stages = [found[1] for line in lines if (found := re.match(r"\w+ +(\d+/\d+): read", line))]
+    assert stages == [f"{k}/{len(stages)}" for k in range(1, len(stages) + 1)]
+    assert len(stages) > 1
+    assert lines[-1] == f"exit code 0: {ExitCode.DONE.meaning}"

@@ -19,9 +19,9 @@ def lines(text: str) -> list[str]:
 def test_done(fake: FakeProject) -> None:
     done = fake.call("run", str(fake.campaign))
     assert (done.returncode, done.stderr) == (0, "")
-    assert lines(done.stdout)[-1] == f"report: {Path('runs') / 'bench' / 'report.html'}"
+    assert lines(done.stdout)[-2:] == [f"report: {Path('runs') / 'bench' / 'report.html'}", "exit code 0: done"]
     closing = lines(done.stdout)[0].split("; ")
-    assert closing[:3] == ["ingest       read 3 points", "left out nothing", "no fault"]
+    assert closing[:3] == ["ingest       1/8: read 3 points", "left out nothing", "no fault"]
     assert closing[-1].endswith(" s")
 
 

@@ -166,9 +166,10 @@ class Page:
         )
 
     def scroll_through(self) -> None:
-        """Show every figure in turn and wait until it is drawn."""
+        """Unfold the page, show every figure in turn and wait until it is drawn."""
         self.value(
             """(async () => {
+              for (const folded of document.querySelectorAll("details")) folded.open = true;
               for (const plot of document.querySelectorAll(".plot")) {
                 plot.scrollIntoView();
                 for (let k = 0; k < 400 && !plot.querySelector(".main-svg"); k++)

@@ -216,6 +216,7 @@ def test_nothing_is_wider_than_a_phone_and_figures_are_laid_out_for_it(drawn):
 
 def test_figures_that_nobody_saw_are_on_paper_and_none_is_cut(opened):
     page = opened(render(campaign_tables(poses=3), "c"), scheme="dark")
+    page.value("document.querySelector('.open-all').click()")
     pdf = page.printed()
     sizes = re.findall(rb"/MediaBox ?\[ ?0 0 ([\d.]+) ([\d.]+)", pdf)
     assert len(sizes) > 3

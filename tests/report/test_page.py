@@ -15,7 +15,7 @@ from plotly.offline import get_plotlyjs
 from tests.report.campaign_tables import campaign_tables
 from tests.sentences import assert_says
 from truing.report.head import build_head
-from truing.report.page import MOST_ROWS, all_of
+from truing.report.page import MOST_ROWS, Depth, all_of
 from truing.report.rendering.render import embedded, file_name, render_page
 from truing.report.scene.scenes import pose_scene
 from truing.report.sections import build_sections
@@ -122,7 +122,7 @@ def test_only_the_scripts_of_the_page_may_run(page):
     texts = re.findall(
         r"<script(?: type=\"text/plain\" id=\"plotly\")?>(.*?)</script>", page.replace(PLOTLY, "PLOTLY"), re.S
     )
-    assert len(texts) == 5
+    assert len(texts) == 6
     for text in texts:
         digest = hashlib.sha256(text.replace("PLOTLY", PLOTLY, 1 if text == "PLOTLY" else 0).encode()).digest()
         assert f"'sha256-{base64.b64encode(digest).decode()}'" in said
@@ -168,7 +168,7 @@ def test_figures_tables_and_headings_are_told_to_those_who_do_not_see(page):
 
 def test_every_figure_and_every_table_has_its_file(page):
     elements = Reader(page).elements
-    files = [a["data-file"] for tag, a in elements if tag == "button"]
+    files = [a["data-file"] for tag, a in elements if tag == "button" and a["class"] == "csv"]
     assert len(files) == len(set(files)) == sum(tag in ("figure", "table") for tag, _ in elements)
 
 
@@ -201,8 +201,10 @@ def test_every_section_has_its_figure(whole):
     found = whole
     for name, least in {"measured": 1, "diagnosis": 2, "poses": 2, "deformation": 3}.items():
         assert sum(len(part.figures) for part in all_of([found[name]])) >= least, name
-    order = ["diagnosis", "measured", "qa", "poses", "deformation", "calibration", "requirements"]
-    assert list(found) == [*order, "uncertainty", "during", "excluded", "provenance"]
+    essential = ["diagnosis", "stop", "qa", "calibration", "requirements"]
+    behind = ["measured", "poses", "deformation", "alike", "uncertainty", "during", "excluded", "provenance"]
+    assert list(found) == [*essential, *behind]
+    assert [name for name, section in found.items() if section.depth == Depth.ESSENTIAL] == essential
 
 
 def test_every_figure_says_what_it_shows_and_has_units(whole):

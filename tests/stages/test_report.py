@@ -13,6 +13,7 @@ from tests.blind.generator.schedule import random_moves
 from tests.stages.line import run_line
 from tests.tolerance import assert_between
 from truing.runs.page_parts import target_places
+from truing.schemas.campaign import read_campaign
 
 LAYOUT = Layout(name="a campaign & ours", targets=Targets(per_leg=0))
 
@@ -45,11 +46,8 @@ def test_without_a_survey_the_shape_is_what_was_measured(line):
 
 
 def test_without_tables_there_is_a_page_all_the_same():
-    from types import SimpleNamespace
-
     from truing.stages.report import run
 
-    noise = SimpleNamespace(signal_mv=None)
-    settings = SimpleNamespace(campaign=SimpleNamespace(name="nothing"), mechanism=None, noise=noise)
+    settings = read_campaign({"campaign": {"name": "nothing", "kind": "photogrammetry"}})
     outcome = run({}, settings, lambda *_: None)
     assert "not evaluated" in outcome.artifacts["report"]

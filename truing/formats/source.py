@@ -24,6 +24,7 @@ OTHERS = (
     *("displacement", "interferometer", "signals", "quadrature", "positioning", "published"),
 )
 TABLES = (*OTHERS, *OF_IMAGES)
+LOGO = "logo"  # the picture of [campaign], which the page holds
 _RAYS = ("images", "image_points")  # either of these defines a campaign of photographs
 _OF_POINTS = ("points", "poses", "scans", "distances")
 PICTURES = ("jpg", "jpeg", "png", "tif", "tiff")
@@ -180,6 +181,8 @@ def raw_files(folder: Path, document: Mapping[str, Any], tables: tuple[str, ...]
             patterns += _pictures_of_folders(folder, named_here) if table == "images" else named_here
     if tables is None or "points" in tables:
         patterns += _files_of_mechanism(document)
+    if tables is None or LOGO in tables:
+        patterns += _logo(document)
     named_files = {folder / name for pattern in patterns for name in _expand(folder, pattern)}
     return tuple(sorted(named_files.union(*map(companion_files, named_files))))
 
@@ -193,6 +196,12 @@ def _files_of_mechanism(document: Mapping[str, Any]) -> list[str]:
     mechanism = document.get("mechanism")
     named = [mechanism.get(key) for key in _FILES_OF_MECHANISM] if isinstance(mechanism, Mapping) else []
     return [name for name in named if isinstance(name, str)]
+
+
+def _logo(document: Mapping[str, Any]) -> list[str]:
+    campaign = document.get("campaign")
+    name = campaign.get(LOGO) if isinstance(campaign, Mapping) else None
+    return [name] if isinstance(name, str) and name else []
 
 
 def _patterns(entry: object) -> list[str]:

@@ -189,6 +189,13 @@ def _campaign_sentence(tables: Tables) -> str:
     return sentence + "."
 
 
+def campaign_span(tables: Tables) -> str:
+    """Return how long poses or load steps were measured, such as ``over 3.4 h``; empty where unknown."""
+    conf, steps = table_or_none(tables, "configurations"), load_steps(tables)
+    words = _time_words_of_loads(steps) if conf is None else _time_words(conf["time_s"].to_numpy(dtype=float))
+    return words.strip(" ,")
+
+
 def _time_words(times: Any) -> str:
     """Return the duration in words; empty where times merely number the poses."""
     if len(times) < 2:
@@ -236,13 +243,7 @@ def _read(tables: Tables) -> pd.DataFrame:
 
 def _opening_sentences(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> str:
     runs = steps["run"].nunique()
-    text = f"{count(len(steps), 'load step')} in {count(runs, 'run')}"
-    times = steps["time_s"].dropna()
-    if _is_counted(steps):
-        text += ", without times other than their order"
-    elif len(times) > 1 and np.ptp(times) > 0.0:
-        text += f" over {duration(float(np.ptp(times)))}"
-    text += f", {_at_once(steps)}. "
+    text = f"{count(len(steps), 'load step')} in {count(runs, 'run')}{_time_words_of_loads(steps)}, {_at_once(steps)}. "
     signals = signal_names(tables)
     beside = f"{count(len(signals), 'signal')} ({signals[0]} to {signals[-1]})" if signals else ""
     if not len(read):
@@ -253,6 +254,14 @@ def _opening_sentences(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) 
     text += f"Recorded: {', '.join(channels)}{f' ({how})' if how else ''}{f' and {beside}' if beside else ''}."
     roles = steps.groupby("run")["role"].first().value_counts()
     return text + (f" Held out: {count(int(roles['verification']), 'run')}." if "verification" in roles else "")
+
+
+def _time_words_of_loads(steps: pd.DataFrame) -> str:
+    times = steps["time_s"].dropna()
+    if len(steps) and _is_counted(steps):
+        return ", without times other than their order"
+    known = len(times) > 1 and np.ptp(times) > 0.0
+    return f" over {duration(float(np.ptp(times)))}" if known else ""
 
 
 def _is_counted(steps: pd.DataFrame) -> bool:

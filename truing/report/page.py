@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from enum import StrEnum
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -44,6 +45,14 @@ class Listing:
         return f"The first {MOST_ROWS:,} of {len(self.rows):,} rows{where}."
 
 
+class Depth(StrEnum):
+    """How much of a section a reader sees at once; the rest opens on demand."""
+
+    WHOLE = "whole"
+    ESSENTIAL = "essential"  # sentences, and the first ``front`` figures
+    APPENDIX = "appendix"  # the title alone
+
+
 @dataclass(frozen=True)
 class ReportSection:
     """A section of the page: lead sentences, figures with captions, listings, and subsections.
@@ -60,15 +69,64 @@ class ReportSection:
     statements: tuple[tuple[str, str], ...] = ()
     parts: tuple[ReportSection, ...] = ()
     see: tuple[tuple[str, str], ...] = ()  # id of a section, words
+    comments: tuple[str, ...] = ()  # by a person, in campaign.toml
+    depth: Depth = Depth.WHOLE
+    front: int = 0  # figures that an essential section shows at once
+
+
+@dataclass(frozen=True)
+class CampaignFacts:
+    """What campaign.toml and the call say of a campaign and no table holds; all empty where unknown.
+
+    ``measured``: first and last day of the measurement; ``made``: day of the page; ``logo``: a data URI; ``comments``:
+    id of a section and text.
+    """
+
+    title: str = ""
+    laboratory: str = ""
+    customer: str = ""
+    logo: str = ""
+    machine: str = ""
+    instrument: str = ""
+    measured: tuple[str, ...] = ()
+    made: str = ""
+    version: str = ""
+    comments: tuple[tuple[str, str], ...] = ()
+
+
+NO_FACTS = CampaignFacts()
+
+
+@dataclass(frozen=True)
+class ErrorChange:
+    """The rms error that the page is about: without and with the causes, against noise, each with its unit."""
+
+    of: str  # what the errors are of: "measured minus predicted, held-out poses"
+    before: str
+    after: str
+    floor: str = ""
+    note: str = ""  # what the uncertainty is
+
+
+@dataclass(frozen=True)
+class FirstScreen:
+    """What a reader sees first: machine, instrument, dates and counts, its drawing, and one change of an error."""
+
+    facts: tuple[tuple[str, str], ...] = ()  # what, value
+    drawing: str = ""  # SVG
+    change: ErrorChange | None = None
+    links: tuple[tuple[str, str], ...] = ()  # id of a section, words
 
 
 @dataclass(frozen=True)
 class PageHead:
-    """Top of the page: campaign, sentences of the verdict, and tiles of key figures."""
+    """Top of the page: campaign, sentences of the verdict, and either its first screen or tiles of key figures."""
 
     campaign: str
     verdicts: tuple[tuple[str, str], ...]  # mark (pass, warn, fail, found, none), sentence
     tiles: tuple[tuple[str, str], ...] = field(default=())  # what, how much
+    about: CampaignFacts = NO_FACTS
+    screen: FirstScreen = FirstScreen()
 
 
 def all_of(sections: Sequence[ReportSection]) -> Iterator[ReportSection]:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from truing.report.page import Listing, ReportSection
+from truing.report.page import Depth, Listing, ReportSection
 from truing.schemas.installed import with_installed
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ class PageSection:
 
 SECTIONS = (
     PageSection("diagnosis", ("truing.report.diagnosis.section",), "Diagnosis"),
+    PageSection("stop", ("truing.report.stop_section",)),
     PageSection("axis", ("truing.report.axis_page",)),
     PageSection(
         "chain",
@@ -64,6 +65,7 @@ SECTIONS = (
     PageSection("knowledge", ("truing.report.knowledge_section",)),
     PageSection("transfer", ("truing.report.transfer_section",), reads=("second_campaign_errors",)),
     PageSection("requirements", ("truing.report.calibration.requirements",), "Requirements"),
+    PageSection("alike", ("truing.report.alike_section",)),
     PageSection("uncertainty", ("truing.report.uncertainty_section",)),
     PageSection("during", ("truing.report.during_section",)),
     PageSection("excluded", ("truing.report.exclusion_section",)),
@@ -90,6 +92,18 @@ def page_sections() -> tuple[PageSection, ...]:
     return tuple(with_installed(SECTIONS, ENTRY_POINTS, "section", lambda section: section.name).values())
 
 
+# Ids of subsections.
+_PARTS = """
+adequacy evidence gain sizes pulls swallowed loads hidden next changes
+uncertainty-pose uncertainty-calibration uncertainty-cause uncertainty-accuracy uncertainty-tip provenance
+"""
+
+
+def section_names() -> tuple[str, ...]:
+    """Return the ids of all sections and subsections that a page can have."""
+    return tuple(dict.fromkeys([*(section.name for section in page_sections()), *_PARTS.split()]))
+
+
 def tables_read() -> tuple[str, ...]:
     """Return the artifacts that the page is made from, in the order in which it lists their origin."""
     return tuple(dict.fromkeys([*_TABLES.split(), *(name for section in page_sections() for name in section.reads)]))
@@ -112,7 +126,28 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
         drawn = {section.name: _drawn(section, tables) for section in wanted}
     shown = [drawn[section.name] or _note_for_missing(section, drawn, tables) for section in wanted]
     rows = verdict_rows(with_verdict(tables))
-    return [*(_marked(section, rows) for section in shown if section is not None), _provenance(provenance)]
+    marked = [*(_marked(section, rows) for section in shown if section is not None), _provenance(provenance)]
+    return sorted(map(_at_depth, marked), key=_is_behind)
+
+
+# Sections and subsections that a reader sees at once, each with the number of its figures that are shown.
+_ESSENTIAL = {"gain": 1, "axis": 1, "positioning": 1, "requirements": 1} | dict.fromkeys(
+    ("diagnosis", "adequacy", "next", "changes", "stop", "calibration", "transfer", "qa"), 0
+)
+
+
+def _at_depth(section: ReportSection) -> ReportSection:
+    """Return a section with its depth; one without figures, tables and subsections has nothing to open."""
+    if section.id not in _ESSENTIAL:
+        opens = bool(section.figures or section.listings or section.parts)
+        return replace(section, depth=Depth.APPENDIX if opens else Depth.WHOLE)
+    parts = tuple(sorted(map(_at_depth, section.parts), key=_is_behind))
+    return replace(section, parts=parts, depth=Depth.ESSENTIAL, front=_ESSENTIAL[section.id])
+
+
+def _is_behind(section: ReportSection) -> bool:
+    """True if a section comes after the essential ones."""
+    return section.depth != Depth.ESSENTIAL
 
 
 # Ids of sections and subsections whose rows in the verdict have another name.

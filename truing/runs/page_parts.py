@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from truing.report.page import NO_FACTS
+
 if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
 
-    from truing.report.page import PageHead, ReportSection
+    from truing.report.page import CampaignFacts, PageHead, ReportSection
 
 
 _PREFIX = b"truing."
@@ -34,12 +36,14 @@ def page_parts(
     tables: Mapping[str, pa.Table],
     legs: pd.DataFrame | None = None,
     declared_noise: pd.DataFrame | None = None,
+    about: CampaignFacts = NO_FACTS,
 ) -> tuple[PageHead, list[ReportSection]]:
     """Return the head and the sections of the page for tables by artifact name; a missing verdict is computed.
 
     ``legs`` (leg, ax_mm .. az_mm, bx_mm .. bz_mm): joints of a sensor in its platform's frame; ``declared_noise``
-    (signal_mv, NaN where none is declared). No table holds these.
+    (signal_mv, NaN where none is declared). No table holds these, nor what ``about`` says of the campaign.
     """
+    from truing.report.comments import with_comments
     from truing.report.head import build_head
     from truing.report.sections import build_sections
     from truing.report.verdict import with_verdict
@@ -59,7 +63,8 @@ def page_parts(
         frames["legs"] = legs
     if declared_noise is not None:
         frames["declared_noise"] = declared_noise
-    return build_head(campaign, frames), build_sections(frames, provenance)
+    head = build_head(campaign, frames, about)
+    return head, with_comments(build_sections(frames, provenance), about.comments)
 
 
 def verdict_table(tables: Mapping[str, pa.Table]) -> pa.Table:

@@ -183,13 +183,9 @@ def test_measured_tells_loads_channels_and_surroundings(tables):
     assert [line[0] for line in channels.rows] == [*CHANNELS, *(f"v{k}" for k in range(1, 7))]
     assert surroundings.rows == (("temperature of the air", "20.01 °C", "20.12 °C", "156"),)
     assert runs.rows[4][:5] == ("5", "calibration", "fz", "dx", "13")
-    tiles = dict(build_head("c", tables).tiles)
-    assert (tiles["runs"], tiles["load steps"], tiles["channels"], tiles["signals"]) == (
-        "12",
-        "156",
-        "dx dz rx ry",
-        "6",
-    )
+    facts = dict(build_head("c", tables).screen.facts)
+    assert facts["instrument"] == "interferometer: dx dz rx ry, 6 signals"
+    assert facts["data"].startswith("12 runs, 156 load steps")
 
 
 def test_what_was_never_read_is_an_empty_cell():
@@ -240,7 +236,7 @@ def test_signals_alone_are_measured_and_say_why_nothing_was_diagnosed():
     assert_says(said, "Diagnosis", "not evaluated", whole["diagnosis"].attrs["why_not"])
     assert state_of("diagnosis", tables) == "not tested"
     assert_says(text_of(measured(tables)), "8 signals", "v1 to v8", "not measured")
-    assert "readings" not in dict(head.tiles)
+    assert "reading" not in dict(head.screen.facts)["data"]
     Reader(render(tables))
 
 

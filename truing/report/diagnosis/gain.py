@@ -39,6 +39,10 @@ from truing.report.numbers import plain, rough, sign
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.tables import Tables, table_or_none
 
+_EVERY_POSE = (
+    "Measured minus predicted, each pose with the same weight; at the head of the page each point has the same weight. "
+    "In brackets 95 % intervals by bootstrap over poses"
+)
 _NOT_FITTED = "not used in any fit"
 _ALL = 0.9995  # share of the variance beyond noise that is rounded to 100 %
 _ERROR = "position_error_um"
@@ -181,8 +185,7 @@ def _by_role(tables: Tables) -> Listing:
         sizes = [rms_with_interval(own[f"rms_{when}"], rng) for when in ("before", "after")]
         most = [plain(own[f"largest_{when}"].max()) for when in ("before", "after")]
         rows.append((words, str(len(own)), *sizes, *most, sign(str(own["unit"].iloc[0]))))
-    caption = "Measured minus predicted over all poses; in brackets 95 % intervals by bootstrap over poses"
-    return Listing(heads, tuple(rows), caption=caption, held_by="prediction.parquet")
+    return Listing(heads, tuple(rows), caption=_EVERY_POSE, held_by="prediction.parquet")
 
 
 def _compared_calibrations(tables: Tables) -> pd.DataFrame | None:

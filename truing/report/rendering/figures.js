@@ -126,6 +126,7 @@
   const toPaper = () => {
     document.querySelectorAll("table").forEach(fit);
     for (const plot of plots) {
+      if (!plot.clientWidth) continue; // folded: not on paper
       if (!drawn.has(plot)) draw(plot);
       if (plot.dataset.narrow === "true") redraw(plot, PAPER.width);
       plot.dataset.height = plot.layout.height;
@@ -137,6 +138,7 @@
 
   const toScreen = () => {
     for (const plot of plots) {
+      if (!plot.clientWidth || !drawn.has(plot)) continue;
       library().relayout(plot, { width: null, height: +plot.dataset.height, autosize: true });
       if (isNarrow(plot.clientWidth)) redraw(plot);
     }

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import plotly.graph_objects as go
 
+from truing.report.numbers import count
 from truing.report.page import Listing, PageHead, ReportSection, all_of
 from truing.report.rendering.terms import marked
 
@@ -70,22 +71,39 @@ class _Drawn:
     parts: tuple[_Drawn, ...]
     used: set[str] = field(default_factory=set)  # glossary terms that already have a tooltip
 
+    @property
+    def more(self) -> str:
+        """Title of what an essential section shows on demand; empty where it has no more."""
+        counts = ((len(self.figures) - self.section.front, "figure"), (len(self.tables), "table"))
+        return " and ".join(count(number, noun) for number, noun in counts if number > 0)
+
 
 def render_page(head: PageHead, sections: Sequence[ReportSection]) -> str:
     """Return the whole page as text; it contains plotly's library once, so that it opens without a network."""
     any_figure = any(section.figures for section in all_of(sections))
     plotly = _plotly_script() if any_figure else ""
-    scripts = [_package_text(f"{name}.js") for name in ("scene", "narrow", "figures", "csv")]
+    scripts = [_package_text(f"{name}.js") for name in ("scene", "narrow", "figures", "csv", "tables")]
     return _template().render(
         head=head,
+        ids={section.id for section in all_of(sections)},
         sections=[_drawn(section, head.campaign) for section in sections],
         next=next((section.title for section in all_of(sections) if section.id == "next"), ""),
         style=_package_text("page.css"),
+        print_marks=_print_marks(head),
         scripts=scripts,
         plotly=plotly,
         figure_template=embedded(_figure_template()) if any_figure else "",
         policy=_policy([*scripts, plotly]),
     )
+
+
+def _print_marks(head: PageHead) -> str:
+    """Return the style of the paper's edge: title and day on the left, page numbers on the right."""
+    words = " · ".join(filter(None, (head.about.title or head.campaign, head.about.made)))
+    escaped = "".join(c if c.isascii() and c.isalnum() else f"\\{ord(c):x} " for c in words)
+    size = "font: 8pt system-ui, sans-serif; color: #5c6875;"
+    left = f'@bottom-left {{ content: "{escaped}"; {size} }}'
+    return f'@page {{ {left} @bottom-right {{ content: counter(page) " / " counter(pages); {size} }} }}\n'
 
 
 def _drawn(section: ReportSection, campaign: str) -> _Drawn:

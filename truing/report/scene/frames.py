@@ -48,7 +48,7 @@ _OF_LEGS_ALONE = (
 
 def frames_figure(table: pd.DataFrame) -> go.Figure:
     """Return all frames with named axes, and the legs with the outlines of their joints; fixed frame, mm."""
-    lower, upper = _joints(table)
+    lower, upper = leg_joints(table)
     size = float(np.linalg.norm(np.concatenate([lower, upper])[:, :2], axis=1).max())
     tall = float(np.ptp(np.concatenate([lower, upper])[:, 2])) / (2.0 * size)
     away = max(1.0, 1.7 * tall)  # of the camera: a machine taller than wide would leave the view
@@ -71,7 +71,7 @@ def frames_figure(table: pd.DataFrame) -> go.Figure:
     return figure
 
 
-def _joints(table: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def leg_joints(table: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lower and the upper joints (L, 3) of all legs: the first and the last of their joint axes."""
     joints = table[table["frame"].str.startswith("joints of leg")].groupby("frame", sort=False)[XYZ]
     return joints.first().to_numpy(dtype=float), joints.last().to_numpy(dtype=float)

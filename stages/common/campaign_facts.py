@@ -1,0 +1,100 @@
+"""What campaign.toml says of a campaign for the first screen of its page: names, machine, instrument, dates, logo."""
+
+from __future__ import annotations
+
+import base64
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from truing.report.page import CampaignFacts
+from truing.report.sections import section_names
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.near_names import did_you_mean
+
+if TYPE_CHECKING:
+    from truing.formats.source import CampaignFiles
+    from truing.schemas.campaign import Campaign
+    from truing.schemas.certificate import Contact, Item
+
+_TYPES = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
+_MOST_BYTES = 1_000_000
+_EXPECTED = "a picture of at most 1 MB in PNG, JPEG or SVG"
+
+
+def campaign_facts(settings: Campaign, files: CampaignFiles | None = None) -> CampaignFacts:
+    """Return the facts for the page; raises CampaignFaults for a logo that is no picture."""
+    from truing import __version__
+
+    campaign, certificate = settings.campaign, settings.certificate
+    days = tuple(str(day) for day in (certificate.begin, certificate.end) if day is not None)
+    return CampaignFacts(
+        title=campaign.title or "",
+        laboratory=campaign.laboratory or _name(certificate.laboratory),
+        customer=campaign.customer or _name(certificate.customer),
+        logo=_data_uri(campaign.logo, files.folder) if campaign.logo and files is not None else "",
+        machine=_machine(settings),
+        instrument=", ".join(filter(None, map(_item, certificate.equipment))),
+        measured=days,
+        made=str(_today()),
+        version=__version__,
+        comments=tuple((one.section, one.text) for one in settings.comment),
+    )
+
+
+def _name(contact: Contact) -> str:
+    return contact.name or ""
+
+
+def _item(item: Item) -> str:
+    number = f"no. {item.identification}" if item.identification else ""
+    return " ".join(filter(None, (item.name, item.manufacturer, item.model, number)))
+
+
+def _machine(settings: Campaign) -> str:
+    """Return the item of the certificate and the type of a mechanism with legs; empty where both are unknown."""
+    legs = getattr(settings.mechanism, "legs", None)
+    kind = f"{settings.mechanism.type}, {len(legs)} legs" if legs else ""
+    return ", ".join(filter(None, (_item(settings.certificate.item), kind)))
+
+
+def _today() -> date:
+    """Return the day of the page: today, or that of SOURCE_DATE_EPOCH, by which builds are repeated."""
+    epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
+    return datetime.fromtimestamp(int(epoch), UTC).date() if epoch.isdecimal() else datetime.now(UTC).date()
+
+
+def page_faults(settings: Campaign, folder: Path, file: str) -> Iterator[Fault]:
+    """Yield the faults of keys for the page: comments on sections that no page has, and a logo that is no picture."""
+    known = section_names()
+    for k, comment in enumerate(settings.comment, 1):
+        if comment.section not in known:
+            hint = did_you_mean(comment.section, known) or f"; there are {', '.join(known)}"
+            column = f"comment.{k}.section"
+            yield Fault(file, f"the id of a section of the page{hint}", column=column, value=comment.section)
+    if settings.campaign.logo:
+        try:
+            _data_uri(settings.campaign.logo, folder)
+        except CampaignFaults as error:
+            yield from (replace(fault, file=file) for fault in error.faults)
+
+
+def _data_uri(logo: str, folder: Path) -> str:
+    """Return a picture as a data URI, which a page holds without a second file; raises CampaignFaults."""
+    try:
+        content = (folder / logo).read_bytes()
+    except OSError as error:
+        raise CampaignFaults([_fault(f"{_EXPECTED}: {error.strerror}", logo)]) from None
+    kind = next((kind for begin, kind in _TYPES.items() if content.startswith(begin)), "")
+    if not kind and b"<svg" in content[:2000]:
+        kind = "image/svg+xml"
+    if not kind or len(content) > _MOST_BYTES:
+        raise CampaignFaults([_fault(_EXPECTED, f"{logo} ({len(content):,} bytes)")])
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def _fault(expected: str, value: str) -> Fault:
+    return Fault("campaign.toml", expected, column="campaign.logo", value=value)

@@ -1,0 +1,174 @@
+"""The first screen: which machine, instrument, dates and counts, one change of an error, and three links."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tests.report.bench_tables import bench_tables
+from tests.report.campaign_tables import campaign_tables
+from tests.report.test_page import ATTACKS, Reader, render, sections_of
+from truing.report.alike_section import alike
+from truing.report.comments import with_comments
+from truing.report.diagnosis.assessed_causes import assessed_causes, modelled_of
+from truing.report.diagnosis.prediction_errors import errors_of_models
+from truing.report.head import build_head
+from truing.report.numbers import plain
+from truing.report.page import CampaignFacts, Depth
+from truing.report.rendering.render import render_page
+from truing.report.scene.machine_drawing import machine_drawing
+from truing.report.sections import section_names
+from truing.report.stop_section import stop
+
+ABOUT = CampaignFacts(
+    title="Wing 7, second campaign",
+    laboratory="Laboratory of Lengths",
+    machine="6-pus, 6 legs",
+    instrument="camera no. 4",
+    measured=("2026-11-20", "2026-11-21"),
+    made="2026-11-24",
+    version="9.9",
+)
+
+
+def test_it_says_machine_instrument_dates_counts_and_version() -> None:
+    tables = campaign_tables()
+    facts = dict(build_head("c", tables, ABOUT).screen.facts)
+    assert facts["machine"] == "6-pus, 6 legs"
+    assert facts["instrument"].startswith("camera no. 4; 3-D points")
+    assert facts["measured"].startswith("2026-11-20 to 2026-11-21")
+    assert facts["data"].startswith(f"{tables['configurations']['pose'].nunique()} poses")
+    assert f"{len(tables['observations']):,} points" in facts["data"]
+    assert facts["page"] == "2026-11-24, truing 9.9"
+
+
+def test_without_a_date_it_says_which_key_gives_it() -> None:
+    assert "[certificate] begin" in dict(build_head("c", campaign_tables()).screen.facts)["measured"]
+
+
+@pytest.mark.parametrize("tables", [campaign_tables(), bench_tables()])
+def test_its_error_is_that_of_the_section_before_and_after(tables) -> None:
+    change = build_head("c", tables).screen.change
+    rows = assessed_causes(tables)
+    first = errors_of_models(rows, modelled_of(rows), tables)[0]
+    assert change is not None
+    for told, size in ((change.before, first.before), (change.after, first.after)):
+        number = float(re.match(r"[\d.]+", told)[0])
+        assert number == pytest.approx(float(plain(size)), rel=0.05)
+
+
+def test_its_links_lead_to_sections_of_the_page() -> None:
+    read = Reader(render(campaign_tables()))
+    hrefs = [a["href"] for tag, a in read.elements if tag == "a"]
+    for name in ("diagnosis", "next", "stop"):
+        assert f"#{name}" in hrefs
+
+
+def placed(body: str) -> dict[str, pd.DataFrame]:
+    """Three targets of the base and two of a body that stands 100 mm above it, with three legs."""
+    places = [("base", "B1", 0, 0, 0), ("base", "B2", 50, 0, 0), ("base", "B3", 0, 50, 0)]
+    places += [(body, "P1", 10, 0, 0), (body, "P2", 0, 10, 0)]
+    motion = {"pose": 1, "body": body, "parent": "base", "px_mm": 0.0, "py_mm": 0.0, "pz_mm": 100.0}
+    turn = {f"r{i}{j}": float(i == j) for i in range(3) for j in range(3)}
+    at_instrument = motion | turn | {"body": "base", "parent": "measurement"}
+    frames = [
+        (name, axis, 0, 0, height, *np.eye(3)[k])
+        for name, height in (("base", 0), (body, 100))
+        for k, axis in enumerate("xyz")
+    ]
+    for k, (x, y) in enumerate(((50, 0), (-25, 43), (-25, -43)), 1):
+        frames += [(f"joints of leg {k}", end, x, y, z, 0, 0, 1) for end, z in (("u", 0), ("b", 100))]
+    columns = ["frame", "axis_name", "x_mm", "y_mm", "z_mm", "along_x", "along_y", "along_z"]
+    return {
+        "shape": pd.DataFrame(places, columns=["body", "target", "x_mm", "y_mm", "z_mm"]),
+        "motions": pd.DataFrame([at_instrument, motion | turn]),
+        "frames": pd.DataFrame(frames, columns=columns),
+    }
+
+
+def test_the_drawing_has_a_dot_per_target_a_line_per_leg_and_an_axis_letter_per_frame() -> None:
+    svg = machine_drawing(placed("platform"))
+    assert svg.count('<circle class="fixed"') == 3
+    assert svg.count('<circle class="target"') == 2
+    assert svg.count('<polyline class="leg"') == 3
+    assert svg.count('<line class="axis"') == 6
+    assert "z base" in svg
+    assert "z platform" in svg
+
+
+def test_the_drawing_is_upright_and_inside_its_box() -> None:
+    svg = machine_drawing(placed("platform"))
+    dots = [
+        (kind, float(x), float(y)) for kind, x, y in re.findall(r'class="(\w+)" cx="([\d.-]+)" cy="([\d.-]+)"', svg)
+    ]
+    assert all(0 < x < 300 and 0 < y < 240 for _, x, y in dots)
+    assert max(y for kind, _, y in dots if kind == "target") < min(y for kind, _, y in dots if kind == "fixed")
+
+
+def test_names_in_the_drawing_are_text() -> None:
+    tables = placed(ATTACKS[0])
+    svg = machine_drawing({name: tables[name] for name in ("shape", "motions")})
+    assert "<img" not in svg
+    assert "&lt;img" in svg
+
+
+def test_a_page_without_geometry_has_no_drawing() -> None:
+    assert machine_drawing({}) == ""
+
+
+def test_essential_sections_show_no_table_and_few_figures() -> None:
+    sections = sections_of(campaign_tables())
+    assert sections["qa"].depth == Depth.ESSENTIAL
+    assert sections["deformation"].depth == Depth.APPENDIX
+    shown = sum(min(s.front, len(s.figures)) for s in sections.values() if s.depth == Depth.ESSENTIAL)
+    assert shown <= 2
+
+
+def test_numbers_that_look_alike_are_told_apart_by_what_they_are_of() -> None:
+    section = alike(campaign_tables())
+    assert section is not None
+    keys = [(row[1], row[2], row[3].split()[-1]) for row in section.listings[0].rows]
+    assert len(set(keys)) == len(keys)
+
+
+def test_measuring_stops_only_when_nothing_is_open() -> None:
+    tables = campaign_tables()
+    section = stop(tables)
+    assert section is not None
+    assert bool(section.statements) == section.lead.startswith("Not yet")
+
+
+def test_comments_stand_in_their_section_and_are_escaped() -> None:
+    sections = list(sections_of(campaign_tables(poses=3)).values())
+    given = (("qa", f"Seen by B. {ATTACKS[0]}"), ("next", "Ordered."))
+    told = with_comments(sections, given)
+    page = Reader(render_page(build_head("c", campaign_tables(poses=3)), told))
+    assert "Ordered." in page.text
+    assert ATTACKS[0] in page.text
+    assert sum(tag == "aside" for tag, _ in page.elements) == 2
+
+
+def test_a_comment_on_a_section_that_the_run_lacks_is_not_lost() -> None:
+    sections = [one for one in sections_of(campaign_tables(poses=3)).values() if one.id != "chain"]
+    told = with_comments(sections, [("chain", "No arm here.")])
+    assert [text for section in told for text in section.comments] == ["chain: No arm here."]
+
+
+def test_every_section_of_a_page_can_have_a_comment() -> None:
+    from truing.report.page import all_of
+
+    for tables in (campaign_tables(), bench_tables()):
+        assert {section.id for section in all_of(list(sections_of(tables).values()))} <= set(section_names())
+
+
+def test_title_laboratory_and_logo_are_at_the_top() -> None:
+    tables = campaign_tables(poses=3)
+    head = replace(build_head("c", tables, ABOUT), about=replace(ABOUT, logo="data:image/png;base64,AAAA"))
+    page = Reader(render_page(head, []))
+    assert "Wing 7, second campaign" in page.text
+    assert "Laboratory of Lengths" in page.text
+    assert [a["src"] for tag, a in page.elements if tag == "img"] == ["data:image/png;base64,AAAA"]

@@ -1,0 +1,109 @@
+"""Section that tells apart the numbers of a page that look alike: errors of different quantities, and K by stage."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pandas as pd
+
+from truing.report.calibration.calibrations import (
+    calibration_name,
+    figures_by_calibration,
+    main_calibration,
+    rows_of,
+)
+from truing.report.diagnosis.assessed_causes import accepted_of, assessed_causes, modelled_of
+from truing.report.diagnosis.prediction_errors import errors_of_models, part_names
+from truing.report.numbers import plain, quantity, sign, with_uncertainty
+from truing.report.page import Listing, ReportSection
+from truing.report.tables import Tables, is_bench, table_or_none
+
+_HEADS = ("section", "quantity", "over", "value")
+_Row = tuple[str, str, str, str]
+_ERRORS = "Errors: each row is another quantity, so the values need not agree"
+_SHAPES = "K by three estimates: of one quantity, from other data or with other free parameters"
+_DEFORMATION = {"none": "without a model", "linear": "after the linear model", "matrix": "after the matrix model"}
+_OF_BENCH = {"none": "without a model", "linear": "after a diagonal compliance", "matrix": "after a full compliance"}
+_ESTIMATES = ("entry", "diagnosis, with all causes", "deformation, of shifts alone", "calibration, with the geometry")
+_SHOWN = 3  # entries of K
+
+
+def alike(tables: Tables) -> ReportSection | None:
+    """Return the section; None where the page has at most one such number."""
+    rows = (*_predictions(tables), *_deformation(tables), *_calibrated(tables))
+    errors = Listing(_HEADS, rows, caption=_ERRORS)
+    entries = tuple(_entries(tables))
+    listings = [errors] if len(rows) > 1 else []
+    if entries:
+        listings.append(Listing(_ESTIMATES, entries, caption=_SHAPES))
+    if not listings:
+        return None
+    lead = "Numbers of this page with one unit are not always of one quantity. This is what each of them is."
+    return ReportSection("alike", "Numbers that look alike", lead, listings=tuple(listings))
+
+
+def _predictions(tables: Tables) -> Iterator[_Row]:
+    """Yield the errors of the predictions without and with the causes that were found."""
+    rows, of = assessed_causes(tables), part_names(tables)
+    found = modelled_of(rows)
+    for one in errors_of_models(rows, found, tables) if rows else ():
+        what = "measured minus predicted, rms"
+        what = what if is_bench(tables) else f"coordinates of targets, {what}"
+        over = of.held_out if one.held_out else of.fitted
+        for words, size in (("without causes", one.before), ("with causes", one.after))[0 if found else 1 :]:
+            yield ("Before and after", f"{what}, {words}", over, f"{plain(size)} {sign(one.unit)}")
+
+
+def _deformation(tables: Tables) -> Iterator[_Row]:
+    """Yield the rms of what the models of the deformation leave."""
+    errors = table_or_none(tables, "deformation_errors")
+    if errors is None:
+        return
+    subject = errors["subject"] if "subject" in errors else errors["leg"]
+    own = errors[errors["figure"].eq("rms_error") & errors["leg"].isna() & subject.isna()]
+    bench = is_bench(tables)
+    what = "motion of the platform under load, rms" if bench else "shift of the attachments along z, rms"
+    for row in own.itertuples():
+        words = (_OF_BENCH if bench else _DEFORMATION).get(str(row.model), f"after model {row.model}")
+        over = "all load steps" if bench else "all poses"
+        yield ("Deformation", f"{what}, {words}", over, quantity(float(str(row.value)), str(row.unit)))
+
+
+def _calibrated(tables: Tables) -> Iterator[_Row]:
+    """Yield the mean errors of the platform's pose by the main calibration."""
+    figures, key = figures_by_calibration(tables), main_calibration(tables)
+    if figures is None or key is None or key not in figures.index:
+        return
+    facts = figures.loc[key]
+    for name, unit in (("position", "um"), ("orientation", "arcsec")):
+        size = facts.get(f"{name}_mean_verification")
+        if size is not None and pd.notna(size):
+            what = f"{name} of the platform, mean size of the error vector, {calibration_name(key)}"
+            yield ("Calibration", what, "held-out poses", quantity(float(size), unit))
+
+
+def _entries(tables: Tables) -> Iterator[tuple[str, ...]]:
+    """Yield the largest entries of K by diagnosis, deformation and calibration, µm per mm."""
+    named = [size for row in accepted_of(assessed_causes(tables)) for size in row.sizes_of("K")]
+    shifts, fitted = table_or_none(tables, "deformation_models"), table_or_none(tables, "calibration")
+    key = main_calibration(tables)
+    if shifts is None or fitted is None or key is None:
+        return
+    names = shifts["leg"].astype(int).map("K{}".format) + shifts["column"].astype(int).astype(str)
+    shifts, fitted = shifts[(shifts["model"] == "matrix")].assign(entry=names), rows_of(fitted, key)
+    for size in sorted(named, key=lambda one: -abs(one.number or 0.0))[:_SHOWN]:
+        others = (
+            _first(shifts[shifts["entry"] == size.name], "coefficient"),
+            _first(fitted[fitted["parameter"] == size.name], "identified"),
+        )
+        if any(others):
+            yield (size.name, _entry(size.number, size.sigma), *others)
+
+
+def _first(rows: pd.DataFrame, column: str) -> str:
+    return "" if rows.empty else _entry(float(rows[column].iloc[0]), float(rows["sigma"].iloc[0]))
+
+
+def _entry(value: float | None, sigma: float | None) -> str:
+    """Return an entry of K (mm per mm) with its standard deviation, in µm per mm."""
+    return "" if value is None else with_uncertainty(1e3 * value, None if sigma is None else 1e3 * sigma, "µm/mm")

@@ -1,0 +1,141 @@
+"""First screen of the page: which machine, instrument, dates and counts; one change of an error; three links."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from truing.report.diagnosis.assessed_causes import assessed_causes, modelled_of
+from truing.report.diagnosis.prediction_errors import Overall, errors_of_models, part_names
+from truing.report.measured_section import campaign_span
+from truing.report.numbers import count, listed, plain, sign, with_uncertainty
+from truing.report.page import CampaignFacts, ErrorChange, FirstScreen
+from truing.report.scene.frames import leg_joints
+from truing.report.scene.machine_drawing import machine_drawing
+from truing.report.tables import Tables, in_channel_order, load_steps, signal_names, table_or_none
+
+_FEWEST = 3  # poses for an uncertainty by their scatter
+_LINKS = (
+    ("diagnosis", "What was found"),
+    ("next", "What to do next"),
+    ("stop", "Can I stop measuring?"),
+)
+_NO_DATE = "no date given: [certificate] begin and end"
+
+
+def first_screen(tables: Tables, about: CampaignFacts) -> FirstScreen:
+    """Return the first screen of a run's page."""
+    facts = (
+        ("machine", about.machine or _machine(tables)),
+        ("instrument", _instrument(tables, about)),
+        ("measured", _when(tables, about)),
+        ("data", _counts(tables)),
+        ("laboratory", about.laboratory),
+        ("customer", about.customer),
+        ("page", ", ".join(filter(None, (about.made, f"truing {about.version}" if about.version else "")))),
+    )
+    shown = tuple((what, value) for what, value in facts if value)
+    return FirstScreen(shown, machine_drawing(tables), _change(tables), _LINKS if "diagnosis" in tables else ())
+
+
+def _machine(tables: Tables) -> str:
+    """Return the kind of machine as far as tables tell it."""
+    joints = table_or_none(tables, "joints")
+    if joints is not None:
+        return f"open chain, {count(int((joints['input'] >= 0).sum()), 'joint')}"
+    frames = table_or_none(tables, "frames")
+    if frames is not None:
+        kind = "force sensor" if (frames["frame"] == "measurement").any() else "platform on legs"
+        return f"{kind}, {count(len(leg_joints(frames)[0]), 'leg')}"
+    if table_or_none(tables, "axis_errors") is not None:
+        return "axis"
+    shape = table_or_none(tables, "shape")
+    return "" if shape is None else f"bodies: {listed(list(map(str, shape['body'].unique())))}"
+
+
+def _instrument(tables: Tables, about: CampaignFacts) -> str:
+    """Return what measured: kinds of data, and the names of the equipment where campaign.toml gives them."""
+    kinds = []
+    images, readings, signals = (table_or_none(tables, n) for n in ("image_orientations", "readings", "signals"))
+    if images is not None:
+        cameras = table_or_none(tables, "cameras")
+        of = "" if cameras is None else f" by {count(len(cameras), 'camera')}"
+        kinds.append(f"{count(len(images), 'photograph')}{of}, bundle adjustment")
+    elif table_or_none(tables, "observations") is not None:
+        kinds.append("3-D points of targets")
+    if table_or_none(tables, "scans") is not None:
+        kinds.append("dense scans")
+    if readings is not None:
+        kinds.append(f"interferometer: {' '.join(in_channel_order(readings['channel'].unique()))}")
+    if signals is not None:
+        kinds.append(count(len(signal_names(tables)), "signal"))
+    if not kinds and (poses := table_or_none(tables, "poses")) is not None and (poses["method"] == "measured").any():
+        kinds.append("poses of bodies, measured as such")
+    if not kinds and table_or_none(tables, "axis_errors") is not None:
+        kinds.append("encoders and a reference of angle or length")
+    return "; ".join(filter(None, (about.instrument, ", ".join(kinds))))
+
+
+def _when(tables: Tables, about: CampaignFacts) -> str:
+    """Return first and last day of the measurement, and how long it took."""
+    days = " to ".join(dict.fromkeys(about.measured))
+    return ", ".join(filter(None, (days or _NO_DATE, campaign_span(tables))))
+
+
+def _counts(tables: Tables) -> str:
+    """Return numbers of poses, points, runs, load steps and readings, and of points left out."""
+    parts: list[str] = []
+    configurations, points = table_or_none(tables, "configurations"), table_or_none(tables, "observations")
+    if configurations is not None:
+        roles = ", ".join(f"{n:,} {role}" for role, n in configurations["role"].value_counts().items())
+        parts.append(f"{count(len(configurations), 'pose')} ({roles})")
+    elif points is not None:
+        parts.append(count(points["pose"].nunique(), "pose"))
+    if points is not None:
+        targets = points[["body", "target"]].drop_duplicates()
+        parts.append(f"{count(len(points), 'point')} of {count(len(targets), 'target')}{_left_out(tables)}")
+    steps, readings = load_steps(tables), table_or_none(tables, "readings")
+    if len(steps):
+        parts.append(f"{count(steps['run'].nunique(), 'run')}, {count(len(steps), 'load step')}")
+    if readings is not None:
+        parts.append(count(len(readings), "reading"))
+    return "; ".join(parts)
+
+
+def _left_out(tables: Tables) -> str:
+    residuals = table_or_none(tables, "residuals")
+    out = 0 if residuals is None else int(residuals["rejected"].sum())
+    return f", {out:,} left out" if out else ""
+
+
+def _change(tables: Tables) -> ErrorChange | None:
+    """Return the rms error without and with the causes on held-out data, or else on fitted data."""
+    rows = assessed_causes(tables)
+    errors = errors_of_models(rows, modelled_of(rows), tables) if rows else []
+    if not errors:
+        return None
+    one, of = errors[0], part_names(tables)
+    sigma = _sigmas(one, tables, max(each.freedom for each in errors))
+    before, after = (_size(size, s, one.unit) for size, s in zip((one.before, one.after), sigma, strict=True))
+    what = f"rms of measured minus predicted, {of.held_out if one.held_out else of.fitted}"
+    floor = "" if one.floor is None else _size(one.floor, None, one.unit)
+    note = "± one standard deviation" if sigma[1] is not None else ""
+    return ErrorChange(what, before if modelled_of(rows) else "", after, floor, note)
+
+
+def _size(size: float, sigma: float | None, unit: str) -> str:
+    return with_uncertainty(size, sigma, sign(unit)) if sigma is not None else f"{plain(size)} {sign(unit)}".rstrip()
+
+
+def _sigmas(one: Overall, tables: Tables, freedom: float) -> tuple[float | None, float | None]:
+    """Return the standard deviations of both rms by the scatter of the poses' mean squares; without poses, that after
+    all causes by ``freedom``, the number of independent values that were predicted."""
+    poses = table_or_none(tables, "prediction")
+    own = None if poses is None else poses[poses["role"].eq("verification") == one.held_out]
+    if own is not None and len(own) >= _FEWEST:
+        squares = own[["rms_before", "rms_after"]].dropna().to_numpy(dtype=float) ** 2
+        scatter = squares.std(axis=0, ddof=1) / math.sqrt(len(squares))
+        before, after = scatter / (2.0 * np.sqrt(squares.mean(axis=0)))
+        return float(before), float(after)
+    return None, one.after / math.sqrt(2.0 * freedom) if freedom > 0.0 else None

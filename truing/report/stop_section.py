@@ -1,0 +1,45 @@
+"""Section that answers whether measuring can stop: what is decided, and what more measurements would still change."""
+
+from __future__ import annotations
+
+from truing.belonging.relation import RelationState
+from truing.report.diagnosis.assessed_causes import assessed_causes
+from truing.report.diagnosis.next_steps import NextStep, next_steps
+from truing.report.numbers import count
+from truing.report.page import ReportSection
+from truing.report.section_verdict import SectionVerdict, verdict_rows
+from truing.report.tables import Tables
+from truing.report.verdict import with_verdict
+from truing.schemas.needs import Need
+from truing.schemas.verdict import GATES, ReasonCode
+
+_NOT_STATED = "no requirement says how accurate the machine has to be"
+_MODEL = ("adequacy", "pulls", "calibration")
+
+
+def stop(tables: Tables) -> ReportSection | None:
+    """Return the section; None where no cause was assessed."""
+    rows = assessed_causes(tables)
+    if not rows:
+        return None
+    verdicts, steps = verdict_rows(with_verdict(tables)), next_steps(rows, tables)
+    open_points = _open_points(verdicts, steps)
+    better = sum(step.need == Need.PRECISION for step in steps)
+    more = f"{count(better, 'further measurement')} would only make a known size more precise." if better else ""
+    if open_points:
+        lead = "Not yet: the points below are open."
+        return ReportSection("stop", "Can I stop measuring?", f"{lead} {more}".strip(), statements=open_points)
+    requirement = verdicts.get("requirements")
+    decided = requirement is not None and requirement.reason_code in (ReasonCode.MET, ReasonCode.NOT_MET)
+    lead = "Yes: every requirement is decided, and no open question needs a measurement."
+    if not decided:
+        lead = f"Nothing asks for more, but {_NOT_STATED}. State it in [requirement], and this section decides."
+    return ReportSection("stop", "Can I stop measuring?", f"{lead} {more}".strip())
+
+
+def _open_points(verdicts: dict[str, SectionVerdict], steps: list[NextStep]) -> tuple[tuple[str, str], ...]:
+    """Return what keeps a campaign open: failed data, a model that does not fit, undecided requirements, rivals."""
+    failed = [verdicts[name] for name in (*GATES, *_MODEL) if name in verdicts]
+    points = [(one.mark, one.explanation) for one in failed if one.state == RelationState.FAILS]
+    asked = [step for step in steps if step.need in (Need.REQUIREMENT, Need.RIVAL)]
+    return (*points, *(("next", f"{step.purpose[:1].upper()}{step.purpose[1:]}: {step.short_text}") for step in asked))
