@@ -58,7 +58,7 @@ def test_every_step_says_what_the_page_shows(place: Path):
     assert (place / "my-lab" / "campaign.toml").is_file()
     untouched = called("check", "my-lab")  # what was guessed can be read as it is, and is not complete
     assert (untouched.exit_code, len(untouched.stderr.splitlines())) == (2, 2), untouched.stderr
-    assert "column noise.point_mm" in untouched.stderr
+    assert "key noise.point_mm" in untouched.stderr
     assert_says(untouched.stderr, "found 'body'", "surveyed (base, platform)")
 
     toml, exclusion = blocks("toml")

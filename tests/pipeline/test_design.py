@@ -182,10 +182,10 @@ def test_a_set_that_cannot_be_extended_is_refused_in_a_line(rows: str, words: st
 
 
 REFUSED: list[tuple[dict[str, Any], list[object], str]] = [
-    ({"workspace": None}, [], "column workspace: expected pose and reading limits that bound the platform"),
+    ({"workspace": None}, [], "key workspace: expected pose and reading limits that bound the platform"),
     ({"workspace": {"x_mm": 1.0}}, [], "rho_mm, or, without --within actuators, all of x_mm y_mm z_mm rx_deg"),
-    ({"mechanism": None}, [], "column mechanism.type: found 'none'; expected a mechanism whose configurations"),
-    ({"mechanism": {"type": "ups", "legs": hexapod(4)}}, [], "column mechanism.legs: found '4'; expected six legs"),
+    ({"mechanism": None}, [], "key mechanism.type: found 'none'; expected a mechanism whose configurations"),
+    ({"mechanism": {"type": "ups", "legs": hexapod(4)}}, [], "key mechanism.legs: found '4'; expected six legs"),
     ({}, ["--poses", 6], "--poses: found '6'; expected at least 7 configurations"),
     ({}, ["--parameters", "a_w"], "--parameters: found 'a_w'; expected parameters of a leg: a_x, a_y"),
     ({}, ["--extend", "nowhere.csv"], "nowhere.csv: expected a file that exists"),
@@ -258,7 +258,7 @@ def test_a_sensor_is_given_loads_and_its_own_are_judged_beside_them(tmp_path: Pa
 @pytest.mark.parametrize(
     ("words", "sections", "said"),
     [
-        ([], {"loading": {"fx_n": 1e4}}, "column loading.mz_nm: expected the range of this load"),
+        ([], {"loading": {"fx_n": 1e4}}, "key loading.mz_nm: expected the range of this load"),
         (["--poses", 5], {}, "expected at least 7"),
         (["--parameters", "a_x"], {}, "--parameters"),
     ],

@@ -168,7 +168,7 @@ def test_poses_that_are_kept_count_and_a_cause_joins_the_unknowns(tmp_path: Path
     ("left_out", "workspace", "words", "expected"),
     [
         ("targets.csv", "", (), "needs targets.csv with planned places of targets on links"),
-        ("", "\n[workspace.joints]\nelbo_deg = [0.0, 1.0]\n", (), "column workspace.joints.elbo_deg"),
+        ("", "\n[workspace.joints]\nelbo_deg = [0.0, 1.0]\n", (), "key workspace.joints.elbo_deg"),
         (
             "",
             "\n[workspace.joints]\nelbow_deg = [1.0, 0.0]\n",

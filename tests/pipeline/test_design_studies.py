@@ -69,16 +69,16 @@ def test_seven_legs_have_an_accuracy_too(tmp_path: Path) -> None:
 
 
 REFUSED: list[tuple[dict[str, Any], list[object], str]] = [
-    ({"noise": {"point_mm": 0.005}}, ["--accuracy"], "column mechanism.actuator_accuracy_mm: expected the largest"),
+    ({"noise": {"point_mm": 0.005}}, ["--accuracy"], "key mechanism.actuator_accuracy_mm: expected the largest"),
     ({"mechanism": mechanism(actuator_accuracy_mm=[0.001] * 5)}, ["--accuracy"], "or 6, one per leg, not 5"),
     ({"mechanism": mechanism(actuator_accuracy_mm=-1.0)}, ["--accuracy"], "one number above 0, or a list of such"),
-    ({"workspace": None}, ["--accuracy"], "column workspace: expected pose and reading limits"),
-    ({"mechanism": None}, ["--accuracy"], "column mechanism.type: found 'none'; expected a mechanism"),
+    ({"workspace": None}, ["--accuracy"], "key workspace: expected pose and reading limits"),
+    ({"mechanism": None}, ["--accuracy"], "key mechanism.type: found 'none'; expected a mechanism"),
     ({}, ["--accuracy", "--extend", "kept.csv"], "--extend: found 'kept.csv'; expected no such option"),
     ({}, ["--uniqueness", "--avoid", "some.csv"], "--avoid: found 'some.csv'; expected no such option with --uniq"),
     ({}, ["--uniqueness", "--parameters", "a_x,l"], "--parameters: found 'a_x,l'; expected no such option with"),
-    ({"workspace": {"x_mm": 1.0}}, ["--uniqueness"], "column workspace: expected pose and reading limits"),
-    ({"mechanism": {"type": "ups", "legs": hexapod(4)}}, ["--uniqueness"], "column mechanism.legs: found '4'"),
+    ({"workspace": {"x_mm": 1.0}}, ["--uniqueness"], "key workspace: expected pose and reading limits"),
+    ({"mechanism": {"type": "ups", "legs": hexapod(4)}}, ["--uniqueness"], "key mechanism.legs: found '4'"),
     ({}, ["--accuracy", "--out", "found.xls"], "--out: found 'found.xls'; expected a file that ends in .csv"),
 ]
 
@@ -98,7 +98,7 @@ def test_machines_that_cannot_be_studied_are_a_fault(
 def test_a_sensor_has_no_actuators(tmp_path: Path) -> None:
     done = call(sensor(tmp_path / "bench"), "--accuracy")
     assert done.exit_code == 2, done.output
-    assert "column mechanism.type: found '6-upur'" in done.output
+    assert "key mechanism.type: found '6-upur'" in done.output
 
 
 def test_the_tolerances_of_a_sensor_have_bands_and_shares(tmp_path: Path) -> None:
@@ -123,9 +123,9 @@ def test_tolerances_that_are_none_are_a_fault(tmp_path: Path) -> None:
     place = sensor(tmp_path / "bench", mechanism=machine | {"tolerance": {"stiffness": 0.02}})
     done = call(place, "--tolerances")
     assert done.exit_code == 2, done.output
-    assert "column mechanism.tolerance: expected at least one of platform_radius_um" in done.output
+    assert "key mechanism.tolerance: expected at least one of platform_radius_um" in done.output
     done = call(campaign(tmp_path / "telescope"), "--tolerances")
-    assert "column mechanism.type: found '6-pus'; expected 6-upur" in done.output
+    assert "key mechanism.type: found '6-pus'; expected 6-upur" in done.output
     done = call(campaign(tmp_path / "both"), "--tolerances", "--accuracy")
     assert done.exit_code == 2
     assert "one study at a time" in done.output

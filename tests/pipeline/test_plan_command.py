@@ -95,7 +95,7 @@ def test_targets_that_face_away_are_told(place):
 @pytest.mark.parametrize(
     ("old", "new", "options", "expected"),
     [
-        ("image_px = 0.05", "point_mm = 0.1", (), "column noise.image_px: expected the standard deviation"),
+        ("image_px = 0.05", "point_mm = 0.1", (), "key noise.image_px: expected the standard deviation"),
         ("c_mm = 20.0\n", "", (), "c_mm (with pixel_um) or focal_px"),
         ('name = "camera"', 'name = "one"', ("--camera", "two"), "the name of one: one"),
         ("", "", ("--distance", "500,100"), "the shorter one first"),

@@ -88,13 +88,13 @@ LEG = {"a_mm": [1.0, 2.0, 3.0], "b_mm": [1.0, 2.0, 3.0], "length_mm": 500.0}
 @pytest.mark.parametrize(
     ("section", "expected"),
     [
-        ({"nois": {}}, "column nois: expected a known key; did you mean noise?"),
-        ({"noise": {"point_m": 1}}, "column noise.point_m: expected a known key; did you mean point_mm?"),
-        ({"noise": {"point_mm": float("nan")}}, "column noise.point_mm: found 'nan'; expected a finite number"),
+        ({"nois": {}}, "key nois: expected a known key; did you mean noise?"),
+        ({"noise": {"point_m": 1}}, "key noise.point_m: expected a known key; did you mean point_mm?"),
+        ({"noise": {"point_mm": float("nan")}}, "key noise.point_mm: found 'nan'; expected a finite number"),
         ({"mechanism": {"type": "6-pus", "legs": [LEG] * 5}}, "expected six legs for a 6-pus, not 5"),
         ({"mechanism": {"type": "ups", "legs": [LEG] * 2}}, "expected at least three legs for a ups, not 2"),
         ({"mechanism": {"type": "ups", "legs": [{**LEG, "u": [0, 0, 2]}] * 3}}, "u: a vector of unit length"),
-        ({"mechanism": {"tolerance": {"a_mm": 1}}}, "column mechanism.tolerance: expected a known key"),
+        ({"mechanism": {"tolerance": {"a_mm": 1}}}, "key mechanism.tolerance: expected a known key"),
         (
             {"mechanism": sensor({"kind": "rigid"}, {"kind": "cylinder", "length_mm": 2})},
             "elements.2: expected diameter_mm",
@@ -125,11 +125,11 @@ LEG = {"a_mm": [1.0, 2.0, 3.0], "b_mm": [1.0, 2.0, 3.0], "length_mm": 500.0}
             "cylinder.diameter_mm of at least 1/2000 of its length, 100 mm; did you mean 24 (0.024 in m)?",
         ),
         ({"files": {"points": {"path": "x", "seperator": ";"}}}, "did you mean separator?"),
-        ({"exclude": [{"target": "P1", "by": "me"}]}, "column exclude.1.reason: expected this key to be present"),
-        ({"format": 2}, "column format: found '2'; expected 1"),
+        ({"exclude": [{"target": "P1", "by": "me"}]}, "key exclude.1.reason: expected this key to be present"),
+        ({"format": 2}, "key format: found '2'; expected 1"),
         (
             {"measurement": {"up": [0, 0, 0], "frame": "campaign"}},
-            "column measurement.up: expected a direction, such as [0, 0, 1]",
+            "key measurement.up: expected a direction, such as [0, 0, 1]",
         ),
         ({"measurement": {"up": [0, 0, 1]}}, '[bodies] reference, or frame = "campaign", with [measurement] up'),
     ],

@@ -25,7 +25,7 @@ _NO_TEXT = [True, 5, 0.5, {}, "a\0b", "\x1b[31mred", "a\x7f", "a\u202eb", "a\u20
 _NO_DATES = [True, 5, 0.5, "today", "2026-02-30", [], {}]
 _NO_IDENTIFIERS = [True, 0.5, float("nan"), [], {}, "a\0b", "a\nb", "", " ", "x" * (LONGEST_NAME + 1), 1 << 64]
 # May be empty, hold ends of lines or be as long as a system takes: what a file of others holds, and its path.
-_OF_FILES, _PATHS = "files", ("model", "compliance_file", "deformation_file", "judge_on")
+_OF_FILES, _PATHS = "files", ("model", "compliance_file", "deformation_file", "judge_on", "logo")
 
 
 def _kinds(annotation: Any) -> set[Any]:

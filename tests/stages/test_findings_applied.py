@@ -172,10 +172,10 @@ def test_the_main_results_of_a_machine_are_those_of_the_chosen_calibration_until
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
-        ('apply = ["lost-motoin"]', "column diagnosis.apply.1: found 'lost-motoin'; expected a cause that this kind of "
+        ('apply = ["lost-motoin"]', "key diagnosis.apply.1: found 'lost-motoin'; expected a cause that this kind of "
          "campaign knows by name; did you mean lost-motion?"),
-        ('ignore = ["scale-error", "creep"]', "column diagnosis.ignore.2: found 'creep'; expected"),
-        ('ignore = ["unexplained"]', "column diagnosis.ignore.1: found 'unexplained'; expected a cause"),
+        ('ignore = ["scale-error", "creep"]', "key diagnosis.ignore.2: found 'creep'; expected"),
+        ('ignore = ["unexplained"]', "key diagnosis.ignore.1: found 'unexplained'; expected a cause"),
         ('apply = ["lost-motion"]\nignore = ["lost-motion"]', "lost-motion in apply or in ignore, not in both"),
         ('apply = "lost-motion"', "expected a list, in brackets"),
     ],

@@ -239,6 +239,6 @@ def test_an_axis_of_another_loop_is_refused(tmp_path: Path) -> None:
     code, said = _truing("run", str(first), "--out", str(tmp_path / "run"))
     assert code == 2
     assert (
-        "column mechanism.loop: found 'load'; expected motor: models predict a second campaign of the same"
+        "key mechanism.loop: found 'load'; expected motor: models predict a second campaign of the same"
         in " ".join(said.split())
     )

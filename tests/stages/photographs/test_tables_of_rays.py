@@ -85,7 +85,7 @@ def test_a_camera_in_mm_is_one_in_pixels(tmp_path: Path) -> None:
         ),
         (
             {"cameras": "camera,width_px,focal_px\ncamera,4000,4100\n"},
-            "column cameras.focal_px: found '4000'; expected 4100, which cameras.csv has of camera camera",
+            "key cameras.focal_px: found '4000'; expected 4100, which cameras.csv has of camera camera",
         ),
         ({"cameras": "camera,free\nother,c f\n"}, "cameras.csv, column free: found 'f'; expected names of c x0"),
         ({"scale_bars": "bar,first,second,length_mm,sigma_mm\nB,p,p,500,0\n"}, "expected another point than the first"),
@@ -102,7 +102,7 @@ def test_faults_of_ray_tables_give_their_place(tmp_path: Path, files: dict[str, 
 def test_rays_need_a_format_and_a_sigma(tmp_path: Path) -> None:
     said = faults(write(tmp_path, TOML.split("[noise]")[0]))
     assert "width_px and height_px of camera camera" in said
-    assert "column noise.image_px" in said
+    assert "key noise.image_px" in said
 
 
 def test_photographs_and_points_are_not_both_told(tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_a_camera_of_the_table_and_of_the_settings_has_the_values_of_both(tmp_pa
 
 def test_a_camera_is_named_once_in_the_settings(tmp_path: Path) -> None:
     said = faults(write(tmp_path, TOML + TOML[TOML.index("[[cameras]]") :]))
-    assert "column cameras.name: found 'camera'; expected each camera once" in said
+    assert "key cameras.name: found 'camera'; expected each camera once" in said
 
 
 GROUP = '[[cameras]]\nname = "refocused"\nof = "camera"\n'

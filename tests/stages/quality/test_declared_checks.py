@@ -73,7 +73,7 @@ def read(kind: str, **limits: dict[str, object]) -> object:
 @pytest.mark.parametrize(
     ("limits", "told"),
     [
-        ({"completness": {"warn": 0.1}}, "column qa.limits.completness: expected a check whose .* mean completeness"),
+        ({"completness": {"warn": 0.1}}, "key qa.limits.completness: expected a check whose .* mean completeness"),
         ({"load_range": {"warn": 0.1}}, "qa.limits.load-range: expected a check of a campaign of kind photogrammetry"),
         ({"noise": {"fail": 2.0}}, r"limits.noise: expected a check with a settable limit; .* \(\[qa\] false_alarm\)"),
         ({"completeness": {"warn": 0.4}}, r"expected fail \(0.3\) at least warn \(0.4\).* has its default"),
