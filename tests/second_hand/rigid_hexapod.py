@@ -23,4 +23,6 @@ def poses(a: Array, b: Array, length: Array, p: Array, turn: Rotation) -> tuple[
         step = np.einsum("nij,nj->ni", np.linalg.pinv(slope), length - span)
         step /= np.maximum(1.0, np.abs(step).max(1) / 0.1)[:, None]  # no farther than 0.1 m or rad at a time
         p, turn = p + step[:, :3], Rotation.from_rotvec(step[:, 3:]) * turn
+        if np.abs(step).max() < 1e-14:
+            break
     return p, turn, np.abs(spans(a, b, p, turn) - length).max(1) < 1e-11
