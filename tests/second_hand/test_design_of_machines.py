@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 from tests.second_hand.command import call
@@ -23,10 +24,11 @@ LIMITS = {"x_mm": 8.0, "y_mm": 6.0, "z_mm": 5.0, "rx_deg": 2.0, "ry_deg": 3.0, "
 OFF = 1e-6 * np.array([1.0, 2.0, 1.0, 0.5, 1.5, 1.0])  # m, of each actuator
 
 
-def _folder(place: Path, machine: Hexapod, limits: dict[str, float], more: str = "") -> Path:
+def _folder(place: Path, machine: Hexapod, limits: dict[str, float], more: str = "", of_leg: str = "") -> Path:
     place.mkdir()
     legs = "".join(
-        f"  {{ a_mm = {vector(a)}, b_mm = {vector(b)}, length_mm = {1e3 * length:.9f}, rho0_mm = {1e3 * rho:.6f} }},\n"
+        f"  {{ a_mm = {vector(a)}, b_mm = {vector(b)}, length_mm = {1e3 * length:.9f}, rho0_mm = {1e3 * rho:.6f}"
+        f"{of_leg} }},\n"
         for a, b, length, rho in zip(machine.a, machine.b, machine.length, machine.reading, strict=True)
     )
     text = f'[campaign]\nname = "own"\nkind = "photogrammetry"\n[mechanism]\ntype = "ups"\n{more}legs = [\n{legs}]\n'
@@ -169,3 +171,22 @@ def test_where_a_search_finds_two_poses_nothing_is_proven(tmp_path: Path) -> Non
     assert "Proven, rigid legs (ups): two different poses" not in said
     assert "Proven, rigid legs (ups): no pose is singular" not in said
     assert "rigid legs (ups): two different poses never have the same readings" in said
+
+
+def test_the_path_of_a_flexures_end_is_that_of_a_parabola(tmp_path: Path) -> None:
+    """Eq. 10 and 11 integrated; the circle of eq. 13 about beta of the length; and the pivot in the middle."""
+    length, beta = 24.0, 0.3
+    of_leg = f", flexure_length_mm = {length}, flexure_beta = {beta}"
+    folder = _folder(tmp_path / "m", design(), LIMITS, of_leg=of_leg)
+    call("design", folder, "--uniqueness", "--out", tmp_path / "f.csv")
+    found = pd.read_csv(tmp_path / "f-flexures.csv") * 1e-3
+    for row in found.iloc[[1, 40, 100]].itertuples():
+        slope = np.radians(1e3 * row.bend_deg)
+        # y = curvature x^2 / 2 over the flexure's length, which the bent beam exceeds by the displacement of its end
+        curvature = slope / length
+        exceeds = quad(lambda x, c=curvature: np.sqrt(1 + (c * x) ** 2) - 1, 0, length, epsabs=1e-14)[0]
+        assert row.beam_across_um == pytest.approx(curvature * length**2 / 2, rel=1e-6)
+        assert row.beam_along_um == pytest.approx(exceeds, rel=1e-6)
+        for name, centre in (("circle", beta * length), ("pivot", length / 2)):
+            across, along = getattr(row, f"{name}_across_um"), getattr(row, f"{name}_along_um")
+            assert np.hypot(length - along - centre, across) == pytest.approx(length - centre, rel=1e-12)

@@ -58,7 +58,7 @@ class Campaign:
         return run(folder, "calibrate", place / "run")
 
 
-FAR, NEAR = Campaign(0.060, 20e-3), Campaign(0.010, 1e-3)
+FAR, NEAR = Campaign(0.060, 8e-3), Campaign(0.010, 1e-3)
 
 
 @pytest.fixture(scope="module")
