@@ -32,7 +32,7 @@ class DesignParameter:
 
     tolerance: declared, else as large as the nominal value; sensitivity: rms change of the closure of its leg by one
     tolerance, m; noise: rms noise of this closure, m; sigma: standard deviation by the data alone, in tolerances,
-    infinite without information; all other parameters are known to their tolerances.
+    infinite without information; other parameters are known to their tolerances, and held if of design and without one.
     """
 
     model: str
@@ -67,7 +67,7 @@ def _of_model(data: CalibrationData, fitted: MeasuredPlatform, case: Case) -> li
     closure = at.by_deviation @ noise @ np.swapaxes(at.by_deviation, -1, -2)
     scale = _scales(data, case, parameters, problem.start)
     rows = np.linalg.solve(np.linalg.cholesky(closure), at.by_values * scale).reshape(-1, len(scale))
-    left = np.diag(np.linalg.inv(rows.T @ rows + np.eye(len(scale))))
+    left = _left(rows, [kind(entry) for entry in parameters.entries], set(data.tolerance))
     size = np.sqrt(np.mean((at.by_values * scale) ** 2, 0))  # of every closure by every parameter
     spread = np.sqrt(np.mean(np.diagonal(closure, axis1=1, axis2=2), 0))
     found = []
@@ -86,6 +86,20 @@ def _of_model(data: CalibrationData, fitted: MeasuredPlatform, case: Case) -> li
                 DesignParameter(case.key[0], entry, nominal, float(scale[i]), sensitivity, floor, float(sigma))
             )
     return found
+
+
+def _left(rows: NDArray, kinds: list[str], declared: set[str]) -> NDArray:
+    """Return the share (P,) of each variance that the data leave of that of the tolerance; 1 for other than design.
+
+    Design parameters of another kind are held if they have no declared tolerance, as in the calibration.
+    """
+    left = np.ones(len(kinds))
+    for name in set(kinds) & set(_OF_DESIGN):
+        free = np.array([one == name or one not in _OF_DESIGN or one in declared for one in kinds])
+        own = np.array([one == name for one in kinds])
+        spread = np.linalg.inv(rows[:, free].T @ rows[:, free] + np.eye(int(free.sum())))
+        left[own] = np.diag(spread)[own[free]]
+    return left
 
 
 def _parameters(tolerance: Mapping[str, float], case: Case) -> ParameterSet:
