@@ -125,7 +125,7 @@ def _combinations(own: pd.DataFrame, caption: str, folded: bool = False) -> List
         for r in _unknown(own).itertuples()
         for k, words in enumerate(r.combination.split(";"))
     )
-    heads = ("combination (m, rad)", "standard deviation from the data alone, in tolerances")
+    heads = ("combination (m, rad)", "standard deviation of the unobservable direction, in tolerances")
     folded = folded or len(rows) > _OPEN
     return Listing(heads, rows, caption=caption, folded=folded, held_by="observability.parquet")
 
