@@ -55,7 +55,7 @@ def _machine(tables: Tables) -> str:
 
 
 def _instrument(tables: Tables, about: CampaignFacts) -> str:
-    """Return what measured: kinds of data, and the names of the equipment where campaign.toml gives them."""
+    """Return the instruments in words: kinds of data, and the equipment that campaign.toml names."""
     kinds = []
     images, readings, signals = (table_or_none(tables, n) for n in ("image_orientations", "readings", "signals"))
     if images is not None:

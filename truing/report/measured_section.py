@@ -190,7 +190,7 @@ def _campaign_sentence(tables: Tables) -> str:
 
 
 def campaign_span(tables: Tables) -> str:
-    """Return how long poses or load steps were measured, such as ``over 3.4 h``; empty where unknown."""
+    """Return the duration of the poses or load steps, such as ``over 3.4 h``; empty if unknown."""
     conf, steps = table_or_none(tables, "configurations"), load_steps(tables)
     words = _time_words_of_loads(steps) if conf is None else _time_words(conf["time_s"].to_numpy(dtype=float))
     return words.strip(" ,")

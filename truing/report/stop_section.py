@@ -38,7 +38,7 @@ def stop(tables: Tables) -> ReportSection | None:
 
 
 def _open_points(verdicts: dict[str, SectionVerdict], steps: list[NextStep]) -> tuple[tuple[str, str], ...]:
-    """Return what keeps a campaign open: failed data, a model that does not fit, undecided requirements, rivals."""
+    """Return the open points of a campaign: failed data, a model that does not fit, undecided requirements, rivals."""
     failed = [verdicts[name] for name in (*GATES, *_MODEL) if name in verdicts]
     points = [(one.mark, one.explanation) for one in failed if one.state == RelationState.FAILS]
     asked = [step for step in steps if step.need in (Need.REQUIREMENT, Need.RIVAL)]

@@ -177,7 +177,7 @@ def _listed(points: _Points) -> str:
 
 
 def _words(shape: _Shape) -> str:
-    """Return what the drawing shows, for readers who cannot see it."""
+    """Return the content of the drawing in words, for readers who cannot see it."""
     targets = sum(len(own) for _, own in shape.dots)
     names = ", ".join(html.escape(name) for name, _, _ in shape.frames if name)
     legs = sum(name == "leg" for name, _ in shape.lines)
