@@ -56,6 +56,7 @@ _MEASUREMENT = (
         "joints of an open chain with the links that they move, as [mechanism] describes them",
         "node* joint link below joint_kind x_mm y_mm z_mm rx_rad ry_rad rz_rad axis_x axis_y axis_z follows_joint "
         "factor zero_si mass_kg com_x_mm com_y_mm com_z_mm lower_si upper_si input",
+        optional="closure",
     ),
     parquet(
         "readings",

@@ -69,7 +69,7 @@ class ChainTolerance(Section):
 class ChainMechanism(MechanismSection):
     """[mechanism] of type chain: joints and links, their readings, and their tolerance."""
 
-    type: Literal["chain"] = Field(description="an open chain: serial arm, gantry, arm on a rail")
+    type: Literal["chain"] = Field(description="a chain: serial arm, gantry, arm on a rail; with closure also loops")
     urdf: Path | None = Field(None, description="robot description, in m and rad")
     dh: tuple[HartenbergRow, ...] = Field((), description="rows of Denavit and Hartenberg, instead of urdf")
     screws: tuple[ScrewRow, ...] = Field((), description="joint axes in the base frame, instead of urdf")
@@ -78,6 +78,9 @@ class ChainMechanism(MechanismSection):
     tip: Name | None = Field(None, description="last link; absent: the URDF's only last link, or tip")
     joints: tuple[Name, ...] = Field(
         (), description="joints that are read, in order; absent: all that move, between base and tip"
+    )
+    closure: Name | None = Field(
+        None, description="closure of an installed package for loops of links; joints that it moves are not read"
     )
     gravity: Vector | None = Field(
         None, description="direction of gravity, base frame; absent: effects of weight are not tested"
@@ -102,6 +105,12 @@ class ChainMechanism(MechanismSection):
             raise ValueError(f"a joint for each of {rows} rows, not {len(self.joints)}")
         if len(set(self.joints)) < len(self.joints):
             raise ValueError("different names in joints")
+        if self.closure is not None and self.urdf is None:
+            raise ValueError("urdf beside closure: rows describe no branches that a loop could close")
+        if self.closure is not None and not self.joints:
+            raise ValueError("the joints that are read beside closure: it moves all others")
+        if self.closure is not None and self.gravity is not None:
+            raise ValueError("no gravity beside closure: how loops share weight among their joints is not computed")
         if self.gravity is not None and not any(self.gravity):
             raise ValueError("a direction as gravity: three numbers, not all zero")
         return self

@@ -51,6 +51,7 @@ _MEASURED = (
     integer("below", "node that carries this one; -1 for the base", minimum=-1),
     text("joint_kind", "motion of the joint", choices=("fixed", "revolute", "prismatic")),
     *(real(f"axis_{a}", "", f"component of the joint's axis along {a}, in the joint's frame") for a in "xyz"),
+    text("closure", "closure of the chain's loops, of an installed package; empty for an open chain", nullable=True),
     text("follows_joint", "joint whose reading moves this one; empty for a fixed joint", nullable=True),
     real("factor", "", "motion of the joint per unit of the reading"),
     real("zero_si", "", "motion of the joint where the reading is zero, rad or m"),

@@ -11,6 +11,7 @@ import pyarrow as pa
 from truing.arrays import Array
 from truing.estimation.rotation import log_so3
 from truing.schemas.artifacts import ARTIFACTS
+from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.joint_table import (
     AXIS,
     CENTRE,
@@ -28,7 +29,7 @@ _MM = 1e-3
 
 def tree_table(tree: Tree, limits: Mapping[str, tuple[float, float]]) -> pa.Table:
     """Rows of joints.parquet: every joint with the link that it moves, in order; limits by joint, rad or m."""
-    rows = []
+    rows, closure = [], {"closure": tree.closure.name} if isinstance(tree, ClosedTree) else {}
     for number, node in enumerate(tree.nodes):
         numbers = dict(zip(PLACE, node.t / _MM, strict=True)) | dict(zip(TURN, log_so3(node.R), strict=True))
         numbers |= dict(zip(AXIS, node.axis, strict=True)) | dict(zip(CENTRE, node.com / _MM, strict=True))
@@ -47,10 +48,11 @@ def tree_table(tree: Tree, limits: Mapping[str, tuple[float, float]]) -> pa.Tabl
                 "mass_kg": node.mass,
                 "lower_si": low,
                 "upper_si": high,
+                **closure,
                 "input": tree.readings.index(node.joint) if node.joint in tree.readings else -1,
             }
         )
-    return pa.Table.from_pylist(rows, schema=ARTIFACTS["joints"].arrow_schema())
+    return pa.Table.from_pylist(rows, schema=ARTIFACTS["joints"].arrow_schema(present=tuple(closure)))
 
 
 def tree_of(table: pa.Table) -> Tree:

@@ -17,6 +17,7 @@ from truing.inference.observations import Epochs, Frames, Observations
 from truing.report.numbers import count as counted
 from truing.schemas.verdict import Relation
 from truing.simulation.mechanisms.chains.causes import ChainCause, JointOffset, JointsExchanged
+from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, ColumnSlipKind, does_not_belong, likely_slip
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels
 from truing.simulation.mechanisms.chains.distances import GROUND, DistanceModel, distance_start, with_ground
@@ -388,7 +389,7 @@ def _known(
         start.base_R,
         start.base_t,
         is_base_free,
-        geometry_modes(tree, sigma, not base_known, is_known=is_known),
+        _geometry(tree, sigma, not base_known, is_known),
         is_known,
         offsets.astype(float),
         start.shape,
@@ -402,6 +403,16 @@ def _known(
         section.gear_orders,
         ends,
     )
+
+
+def _geometry(tree: Tree, sigma: NDArray, is_base_free: bool, is_known: bool) -> Array:
+    """Twists (N, 6, Q) per prior sigma of all distinguishable errors of the links, those in loops included."""
+    modes = geometry_modes(tree, sigma, is_base_free, is_known=is_known)
+    if isinstance(tree, ClosedTree):
+        zeros = np.moveaxis(tree.axis_twists, 0, -1)
+        others = zeros[..., :0] if is_known else np.concatenate([zeros, modes], -1)
+        modes = np.concatenate([modes, tree.closing_modes(sigma, others)], -1)
+    return modes
 
 
 def _least_noise(tree: Tree, measured: MeasuredLinks, start: StartValues) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,6 +19,12 @@ from truing.formats.xml_document import read_xml
 from truing.report.numbers import count
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import did_you_mean
+from truing.simulation.mechanisms.chains.closed_tree import (
+    ENTRY_POINTS,
+    ClosedTree,
+    LoopClosure,
+    loop_closures,
+)
 from truing.simulation.mechanisms.chains.joint_table import ANGLES, LENGTHS, joint_column
 from truing.simulation.mechanisms.chains.notations import (
     DenavitHartenberg,
@@ -27,7 +33,7 @@ from truing.simulation.mechanisms.chains.notations import (
     tree_of_screws,
 )
 from truing.simulation.mechanisms.chains.tree import JointKind, Node, Tree
-from truing.stages.common.chain_tables import tree_table
+from truing.stages.common.chain_tables import joint_readings, tree_table
 from truing.stages.declaration import Outcome, Progress
 from truing.stages.ingestion.distance_table import read_distances
 from truing.stages.ingestion.point_campaign import ingest_points
@@ -56,6 +62,7 @@ def ingest(
     _check_series(settings, table, log)
     _check_gears(settings, tree, log)
     _check_links(tree, outcome.artifacts, log)
+    _check_loops(tree, table, log)
     artifacts = {**outcome.artifacts, "joints": tree_table(tree, limits)}
     if source.entries("distances"):
         tip = settings.mechanism.tip or tree.nodes[-1].link
@@ -96,7 +103,7 @@ def read_chain(settings: Any, source: CampaignFiles) -> tuple[Tree, Limits]:
         if not file.path.is_file():
             raise Unusable("an existing URDF file")
         read = read_mjcf if read_xml(file.path)[0].tag == "mujoco" else read_urdf
-        return _of_urdf(section, read(file.path))
+        return tree_of_urdf(read(file.path), section.base, section.tip, section.joints, _closure(section))
     except Unusable as error:
         raise CampaignFaults([Fault(file.name, error.expected, row=error.row, value=error.value)]) from None
 
@@ -135,28 +142,51 @@ def _with_masses(tree: Tree, rows: Any) -> Tree:
     return replace(tree, nodes=(tree.nodes[0], *moved, tree.nodes[-1]))
 
 
-def _of_urdf(section: Any, robot: Urdf) -> tuple[Tree, Limits]:
-    """The links that the base carries, with every joint between them; a joint that is not read stands at zero."""
-    base = _link(section.base, robot, "base") if section.base else _only(robot.roots, "base")
+def tree_of_urdf(
+    robot: Urdf, base: str | None, tip: str | None, joints: Sequence[str], closure: LoopClosure | None
+) -> tuple[Tree, Limits]:
+    """The links that the base carries, with every joint between them, and limits by joint, rad or m.
+
+    A joint that is neither read nor moved by a closure stands at zero. Raises Unusable for names that are not there.
+    """
+    base = _link(base, robot, "base") if base else _only(robot.roots, "base")
     carried = robot.carried(base)
-    tip = _link(section.tip, robot, "tip") if section.tip else _only(robot.ends(base), "tip")
+    tip = _link(tip, robot, "tip") if tip else _only(robot.ends(base), "tip")
     on_path = [joint for joint in robot.path(base, tip) if joint.kind != "fixed" and not joint.mimics]
-    names = section.joints or tuple(joint.name for joint in on_path)
+    names = tuple(joints) or tuple(joint.name for joint in on_path)
     for name in names:
         if name not in robot.joints or robot.joints[name].kind == "fixed" or robot.joints[name].mimics:
             movable = [j.name for j in robot.joints.values() if j.kind != "fixed" and not j.mimics]
             hint = did_you_mean(name, movable) or f"; there are {', '.join(movable)}"
             raise Unusable(f"a joint that moves and mimics no other, as [mechanism] joints names it{hint}", value=name)
-    if unread := [joint.name for joint in on_path if joint.name not in names]:
+    moving = (*names, *(() if closure is None else closure.passive))
+    if unread := [joint.name for joint in on_path if joint.name not in moving]:
         raise Unusable(f"every joint between {base} and {tip} in [mechanism] joints", value=unread[0])
     places = {base: 0}
     mass = robot.links[base]
     nodes = [Node("", base, -1, np.eye(3), np.zeros(3), mass=mass.mass, com=np.array(mass.com))]
     for joint in carried:
         places[joint.child] = len(nodes)
-        nodes.append(_node(joint, places[joint.parent], robot, names))
+        nodes.append(_node(joint, places[joint.parent], robot, moving))
     limits = {joint.name: joint.limits for joint in carried if joint.limits is not None}
-    return Tree(tuple(nodes), tuple(names)), limits
+    if closure is None:
+        return Tree(tuple(nodes), names), limits
+    try:
+        return ClosedTree(tuple(nodes), names, closure), limits
+    except ValueError as error:
+        raise Unusable(str(error)) from None
+
+
+def _closure(section: Any) -> LoopClosure | None:
+    """The installed closure that [mechanism] names; raises CampaignFaults if there is none of its name."""
+    if section.closure is None:
+        return None
+    known = loop_closures()
+    if section.closure not in known:
+        hint = did_you_mean(section.closure, list(known)) or f"; there are {', '.join(known) or 'none'}"
+        text = f"a closure of loops that an installed package names in its entry points {ENTRY_POINTS}{hint}"
+        raise CampaignFaults([Fault("campaign.toml", text, column="mechanism.closure", value=section.closure)])
+    return known[section.closure]
 
 
 def _node(joint: UrdfJoint, below: int, robot: Urdf, names: tuple[str, ...]) -> Node:
@@ -218,6 +248,19 @@ def _check_links(tree: Tree, artifacts: Mapping[str, Any], log: FaultLog) -> Non
         for body in (body for body in bodies if body not in tree.links):
             hint = did_you_mean(body, list(tree.links)) or f"; there are {', '.join(tree.links)}"
             log.add(Fault(file, f"a link of the chain as body{hint}", column="body", value=body))
+
+
+def _check_loops(tree: Tree, table: pa.Table, log: FaultLog) -> None:
+    """Note every pose with readings at which the loops of the nominal chain do not close."""
+    names = table.schema.names
+    if not isinstance(tree, ClosedTree) or any(joint_column(tree, joint, names) is None for joint in tree.readings):
+        return
+    readings = joint_readings(tree, table)
+    open_ = np.isfinite(readings).all(1)
+    open_[open_] = ~tree.closes(readings[open_])
+    for pose in table.column("pose").filter(pa.array(open_)).to_pylist():
+        text = "readings at which the loops of the chain close; check units, signs and zeros of the joints"
+        log.add(Fault("configurations.csv", text, column="pose", value=pose))
 
 
 def _check_gears(settings: Any, tree: Tree, log: FaultLog) -> None:

@@ -13,6 +13,7 @@ from truing.arrays import Array, Index
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.simulation.catalogue import catalogue_of_chains
 from truing.simulation.mechanisms.chains.causes import ChainCause, JointOffset
+from truing.simulation.mechanisms.chains.closed_tree import ClosedTree, tree_with_loops
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, ChainInputs, MeasuredChannels, usual_range
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.tree import TWIST, JointKind, Node, Tree
@@ -35,6 +36,7 @@ _OWN = (
     "mechanism",
     "tip",
     "readings",
+    "closure",
     "gravity",
     "payload_com",
     "payload_kg",
@@ -242,6 +244,8 @@ def write_chain(extended: ExtendedChain) -> str:
     """Return the model as TOML text."""
     tree = extended.tree
     numbers: dict[str, Any] = {"mechanism": MECHANISM, "tip": tree.nodes[extended.tip].link, "readings": tree.readings}
+    if isinstance(tree, ClosedTree):
+        numbers["closure"] = tree.closure.name
     if extended.gravity is not None:
         numbers["gravity"] = exact(extended.gravity)
     numbers |= {
@@ -303,7 +307,7 @@ def _from_document(document: dict[str, Any]) -> ExtendedChain:
         )
         for row in document["joints"]
     )
-    tree = Tree(nodes, tuple(about["readings"]))
+    tree = tree_with_loops(Tree(nodes, tuple(about["readings"])), about.get("closure", ""))
     twists = np.array([row["identified"] for row in document["joints"]], float)
     sized = sum(len(effect.values) for effect in effects)
     named = document["covariance"]["names"]

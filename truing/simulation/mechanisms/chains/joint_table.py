@@ -10,6 +10,7 @@ import numpy as np
 
 from truing.arrays import Array
 from truing.estimation.rotation import exp_so3
+from truing.simulation.mechanisms.chains.closed_tree import tree_with_loops
 from truing.simulation.mechanisms.chains.tree import JointKind, Node, Tree
 
 PLACE, TURN = ("x_mm", "y_mm", "z_mm"), ("rx_rad", "ry_rad", "rz_rad")
@@ -30,7 +31,7 @@ class JointColumn:
 
 
 def tree_from_rows(rows: Iterable[Mapping[str, Any]]) -> Tree:
-    """Return the chain of rows of joints.parquet."""
+    """Return the chain of rows of joints.parquet; raises ValueError if its closure is not installed."""
 
     def three(row: Mapping[str, Any], names: tuple[str, ...]) -> Array:
         return np.array([row[name] for name in names], float)
@@ -54,7 +55,8 @@ def tree_from_rows(rows: Iterable[Mapping[str, Any]]) -> Tree:
         for row in table
     )
     read = sorted((row["input"], row["joint"]) for row in table if row["input"] >= 0)
-    return Tree(nodes, tuple(name for _, name in read))
+    tree = Tree(nodes, tuple(name for _, name in read))
+    return tree_with_loops(tree, str(table[0].get("closure") or ""))
 
 
 def joint_column(tree: Tree, joint: str, names: Iterable[str]) -> JointColumn | None:

@@ -249,9 +249,13 @@ def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, *, is_known: 
     """
     found: list[Array] = []
     carried: set[int] = set()
+    is_base_left = is_base_free
     for j, node in enumerate(tree.nodes):
         below = tree.moving_parent(j)
-        if node.kind is JointKind.FIXED or node.reading != node.joint or (below < 0 and is_base_free):
+        if node.kind is JointKind.FIXED or node.reading != node.joint or node.joint not in tree.readings:
+            continue
+        if below < 0 and is_base_left:  # the base's place stands for the frame of one joint on it, not of others
+            is_base_left = False
             continue
         same = [*_passing(node)]
         if below >= 0 and below not in carried and not is_known:
