@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from truing.arrays import Array
 from truing.estimation.design.rival_design import Fitted, PointInstrument, PoseCandidates, candidates
 from truing.schemas.faults import CampaignFaults
-from truing.simulation.inputs import APPROACH, LAST_STEP, ORDER, TEMPERATURE, TIME
-from truing.simulation.mechanisms.chains.conditions import ChainConditions
+from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER, TEMPERATURE, TIME
+from truing.simulation.mechanisms.chains.conditions import STOPS, ChainConditions
 from truing.simulation.mechanisms.chains.distances import DistanceModel
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.stages.common.chain_candidates import (
@@ -186,6 +186,8 @@ def _conditions(model: ChainModel, readings: NDArray, drawn: Mapping[str, NDArra
         steps = np.abs(measured.covariates[LAST_STEP])
         size = np.array([np.median(own[own > 0.0]) if (own > 0.0).any() else 0.0 for own in steps.T])
         covariates[LAST_STEP] = covariates[APPROACH] * size
+    if MEMORY in covariates:  # after a long movement from there
+        covariates[MEMORY] = np.repeat(covariates[APPROACH][..., None], len(STOPS), axis=-1)
     found: ChainConditions = conditions_at(measured, readings, covariates)
     payload = drawn.get(_PAYLOAD, np.full(count, float(np.median(measured.payload_kg))))
     found = replace(found, payload_kg=payload)

@@ -122,6 +122,8 @@ def _inputs_in_words(claim: Claim) -> str:
         "rest": f"{first} since the last long pause of a run, decaying within about {half:.0f} s",
         "loop": f"{first} and {texts[-1]}",
         "stretch": f"{first}, constant over {2.0 * half:.4g} s",
+        "surface": f"{first} and {texts[-1]}",
+        "history": f"{first} and on how it was reached",
         "gain": f"{first}, with a factor that depends on {texts[-1]}",
     }
     if claim.fact("form") == "memory":

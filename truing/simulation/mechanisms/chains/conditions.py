@@ -9,12 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
-from truing.simulation.inputs import LAST_STEP, ORDER, TEMPERATURE, TIME, approach
+from truing.simulation.inputs import LAST_STEP, MEMORY, ORDER, TEMPERATURE, TIME, approach
 from truing.simulation.mechanisms.chains.tree import Tree
 
 APPROACH = "approach"
 # Seconds since a joint stopped: (B,) as the campaign has it, and (B, n) by the times of the poses.
 SINCE_MOTION, BETWEEN = "since_motion_s", "time since the pose before the last movement"
+# Thresholds of stop operators, relative to the range of a reading.
+STOPS = (0.08, 0.2, 0.4)
 # Share of the poses beyond either end of the usual range of an input.
 _BEYOND = 0.01
 
@@ -168,13 +170,15 @@ def usual_range(values: NDArray) -> Array:
 def movements(readings: NDArray, covariates: Mapping[str, NDArray], least: NDArray) -> dict[str, NDArray]:
     """Return each joint's last movement larger than ``least`` (n,), from readings (B, n) in order of time.
 
-    Its direction (B, n), +1 before any; its size (B, n), rad or m, 0 before any; and, where times are known, the
-    seconds (B, n) since the pose before it, infinite before any. Rows with a reading that is not finite are passed
+    Its direction (B, n), +1 before any; its size (B, n), rad or m, 0 before any; its history (B, n, 3), the states in
+    -1 .. 1 of stop operators; and, where times are known, the seconds (B, n) since the pose before it, infinite before
+    any. Rows with a reading that is not finite are passed
     over.
     """
     order, time = covariates[ORDER], covariates.get(TIME)
     read = np.flatnonzero(np.isfinite(readings).all(1))
     found = {APPROACH: np.ones(readings.shape), LAST_STEP: np.zeros(readings.shape)}
+    found[MEMORY] = np.zeros((*readings.shape, len(STOPS)))
     if time is not None:
         found[BETWEEN] = np.full(readings.shape, np.inf)
     own = read[np.argsort(order[read], kind="stable")]
@@ -185,7 +189,22 @@ def movements(readings: NDArray, covariates: Mapping[str, NDArray], least: NDArr
     steps = np.diff(readings[own], axis=0, prepend=readings[own][:1])
     numbers = np.arange(len(own))[:, None]
     last = np.maximum.accumulate(np.where(np.abs(steps) > least, numbers, 0), axis=0)
+    found[MEMORY][own] = _stops(steps, np.ptp(readings[own], axis=0))
     found[LAST_STEP][own] = np.where(last > 0, np.take_along_axis(steps, last, 0), 0.0)
     if time is not None:
         found[BETWEEN][own] = np.where(last > 0, time[own][:, None] - time[own][np.maximum(last - 1, 0)], np.inf)
+    return found
+
+
+def _stops(steps: NDArray, extent: NDArray) -> Array:
+    """Return states (B, n, 3) in -1 .. 1 of stop operators after steps (B, n) in order; ``extent`` (n,) of readings.
+
+    A stop follows the reading within its threshold, as friction does; sums of them are any rate-independent hysteresis
+    (Visintin, Differential models of hysteresis, 1994, chapter III).
+    """
+    reach = np.maximum(extent[:, None] * np.array(STOPS), 1e-300)
+    state, found = np.zeros_like(reach), np.empty((len(steps), *reach.shape))
+    for place, step in enumerate(steps):
+        state = np.clip(state + step[:, None] / reach, -1.0, 1.0)
+        found[place] = state
     return found

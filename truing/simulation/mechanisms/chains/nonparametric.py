@@ -1,6 +1,7 @@
 """Nonparametric effects on a chain: a joint's motion, or the place of the base, depends smoothly on inputs.
 
-Beyond the inputs at which nearly all poses were measured a dependence is held at its value there: few poses outside
+A joint may also depend on two readings, and on the history of its own: friction remembers turning points. Beyond the
+inputs at which nearly all poses were measured a dependence is held at its value there: few poses outside
 determine no curve, and a continued one would predict other poses worse than none.
 A dependence of exactly the form of a catalogued cause is no candidate, because data could not distinguish the two.
 """
@@ -10,20 +11,33 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Parameter, Step
-from truing.simulation.inputs import ORDER, TEMPERATURE, TIME, middle_and_half, varying_columns
+from truing.simulation.inputs import MEMORY, ORDER, TEMPERATURE, TIME, middle_and_half, varying_columns
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
-from truing.simulation.mechanisms.chains.conditions import ChainInputs, usual_range
-from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, dependence
+from truing.simulation.mechanisms.chains.conditions import STOPS, ChainInputs, usual_range
+from truing.simulation.nonparametric import (
+    PER_FUNCTION,
+    POLYNOMIAL,
+    WAVES,
+    NonparametricEffect,
+    chebyshev,
+    dependence,
+)
 
 BASE = "base"
+# Smooth function of two readings, and of stop operators of the joint's own reading.
+SURFACE, HISTORY = "surface", "history"
 _MM = 1e-3
 _PLAUSIBLE_RAD, _PLAUSIBLE_M = 3e-4, 2e-4
 _SMOOTH, _WAVES_OF_TIME, _WAVES_OF_TRAVEL = (1, 2, 3), (2, 4, 8), (4, 8)
+# Degrees in the two inputs of a surface's terms, by their sum; all of sum 2, or of sum 3.
+_TERMS = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
+_SURFACES = 5, 9
 _OF_BASE = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
 
 
@@ -36,7 +50,8 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
     is_angle: bool = True
 
     reach = 10.0
-    boundless = frozenset({POLYNOMIAL, WAVES})
+    boundless = frozenset({POLYNOMIAL, WAVES, SURFACE, HISTORY})
+    letters = NonparametricEffect.letters | {SURFACE: "term", HISTORY: "stop"}
 
     @property
     def step(self) -> Step:  # type: ignore[override]
@@ -62,6 +77,10 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
                 own = machine.conditions.columns[k]
                 bare = replace(self, joint=name, is_angle=bool(machine.tree.is_revolute[k]))
                 found += self._of(bare, _of_joint(columns, own), columns, len(machine.readings))
+                read = [column for column in machine.conditions.columns if column in columns]
+                found += self._of(bare, _of_two(read), columns, len(machine.readings))
+                if MEMORY in machine.conditions.covariates:
+                    found += self._of(bare, iter([((own,), HISTORY, len(STOPS))]), columns, len(machine.readings))
         return found + self._of(replace(self, joint=""), _of_base(columns), columns, len(machine.readings))
 
     def _of(
@@ -86,11 +105,27 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         """Return the inputs scaled to -1 .. 1, held at the ends beyond their ranges."""
         return [np.clip(own, -1.0, 1.0) for own in super().scaled(value)]
 
+    @property
+    def is_persistent(self) -> bool:
+        """True if the effect stays with the machine; False if it depends on time or on the poses before."""
+        return super().is_persistent and self.form != HISTORY
+
+    def basis(self, value: Callable[[str], NDArray]) -> NDArray:
+        """Return the values (B, m) of the basis functions at inputs (B,)."""
+        if self.form != SURFACE:
+            return super().basis(value)
+        degree = max(sum(term) for term in _TERMS[: self.degree])
+        first, second = (np.insert(chebyshev(own, degree), 0, 1.0, axis=-1) for own in self.scaled(value))
+        return np.stack([first[..., i] * second[..., j] for i, j in _TERMS[: self.degree]], -1)
+
     def deviations(self, machine: ChainInputs) -> NDArray | None:
         """Return the functions' values as deviations of the joint; None for the base."""
         if not self.joint:
             return None
-        return machine.of_joint(machine.tree.readings.index(self.joint), self.basis(partial(_values_of, machine)))
+        reading = machine.tree.readings.index(self.joint)
+        if self.form == HISTORY:
+            return machine.of_joint(reading, machine.conditions.covariates[MEMORY][:, reading])
+        return machine.of_joint(reading, self.basis(partial(_values_of, machine)))
 
     def twists(self, machine: ChainInputs) -> NDArray | None:
         """Return the functions' values as motions of the base; None for a joint."""
@@ -131,6 +166,11 @@ def _of_joint(columns: dict[str, NDArray], own: str) -> Iterator[tuple[tuple[str
             yield (column, own), POLYNOMIAL, 1
     for column, counts in ((TIME, _WAVES_OF_TIME), (ORDER, _WAVES_OF_TIME), (own, _WAVES_OF_TRAVEL)):
         yield from (((column,), WAVES, count) for count in counts if column in columns)
+
+
+def _of_two(readings: Sequence[str]) -> Iterator[tuple[tuple[str, ...], str, int]]:
+    """Yield inputs, form and degree of all functions of two readings."""
+    yield from ((pair, SURFACE, terms) for pair in combinations(readings, 2) for terms in _SURFACES)
 
 
 def _of_base(columns: dict[str, NDArray]) -> Iterator[tuple[tuple[str, ...], str, int]]:
