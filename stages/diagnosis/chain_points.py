@@ -381,7 +381,8 @@ def _known(
     is_base_seen = bool((channels.node == 0).any())
     is_surveyed = np.asarray(np.isfinite(measured.surveyed).all(1))
     base_known = is_base_seen and bool(is_surveyed[channels.node == 0].all())
-    is_known = tolerance.length_mm is not None or tolerance.angle_deg is not None
+    is_toleranced = np.repeat([tolerance.length_mm is not None, tolerance.angle_deg is not None], TWIST // 2)
+    is_known = bool(is_toleranced.any())
     modes, known, ends = _shape_modes(measured, tree, sigma if is_known else None)
     last = max(k for k, node in enumerate(tree.nodes) if node.parent >= 0)
     tip = tree.links.get(section.tip or "", last)
@@ -389,7 +390,7 @@ def _known(
         start.base_R,
         start.base_t,
         is_base_free,
-        _geometry(tree, sigma, not base_known, is_known),
+        _geometry(tree, sigma, not base_known, is_toleranced),
         is_known,
         offsets.astype(float),
         start.shape,
@@ -405,12 +406,12 @@ def _known(
     )
 
 
-def _geometry(tree: Tree, sigma: NDArray, is_base_free: bool, is_known: bool) -> Array:
+def _geometry(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask) -> Array:
     """Twists (N, 6, Q) per prior sigma of all distinguishable errors of the links, those in loops included."""
-    modes = geometry_modes(tree, sigma, is_base_free, is_known=is_known)
+    modes = geometry_modes(tree, sigma, is_base_free, known)
     if isinstance(tree, ClosedTree):
         zeros = np.moveaxis(tree.axis_twists, 0, -1)
-        others = zeros[..., :0] if is_known else np.concatenate([zeros, modes], -1)
+        others = zeros[..., :0] if known.any() else np.concatenate([zeros, modes], -1)
         modes = np.concatenate([modes, tree.closing_modes(sigma, others)], -1)
     return modes
 

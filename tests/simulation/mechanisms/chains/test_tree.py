@@ -215,3 +215,16 @@ def test_constant_twists_are_taken_into_the_transforms() -> None:
     tree, rng = branched(), np.random.default_rng(6)
     q, twists = rng.normal(size=(3, 3)), 0.1 * rng.normal(size=(tree.size, 6))
     assert_close(tree.with_twists(twists).frames(q).t, tree.frames(q, twists[None]).t, atol=1e-13)
+
+
+def test_no_tolerance_of_a_joint_is_left_out_but_that_of_its_own_zero() -> None:
+    sigma, axes, kinds = np.array([2e-4] * 3 + [5e-4] * 3), np.eye(3)[[2, 1, 0]], ("revolute", "prismatic", "revolute")
+    nodes = [Node("", "base", -1, np.eye(3), np.zeros(3))]
+    for k, (axis, kind) in enumerate(zip(axes, kinds, strict=True)):
+        place = np.array([0.1, 0.2, 0.3])
+        nodes.append(Node(f"j{k}", f"link{k}", k, np.eye(3), place, JointKind(kind), axis, f"j{k}"))
+    tree = Tree(tuple(nodes), ("j0", "j1", "j2"))
+    modes = geometry_modes(tree, sigma, False, np.ones(6, bool))
+    for k in (1, 2, 3):
+        own_zero = sigma * axis_twist(tree.nodes[k])
+        assert_close(modes[k] @ modes[k].T + np.outer(own_zero, own_zero), np.diag(sigma**2), atol=1e-20, what="m2")

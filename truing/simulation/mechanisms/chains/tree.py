@@ -235,7 +235,7 @@ def axis_twist(node: Node) -> Array:
     return found
 
 
-def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, *, is_known: bool = False) -> Array:
+def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask | None = None) -> Array:
     """Return twists (N, 6, Q) per prior sigma of all distinguishable errors of the links' geometry.
 
     ``sigma`` (6,) is that of the shifts, m, and of the rotations, rad. The parametrisation is complete and continuous,
@@ -244,12 +244,13 @@ def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, *, is_known: 
     axis into the next link, and the zero of the joint below. Where a link carries several joints, the first one leaves
     out that zero; the others may be turned against it. Without ``is_base_free`` the base's place is known.
 
-    If ``sigma`` is a tolerance (``is_known``), that zero is not left out: a link that is off sideways turns what it
-    carries as the zero below would, and only their tolerances share the error between the two.
+    ``known`` (6,) marks the entries of ``sigma`` that are tolerances. Of these only the joint's own zero is left out.
+    What two numbers do alike then has the tolerances of both: a number left out would take its tolerance with it, and
+    a zero within the tolerances be called off.
     """
     found: list[Array] = []
     carried: set[int] = set()
-    is_base_left = is_base_free
+    is_base_left, free = is_base_free, np.ones(TWIST, bool) if known is None else ~known
     for j, node in enumerate(tree.nodes):
         below = tree.moving_parent(j)
         if node.kind is JointKind.FIXED or node.reading != node.joint or node.joint not in tree.readings:
@@ -257,8 +258,8 @@ def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, *, is_known: 
         if below < 0 and is_base_left:  # the base's place stands for the frame of one joint on it, not of others
             is_base_left = False
             continue
-        same = [*_passing(node)]
-        if below >= 0 and below not in carried and not is_known:
+        same = [axis_twist(node), *(way for way in _passing(node) if way[free].any())]
+        if below >= 0 and below not in carried and free.all():
             same.append(_seen_from(tree, below, j))
             carried.add(below)
         wide = sigma > 0.0
