@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from truing.arrays import Mask
 from truing.estimation.rotation import exp_so3
 from truing.formats.faultlog import FaultLog
 from truing.formats.mjcf import read_mjcf
@@ -256,11 +257,11 @@ def _check_loops(tree: Tree, table: pa.Table, log: FaultLog) -> None:
     if not isinstance(tree, ClosedTree) or any(joint_column(tree, joint, names) is None for joint in tree.readings):
         return
     readings = joint_readings(tree, table)
-    open_ = np.isfinite(readings).all(1)
-    open_[open_] = ~tree.closes(readings[open_])
-    for pose in table.column("pose").filter(pa.array(open_)).to_pylist():
+    is_read: Mask = np.asarray(np.isfinite(readings).all(1))
+    is_open = is_read & ~tree.closes(np.nan_to_num(readings))
+    for pose in table.column("pose").filter(pa.array(is_open)).to_pylist():
         text = "readings at which the loops of the chain close; check units, signs and zeros of the joints"
-        log.add(Fault("configurations.csv", text, column="pose", value=pose))
+        log.add(Fault("configurations.csv", text, column="pose", value=str(pose)))
 
 
 def _check_gears(settings: Any, tree: Tree, log: FaultLog) -> None:

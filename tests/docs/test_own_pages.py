@@ -20,7 +20,7 @@ from truing.schemas.campaign import read_campaign
 from truing.schemas.quality_checks import CHECKS, checks_of
 
 POINTS = {"P01": (100.002, 0.011, 50.003), "P02": (-99.987, 0.008, 50.001), "P03": (0.004, 120.01, 49.998)}
-PAGES = ("own-cause", "own-mechanism", "own-instrument", "own-format", "own-check", "own-section")
+PAGES = ("own-cause", "own-mechanism", "own-loops", "own-instrument", "own-format", "own-check", "own-section")
 
 
 def _page(name: str) -> str:

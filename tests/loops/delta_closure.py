@@ -1,20 +1,14 @@
-"""Loops of a delta robot, as a lab writes them."""
+"""The class of docs/own-loops.md, as a lab's package holds it."""
 
-import numpy as np
+from __future__ import annotations
 
+import re
+
+from tests.conftest import PROJECT
 from truing.simulation.mechanisms.chains.closed_tree import LoopClosure
 
-
-class Delta(LoopClosure):
-    """Each forearm reaches from its elbow to its ball on the platform; parallelograms keep the platform level."""
-
-    name = "delta"
-    passive = ("platform_x", "platform_y", "platform_z")
-    links = tuple(f"{part}_{k}" for part in ("forearm", "forearm_end", "ball") for k in (1, 2, 3))
-
-    def gaps(self, at):
-        """Return squared distance of ball and elbow less the squared length of the forearm (..., 3), m2."""
-        elbow, end, ball = (
-            np.stack([at[f"{part}_{k}"] for k in (1, 2, 3)], -2) for part in ("forearm", "forearm_end", "ball")
-        )
-        return np.sum((ball - elbow) ** 2, -1) - np.sum((end - elbow) ** 2, -1)
+_PAGE = (PROJECT / "docs" / "own-loops.md").read_text(encoding="utf-8")
+(_CODE,) = re.findall(r"^`delta_loops.py`\n\n```python\n(.*?)```", _PAGE, re.M | re.S)
+_names: dict[str, type[LoopClosure]] = {}
+exec(_CODE, _names)
+Delta = _names["Delta"]
