@@ -51,7 +51,7 @@ def frames_figure(table: pd.DataFrame) -> go.Figure:
     lower, upper = leg_joints(table)
     size = float(np.linalg.norm(np.concatenate([lower, upper])[:, :2], axis=1).max())
     tall = float(np.ptp(np.concatenate([lower, upper])[:, 2])) / (2.0 * size)
-    away = max(1.0, 1.7 * tall)  # of the camera: a machine taller than wide would leave the view
+    away = max(1.0, 1.1 * tall)  # of the camera: a machine taller than wide would leave the view
     figure = go.Figure([*_legs(lower, upper), *_axes(table, size)])
     style(
         figure,
