@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -43,11 +44,14 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests of slow folders and fixtures."""
-    slow = tuple(TESTS / name for name in SLOW)
     for item in items:
-        in_folder = any(item.path.is_relative_to(place) for place in slow)
-        if in_folder or SLOW_FIXTURES & set(getattr(item, "fixturenames", ())):
+        if _in_slow_folder(item.path) or SLOW_FIXTURES & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.slow)
+
+
+@cache
+def _in_slow_folder(path: Path) -> bool:
+    return any(path.is_relative_to(TESTS / name) for name in SLOW)
 
 
 def pytest_collection_finish() -> None:

@@ -185,7 +185,7 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
     write_campaign(folder / "second", *measured(np.random.default_rng(2)), campaign_toml(more=BEAMS))
     write_campaign(folder / "plated", *measured(np.random.default_rng(3)), campaign_toml(more=BEAMS + PLATES))
     for number, (notation, instrument) in enumerate(ARMS):
-        arm = draw(number, notation=notation, instrument=instrument, causes=(), poses=40)
+        arm = draw(number, notation=notation, instrument=instrument, causes=(), poses=20)
         write_arm(arm, folder / f"arm-{notation}")
     views: dict[str, list[SettingsView]] = {}
 
