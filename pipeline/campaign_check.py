@@ -32,6 +32,7 @@ class CampaignCheck:
     attention: tuple[str, ...] = ()
     rows: int = 0  # of the object points
     is_evaluated: bool = True  # by any stage except qa
+    ingested: Mapping[str, Any] | None = None  # all tables of ingest; None if they are too large to be kept
 
 
 def check_campaign(campaign: CampaignFolder) -> CampaignCheck:
@@ -56,7 +57,7 @@ def check_campaign(campaign: CampaignFolder) -> CampaignCheck:
     doubts = (*filter(None, (unconfirmed(campaign.file),)), *attention(run.settings, found))
     statements = tuple(map(str, expected)), doubts
     is_evaluated = not nothing_evaluated(expected) or has_repeats(run.settings, found)
-    return CampaignCheck(raw.read, *statements, rows, is_evaluated)
+    return CampaignCheck(raw.read, *statements, rows, is_evaluated, raw.ingested)
 
 
 def check_before_photographs(run: CampaignRun) -> None:
@@ -84,6 +85,8 @@ class _Raw:
     tables: dict[str, Any] = field(default_factory=dict)
     targets: dict[str, Counter[object]] = field(default_factory=dict)
     names: dict[str, dict[str, None]] = field(default_factory=dict)
+    ingested: dict[str, Any] | None = None
+    _streamed: dict[str, list[Any]] = field(default_factory=dict)
 
     @property
     def read(self) -> str:
@@ -101,14 +104,36 @@ class _Raw:
             yield batch
 
     def keep(self, artifacts: Mapping[str, Any]) -> dict[str, Any]:
-        """Keep the small tables, and wrap the stream of observations so that it is counted."""
+        """Keep the small tables, and wrap streams so that they are kept, too, and observations counted."""
         import pyarrow as pa
 
         self.tables |= {name: content for name, content in artifacts.items() if isinstance(content, pa.Table)}
-        stream = artifacts.get("observations")
-        if not isinstance(stream, pa.RecordBatchReader):
-            return dict(artifacts)
-        return {**artifacts, "observations": pa.RecordBatchReader.from_batches(stream.schema, self.counted(stream))}
+        streams = {name: content for name, content in artifacts.items() if isinstance(content, pa.RecordBatchReader)}
+        watched = {name: self._kept(name, stream) for name, stream in streams.items()}
+        if "observations" in watched:
+            watched["observations"] = self.counted(watched["observations"])
+        readers = {n: pa.RecordBatchReader.from_batches(streams[n].schema, each) for n, each in watched.items()}
+        return {**artifacts, **readers}
+
+    def _kept(self, name: str, batches: Any) -> Iterator[Any]:
+        own = self._streamed.setdefault(name, [])
+        for batch in batches:
+            if _rows(own) <= _MOST_ROWS:
+                own.append(batch)
+            yield batch
+
+    def keep_ingested(self, artifacts: Mapping[str, Any]) -> None:
+        """Keep all tables of ingest, whose streams have been read, for the quality checks; none of large campaigns."""
+        import pyarrow as pa
+
+        streams = {name: content for name, content in artifacts.items() if isinstance(content, pa.RecordBatchReader)}
+        if all(_rows(self._streamed[name]) <= _MOST_ROWS for name in streams):
+            read = {n: pa.Table.from_batches(self._streamed[n], each.schema) for n, each in streams.items()}
+            self.ingested = {**artifacts, **read}
+
+
+def _rows(batches: list[Any]) -> int:
+    return sum(map(len, batches))
 
 
 def _read_raw(run: CampaignRun, *, measure: bool = True) -> _Raw:
@@ -131,6 +156,8 @@ def _read_raw(run: CampaignRun, *, measure: bool = True) -> _Raw:
                 continue
             outcome = run.outcome(stage, lambda done, total, what: None)
             drain(raw.keep(outcome.artifacts))
+            if stage.name == "ingest":
+                raw.keep_ingested(outcome.artifacts)
             raw.messages.append(f"read {outcome.read}; left out {outcome.left_out}")
         except CampaignFaults as error:
             faults += error.faults
@@ -197,7 +224,7 @@ def report_check(place: Path) -> ExitCode:
     campaign = open_campaign(place)
     found, console = check_campaign(campaign), RunConsole(quiet=False)
     unrelated = campaign.has_photographs or found.rows > _MOST_ROWS
-    apart, doubtful = ((), ()) if unrelated else _contradictions(place)
+    apart, doubtful = ((), ()) if unrelated else _contradictions(place, found.ingested)
     verdict = "no fault" if found.is_evaluated else "only the quality checks can be evaluated"
     if apart:
         verdict = "the files can be read, but the data contradict the campaign's description"
@@ -209,12 +236,20 @@ def report_check(place: Path) -> ExitCode:
     return ExitCode.FAILED_CHECK if apart else ExitCode.DONE
 
 
-def _contradictions(place: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Messages of quality checks that contradict the campaign's description, failed or in doubt."""
-    from truing.pipeline.in_memory import stage_line
+def _contradictions(place: Path, ingested: Mapping[str, Any] | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Messages of quality checks that contradict the campaign's description, failed or in doubt.
+
+    ``ingested``: tables of ingest, which takes long for scans; read again if None.
+    """
+    from truing.pipeline.in_memory import as_read, stage_line
     from truing.stages.common.belonging import failed_relations
 
-    made = stage_line(place).call("ingest", "qa").tables
+    line = stage_line(place)
+    if ingested is None:
+        line.call("ingest")
+    else:
+        line.tables |= {name: as_read(table) for name, table in ingested.items()}
+    made = line.call("qa").tables
     tables = {name: table for name, table in made.items() if not isinstance(table, str)}
     checks, relations = (tables[name].to_pylist() if name in tables else [] for name in ("qa", "belonging"))
     failed = failed_relations(tables)

@@ -54,10 +54,10 @@ def call_stage(name: str, tables: Mapping[str, pa.Table | str], settings: Campai
     wanted = {bare(read) for read in stage.DECLARATION.reads}
     given = {key: table for key, table in tables.items() if key in wanted}
     outcome: Outcome = stage.run(given, SettingsView(settings, stage.DECLARATION.settings), lambda *_: None, *more)
-    return replace(outcome, artifacts={key: _as_read(left) for key, left in outcome.artifacts.items()})
+    return replace(outcome, artifacts={key: as_read(left) for key, left in outcome.artifacts.items()})
 
 
-def _as_read(left: pa.Table | pa.RecordBatchReader | str) -> pa.Table | str:
+def as_read(left: pa.Table | pa.RecordBatchReader | str) -> pa.Table | str:
     """A stream as one table, and text columns without dictionary."""
     if isinstance(left, str):
         return left

@@ -13,7 +13,9 @@ from tests.sentences import assert_says
 from truing.pipeline.campaign_check import check_campaign
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.command_line import app
+from truing.pipeline.in_memory import as_read, stage_line
 from truing.pipeline.problems import ExitCode
+from truing.pipeline.stage_order import stage_module
 from truing.schemas.faults import Fault
 
 HEAD = '[campaign]\nname = "c"\nkind = "photogrammetry"\n'
@@ -349,3 +351,19 @@ def test_readings_that_depart_from_poses_are_told(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["check", str(folder)])
     assert done.exit_code == ExitCode.DONE, done.output
     assert_says(done.output, "attention", "Actuator readings", "measured poses")
+
+
+@pytest.mark.parametrize("subject", ["telescope", "bench"])
+def test_files_are_read_once_and_the_quality_checks_see_what_a_run_sees(
+    subject: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = CAMPAIGNS[subject](tmp_path / "c")
+    again = stage_line(folder).call("ingest").tables
+    kept = check_campaign(open_campaign(folder)).ingested
+    assert kept is not None
+    assert {name: as_read(table) for name, table in kept.items()} == again
+    ingest, calls = stage_module("ingest"), []
+    original = ingest.run
+    monkeypatch.setattr(ingest, "run", lambda *given: calls.append(given) or original(*given))
+    assert CliRunner().invoke(app, ["check", str(folder)]).exit_code == ExitCode.DONE
+    assert len(calls) == 1
