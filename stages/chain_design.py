@@ -15,17 +15,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from truing.arrays import Array
-from truing.calibration.chain_design import (
-    CauseSight,
-    PlannedPoses,
-    Remedy,
-    cause_sights,
-    choose_chain_poses,
-    hidden_combinations,
-    observability_of,
-    rest_apart,
-)
-from truing.estimation.design.pose_order import PoseOrder, order_poses
+from truing.calibration.chain_design import PlannedPoses, choose_chain_poses
 from truing.estimation.design.pose_selection import bound_design, efficiency, sum_log_det
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.simulation.mechanisms.chains.causes import ChainCause, JointOffset
@@ -43,8 +33,9 @@ from truing.stages.common.chain_candidates import (
 )
 from truing.stages.common.chain_tables import joint_readings, tree_of
 from truing.stages.common.missing_data import HELD_OUT
-from truing.stages.configurations.chain_poses import APART, ChainDesign, ChainDesignTables, ShownByPoses
-from truing.stages.configurations.tables import first_number
+from truing.stages.configurations.chain_plan import ordered_poses, plan_table, poses_to_fit, verification_poses
+from truing.stages.configurations.chain_poses import ChainDesign, ChainDesignTables
+from truing.stages.configurations.chain_visibility import shown_by
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -53,7 +44,6 @@ if TYPE_CHECKING:
 
 _CANDIDATES = 1200
 _PROBES = 200  # candidates that decide whether other poses, or another payload, would show something
-_NEW_PAYLOAD_KG = 1.0  # beside no payload, where the campaign has none
 _PLAN_POSES = 12  # least number of poses of a campaign that are evaluated
 
 
@@ -73,11 +63,12 @@ def design_chain(settings: Campaign, options: DesignOptions, tables: ChainDesign
     kept_readings, kept = _kept(with_causes, settings, tables, tree)
     found = choose_chain_poses(rows, options.poses, kept, options.method, rng)
     chosen = drawn[found.chosen]
-    check = _verification(drawn, chosen, ranges, options.verification)
+    check = verification_poses(drawn, chosen, ranges, options.verification)
     whole = np.concatenate([chosen, check])
-    order = _ordered(whole, ranges, kept_readings, options, rng)
-    table = _plan_table(ranges, whole, order, options, tables.extend)
-    everything = _measured_poses(ranges, kept_readings, table)
+    order = ordered_poses(whole, ranges, kept_readings, options, rng)
+    table = plan_table(ranges, whole, order, options, tables.extend)
+    everything = poses_to_fit(ranges, kept_readings, table)
+    measured = _planned(layout, settings, everything, joint_readings(tree, everything))
     probes = _subset(offered, slice(0, _PROBES))
     own = _own_poses(data, given, settings, tree, layout)
     return ChainDesign(
@@ -90,8 +81,8 @@ def design_chain(settings: Campaign, options: DesignOptions, tables: ChainDesign
         0 if kept_readings is None else len(kept_readings),
         order,
         None if own is None or len(layout.model.known.base_t) > 1 else _existing(with_causes, own, rows),
-        None if own is None else _shown(own, probes, settings, ranges),
-        _shown(_planned(layout, settings, everything, joint_readings(tree, everything)), probes, settings, ranges),
+        None if own is None else shown_by(own, probes, _candidate_causes(own, settings), ranges),
+        shown_by(measured, probes, _candidate_causes(measured, settings), ranges),
         options.causes,
     )
 
@@ -202,44 +193,6 @@ def _kept(
     return readings, _planned(poses, settings, table, readings).information
 
 
-def _verification(drawn: NDArray, chosen: NDArray, ranges: JointRanges, count: int) -> Array:
-    """Candidates far from the chosen poses and from each other, in shares of the ranges of the joints."""
-    apart = np.abs((drawn[:, None] - chosen) / ranges.width).max(-1).min(1)
-    found: list[int] = []
-    for _ in range(count):
-        found.append(int(np.argmax(apart)))
-        apart = np.minimum(apart, np.abs((drawn - drawn[found[-1]]) / ranges.width).max(-1))
-    return np.asarray(drawn[found])
-
-
-def _ordered(
-    readings: NDArray, ranges: JointRanges, kept: Array | None, options: DesignOptions, rng: np.random.Generator
-) -> PoseOrder:
-    """Order in which no function of a reading follows time: the reading, its sine and its cosine."""
-    share = (readings - ranges.low) / ranges.width
-    start = np.full(share.shape[1], 0.5) if kept is None else (kept[-1] - ranges.low) / ranges.width
-    groups = np.stack([readings, np.sin(readings), np.cos(readings)], -1).transpose(1, 0, 2)
-    return order_poses(share, start, groups, rng, options.trade_off)
-
-
-def _plan_table(
-    ranges: JointRanges, readings: NDArray, order: PoseOrder, options: DesignOptions, extend: pa.Table | None
-) -> pa.Table:
-    roles = np.repeat(["calibration", HELD_OUT], [options.poses, options.verification])[order.order].tolist()
-    return ranges.table(
-        readings[order.order],
-        pose=pa.array(np.arange(len(readings)) + first_number(extend)),
-        role=pa.array(roles, pa.string()),
-    )
-
-
-def _measured_poses(ranges: JointRanges, kept: NDArray | None, table: pa.Table) -> pa.Table:
-    """Poses that are kept and those of a plan, without those for verification."""
-    own = table.filter(pc.not_equal(table.column("role"), HELD_OUT)).select([c.name for c in ranges.columns])
-    whole = own if kept is None else pa.concat_tables([ranges.table(kept), own])
-    return whole.append_column("pose", pa.array(np.arange(len(whole))))
-
-
 def _own_poses(
     data: DiagnosisData[Any], given: Mapping[str, pa.Table], settings: Campaign, tree: Tree, layout: PlannedPoses
 ) -> PlannedPoses | None:
@@ -258,107 +211,3 @@ def _existing(offered: PlannedPoses, own: PlannedPoses, rows: NDArray) -> float:
     prior = np.eye(rows.shape[-1])[None]
     bound = bound_design(rows[:, None], len(own.conditions.readings), prior, gap=1e-4)
     return efficiency(sum_log_det(poses.information + prior), bound.upper, rows.shape[-1])
-
-
-def _shown(poses: PlannedPoses, probes: PlannedPoses, settings: Campaign, ranges: JointRanges) -> ShownByPoses:
-    unknowns, seen = observability_of(poses)
-    prior = seen.scales
-    numbers = {
-        "kind": [str(own.kind) for own in unknowns],
-        "subject": [own.subject for own in unknowns],
-        "parameter": [own.parameter for own in unknowns],
-        "unit": [own.unit for own in unknowns],
-        "tolerance": pa.array([own.scale if own.is_known else None for own in unknowns], pa.float64()),
-        "sigma_data_alone": pa.array([s if np.isfinite(s) else None for s in seen.sigma], pa.float64()),
-        "sigma_expected": seen.sigma_with_prior,
-        "identifiable": seen.sigma_with_prior < _DETERMINED * prior,
-    }
-    hidden = hidden_combinations(poses, probes)
-    rows = [
-        (one, ranges.table(probes.conditions.readings[list(one.poses)], times=pa.array(one.times, pa.int64())))
-        for one in hidden
-    ]
-    causes = _candidate_causes(poses, settings)
-    return ShownByPoses(
-        len(poses.conditions.readings), pa.table(numbers), _cause_table(poses, probes, causes), tuple(rows)
-    )
-
-
-# The data determine a number if they reduce its prior standard deviation to less than this share (as in the diagnosis).
-_DETERMINED = 0.7
-
-
-def _cause_table(poses: PlannedPoses, probes: PlannedPoses, causes: Sequence[ChainCause]) -> pa.Table:
-    """A row per parameter of each cause: its expected sigma, and the cause most like it with what would separate
-    them."""
-    sights = cause_sights(poses, causes)
-    apart = rest_apart(sights)
-    nearest = apart.argmin(1) if len(sights) > 1 else np.zeros(len(sights), int)
-    alike = [k for k in range(len(sights)) if sights[k].signal >= APART > apart[k, nearest[k]]]
-    scale = np.sqrt(len(poses.conditions.readings) / len(probes.conditions.readings))
-    remedies = _remedies(probes, [(causes[k], causes[nearest[k]]) for k in alike], float(scale))
-    remedy = dict(zip(alike, remedies, strict=True))
-    rows: list[dict[str, Any]] = []
-    for k, sight in enumerate(sights):
-        rows += _cause_rows(
-            sight, poses.model.part_count, sights[nearest[k]].cause, float(apart[k, nearest[k]]), remedy.get(k)
-        )
-    schema = pa.schema(
-        [
-            *((name, pa.string()) for name in ("cause", "subject", "parameter", "unit")),
-            *((name, pa.float64()) for name in ("plausible", "sigma_expected", "signal", "visible_share", "order")),
-            *((name, pa.string()) for name in ("most_like", "most_like_subject")),
-            ("most_like_order", pa.float64()),
-            ("apart", pa.float64()),
-            ("separated_by", pa.string()),
-        ]
-    )
-    return pa.Table.from_pylist(rows, schema=schema)
-
-
-def _cause_rows(
-    sight: CauseSight, parts: int, other: ChainCause, apart: float, remedy: Remedy | None
-) -> list[dict[str, Any]]:
-    cause = sight.cause
-    common = {"cause": cause.id, "subject": cause.subject, "signal": sight.signal}
-    common |= {"visible_share": sight.visible}
-    common |= {"order": _order_of(cause)}
-    if other is not cause:
-        common |= {"most_like": other.id, "most_like_subject": other.subject, "apart": apart}
-        common |= {"most_like_order": _order_of(other)}
-    common |= {"separated_by": None if remedy is None else str(remedy)}
-    return [
-        {
-            **common,
-            "parameter": p.name,
-            "unit": p.unit,
-            "plausible": p.scale / p.si,
-            "sigma_expected": float(s * p.scale / p.si) if np.isfinite(s) else None,
-        }
-        for p, s in zip(cause.parameters(parts), sight.sigma, strict=True)
-    ]
-
-
-def _order_of(cause: ChainCause) -> float | None:
-    return float(cause.order) if isinstance(cause, JointHarmonic) else None
-
-
-def _remedies(probes: PlannedPoses, pairs: Sequence[tuple[ChainCause, ChainCause]], scale: float) -> list[Remedy]:
-    """What separates the effects of two causes: as many poses anywhere within the ranges, these with two payloads, or
-    neither. ``scale``: root of the number of poses per probe."""
-    if not pairs:
-        return []
-    causes = list({cause.key: cause for pair in pairs for cause in pair}.values())
-    place = {cause.key: k for k, cause in enumerate(causes)}
-    tried = [(Remedy.POSES, probes)]
-    if probes.model.known.gravity is not None:
-        usual = float(np.median(probes.conditions.payload_kg))
-        payload = probes.conditions.payload_kg.copy()
-        payload[::2] = 0.0
-        payload[1::2] = usual or _NEW_PAYLOAD_KG
-        tried.append((Remedy.PAYLOAD, replace(probes, conditions=replace(probes.conditions, payload_kg=payload))))
-    found = [(remedy, scale * rest_apart(cause_sights(poses, causes))) for remedy, poses in tried]
-    return [
-        next((remedy for remedy, apart in found if apart[place[a.key], place[b.key]] >= APART), Remedy.NOTHING)
-        for a, b in pairs
-    ]
