@@ -21,6 +21,7 @@ from truing.calibration.calibration_input import CalibrationData
 from truing.calibration.calibration_question import cases
 from truing.calibration.fits import MachineCalibration, implicit, maximum_likelihood
 from truing.calibration.model_cases import screened
+from truing.pipeline.console import RunConsole
 from truing.pipeline.run_campaign import RunOptions, StageSelection, run_campaigns
 from truing.schemas.campaign import Campaign, read_campaign
 from truing.simulation.mechanisms.structures.catalogue import structures
@@ -35,7 +36,7 @@ def tables() -> tuple[dict[str, object], Campaign]:
     campaign = read_campaign(tomllib.loads((CAMPAIGN / "campaign.toml").read_text(encoding="utf-8")))
     with tempfile.TemporaryDirectory() as folder:
         wish = RunOptions(StageSelection(None, "deformation", False), distrust=False, accept_failed_checks=True)
-        if run_campaigns([CAMPAIGN], Path(folder), wish, quiet=True):
+        if run_campaigns([CAMPAIGN], Path(folder), wish, RunConsole(quiet=True)):
             raise SystemExit("the sample campaign did not run")
         names = [name.rstrip("?") for name in stage.DECLARATION.reads]
         return {name: pq.read_table(Path(folder) / f"{name}.parquet") for name in names}, campaign

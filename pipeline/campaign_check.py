@@ -219,19 +219,22 @@ def _remove(document: Mapping[str, Any], dotted: str) -> bool:
     return True
 
 
-def report_check(place: Path) -> ExitCode:
+def report_check(place: Path, console: RunConsole) -> ExitCode:
     """`truing check` for one campaign: print the evaluable stages, or raise CampaignFaults."""
     campaign = open_campaign(place)
-    found, console = check_campaign(campaign), RunConsole(quiet=False)
+    found = check_campaign(campaign)
     unrelated = campaign.has_photographs or found.rows > _MOST_ROWS
     apart, doubtful = ((), ()) if unrelated else _contradictions(place, found.ingested)
     verdict = "no fault" if found.is_evaluated else "only the quality checks can be evaluated"
     if apart:
         verdict = "the files can be read, but the data contradict the campaign's description"
+    attention = (*found.attention, *doubtful)
+    told = {"file": str(campaign.file), "result": verdict, "contradictions": apart, "prospects": found.prospects}
+    console.tell("campaigns", {**told, "attention": attention})
     console.line(f"{campaign.file}: {verdict}; {found.read}")
     for line in apart or found.prospects:
         console.line(line)
-    for sentence in (*found.attention, *doubtful):
+    for sentence in attention:
         console.line(f"attention: {sentence}")
     return ExitCode.FAILED_CHECK if apart else ExitCode.DONE
 

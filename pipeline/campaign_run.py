@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -219,15 +219,15 @@ class CampaignRun:
         self.manifest.save(self.folder / PRIVATE / "ledger.json")
         self.digest_cache.save()
 
-    def verdict_words(self, stages: tuple[Stage, ...]) -> str:
-        """State, deciding section and sentence of the campaign's verdict; empty without one among these stages.
+    def verdict(self, stages: tuple[Stage, ...]) -> dict[str, str]:
+        """State, deciding section and explanation of the campaign's verdict; empty without one among these stages.
 
-        The words are remembered, because reading a table takes longer than everything else of a run with nothing to do.
+        They are remembered, because reading a table takes longer than everything else of a run with nothing to do.
         """
         digests = (entry.artifacts[_VERDICT] for entry in self._entries(stages) if _VERDICT in entry.artifacts)
         digest = next(digests, None)
         if digest is None:
-            return ""
+            return {}
         known = self.digest_cache.fact(f"verdict {digest}")
         if known is None:
             from truing.pipeline.artifacts import table_of
@@ -235,8 +235,7 @@ class CampaignRun:
             table = table_of(self.folder, _VERDICT)
             known = {} if table is None else {key: table.to_pylist()[0][key] for key in _TOLD}
             self.digest_cache.note(f"verdict {digest}", known)
-        by = f" ({known['decided_by']})" if known.get("decided_by") else ""
-        return f"{known['state']}{by}. {known['explanation']}" if known else ""
+        return {key: known[key] or "" for key in _TOLD} if known else {}
 
     def failed_checks(self, stages: tuple[Stage, ...]) -> tuple[str, ...]:
         """Failed checks in the last success of these stages."""
@@ -268,6 +267,12 @@ def _check_artifacts(stage: Stage, outcome: Outcome) -> None:
 def _names_of(campaign: CampaignFolder) -> tuple[str, ...]:
     """Stages of a campaign, in order."""
     return order_of(campaign.kind, photographs=campaign.has_photographs, second=campaign.has_second)
+
+
+def verdict_line(verdict: Mapping[str, str | None]) -> str:
+    """The campaign's verdict as one line: state, deciding section, explanation."""
+    by = f" ({verdict['decided_by']})" if verdict["decided_by"] else ""
+    return f"verdict: {verdict['state']}{by}. {verdict['explanation']}"
 
 
 def detached_run(campaign: CampaignFolder) -> CampaignRun:

@@ -13,6 +13,7 @@ from truing.pipeline import command_options as option
 from truing.pipeline.problems import ExitCode
 
 if TYPE_CHECKING:
+    from truing.pipeline.console import RunConsole
     from truing.pipeline.executor import Workforce
 
 
@@ -84,6 +85,8 @@ def run(
     qa: option.Gate = option.QaGate.FAIL,
     check: option.ReadAnew = False,
     quiet: option.Quiet = False,
+    verbose: option.Verbose = False,
+    json: option.Json = False,
     workers: option.Workers = None,
     scheduler: option.Scheduler = None,
 ) -> None:
@@ -103,9 +106,13 @@ def run(
     if first is not None and only is not None:
         raise typer.BadParameter("--from and --only exclude each other")
     options = RunOptions(
-        StageSelection(first, only, force), distrust=check, accept_failed_checks=qa is option.QaGate.WARN
+        StageSelection(first, only, force),
+        distrust=check,
+        accept_failed_checks=qa is option.QaGate.WARN,
+        verbose=verbose,
     )
-    raise typer.Exit(run_campaigns(campaigns, out, options, quiet=quiet, workforce=workforce(workers, scheduler)))
+    console = _console(quiet=quiet, json=json, verbose=verbose)
+    raise typer.Exit(run_campaigns(campaigns, out, options, console, workforce=workforce(workers, scheduler)))
 
 
 @app.command()
@@ -113,6 +120,7 @@ def stages(
     campaign: option.StagesCampaign = None,
     out: option.RunFolder = None,
     check: option.ReadAnew = False,
+    json: option.Json = False,
 ) -> None:
     """Show the state of each stage of a campaign: fresh, stale (with the reason) or never run.
 
@@ -122,11 +130,15 @@ def stages(
     """
     from truing.pipeline.run_campaign import show_all_stages, show_status
 
-    _end(show_all_stages if campaign is None else lambda: show_status(campaign, out, distrust=check))
+    console = _console(json=json)
+    if campaign is None:
+        _end(lambda: show_all_stages(console), console=console)
+    else:
+        _end(lambda: show_status(campaign, out, console, distrust=check), console=console)
 
 
 @app.command()
-def check(campaigns: option.Campaigns) -> None:
+def check(campaigns: option.Campaigns, quiet: option.Quiet = False, json: option.Json = False) -> None:
     """Validate campaigns without running them: report all faults of campaign.toml and of the raw files.
 
     Writes nothing.
@@ -135,7 +147,8 @@ def check(campaigns: option.Campaigns) -> None:
     """
     from truing.pipeline.campaign_check import report_check
 
-    _end(*(lambda place=place: report_check(place) for place in campaigns))
+    console = _console(quiet=quiet, json=json)
+    _end(*(lambda place=place: report_check(place, console) for place in campaigns), console=console)
 
 
 @app.command()
@@ -159,6 +172,7 @@ def predict(
     model: option.PredictModel,
     inputs: option.PredictInputs,
     out: option.OutTable = None,
+    json: option.Json = False,
 ) -> None:
     """Predict poses or readings with the extended model, or test its predictions on a second campaign.
 
@@ -170,17 +184,19 @@ def predict(
     For the folder of a second campaign of the same machine, the result is the rms and largest error of the nominal, the
     calibrated and the extended model. The calibration is read from the folder of the model.
 
-    The result is written as CSV to standard output, or to the file --out (.csv or .parquet).
+    The result is written as CSV or, with --json, as JSON to standard output, or to the file --out (.csv or .parquet).
 
     Example: truing predict runs/telescope/model.toml configurations.csv --out predicted.parquet
     """
 
+    console = _console(json=json)
+
     def act() -> ExitCode:
         from truing.pipeline.predict_command import predict_file
 
-        return predict_file(model, inputs, out)
+        return predict_file(model, inputs, out, console)
 
-    _end(act)
+    _end(act, console=console)
 
 
 @app.command()
@@ -327,9 +343,37 @@ def export(
 
 
 @app.command()
+def report(
+    run: option.ExportRun,
+    pdf: option.ReportPdf = False,
+    appendix: option.ReportAll = False,
+    out: option.ReportOut = None,
+    quiet: option.Quiet = False,
+    json: option.Json = False,
+) -> None:
+    """Show the verdict of a run and where its page is; with --pdf, print the page through Chromium or Chrome.
+
+    The browser is found on PATH as chromium, chromium-browser, google-chrome, google-chrome-stable or chrome. Without
+    one, the exit code is 4. The PDF has page numbers, the date and the list of contents.
+
+    Example: truing report runs/telescope --pdf
+    """
+    console = _console(quiet=quiet, json=json)
+
+    def act() -> ExitCode:
+        from truing.pipeline.page_pdf import report_run
+
+        return report_run(run, as_pdf=pdf, everything=appendix, out=out, console=console)
+
+    _end(act, console=console)
+
+
+@app.command()
 def compare(
     runs: option.CompareRuns,
     out: option.CompareOut = None,
+    quiet: option.Quiet = False,
+    json: option.Json = False,
 ) -> None:
     """Compare campaigns of one machine, and report which of its parameters have changed.
 
@@ -339,16 +383,27 @@ def compare(
     Example: truing compare runs/2026-spring runs/2026-autumn --out runs/comparison
     """
 
+    console = _console(quiet=quiet, json=json)
+
     def act() -> ExitCode:
         from truing.pipeline.recorded_runs import compare_runs
 
-        return compare_runs(runs, out)
+        return compare_runs(runs, out, console)
 
-    _end(act)
+    _end(act, console=console)
 
 
-def _end(*actions: Callable[[], ExitCode]) -> None:
-    from truing.pipeline.console import RunConsole
+def _console(*, quiet: bool = False, json: bool = False, verbose: bool = False) -> RunConsole:
+    """Output by the options."""
+    from truing.pipeline.console import JsonConsole, RunConsole
+
+    return JsonConsole() if json else RunConsole(quiet=quiet, verbose=verbose)
+
+
+def _end(*actions: Callable[[], ExitCode], console: RunConsole | None = None) -> None:
     from truing.pipeline.exit_status import end_all
 
-    raise typer.Exit(end_all(list(actions), RunConsole(quiet=False)))
+    shown = console or _console()
+    code = end_all(list(actions), shown)
+    shown.close(code)
+    raise typer.Exit(code)

@@ -43,7 +43,9 @@ Gate = Annotated[QaGate, typer.Option("--qa", help="fail: a failed quality check
 ReadAnew = Annotated[
     bool, typer.Option("--check", help="Read every file again, even if its size, time and inode are unchanged.")
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", help="Print only problems.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print only problems.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print also the state of each stage before it runs.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout instead of lines.")]
 Workers = Annotated[
     int | None, typer.Option("--workers", min=1, max=1000, metavar="N", help="Number of parallel processes.")
 ]
@@ -215,6 +217,11 @@ ExportOut = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Ou
 ExportCampaign = Annotated[
     Path | None, typer.Option("--campaign", metavar="CAMPAIGN", help="For dcc: folder with campaign.toml.")
 ]
+
+# `truing report`.
+ReportPdf = Annotated[bool, typer.Option("--pdf", help="Print the page to RUN/report.pdf, or to --out.")]
+ReportAll = Annotated[bool, typer.Option("--appendix", help="With --pdf: open the appendix too.")]
+ReportOut = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="With --pdf: a .pdf file.")]
 
 # `truing compare`.
 CompareRuns = Annotated[list[Path], typer.Argument(metavar="RUN RUN...", help="Folders of runs, in order of time.")]

@@ -1,10 +1,12 @@
-"""Output of a run: a progress bar on a terminal, one line per stage elsewhere, nothing if quiet."""
+"""Output of a run: a progress bar on a terminal, one line per stage elsewhere, nothing if quiet, or JSON."""
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from io import StringIO
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -12,14 +14,17 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
+    from truing.pipeline.problems import ExitCode
+
 _WIDE = 200  # characters of a table without a terminal
 
 
 class RunConsole:
     """Output of a run. As a context around one stage, it is that stage's ``progress(done, total, what)``."""
 
-    def __init__(self, *, quiet: bool) -> None:
+    def __init__(self, *, quiet: bool, verbose: bool = False) -> None:
         self._quiet = quiet
+        self._verbose = verbose
         self._terminal = not quiet and sys.stdout.isatty()
         self._bar: Bar | None = None
         self._stage = ""
@@ -34,6 +39,17 @@ class RunConsole:
         except BrokenPipeError:  # the reader of the output has ended; the run continues
             self._quiet = True
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+    def detail(self, line: str) -> None:
+        """Print one line if verbose."""
+        if self._verbose:
+            self.line(line)
+
+    def tell(self, kind: str, fact: Mapping[str, object]) -> None:
+        """Take a fact for JSON; elsewhere its line says the same."""
+
+    def close(self, code: ExitCode) -> None:
+        """Print what comes after the last line; here nothing."""
 
     def show(self, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """Print a table, as wide as the terminal, or as needed without one."""
@@ -81,12 +97,49 @@ class RunConsole:
             self._bar.update(task, completed=done, total=total or None, description=f"{self._stage}: {what}")
 
 
-class Recorder(RunConsole):
-    """Collects output without a terminal, to be repeated later; each line with whether it is a warning."""
+class JsonConsole(RunConsole):
+    """Prints one JSON object at the end: the exit code, its meaning, and a list of facts of each kind."""
 
     def __init__(self) -> None:
         super().__init__(quiet=True)
+        self._facts: dict[str, list[object]] = {}
+
+    def tell(self, kind: str, fact: Mapping[str, object]) -> None:
+        """Keep a fact for the end."""
+        self._facts.setdefault(kind, []).append(_plain(fact))
+
+    def warn(self, line: str) -> None:
+        """Print one line on stderr, and keep it."""
+        super().warn(line)
+        self._facts.setdefault("messages", []).append(line)
+
+    def close(self, code: ExitCode) -> None:
+        """Print the object."""
+        self._quiet = False
+        whole = {"exit_code": int(code), "meaning": code.meaning, **self._facts}
+        self.line(json.dumps(whole, indent=2, ensure_ascii=False, allow_nan=False, default=str))
+
+
+def _plain(value: object) -> object:
+    """A value without numbers that JSON lacks; they become null."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    return [_plain(one) for one in value] if isinstance(value, (list, tuple)) else value
+
+
+class Recorder(RunConsole):
+    """Collects output without a terminal, to be repeated later; each line with whether it is a warning."""
+
+    def __init__(self, *, verbose: bool = False) -> None:
+        super().__init__(quiet=True, verbose=verbose)
         self.lines: list[tuple[bool, str]] = []
+        self.facts: list[tuple[str, Mapping[str, object]]] = []
+
+    def tell(self, kind: str, fact: Mapping[str, object]) -> None:
+        """Collect one fact."""
+        self.facts.append((kind, fact))
 
     def line(self, line: str) -> None:
         """Collect one line."""
@@ -101,7 +154,14 @@ class Recorder(RunConsole):
 
 
 def _bar() -> Bar:
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    return Progress(*columns, transient=True)
+    return Progress(*columns, TextColumn("left"), TimeRemainingColumn(), transient=True)

@@ -39,6 +39,7 @@ from truing.report.tables import cell
 from truing.report.wordings.catalogue import cause_words
 from truing.schemas.campaign import Campaign
 from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.near_names import did_you_mean
 from truing.simulation.catalogue import catalogue_of_photographed_points, catalogue_of_rays
 from truing.simulation.cause import Cause, Effect
 from truing.simulation.detection_trials import (
@@ -136,7 +137,10 @@ def check_causes(names: Sequence[str], settings: Campaign) -> None:
     known = [kind.id for kind in searched_for(settings, kinds_of(settings).values()) if kind.catalogued]
     strange = [name for name in names if name not in known]
     if strange:
-        raise CampaignFaults(Fault("--causes", f"of {', '.join(known)}", value=name) for name in strange)
+        listed = ", ".join(known)
+        raise CampaignFaults(
+            Fault("--causes", f"one of {listed}{did_you_mean(name, known)}", value=name) for name in strange
+        )
 
 
 def _plan(campaign: CampaignFolder, settings: Campaign, options: PowerOptions, run: Path | None = None) -> Plan:

@@ -11,7 +11,7 @@ import pyarrow as pa
 from truing import __version__
 from truing.pipeline.artifacts import Stamp, Unreadable, read_artifact, write_table
 from truing.pipeline.campaign_folder import FILE, identity_faults, open_campaign
-from truing.pipeline.console import RunConsole
+from truing.pipeline.console import JsonConsole, RunConsole
 from truing.pipeline.given_files import ENDINGS, check_file, read_given, table_bytes
 from truing.pipeline.manifest import digest_of
 from truing.pipeline.problems import ExitCode
@@ -32,8 +32,9 @@ _INPUTS = "a table of configurations, load steps, commands or signals"
 _CALIBRATION = ("calibration", "model_choice")  # of the run that wrote the model, if they are in its folder
 
 
-def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
-    """Predict poses, readings of a loaded sensor, or wrenches of its signals; CSV on stdout, or the file ``out``.
+def predict_file(model: Path, inputs: Path, out: Path | None, console: RunConsole) -> ExitCode:
+    """Predict poses, readings of a loaded sensor, or wrenches of its signals; CSV on stdout (or JSON), or the file
+    ``out``.
 
     model: a model file, or a run's folder (sensor.toml for signals, else model.toml). If ``inputs`` is a campaign's
     folder, the result is the errors of the models in that campaign. Raises CampaignFaults.
@@ -43,11 +44,14 @@ def predict_file(model: Path, inputs: Path, out: Path | None) -> ExitCode:
     text = _model_text(model)
     is_campaign = inputs.is_dir() or inputs.name == FILE
     predicted = _errors(model, text, inputs) if is_campaign else _predicted(model, text, inputs)
-    if out is None:
+    if isinstance(console, JsonConsole):
+        for row in predicted.to_pylist():
+            console.tell(_artifact(predicted), row)
+    elif out is None:
         sys.stdout.write(_csv(predicted).decode())
+    if out is None:
         return ExitCode.DONE
     _write(out, predicted, _campaign(model, text), [text, _csv(predicted).decode()])
-    console = RunConsole(quiet=False)
     if is_campaign:
         _print_errors(predicted, console)
     console.line(f"{predicted.num_rows} {_artifact(predicted)}: {out}")

@@ -31,6 +31,7 @@ from truing.runs.recorded_run import Run, load
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.certificate import Certificate
 from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.near_names import did_you_mean
 
 _PAGE = ARTIFACTS["report"].file
 _AGAIN = "`truing run` writes it again"
@@ -101,7 +102,10 @@ def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign:
     known = (*FORMS, _CERTIFICATE, _ROBOT)
     unknown = [form for form in forms if form not in known]
     if unknown:
-        raise CampaignFaults(Fault("--to", f"one of {', '.join(known)}", value=form) for form in unknown)
+        listed = ", ".join(known)
+        raise CampaignFaults(
+            Fault("--to", f"one of {listed}{did_you_mean(form, known)}", value=form) for form in unknown
+        )
     run, place = opened_run(folder), out or folder / _EXPORTS
     check_folder(place)
     with environment(f"the folder {place} cannot be created"):
@@ -185,7 +189,7 @@ def _faults(document: Certificate, temperature_known: bool) -> Iterator[Fault]:
         yield Fault(_FILE, "a day on or after certificate.begin", column="certificate.end", value=str(document.end))
 
 
-def compare_runs(folders: Sequence[Path], out: Path | None) -> ExitCode:
+def compare_runs(folders: Sequence[Path], out: Path | None, console: RunConsole) -> ExitCode:
     """Write the table and the page of a comparison, and print the changes. Raises CampaignFaults."""
     _distinct(folders)
     place = folders[0].parent / _COMPARISON if out is None else out
@@ -205,9 +209,11 @@ def compare_runs(folders: Sequence[Path], out: Path | None) -> ExitCode:
     artifact = ARTIFACTS["compared"]
     _leave_table(place / artifact.file, found, runs)
     write_atomically(place / PAGE, render_page(head, comparison_sections(shown)).encode())
-    console = RunConsole(quiet=False)
-    for _, sentence in head.verdicts:
+    for mark, sentence in head.verdicts:
+        console.tell("verdicts", {"mark": mark, "sentence": sentence})
         console.line(sentence)
+    for row in compared_table(found).to_pylist():
+        console.tell("compared", row)
     console.line(f"table and page: {place / artifact.file}, {place / PAGE}")
     return ExitCode.DONE
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -11,7 +11,7 @@ from pathlib import Path
 
 from truing.pipeline.campaign_check import check_before_photographs, check_campaign
 from truing.pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign, run_folder_of
-from truing.pipeline.campaign_run import CampaignRun, detached_run, open_run
+from truing.pipeline.campaign_run import CampaignRun, detached_run, open_run, verdict_line
 from truing.pipeline.console import Recorder, RunConsole
 from truing.pipeline.executor import Workforce, processors, results
 from truing.pipeline.exit_status import KEPT, defects_logged, end, end_all
@@ -73,6 +73,7 @@ class RunOptions:
     distrust: bool = False
     accept_failed_checks: bool = False
     workers: int = 1  # processes for the independent pieces of one stage
+    verbose: bool = False
 
 
 def usable_campaign(place: Path) -> CampaignFolder:
@@ -96,14 +97,30 @@ def run_campaign(campaign: CampaignFolder, folder: Path, settings: RunOptions, c
             for k, stage in enumerate(stages, 1)
             if _bring_up_to_date(run, stage, settings, console, f"{k}/{len(stages)}")
         ]
-        verdict = run.verdict_words(stages)
+        verdict = run.verdict(stages)
         run.save()
         if not ran:
             console.line(f"{campaign.name}: everything is up to date")
         _print_location(run, console)
         if verdict:
-            console.line(f"verdict: {verdict}")
-        return _exit_code(run, stages, settings, console)
+            console.line(verdict_line(verdict))
+        code = _exit_code(run, stages, settings, console)
+        console.tell("campaigns", _told(run, stages, ran, verdict, code))
+        return code
+
+
+def _told(
+    run: CampaignRun, stages: tuple[Stage, ...], ran: list[str], verdict: Mapping[str, str], code: ExitCode
+) -> dict[str, object]:
+    """Facts of a run for JSON."""
+    return {
+        "campaign": run.campaign.name,
+        "folder": str(run.folder),
+        "stages": [{"stage": stage.name, "ran": stage.name in ran} for stage in stages],
+        "verdict": dict(verdict) or None,
+        "failed_checks": run.failed_checks(stages),
+        "exit_code": int(code),
+    }
 
 
 def _validate(run: CampaignRun) -> None:
@@ -133,6 +150,7 @@ def _bring_up_to_date(run: CampaignRun, stage: Stage, settings: RunOptions, cons
     with defects_logged(log, f"stage {stage.name}"):
         now = run.made_from(stage)
         status = run.status(stage, now)
+        console.detail(f"{stage.name:<12} {number}: {status.state} {status.why}".rstrip())
         if status.state is Freshness.FRESH and not settings.selection.forces(stage, run.order):
             return False
         log.unlink(missing_ok=True)
@@ -155,20 +173,20 @@ def _exit_code(run: CampaignRun, stages: tuple[Stage, ...], settings: RunOptions
     return ExitCode.DONE if settings.accept_failed_checks else ExitCode.FAILED_CHECK
 
 
-def show_status(place: Path, out: Path | None, *, distrust: bool) -> ExitCode:
+def show_status(place: Path, out: Path | None, console: RunConsole, *, distrust: bool) -> ExitCode:
     """Print one line per stage: fresh, stale and why, or never run. Writes nothing."""
     campaign = usable_campaign(place)
     run = open_run(campaign, run_folder_of(campaign, out, several=False), distrust=distrust)
     check_owner(run)
-    console = RunConsole(quiet=False)
     for stage, status in run.statuses():
+        fact = {"campaign": campaign.name, "stage": stage.name, "state": str(status.state), "why": status.why}
+        console.tell("stages", fact)
         console.line(f"{stage.name:<12} {status.state:<10} {status.why}".rstrip())
     return ExitCode.DONE
 
 
-def show_all_stages() -> ExitCode:
+def show_all_stages(console: RunConsole) -> ExitCode:
     """Print the stages of every kind of campaign, with their inputs and artifacts."""
-    console = RunConsole(quiet=False)
     for kind, names in ORDER.items():
         console.line(f"{kind}:")
         for name in names:
@@ -176,6 +194,8 @@ def show_all_stages() -> ExitCode:
             only = " (only with photographs)" if name in OF_PHOTOGRAPHS else ""
             only = " (only if [diagnosis] judge_on names a second campaign)" if name in OF_SECOND_CAMPAIGNS else only
             read = (*(("raw files",) if name in RAW_READERS else ()), *stage.reads)
+            told = {"kind": kind, "stage": name, "summary": stage.summary, "reads": read, "writes": stage.leaves}
+            console.tell("stages", told)
             console.line(f"  {name:<12} {stage.summary}{only}")
             console.line(f"  {'':<12} reads {', '.join(read)}; writes {', '.join(stage.leaves)}")
     return ExitCode.DONE
@@ -197,9 +217,12 @@ class _RunOutcome:
 
     code: ExitCode
     lines: tuple[tuple[bool, str], ...]
+    facts: tuple[tuple[str, Mapping[str, object]], ...] = ()
 
     def repeat(self, console: RunConsole) -> None:
-        """Print the collected messages."""
+        """Print the collected messages, and tell the facts."""
+        for kind, fact in self.facts:
+            console.tell(kind, fact)
         for warns, line in self.lines:
             (console.warn if warns else console.line)(line)
 
@@ -228,16 +251,22 @@ class _JobPlan:
 
 
 def run_campaigns(
-    places: Sequence[Path], out: Path | None, settings: RunOptions, *, quiet: bool, workforce: Workforce | None = None
+    places: Sequence[Path],
+    out: Path | None,
+    settings: RunOptions,
+    console: RunConsole,
+    *,
+    workforce: Workforce | None = None,
 ) -> ExitCode:
     """Run campaigns and return the worst exit code; only an interruption of one ends the others."""
-    console, plan = RunConsole(quiet=quiet), _JobPlan(out, settings, several=len(places) > 1)
+    plan = _JobPlan(out, settings, several=len(places) > 1)
     if workforce is None or workforce.is_alone or (len(places) == 1 and workforce.scheduler is None):
         plan.options = replace(settings, workers=(workforce and workforce.workers) or processors())
         code = end_all([partial(_run_in_process, place, plan, console) for place in places], console)
     else:
         code = end_all([partial(_run_at_a_time, places, plan, workforce, console)], console)
     console.line(f"exit code {code:d}: {code.meaning}")
+    console.close(code)
     return code
 
 
@@ -279,7 +308,7 @@ def _planned(place: Path, plan: _JobPlan, workforce: Workforce) -> _Job | _RunOu
         return ExitCode.DONE
 
     code = end(prepare, recorder)
-    return found[0] if found else _RunOutcome(code, tuple(recorder.lines))
+    return found[0] if found else _RunOutcome(code, tuple(recorder.lines), tuple(recorder.facts))
 
 
 def _for_other_machines(job: _Job) -> _Job:
@@ -290,9 +319,9 @@ def _for_other_machines(job: _Job) -> _Job:
 
 def _run_in_worker(job: _Job) -> _RunOutcome:
     """Run the campaign in a worker, and collect its messages."""
-    recorder = Recorder()
+    recorder = Recorder(verbose=job.options.verbose)
     code = end(lambda: _run(job, recorder), recorder)
-    return _RunOutcome(code, tuple(recorder.lines))
+    return _RunOutcome(code, tuple(recorder.lines), tuple(recorder.facts))
 
 
 def _lost_outcome(job: _Job) -> _RunOutcome:

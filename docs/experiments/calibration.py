@@ -50,10 +50,11 @@ def run_folder(stage: str = "calibrate") -> Path:
 
 def run_sample(folder: Path, stage: str) -> None:
     """Run the sample campaign into a folder as far as a stage."""
+    from truing.pipeline.console import RunConsole
     from truing.pipeline.run_campaign import RunOptions, StageSelection, run_campaigns
 
     wish = RunOptions(StageSelection(None, stage, False), distrust=False, accept_failed_checks=True)
-    if run_campaigns([CAMPAIGN], folder, wish, quiet=True):
+    if run_campaigns([CAMPAIGN], folder, wish, RunConsole(quiet=True)):
         raise RuntimeError("the sample campaign did not run")
 
 

@@ -15,6 +15,7 @@ from truing.estimation.design.feasible_region import FeasibleRegion
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import skew
 from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.near_names import did_you_mean
 from truing.simulation.change import Change
 from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet, full_set
 from truing.simulation.mechanisms.pose_regressors import PoseRegressors, pose_regressors
@@ -136,8 +137,10 @@ def _parameter_indices(names: tuple[LegParameter, ...], wanted: Sequence[str]) -
     known = [entry.name for entry in names]
     strange = [name for name in wanted if name not in known]
     if strange:
+        listed = ", ".join(known)
         raise CampaignFaults(
-            Fault("--parameters", f"parameters of a leg: {', '.join(known)}", value=name) for name in strange
+            Fault("--parameters", f"parameters of a leg: {listed}{did_you_mean(name, known)}", value=name)
+            for name in strange
         )
     return [k for k, name in enumerate(known) if name in wanted]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import re
 import subprocess
@@ -13,9 +15,10 @@ from typer.testing import CliRunner
 from tests.pipeline.fake_project import STAGES, FakeProject
 from tests.sentences import assert_says
 from truing.pipeline.command_line import app
+from truing.pipeline.console import JsonConsole
 from truing.pipeline.problems import ExitCode
 
-COMMANDS = ("run", "stages", "check", "init", "predict", "design", "power", "plan", "export", "compare")
+COMMANDS = ("run", "stages", "check", "init", "predict", "design", "power", "plan", "export", "report", "compare")
 
 
 @pytest.mark.parametrize("command", [(), *((name,) for name in COMMANDS)])
@@ -145,3 +148,44 @@ def test_a_run_ends_with_its_verdict_and_the_reason_of_its_exit_code(fake: FakeP
     assert stages == [f"{k}/{len(stages)}" for k in range(1, len(stages) + 1)]
     assert len(stages) > 1
     assert lines[-1] == f"exit code 0: {ExitCode.DONE.meaning}"
+
+
+def test_json_of_a_run_is_one_object_with_stages_verdict_and_exit_code(fake: FakeProject) -> None:
+    done = fake.call("run", str(fake.campaign), "--json")
+    told = json.loads(done.stdout)
+    (campaign,) = told["campaigns"]
+    assert (told["exit_code"], done.returncode, told["meaning"]) == (0, 0, ExitCode.DONE.meaning)
+    assert [stage["stage"] for stage in campaign["stages"] if stage["ran"]] == list(STAGES)
+    again = json.loads(fake.call("run", str(fake.campaign), "--json").stdout)
+    assert not any(stage["ran"] for stage in again["campaigns"][0]["stages"])
+
+
+def test_json_of_faults_has_file_key_value_and_expectation(fake: FakeProject) -> None:
+    fake.edit(fake.campaign / "campaign.toml", 'kind = "photogrammetry"', 'kind = "photogrametry"')
+    for command in ("run", "check"):
+        told = json.loads(fake.call(command, str(fake.campaign), "--json").stdout)
+        (fault,) = told["faults"]
+        assert (told["exit_code"], fault["column"], fault["value"]) == (2, "campaign.kind", "photogrametry")
+        assert "photogrammetry" in fault["expected"]
+
+
+def test_json_of_stages_has_a_row_per_stage(fake: FakeProject) -> None:
+    rows = json.loads(fake.call("stages", str(fake.campaign), "--json").stdout)["stages"]
+    assert [(row["stage"], row["state"]) for row in rows] == [(stage, "never run") for stage in STAGES]
+
+
+def test_json_has_null_for_numbers_that_it_lacks(capsys: pytest.CaptureFixture[str]) -> None:
+    console = JsonConsole()
+    console.tell("rows", {"x": math.nan, "sizes": (math.inf, 1.0)})
+    console.close(ExitCode.DONE)
+    assert json.loads(capsys.readouterr().out)["rows"] == [{"x": None, "sizes": [None, 1.0]}]
+
+
+def test_verbose_says_why_a_stage_runs_or_not(ran: FakeProject) -> None:
+    told = ran.call("run", str(ran.campaign), "-v").stdout
+    assert re.findall(r"^(\w+) +\d+/\d+: fresh", told, re.MULTILINE) == list(STAGES)
+    assert "fresh" not in ran.call("run", str(ran.campaign)).stdout
+
+
+def test_a_stage_that_is_nearly_one_is_suggested(fake: FakeProject) -> None:
+    assert "did you mean pose?" in fake.call("run", str(fake.campaign), "--only", "poes").stderr

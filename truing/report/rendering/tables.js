@@ -36,11 +36,13 @@
     const label = `Filter rows: ${table.ariaLabel}`;
     table.parentElement.before(Object.assign(document.createElement("input"), { type: "search", className: "filter", placeholder: "Filter rows", ariaLabel: label }));
   }
+  const openAll = () => {
+    for (const folded of document.querySelectorAll("details")) folded.open = true;
+  };
   document.addEventListener("input", ({ target }) => target.matches(".filter") && filter(target));
   document.addEventListener("click", ({ target }) => {
     if (target.closest("thead th")) sort(target.closest("th"));
-    if (!target.matches(".open-all")) return;
-    for (const folded of document.querySelectorAll("details")) folded.open = true;
+    if (target.matches(".open-all")) openAll();
   });
   document.addEventListener("keydown", (event) => {
     if (!event.target.matches("thead th") || !["Enter", " "].includes(event.key)) return;
@@ -49,6 +51,7 @@
   });
 
   const reveal = () => {
+    if (location.hash === "#everything") openAll(); // for `truing report --pdf --appendix`
     const target = location.hash && document.getElementById(decodeURIComponent(location.hash.slice(1)));
     if (!target) return;
     for (let at = target; at; at = at.parentElement) if (at.matches("details")) at.open = true;
