@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from unittest.mock import patch
+
 import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.typing import NDArray
 
 from truing.estimation.quality import (
     body_shape,
@@ -123,3 +129,21 @@ def test_unknown_settings_repeat_nothing():
     settings = np.array([[1.0], [np.nan], [2.0], [np.nan], [2.0]])
     groups = repeated_groups(settings, np.array([0.1]))
     assert [list(group) for group in groups] == [[2, 4]]
+
+
+@given(
+    arrays(
+        float, st.tuples(st.integers(1, 40), st.integers(1, 3)), elements=st.sampled_from([0.0, 0.1, 0.2, 1.0, np.nan])
+    ),
+    st.lists(st.sampled_from([0.0, 0.1, 0.15]), min_size=3, max_size=3),
+    st.integers(1, 5),
+)
+def test_groups_are_those_of_comparing_every_pair(settings: NDArray, tolerance: list[float], at_once: int) -> None:
+    allowed = np.array(tolerance[: settings.shape[1]])
+    first = []
+    for b, one in enumerate(settings):
+        alike = [c for c, other in enumerate(settings) if np.all(np.abs(one - other) <= allowed)]
+        first.append(min([b, *alike]))
+    expected = [[b for b, own in enumerate(first) if own == f] for f in sorted(set(first)) if first.count(f) > 1]
+    with patch("truing.estimation.quality._POSES_AT_ONCE", at_once):
+        assert [group.tolist() for group in repeated_groups(settings, allowed)] == expected

@@ -9,6 +9,9 @@ import numpy as np
 from truing.arrays import Array, Index, Mask
 from truing.estimation.rotation import rigid_motions
 
+# Poses that are compared with others at a time, and the factor that keeps rounding out of a preselection.
+_POSES_AT_ONCE, _WIDER = 256, 1.001
+
 
 @dataclass(frozen=True)
 class Scatter:
@@ -184,11 +187,29 @@ def repeated_groups(settings: Array, tolerance: Array) -> list[Index]:
 
     An unknown setting (NaN) agrees with none.
     """
-    alike = np.ones((len(settings),) * 2, bool)
-    for column, allowed in zip(settings.T, tolerance, strict=True):
-        alike &= np.abs(column[:, None] - column[None]) <= allowed
-    first = np.where(alike.any(axis=1), alike.argmax(axis=1), np.arange(len(alike)))
-    return [np.nonzero(first == f)[0] for f in np.unique(first) if (first == f).sum() > 1]
+    order, begin, end = _neighbours(settings, tolerance)
+    first = np.arange(len(settings))
+    for start in range(0, len(order), _POSES_AT_ONCE):
+        rows = slice(start, start + _POSES_AT_ONCE)
+        own, others = order[rows], order[begin[rows].min() : end[rows].max()]
+        alike = np.ones((len(own), len(others)), bool)
+        for column, allowed in zip(settings.T, tolerance, strict=True):
+            alike &= np.abs(column[own, None] - column[others]) <= allowed
+        first[own] = np.minimum(own, np.where(alike, others, len(first)).min(axis=1, initial=len(first)))
+    number, count = np.unique(first, return_inverse=True, return_counts=True)[1:]
+    return [np.nonzero(number == k)[0] for k in np.flatnonzero(count > 1)]
+
+
+def _neighbours(settings: Array, tolerance: Array) -> tuple[Index, Index, Index]:
+    """Return the order (B,) of poses along the setting that tells most of them apart, and for each place there the
+    range [begin, end) of places that agree with it in this setting."""
+    found = []
+    for column, allowed in zip(settings.T, tolerance * _WIDER, strict=True):
+        order = np.argsort(column, kind="stable")
+        values = column[order]
+        begin = np.searchsorted(values, values - allowed, "left")
+        found.append((order, begin, np.searchsorted(values, values + allowed, "right")))
+    return min(found, key=lambda own: int(np.sum(own[2] - own[1])))
 
 
 def successive_sigma(values: Array, kept: Mask) -> Array:
