@@ -207,7 +207,7 @@ def source_of(final: FittedModel, given: Contribution) -> tuple[str, bool]:
         return f"{_MEASURED[final.model.channel_word]}, at the noise found", True
     if given.source == INPUTS:
         word = final.model.channel_word
-        kind = word if not final.fit.frames.size else "points" if final.model.part_count else "bodies"
+        kind = word if final.measured.size == 1 else "points" if final.model.part_count else "bodies"
         return _noise_source(_READ[kind], readings)
     if given.source == "shape":
         return _noise_source(_WORDS["shape"], survey)

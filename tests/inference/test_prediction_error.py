@@ -23,7 +23,7 @@ def _error(gap: NDArray, sigma: float = 1.0) -> PredictionError:
     measured = Observations(gap, np.broadcast_to(sigma**2 * np.eye(3), (*gap.shape, 3)), seen)
     frames = Frames(np.broadcast_to(np.eye(3), (poses, 3, 3)), np.zeros((poses, 3)))
     none = np.zeros((poses, 0))
-    return PredictionError(gap, measured, whitened, frames, none, none[..., None], none[..., None], MODEL, none[0])
+    return PredictionError(gap, measured, whitened, frames, none, none[..., None], MODEL, none[0])
 
 
 def _vetoes(poses: int, size: float, share: float) -> float:

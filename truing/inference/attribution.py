@@ -382,7 +382,8 @@ def _landmarks(x: Array, most: int) -> Array:
 
 
 def _gaussian_kernel(first: Array, second: Array, scale: float) -> Array:
-    return np.asarray(np.exp(-0.5 * np.sum((first[:, None] - second) ** 2, -1) / scale**2))
+    squares = np.sum(first**2, 1)[:, None] + np.sum(second**2, 1) - 2.0 * (first @ second.T)
+    return np.asarray(np.exp(-0.5 * np.maximum(squares, 0.0) / scale**2))
 
 
 def _standard(columns: Array) -> Array:

@@ -6,9 +6,10 @@ coordinates: three in space, or one where an instrument reads a number. Numbers 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -37,24 +38,34 @@ class FitState(StrEnum):
 
 @dataclass(frozen=True)
 class Fit:
-    """Unknowns at the optimum in prior sigmas, frames, and the whitened problem there."""
+    """Unknowns at the optimum in prior sigmas, and frames; ``linearised`` returns the problem there."""
 
     shared: Array  # (G,)
     local: Array  # (B, H) without the frames
     frames: Frames
-    whitened: Whitened
+    linearised: Callable[[], LinearisedModel] = field(repr=False)
     state: FitState
     iterations: int
+
+    @cached_property
+    def whitened(self) -> Whitened:
+        """Whitened problem at the optimum, computed anew after `release`."""
+        return whiten(self.linearised())
+
+    def release(self) -> None:
+        """Free the whitened problem, whose arrays are by far the largest."""
+        self.__dict__.pop("whitened", None)
 
 
 def fit_model(predict: Predict, measured: Observations, frames: Frames, shared: Array, local: Array) -> Fit:
     """Return the maximum of posterior probability over shared (G,) and local (B, H) unknowns and frames."""
     problem = linearise(predict, measured, frames, shared, local, compact=True)
-    past = _Past()
+    past, state, iterations = _Past(), FitState.NOT_SETTLED, _MAX_ITERATIONS
     for iteration in range(_MAX_ITERATIONS):
         whitened = whiten(problem)
         if whitened.explained < _SETTLED:
-            return Fit(shared, local, frames, whitened, FitState.SETTLED, iteration)
+            state, iterations = FitState.SETTLED, iteration
+            break
         for of_shared, of_local in past.steps(whitened, shared):
             own = shared + of_shared, local + of_local[:, frames.size :]
             moved = frames.moved(of_local[:, : frames.size])
@@ -62,7 +73,12 @@ def fit_model(predict: Predict, measured: Observations, frames: Frames, shared: 
             if problem.squares <= whitened.problem.squares:
                 break
         (shared, local), frames = own, moved
-    return Fit(shared, local, frames, whiten(problem), FitState.NOT_SETTLED, _MAX_ITERATIONS)
+    else:
+        whitened = whiten(problem)
+    again = partial(linearise, predict, measured, frames, shared, local, compact=True)
+    fit = Fit(shared, local, frames, again, state, iterations)
+    fit.__dict__["whitened"] = whitened
+    return fit
 
 
 @dataclass

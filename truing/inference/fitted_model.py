@@ -130,8 +130,18 @@ class FittedModel(Generic[CauseT]):
         """Return the covariance (G, G) of the shared unknowns in prior sigmas, at the estimated noise level."""
         return self.fit.whitened.covariance() * self.noise_ratio**2
 
+    def release(self) -> None:
+        """Free the large arrays of a fit that another one replaces; they are computed anew where they are needed."""
+        _ = self.floor, self.noise  # which need them
+        self.fit.release()
+        self.__dict__.pop("pathways", None)
+        for error in (self.error, self.held_out):
+            if error is not None:
+                error.release()
+
+    @cached_property
     def pathways(self) -> Pathways:
-        """Return the pathways through which candidates act on the residuals."""
+        """Pathways through which candidates act on the residuals."""
         motions = self.model.pathways(self.fit.shared, self.fit.local)
         return pathways_of(self.fit.whitened, self.measured, self.fit.frames, motions, self.input_rows)
 
@@ -259,7 +269,7 @@ class Fitter(Generic[CauseT]):
         others = replace(measured, seen=measured.seen & ~own[:, None])
         local = np.where(own[:, None], 0.0, fit.local)
         without = fit_model(model.predict, others, fit.frames, fit.shared, local)
-        return prediction_error(model, measured, fit.frames, without.shared, by_shared=False)
+        return prediction_error(model, measured, fit.frames, without.shared)
 
     def screen(self, fitted: FittedModel[CauseT]) -> bool:
         """Exclude gross errors of a fit, on held-out epochs too; return True if there were any."""

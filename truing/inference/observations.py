@@ -57,8 +57,8 @@ class Frames:
 
     @property
     def size(self) -> int:
-        """Number of unknowns of a frame: six, or none where observations are numbers."""
-        return _FRAME if self.t.shape[1] == _SPACE else 0
+        """Number of unknowns of a frame: six, or none where frames are not fitted or observations are numbers."""
+        return _FRAME if self.free and self.t.shape[1] == _SPACE else 0
 
     def columns(self, arms: Array) -> Array:
         """Return the derivatives (B, K, d, size) of observations by their frames, in units of the frame's scale.
@@ -68,7 +68,7 @@ class Frames:
         if not self.size:
             return np.zeros((*arms.shape, 0))
         moved = rigid_motions(arms)
-        return np.asarray(moved * _FRAME_SIGMA * self.free)
+        return np.asarray(moved * _FRAME_SIGMA)
 
     def moved(self, step: Array) -> Frames:
         """Return the frames after a step (B, size) in units of the frame's scale."""

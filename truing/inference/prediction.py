@@ -34,9 +34,8 @@ _HELD = 1e-3
 class PredictionError(Generic[CauseT]):
     """Measured minus predicted observations (B, K, d), SI, in the measurement's axes, zero where unseen.
 
-    ``frames`` and ``local`` (B, H) are those at the prediction. ``by_shared`` (B, M, G) and ``by_fitted`` (B, M, h) are
-    whitened derivatives by the shared unknowns and by what is fitted to each epoch. ``model`` predicted, with
-    ``shared`` unknowns (G,).
+    ``frames`` and ``local`` (B, H) are those at the prediction. ``by_fitted`` (B, M, h) are whitened derivatives by
+    what is fitted to each epoch. ``model`` predicted, with ``shared`` unknowns (G,).
     """
 
     gap: Array
@@ -44,7 +43,6 @@ class PredictionError(Generic[CauseT]):
     whitened: Array  # (B, K, d) the same in units of the noise
     frames: Frames
     local: Array
-    by_shared: Array
     by_fitted: Array
     model: Model[CauseT]
     shared: Array
@@ -58,6 +56,16 @@ class PredictionError(Generic[CauseT]):
     def design_matrix(self) -> Callable[[CauseT], Mapping[str, Array]]:
         """Function that returns a cause's change of each pathway at the prediction."""
         return self.model.design_matrix(self.shared, self.local)
+
+    @cached_property
+    def by_shared(self) -> Array:
+        """Whitened derivatives (B, M, G) by the shared unknowns; few predictions need this large array."""
+        return linearise(self.model.predict, self.measured, self.frames, self.shared, self.local).by_shared
+
+    def release(self) -> None:
+        """Free what few predictions need."""
+        for name in ("by_shared", "pathways", "design_matrix"):
+            self.__dict__.pop(name, None)
 
     @property
     def seen(self) -> Mask:
@@ -127,7 +135,6 @@ def merged(
         gap=chosen([e.gap for e in errors]),
         whitened=chosen([e.whitened for e in errors]),
         local=chosen([e.local for e in errors]),
-        by_shared=chosen([e.by_shared for e in errors]),
         by_fitted=chosen([e.by_fitted for e in errors]),
     )
 
@@ -137,21 +144,17 @@ def prediction_error(
     measured: Observations,
     frames: Frames,
     shared: Array,
-    by_shared: bool = True,
 ) -> PredictionError[CauseT]:
-    """Return the error of the prediction from inputs; local unknowns that the model does not predict are fitted.
-
-    Derivatives by the shared unknowns are left out (G = 0) unless ``by_shared``.
-    """
+    """Return the error of the prediction from inputs; local unknowns that the model does not predict are fitted."""
     unpredicted = model.unpredicted
     kept = np.concatenate([np.ones(frames.size, bool), unpredicted])
     local = np.zeros((len(measured.values), len(unpredicted)))
-    for _ in range(_ROUNDS):
+    for _ in range(_ROUNDS if kept.any() else 0):
         at = linearise(model.predict, measured, frames, shared, local, by_shared=False)
         step = _fit(at.by_local[..., kept], at.residual[..., None])[..., 0]
         frames = frames.moved(step[:, : frames.size])
         local[:, unpredicted] += step[:, frames.size :]
-    at = linearise(model.predict, measured, frames, shared, local, by_shared)
+    at = linearise(model.predict, measured, frames, shared, local, by_shared=False)
     fitted = at.by_local[..., kept]
     zero_groups = model.zero_groups
     rest = (
@@ -160,7 +163,7 @@ def prediction_error(
         else _without_epoch_unknowns(at.residual[..., None], fitted, measured, zero_groups)[..., 0]
     )
     whitened, gap = rest.reshape(measured.values.shape), _unwhitened(measured, rest)
-    return PredictionError(gap, measured, whitened, frames, local, at.by_shared, fitted, model, shared)
+    return PredictionError(gap, measured, whitened, frames, local, fitted, model, shared)
 
 
 def predicts_worse(

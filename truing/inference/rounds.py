@@ -57,7 +57,7 @@ def share_explained(final: FittedModel[CauseT], cause: CauseT) -> float:
     unnamed = [other for other in final.causes if not other.catalogued]
     if not unnamed:
         return 1.0
-    pathways = final.pathways()
+    pathways = final.pathways
     own, squares = _acting(final, pathways, cause)
     others = [_acting(final, pathways, other) for other in unnamed]
     beside = sum(held for form, held in others if own.share_on(pathways, form) > _SAME_GROUND)

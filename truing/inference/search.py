@@ -336,7 +336,7 @@ def search_of(
     fitted: FittedModel[CauseT], kinds: Sequence[CauseT], draws: int, rng: np.random.Generator
 ) -> Search[CauseT]:
     """Return the search over all candidates of the kinds of cause, on the residuals of a fitted model."""
-    pathways = fitted.pathways()
+    pathways = fitted.pathways
     candidates, families = _proposed(fitted, pathways, kinds), _families(fitted, pathways, kinds)
     along = pathways.along(fitted.fit.whitened.rest[None])[0]
     for own in families:

@@ -38,8 +38,8 @@ from truing.inference.verdicts import (
     SUSPECTED,
     Reason,
     Verdict,
+    accepted,
     first_order,
-    fitted,
     verdict_on_known_cause,
 )
 
@@ -163,12 +163,12 @@ class CauseSelection(Generic[CauseT]):
 
     def run(self, kinds: Sequence[CauseT]) -> CauseDiagnosis[CauseT]:
         """Return the diagnosis over all kinds of cause of a catalogue."""
-        first = self._round(self._fitter.prepared(self._given), kinds, 0)
-        noise_dependences = self._noise.noisy_periods(first, kinds)
+        rounds = self._first_round(kinds)
+        noise_dependences = self._noise.noisy_periods(rounds[0], kinds)
         if noise_dependences:
-            first = self._round(self._fitter.prepared(self._given), kinds, 0)
-        outright = None if noise_dependences else self._noise.outright_scatter(first, kinds)
-        searched, scatters = self._searched_with_scatter(kinds, first, outright)
+            rounds = self._first_round(kinds)
+        outright = None if noise_dependences else self._noise.outright_scatter(rounds[0], kinds)
+        searched, scatters = self._searched_with_scatter(kinds, rounds, outright)
         before = len(noise_dependences)
         # A search that reached a limit leaves more than noise, so its residuals cannot show on what the noise depends.
         while searched.end.is_complete and (
@@ -179,8 +179,7 @@ class CauseSelection(Generic[CauseT]):
         later = noise_dependences[before:]
         if scatters and later and (outright is None or any(own.driver.cause is not None for own in later)):
             self._fitter.narrow()  # noisier observations explain the apparent scatter of inputs
-            first = self._round(self._fitter.prepared(self._given), kinds, 0)
-            searched, scatters = self._searched_with_scatter(kinds, first)
+            searched, scatters = self._searched_with_scatter(kinds, self._first_round(kinds))
         searched, verdicts = self._paying(searched)
         fitter, final = self._fitter, searched.final
         noise = noise_level(final.fit.whitened, final.measured, fitter.declared)
@@ -305,17 +304,17 @@ class CauseSelection(Generic[CauseT]):
     def _searched_with_scatter(
         self,
         kinds: Sequence[CauseT],
-        first: Round[CauseT],
+        rounds: list[Round[CauseT]],
         outright: tuple[ScatterCandidate[CauseT], float] | None = None,
     ) -> tuple[_Searched[CauseT], list[FoundScatter[CauseT]]]:
-        """Return the search with a wider prior for inputs that scatter, and the scatters found. ``first`` is the first
-        round; ``outright`` is a scatter that is accounted for before any cause is searched."""
+        """Return the search with a wider prior for inputs that scatter, and the scatters found. ``rounds`` holds the
+        first round; ``outright`` is a scatter that is accounted for before any cause is searched."""
         scatters: list[FoundScatter[CauseT]] = []
         if outright is not None:
-            searched, scatter = self._with_input_scatter(*outright, first.fitted, kinds)
+            searched, scatter = self._with_input_scatter(*outright, rounds[0].fitted, kinds)
             scatters.append(scatter)
         else:
-            searched = self._searched(kinds, first)
+            searched = self._searched(kinds, rounds)
         while searched.end.is_complete and len(scatters) < _MOST_SCATTERS:
             if (more := self._noise.scatter(searched.final, kinds)) is None:
                 break
@@ -333,9 +332,14 @@ class CauseSelection(Generic[CauseT]):
         searched = self._searched(kinds)
         return searched, self._fitter.input_scatter(searched.final, candidate, p_value)
 
-    def _searched(self, kinds: Sequence[CauseT], first: Round[CauseT] | None = None) -> _Searched[CauseT]:
-        """Return the search from the plain model on; ``first`` is its first round, if known."""
-        rounds = [first or self._round(self._fitter.prepared(self._given), kinds, 0)]
+    def _first_round(self, kinds: Sequence[CauseT]) -> list[Round[CauseT]]:
+        """Return a list with the first round. The search goes on in this list, so that nothing else holds the large
+        arrays of a round that is over."""
+        return [self._round(self._fitter.prepared(self._given), kinds, 0)]
+
+    def _searched(self, kinds: Sequence[CauseT], rounds: list[Round[CauseT]] | None = None) -> _Searched[CauseT]:
+        """Return the search from the plain model on; ``rounds`` holds its first round, if known."""
+        rounds = rounds or self._first_round(kinds)
         plain = rounds[0].fitted
         found, worse, end = self._forward(rounds, kinds)
         kept, dropped, final = self._dropped(found, plain)
@@ -347,8 +351,8 @@ class CauseSelection(Generic[CauseT]):
         final, held_out = searched.final, self._fitter.held_out
         verdicts = [verdict_on_known_cause(cause, searched.plain, held_out) for cause in self._given]
         for step in searched.kept:
-            plain = first_order(step.round, step.candidate, FOUND, held_out)
-            reported = fitted(plain, step.cause, step.before, step.after, final)
+            fits = step.before, step.after
+            reported = accepted(step.round, step.candidate, step.cause, fits, final)
             size = step.candidate.signature.parameters
             spread = shape_covariance_factors(self._fitter, final, step.cause, size)
             blocks = self._fitter.blocks
@@ -378,10 +382,10 @@ class CauseSelection(Generic[CauseT]):
         while True:
             current, refused = rounds[-1], {verdict.cause.id for verdict in worse}
             chosen = choose(current, refused, self._settings.level, pairs=pairs)
-            accepted = [step.cause for step in found]
-            if (limit := limit_reached(accepted)) is not None or chosen is None:
+            causes = [step.cause for step in found]
+            if (limit := limit_reached(causes)) is not None or chosen is None:
                 left = None if chosen is None else chosen.candidate.cause
-                return found, worse, end_of_search(limit, accepted, current, left)
+                return found, worse, end_of_search(limit, causes, current, left)
             chosen, cause, after = self._fitted(chosen, current)
             if predicts_worse(current.fitted.held_out, after.held_out, self._covered(cause, after)):
                 worse.append(first_order(current, chosen.candidate, REJECTED, self._fitter.held_out, Reason.HELD_OUT))
@@ -394,6 +398,7 @@ class CauseSelection(Generic[CauseT]):
             outdone = is_outdone(current, chosen.candidate, refused)
             found.append(_Accepted(chosen.light(), rounds[-1], cause, current.fitted, after, outdone))
             rounds.append(next_round)
+            current.fitted.release()
 
     def _fitted(
         self, chosen: CandidateChoice[CauseT], current: Round[CauseT]

@@ -24,6 +24,9 @@ _INFORMATIVE = 0.3
 _MOVED = 1e-3
 # Number of candidates on the same pathways that are projected by one product.
 _AT_ONCE = 32
+# Most values of the products of all pathways with all shared unknowns that are kept; otherwise they are formed for some
+# pathways at a time.
+_MOST_KEPT = 2**23
 
 
 @dataclass(frozen=True)
@@ -38,16 +41,38 @@ class _Part:
 class Pathways:
     """All pathways of a fit side by side, whitened; ``columns`` (B, M + H, C) are free of local unknowns.
 
-    ``shared`` (B, C, G) is the part that the shared unknowns explain, ``gram`` (B, C, C) the products epoch by epoch,
-    ``input_gram`` their part in the rows of the inputs' priors.
+    ``shared`` (B, C, G) is the part that the shared unknowns explain, None if it is too large to keep; ``gram``
+    (B, C, C) are the products epoch by epoch, ``input_gram`` their part in the rows of the inputs' priors.
     """
 
     whitened: Whitened
     places: dict[str, slice]
     columns: Array
-    shared: Array
+    shared: Array | None
     gram: Array
     input_gram: Array
+
+    def explained(self, index: Integers, during: slice = slice(None)) -> Array:
+        """Return the part (B, n, G) of some pathways that the shared unknowns explain, at some epochs."""
+        if self.shared is not None:
+            return self.shared[during][:, index]
+        return np.swapaxes(self.columns[during][:, :, index], 1, 2) @ self._basis[during]
+
+    def explained_by_design(self, index: Integers, design: Array, during: slice) -> Array:
+        """Return the part (G, P) of designs (B, n, P) over some pathways that the shared unknowns explain."""
+        size, (_, height, _) = design.shape[-1], self.columns.shape
+        # The order of the products that needs fewer operations.
+        if self.shared is None and height * size < len(index) * (height + size):
+            moved = self.columns[during][:, :, index] @ design
+            return np.asarray(self._basis[during].reshape(-1, self._basis.shape[-1]).T @ moved.reshape(-1, size))
+        shared = self.explained(index, during)
+        return np.asarray((design.reshape(-1, size).T @ shared.reshape(-1, shared.shape[-1])).T)
+
+    @property
+    def _basis(self) -> Array:
+        """Rows (B, M + H, G) of the shared basis that belong to epochs."""
+        epochs, height, _ = self.columns.shape
+        return self.whitened.basis[: epochs * height].reshape(epochs, height, -1)
 
     def along(self, rows: Array) -> Array:
         """Return the parts (D, B, C) of residuals (D, N) along the pathways, in the precision of the residuals."""
@@ -111,30 +136,44 @@ def pathways_of(
     by_local = np.swapaxes(local[:, :height], 1, 2) @ error_groups
     columns = -local @ by_local
     columns[:, :height] += error_groups
+    moved = error_groups[..., : places[OBSERVED].start]
+    is_kept = error_groups.shape[0] * error_groups.shape[2] * whitened.basis.shape[1] <= _MOST_KEPT
+    shared = _shared_products(whitened, moved, each) if is_kept else None
+    gram = _gram(moved, each)
+    gram -= np.swapaxes(by_local, 1, 2) @ by_local
     first = height + input_rows.start
     inputs = columns[:, first : first + input_rows.stop - input_rows.start]
-    shared, gram = _products(whitened, error_groups[..., : places[OBSERVED].start], each)
-    gram -= np.swapaxes(by_local, 1, 2) @ by_local
-    return Pathways(whitened, places, columns, shared, gram, np.swapaxes(inputs, 1, 2) @ inputs)
+    of_inputs = np.swapaxes(inputs, 1, 2) @ inputs if inputs.size else np.broadcast_to(0.0, gram.shape)
+    return Pathways(whitened, places, columns, shared, gram, of_inputs)
 
 
-def _products(whitened: Whitened, moved: Array, each: Array) -> tuple[Array, Array]:
-    """Return the products (B, C, G) of the shared basis with pathways, and those (B, C, C) of the pathways with each
-    other. The basis is free of local unknowns, the pathways are not. They are motions ``moved`` (B, d K, m), then
-    single observations ``each`` (B, K, d, d)."""
-    epochs, height, count = moved.shape
+def _shared_products(whitened: Whitened, moved: Array, each: Array) -> Array:
+    """Return the products (B, C, G) of the shared basis with pathways.
+
+    The basis is free of local unknowns, the pathways are not. They are motions ``moved`` (B, d K, m), then single
+    observations ``each`` (B, K, d, d).
+    """
+    epochs, height, _ = moved.shape
     tall = whitened.local_basis.shape[1]
     basis = whitened.basis[: epochs * tall].reshape(epochs, tall, -1)[:, :height]
-    turned, back = np.swapaxes(each, 2, 3), np.swapaxes(moved, 1, 2)
-    shared, others = (
-        np.concatenate([back @ own, (turned @ own.reshape(*each.shape[:3], -1)).reshape(own.shape)], 1)
-        for own in (np.ascontiguousarray(basis), moved)
-    )
+    return _by_pathways(moved, each, np.ascontiguousarray(basis))
+
+
+def _by_pathways(moved: Array, each: Array, rows: Array) -> Array:
+    """Return the products (B, C, n) of pathways with rows (B, d K, n)."""
+    turned = np.swapaxes(each, 2, 3) @ rows.reshape(*each.shape[:3], -1)
+    return np.concatenate([np.swapaxes(moved, 1, 2) @ rows, turned.reshape(rows.shape)], 1)
+
+
+def _gram(moved: Array, each: Array) -> Array:
+    """Return the products (B, C, C) of pathways with each other, local unknowns included."""
+    epochs, height, count = moved.shape
+    others = _by_pathways(moved, each, moved)
     gram = np.empty((epochs, count + height, count + height))
     gram[:, :, :count] = others
     gram[:, :count, count:] = np.swapaxes(others[:, count:], 1, 2)
-    gram[:, count:, count:] = _blocks(turned @ each)
-    return shared, gram
+    gram[:, count:, count:] = _blocks(np.swapaxes(each, 2, 3) @ each)
+    return gram
 
 
 def _blocks(blocks: Array) -> Array:
@@ -260,9 +299,8 @@ def _explained(pathways: Pathways, alike: Sequence[_Acting]) -> list[Array]:
     for all."""
     first = min((own.during.start for own in alike if own.during.stop), default=0)
     during = slice(first, max(own.during.stop for own in alike))
-    shared = pathways.shared[during][:, alike[0].index]
-    wide = np.concatenate([own.design[during].reshape(-1, own.size) for own in alike], 1)
-    found = (wide.T @ shared.reshape(len(wide), shared.shape[-1])).T
+    wide = np.concatenate([own.design[during] for own in alike], -1)
+    found = pathways.explained_by_design(alike[0].index, wide, during)
     return np.split(found, np.cumsum([own.size for own in alike])[:-1], 1)
 
 
@@ -347,7 +385,7 @@ def rotated_channels(
     own = own.reshape(epochs, len(members), height, -1)
     back = np.swapaxes(own, -1, -2)
     rows = (members[..., None] * size + np.arange(size)).reshape(len(members), height)
-    shared = pathways.shared[:, place][:, rows]
+    shared = pathways.explained(np.arange(place.start, place.stop))[:, rows]
     blocks = pathways.gram[:, place, place][:, rows[:, :, None], rows[:, None, :]]
     return RotatedChannels(members, own, back @ shared, back @ blocks @ own)
 

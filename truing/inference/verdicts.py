@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Generic
 
@@ -81,19 +81,15 @@ def first_order(
     reason: Reason | None = None,
 ) -> Verdict[CauseT]:
     """Return a verdict on a candidate, with its effect on a round's model to first order."""
-    fitted, score, own = current.fitted, current.scores[candidate.key], candidate.signature
-    values = own.fitted(score.along)
+    fitted, own = current.fitted, candidate.signature
+    values = own.fitted(current.scores[candidate.key].along)
     sigma = fitted.noise_ratio * own.loadings / own.strengths
     scale = np.array([p.scale for p in candidate.cause.parameters(fitted.model.part_count)])
-    others = [c for c in current.best.values() if c.kind != candidate.kind]
     return Verdict(
         candidate.cause,
         verdict,
-        current.p_value(candidate),
-        current.probabilities[candidate.kind],
-        current.posterior(candidate),
-        score.signal_to_noise,
-        current.scale_holds(candidate, others) if verdict == FOUND else None,
+        *_evidence(current, candidate),
+        None,
         fitted.error,
         after_first_step(fitted, candidate.cause, own, values),
         _held_out(fitted, candidate, values, held_out),
@@ -102,6 +98,16 @@ def first_order(
         (sigma @ sigma.T) * np.outer(scale, scale),
         current.tried,
         reason=reason,
+    )
+
+
+def _evidence(current: Round[CauseT], candidate: CauseCandidate[CauseT]) -> tuple[float, float, float, float]:
+    """Return p-value, probability, log odds and signal-to-noise ratio of a candidate in a round."""
+    return (
+        current.p_value(candidate),
+        current.probabilities[candidate.kind],
+        current.posterior(candidate),
+        current.scores[candidate.key].signal_to_noise,
     )
 
 
@@ -117,24 +123,30 @@ def _held_out(
     return (None if after is None else fitted.held_out), after
 
 
-def fitted(
-    verdict: Verdict[CauseT],
+def accepted(
+    current: Round[CauseT],
+    candidate: CauseCandidate[CauseT],
     cause: CauseT,
-    before: FittedModel[CauseT],
-    after: FittedModel[CauseT],
+    fits: tuple[FittedModel[CauseT], FittedModel[CauseT]],
     final: FittedModel[CauseT],
 ) -> Verdict[CauseT]:
-    """Return the verdict on an accepted cause, with errors from its fit and values from the final model."""
-    values, covariance = final.values(cause)
-    return replace(
-        verdict,
-        cause=cause,
-        before=before.error,
-        after=after.error,
-        held_out=(before.held_out, after.held_out),
-        floor=after.floor,
-        values=values,
-        covariance=covariance,
+    """Return the verdict on a candidate that a round accepted in the form ``cause``.
+
+    Errors are those of the ``fits`` without and with it, values those of the final model.
+    """
+    before, after = fits
+    others = [c for c in current.best.values() if c.kind != candidate.kind]
+    return Verdict(
+        cause,
+        FOUND,
+        *_evidence(current, candidate),
+        current.scale_holds(candidate, others),
+        before.error,
+        after.error,
+        (before.held_out, after.held_out),
+        after.floor,
+        *final.values(cause),
+        current.tried,
         own=after,
     )
 
@@ -146,11 +158,11 @@ def verdict_on_known_cause(
     others = tuple(other for other in plain.causes if other is not cause)
     model = plain.model.with_causes(others)
     shared = plain.model.embedded(plain.fit.shared, model)
-    before = prediction_error(model, plain.measured, plain.fit.frames, shared, by_shared=False)
+    before = prediction_error(model, plain.measured, plain.fit.frames, shared)
     held = None
     if held_out is not None and plain.held_out is not None:
         there = plain.held_out.model.with_causes(others)
-        held = prediction_error(there, held_out.measured, held_out.frames, shared, by_shared=False)
+        held = prediction_error(there, held_out.measured, held_out.frames, shared)
     gain = float(np.sum(before.squares) - np.sum(plain.error.squares))
     values, covariance = plain.values(cause)
     return Verdict(

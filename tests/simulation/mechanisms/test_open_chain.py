@@ -172,18 +172,40 @@ class ArmModel(EffectsModel[JointGain]):
 def diagnosed(gain: float, seed: int = 4) -> CauseDiagnosis:
     """What a search says of a drawn campaign whose second joint has a gain; the frame of measurement is the base's."""
     rng = np.random.default_rng(seed)
-    conditions = ArmConditions(rng.uniform(-1.0, 1.0, (POSES, JOINTS)))
-    true = ArmModel(conditions).with_causes([JointGain(1)])
-    shared = np.append(rng.normal(size=JOINTS), 0.0)
-    true.set_effects(shared, [Effect(JointGain(1), np.array([gain]))])
-    points = true.points(shared, np.zeros((POSES, 0)))
+    readings, lengths = rng.uniform(-1.0, 1.0, (POSES, JOINTS)), rng.normal(size=JOINTS)
+    return searched(epochs_of(readings, lengths, [0.0, gain, 0.0], rng), None)
+
+
+def epochs_of(readings: NDArray, lengths: NDArray, gains: Sequence[float], rng: np.random.Generator) -> Epochs:
+    """Epochs measured with noise at joint readings (B, 3) of an arm with errors of lengths (3,) and gains (3,)."""
+    conditions = ArmConditions(readings)
+    causes = [JointGain(joint) for joint in range(JOINTS)]
+    true = ArmModel(conditions).with_causes(causes)
+    shared = np.append(lengths, np.zeros(JOINTS))
+    true.set_effects(shared, [Effect(cause, np.array([gain])) for cause, gain in zip(causes, gains, strict=True)])
+    points = true.points(shared, np.zeros((len(readings), 0)))
     covariance = np.broadcast_to(NOISE_M**2 * np.eye(3), (*points.shape, 3))
     measured = Observations(
         points + NOISE_M * rng.normal(size=points.shape), covariance, np.ones(points.shape[:2], bool)
     )
-    frames = Frames(np.tile(np.eye(3), (POSES, 1, 1)), np.zeros((POSES, 3)), free=False)
-    epochs = Epochs(measured, conditions, frames)
-    return CauseSelection(ArmModel(conditions), epochs, None, Settings(0.05, 200, 1)).run([JointGain()])
+    frames = Frames(np.tile(np.eye(3), (len(readings), 1, 1)), np.zeros((len(readings), 3)), free=False)
+    return Epochs(measured, conditions, frames)
+
+
+def searched(calibration: Epochs, held_out: Epochs | None) -> CauseDiagnosis:
+    model = ArmModel(calibration.conditions)
+    return CauseSelection(model, calibration, held_out, Settings(0.05, 200, 1)).run([JointGain()])
+
+
+def of_two_gains(elsewhere: Sequence[float] = (1e-4, 3e-4, 0.0)) -> CauseDiagnosis:
+    """What a search says of a campaign with two gains; ``elsewhere``: gains (3,) in held-out epochs."""
+    rng = np.random.default_rng(4)
+    lengths = rng.normal(size=JOINTS)
+    both = (
+        epochs_of(rng.uniform(-1.0, 1.0, (count, JOINTS)), lengths, gains, rng)
+        for count, gains in ((POSES, (1e-4, 3e-4, 0.0)), (POSES // 2, elsewhere))
+    )
+    return searched(*both)
 
 
 def test_a_gain_of_one_joint_is_found_and_named() -> None:
@@ -217,6 +239,30 @@ def test_a_search_that_was_ended_says_so_and_what_is_left(monkeypatch: pytest.Mo
 def test_where_nothing_real_is_left_no_limit_ends_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("truing.inference.search_end.MOST_CAUSES", 1)
     assert diagnosed(2e-4).end.is_complete
+
+
+def test_the_numbers_of_an_accepted_cause_are_those_of_the_round_that_accepted_it() -> None:
+    told = of_two_gains()
+    found = [verdict for verdict in told.verdicts if verdict.verdict == "found"]
+    assert len(found) == 2
+    for own, verdict in zip(told.rounds, found, strict=False):
+        candidate = own.best[verdict.cause.id]
+        assert candidate.cause.subject == verdict.cause.subject
+        assert verdict.p_value == own.p_value(candidate)
+        assert verdict.log_odds == own.posterior(candidate)
+        assert verdict.signal_to_noise == own.scores[candidate.key].signal_to_noise
+        assert verdict.candidates == own.tried
+
+
+def test_what_was_freed_is_computed_anew_alike() -> None:
+    final = of_two_gains().final
+    before = final.fit.whitened.rest, final.pathways.gram, final.held_out.by_shared, final.error.by_shared
+    final.release()
+    assert not {"whitened", "pathways"} & (final.fit.__dict__.keys() | final.__dict__.keys())
+    after = final.fit.whitened.rest, final.pathways.gram, final.held_out.by_shared, final.error.by_shared
+    for one, other in zip(before, after, strict=True):
+        assert one is not other
+        np.testing.assert_array_equal(one, other)
 
 
 def test_derivatives_are_those_of_the_points() -> None:

@@ -79,6 +79,12 @@ class ChainCause(Cause[ChainScene]):
         """Return the derivatives (B, n, P) of the deviations at values (P,), SI; the deviations of a linear cause."""
         return self.deviations(machine)
 
+    def joint_motion(self, machine: ChainInputs, values: NDArray, by_joint: NDArray) -> NDArray | None:
+        """Return the derivatives (B, 3 K, P) of channels by the parameters at values (P,), SI, from those by the motion
+        of each joint (B, K, 3, n); None if no joint deviates."""
+        own = self.deviation_slopes(machine, values)
+        return None if own is None else by_joint.reshape(len(by_joint), -1, by_joint.shape[-1]) @ own
+
     def deviation(self, machine: ChainInputs, values: NDArray) -> NDArray | None:
         """Return the deviations (B, n) of the joints' motion at values (P,), SI; None if none deviates."""
         own = self.deviations(machine)

@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.arrays import Array, Mask
+from truing.arrays import Array, Index, Mask
 from truing.simulation.cause import Parameter, ReportedParameter, Step
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
 from truing.simulation.mechanisms.chains.conditions import ChainInputs, usual_range
@@ -123,14 +123,22 @@ class JointErrorCurve(ChainCause):
 
     def basis(self, readings: NDArray, place: int) -> Array:
         """Return the bumps (B, m) of one joint's curve at its readings (B,)."""
+        knots, heights = self._bumps(readings, place)
+        found = np.zeros((len(readings), self.knots[place]))
+        np.put_along_axis(found, knots, heights, 1)
+        return found
+
+    def _bumps(self, readings: NDArray, place: int) -> tuple[Index, Array]:
+        """Return knots (B, 6) whose bumps differ from zero at readings (B,) of one joint, and their values there."""
         x = self._place_of(readings, place)
         first = np.floor(x).astype(int)
         t = x - first
-        splines, rows = np.zeros((len(x), self.knots[place])), np.arange(len(x))
+        splines = np.zeros((len(x), _REACHED + 2))  # of the knots around, with zeros at the ends
         weights = ((1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3)
-        for shift, weight in enumerate(weights, -1):
-            splines[rows, (first + shift) % self.knots[place]] += weight / 6.0
-        return 2.0 * splines - np.roll(splines, 1, -1) - np.roll(splines, -1, -1)
+        splines[:, 2:-2] = np.stack(weights, -1) / 6.0
+        around = np.arange(_REACHED) - 2
+        heights = 2.0 * splines[:, 1:-1] - splines[:, :-2] - splines[:, 2:]
+        return (first[:, None] + around) % self.knots[place], heights
 
     def deviations(self, machine: ChainInputs) -> NDArray:
         """Return the deviations (B, n, P) of the joints per unit of the parameters."""
@@ -138,6 +146,26 @@ class JointErrorCurve(ChainCause):
         for place, joint in enumerate(self.joints):
             reading = machine.tree.readings.index(joint)
             found[:, reading, self._own(place)] = self.basis(machine.readings[:, reading], place)
+        return found
+
+    def deviation(self, machine: ChainInputs, values: NDArray) -> NDArray:
+        """Return the deviations (B, n) of the joints at values (P,), SI."""
+        found = np.zeros((len(machine.readings), len(machine.tree.readings)))
+        for place, joint in enumerate(self.joints):
+            reading = machine.tree.readings.index(joint)
+            knots, heights = self._bumps(machine.readings[:, reading], place)
+            found[:, reading] = np.sum(heights * values[self._own(place)][knots], -1)
+        return found
+
+    def joint_motion(self, machine: ChainInputs, values: NDArray, by_joint: NDArray) -> NDArray:
+        """Return the derivatives (B, 3 K, P) of channels; only six bumps of each joint act in a pose."""
+        rows = by_joint.reshape(len(by_joint), -1, by_joint.shape[-1])
+        found = np.zeros((*rows.shape[:2], sum(self.knots)))
+        for place, joint in enumerate(self.joints):
+            reading = machine.tree.readings.index(joint)
+            knots, heights = self._bumps(machine.readings[:, reading], place)
+            own = rows[:, :, reading, None] * heights[:, None]
+            np.put_along_axis(found[..., self._own(place)], knots[:, None], own, 2)
         return found
 
     def curves(self, values: NDArray, covariance: NDArray) -> Iterator[JointCurve]:

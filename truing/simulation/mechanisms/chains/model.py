@@ -312,22 +312,24 @@ class ChainModel(EffectsModel[ChainCause]):
             slopes[..., part] += (flat @ own.reshape(len(own), flat.shape[-1], -1)).reshape(count, channels, 3, -1)
         slopes[..., self.layout["shape"]] = by_place @ self.known.shape_modes
         for effect in self.effects(shared):
-            own = self._by_effect(effect, by_twist, by_place)
-            slopes[..., self.layout[effect.cause.key]] += own * self.effect_sigma(effect.cause)
+            own, sigma = slopes[..., self.layout[effect.cause.key]], self.effect_sigma(effect.cause)
+            np.multiply(self._by_effect(effect, by_twist, by_place), sigma, out=own)
         return slopes
 
     def _by_effect(self, effect: Effect[ChainCause], by_twist: NDArray, by_place: NDArray) -> Array:
         """Return the derivatives (B, K, 3, P) of the channels by an effect's parameters, SI."""
         cause, (count, channels) = effect.cause, by_twist.shape[:2]
-        found = np.zeros((count, channels, 3, len(self.effect_sigma(cause))))
+        parts: list[Array] = []
         if (moved := cause.twists(self.machine)) is not None:
             flat = by_twist.reshape(count, channels * 3, -1)
-            found += (flat @ moved.reshape(len(moved), flat.shape[-1], -1)).reshape(found.shape)
-        if (turned := cause.deviation_slopes(self.machine, effect.values)) is not None:
-            found += (self._by_joint(by_twist).reshape(count, channels * 3, -1) @ turned).reshape(found.shape)
+            parts.append(flat @ moved.reshape(len(moved), flat.shape[-1], -1))
+        if (turned := cause.joint_motion(self.machine, effect.values, self._by_joint(by_twist))) is not None:
+            parts.append(turned)
         if (shift := cause.shifts(self.machine)) is not None:
-            found += by_place @ shift
-        return found
+            parts.append(by_place @ shift)
+        shape = (count, channels, 3, len(self.effect_scale(cause)))
+        parts = [part.reshape(shape) for part in parts]
+        return np.asarray(sum(parts[1:], parts[0]) if parts else np.zeros(shape))
 
     def _by_joint(self, by_twist: NDArray) -> Array:
         """Return the derivatives (B, K, 3, n) of the channels by the motion of each joint."""
