@@ -214,6 +214,34 @@ def test_nothing_is_wider_than_a_phone_and_figures_are_laid_out_for_it(drawn):
     assert not drawn.complaints()
 
 
+# Pairs of labels of an x-axis that overlap, and titles of axes that leave their figure.
+COLLISIONS = """(() => {
+  const box = (element) => element.getBoundingClientRect();
+  const meet = (a, b) => a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 2 && b.top < a.bottom - 2;
+  return [...document.querySelectorAll(".plot")].flatMap((plot) => {
+    const texts = [...plot.querySelectorAll(".xtick text, .xtitle")].filter((text) => text.textContent.trim());
+    const level = texts.filter((text) => !/rotate\\(-?[1-9]/.test(text.getAttribute("transform")));
+    const pairs = level.flatMap((one, k) => level.slice(k + 1).filter((other) => meet(box(one), box(other))));
+    const cut = level.filter((text) => box(text).right > box(plot).right + 1 || box(text).left < box(plot).left - 1);
+    return [...pairs, ...cut].map((text) => text.textContent);
+  });
+})()"""
+
+
+def test_ticks_and_titles_of_axes_do_not_collide_on_a_phone(opened):
+    tables = campaign_tables()
+    tables["diagnosis"]["evidence"] = np.geomspace(2000.0, 2.0, len(tables["diagnosis"]))
+    page = opened(render(tables, "c"))
+    page.value("document.querySelector('.open-all').click()")
+    page.resize(360, 740)
+    page.scroll_through()
+    assert page.value("document.querySelectorAll('#figure-evidence-0 .xtick text').length") >= 3
+    assert page.value(COLLISIONS) == []
+    words = "[...document.querySelectorAll('#figure-evidence-0 .textpoint text')]"
+    assert max(page.value(f"{words}.map((text) => text.getBoundingClientRect().right)")) <= 360
+    page.close()
+
+
 def test_figures_that_nobody_saw_are_on_paper_and_none_is_cut(opened):
     page = opened(render(campaign_tables(poses=3), "c"), scheme="dark")
     page.value("document.querySelector('.open-all').click()")

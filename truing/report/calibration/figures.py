@@ -28,6 +28,7 @@ _ROW, _AROUND, _OUTSIDE, _BETWEEN = 52, 240, 158, 78
 _FAR = 30.0
 # Largest number of parameters that are distinguishable in a figure of a page's width.
 _PARAMETERS_SHOWN = 130
+_LABEL_PX = 10  # height of a parameter with its name in the map of correlations
 
 _JOINTS = {"a": ("lower joint a", "square-open"), "b": ("upper joint b", "circle-open")}
 # Open symbols of different kinds, so that those at the same place can all be seen.
@@ -121,8 +122,7 @@ def _floor(accuracy: pd.DataFrame, column: str, chosen: Key | None) -> float | N
 
 def correlation_map(own: pd.DataFrame, key: Key) -> go.Figure:
     """Return the correlations of one calibration's parameters as a heat map, leg by leg, in per cent."""
-    names, legs, values = _symmetric(own)
-    ticks = _middles(legs)
+    names, values = _symmetric(own)
     figure = go.Figure()
     figure.add_trace(
         go.Heatmap(
@@ -139,15 +139,16 @@ def correlation_map(own: pd.DataFrame, key: Key) -> go.Figure:
     subtitle = (
         f"Of {label(calibration_name(key))}. White: independent. Dark: only a combination of the two is well known"
     )
-    style(figure, "Correlations between the identified parameters", subtitle, 620)
-    axis = {"type": "category", "tickvals": list(ticks), "ticktext": list(ticks.values()), "showgrid": False}
-    figure.update_xaxes(**axis)
+    style(figure, "Correlations between the identified parameters", subtitle, max(620, 160 + _LABEL_PX * len(names)))
+    places = list(range(len(names)))
+    axis = {"type": "category", "tickvals": places, "ticktext": names, "showgrid": False, "tickfont": {"size": 8}}
+    figure.update_xaxes(**axis, tickangle=-90, automargin=True)
     figure.update_yaxes(**axis, autorange="reversed", automargin=True)
     return figure
 
 
-def _symmetric(own: pd.DataFrame) -> tuple[list[str], list[float], np.ndarray]:
-    """Return names of the parameters leg by leg, their legs, and the correlations (N, N) in whole per cent."""
+def _symmetric(own: pd.DataFrame) -> tuple[list[str], np.ndarray]:
+    """Return names of the parameters leg by leg, and the correlations (N, N) in whole per cent."""
     ends = [("leg", "parameter"), ("other_leg", "other_parameter")]
     pairs = [list(zip(own[leg].astype(float).fillna(np.inf), own[name], strict=True)) for leg, name in ends]
     strength: dict[tuple[float, str], float] = {}
@@ -162,15 +163,7 @@ def _symmetric(own: pd.DataFrame) -> tuple[list[str], list[float], np.ndarray]:
         if a in place and b in place:
             values[place[a], place[b]] = values[place[b], place[a]] = round(100 * r)
     names = [label(name_of(name, leg if np.isfinite(leg) else np.nan)) for leg, name in order]
-    return names, [leg for leg, _ in order], values
-
-
-def _middles(legs: list[float]) -> dict[int, str]:
-    """Return the middle of each leg's parameters along the axis, and its name."""
-    return {
-        int(np.median(np.flatnonzero(np.array(legs) == leg))): f"leg {int(leg)}" if np.isfinite(leg) else "shared"
-        for leg in dict.fromkeys(legs)
-    }
+    return names, values
 
 
 def has_geometry(fitted: pd.DataFrame) -> bool:

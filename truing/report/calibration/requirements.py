@@ -193,6 +193,7 @@ def _requirement_bars(own: pd.DataFrame, key: Key) -> go.Figure:
     figure.update_xaxes(title_text=title, **{k: v for k, v in kind.items() if k != "dtick"})
     names = [label(name) for name in shown["component"]]
     figure.update_yaxes(type="category", categoryorder="array", categoryarray=names[::-1], automargin=True)
+    figure.update_yaxes(ticksuffix="  ")
     figure.update_layout(legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0}, showlegend=True)
     figure.update_layout(margin={"t": 100})
     return figure

@@ -2,9 +2,11 @@
 "use strict";
 window.Narrow = (() => {
   const WIDEST = 560; // px from which on a figure stays as it was made
-  const AXES = { left: 52, right: 10, row: 18, letter: 6, panel: 190, gap: 62, widest: 44 };
+  const AXES = { left: 52, right: 10, row: 18, letter: 6, panel: 190, gap: 62, widest: 44, name: 20, line: 13 };
 
   const axes = (layout, letter) => Object.keys(layout).filter((name) => name.startsWith(`${letter}axis`));
+  const plain = (words) => words.replace(/<[^<>]*>/g, "");
+  const longest = (words) => Math.max(...words.map((one) => one.length));
   const domain = (axis) => axis.domain ?? [0, 1];
   const same = (one, other) => one.every((value, k) => Math.abs(value - other[k]) < 1e-3);
 
@@ -60,7 +62,8 @@ window.Narrow = (() => {
     let moved = 0;
     const lay = (bar) => {
       moved = 46;
-      return { ...bar, orientation: "h", thickness: 10, len: 1, x: 0.5, xanchor: "center", yref: "container", y: 0, yanchor: "bottom" };
+      const title = bar.title && { ...bar.title, side: "right" };
+      return { ...bar, title, orientation: "h", thickness: 10, len: 1, x: 0.5, xanchor: "center", yref: "container", y: 0, yanchor: "bottom" };
     };
     for (const trace of data) {
       if (!trace.colorbar || trace.showscale === false) continue;
@@ -90,11 +93,63 @@ window.Narrow = (() => {
   };
 
   // Words that are wider than the screen go on in a second line.
-  const wrapped = (words) => {
-    if (!words || words.length <= AXES.widest || /[<&]/.test(words)) return words;
+  const wrapped = (words) => split(words, AXES.widest);
+  const split = (words, widest) => {
+    if (!words || words.length <= widest || /[<&]/.test(words)) return words;
     const spaces = [...words.matchAll(/ /g)].map(({ index }) => index);
     const middle = spaces.toSorted((a, b) => Math.abs(a - words.length / 2) - Math.abs(b - words.length / 2))[0];
     return middle ? `${words.slice(0, middle)}<br>${words.slice(middle + 1)}` : words;
+  };
+
+  // Names of bars go on in a second line, and the words behind bars end inside the figure.
+  const bars = (data, layout, width) => {
+    const words = data.find((trace) => trace.mode === "text" && trace.textposition === "middle right");
+    const names = layout.yaxis?.categoryarray;
+    if (!words || !names) return;
+    const lines = names.map((name) => split(name, AXES.name));
+    layout.yaxis = { ...layout.yaxis, tickvals: names, ticktext: lines };
+    const side = longest(lines.flatMap((line) => line.split("<br>"))) * AXES.letter + 12;
+    layout.margin.l = Math.max(layout.margin.l, side);
+    const inner = width - layout.margin.l - layout.margin.r;
+    const [low, high] = layout.xaxis.range;
+    const needed = words.x.map((x, k) => low + ((x - low) * inner) / Math.max(inner - plain(words.text[k]).length * AXES.letter, 40));
+    layout.xaxis = { ...layout.xaxis, range: [low, Math.max(high, ...needed)] };
+  };
+
+  // Labels that a figure sets itself stand apart; the first one stays.
+  const thin = (layout, width) => {
+    for (const letter of ["x", "y"])
+      for (const name of axes(layout, letter)) {
+        const axis = layout[name];
+        const count = axis.tickvals?.length ?? 0;
+        if (count < 2 || axis.categoryarray || typeof axis.tickvals[0] !== "number") continue;
+        const inner = letter === "x" ? width - layout.margin.l - layout.margin.r : layout.height - layout.margin.t - layout.margin.b;
+        const [low, high] = axis.range ?? [axis.tickvals[0], axis.tickvals[count - 1]];
+        const high_px = axis.tickangle || letter === "y" ? AXES.line : longest(axis.ticktext.map(plain)) * AXES.letter + 6;
+        let last = -Infinity;
+        const kept = axis.tickvals.map((value) => {
+          const place = ((value - low) / (high - low)) * inner;
+          if (Math.abs(place - last) < high_px) return false;
+          last = place;
+          return true;
+        });
+        const left = (list) => list.filter((_, k) => kept[k]);
+        layout[name] = { ...axis, tickvals: left(axis.tickvals), ticktext: left(axis.ticktext) };
+      }
+  };
+
+  // A title below the axis is no wider than the axis.
+  const titles = (data, layout, width) => {
+    const named = layout.yaxis?.ticktext?.flatMap((text) => text.split("<br>")) ?? data.flatMap(({ y }) => (Array.isArray(y) ? y : []));
+    const side = longest(["", ...named.filter((name) => typeof name === "string").map(plain)]) * AXES.letter;
+    const inner = width - Math.max(layout.margin.l, side) - layout.margin.r;
+    for (const name of axes(layout, "x")) {
+      const title = layout[name].title;
+      if (!title?.text || title.text.length * AXES.letter <= inner) continue;
+      layout[name] = { ...layout[name], title: { ...title, text: split(title.text, Math.floor(inner / AXES.letter)) } };
+      layout.margin.b += AXES.line;
+      layout.height += AXES.line;
+    }
   };
 
   const into = (data, layout, width) => {
@@ -107,7 +162,12 @@ window.Narrow = (() => {
       layout.height = 430;
       layout.margin.t = 0;
     }
-    if (!layout.scene) stack(data, layout);
+    if (!layout.scene) {
+      stack(data, layout);
+      bars(data, layout, width);
+      thin(layout, width);
+      titles(data, layout, width);
+    }
     for (const note of layout.annotations ?? []) if (note.font?.size > 11) note.font = { ...note.font, size: 11 };
     for (const trace of data) if (trace.textfont?.size > 10) trace.textfont = { ...trace.textfont, size: 9 };
     legend(data, layout, width, scales(data, layout));
