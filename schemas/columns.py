@@ -304,10 +304,11 @@ _MEASURED = (
     ),
     text(
         "search_end",
-        "why the search for causes stopped: no significant cause is left (complete), or the maximum number of causes "
-        "or unnamed effects was reached and more is significant",
+        "why the search for causes stopped: no significant cause is left (complete); eight or more causes were "
+        "accepted, and no other one is known to predict held-out epochs better (most-causes), or further fits would "
+        "take too long (time); or three unnamed effects were accepted and more is significant (unnamed-effects)",
         nullable=True,
-        choices=("complete", "most-causes", "unnamed-effects"),
+        choices=("complete", "most-causes", "unnamed-effects", "time"),
     ),
     text("left_cause", "cause that would be accepted next; empty if there is none", nullable=True),
     text("left_subject", "subject of left_cause; empty for the whole, or if there is none", nullable=True),
@@ -326,7 +327,7 @@ _MEASURED = (
         "code of the reason for the state or the verdict. Of a cause: found; noise; remainder (columns predict the "
         "misfit where no model holds); rival; chance; held-out (worse prediction); dropped (not needed next to "
         "others); contained (in a found cause); unseen (the campaign cannot show it); inadequate, unnamed, unpaid, "
-        "elsewhere (suspected: docs/diagnosis.md); ended (search ended before); no-time, no-up, ... (a quantity is "
+        "elsewhere (suspected: docs/diagnosis.md); ended (search ended without it); no-time, no-up, ... (a quantity is "
         "not recorded). Of a section: docs/verdict.md",
     ),
     real("misfit", "", "rms misfit of the relation as recorded; a count or ratio in unit 1", nullable=True),

@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Generic
 
+from truing.inference.arrays import Mask
+from truing.inference.fitted_model import FittedModel
 from truing.inference.model import CauseT
+from truing.inference.prediction import predicts_worse
 from truing.inference.rounds import Round
 
-# Most accepted causes, and most nonparametric effects among them. A machine that needs more does not fit the catalogue:
-# more causes would only describe its residuals piece by piece.
-MOST_CAUSES, MOST_UNNAMED = 8, 3
+# A machine that needs more causes hardly fits the catalogue. From this number on, a cause must also predict held-out
+# epochs significantly better, and the names of all are doubted.
+MANY_CAUSES = 8
+# Most nonparametric effects. More would only describe residuals piece by piece.
+MOST_UNNAMED = 3
+# Most operations of the fits of further causes, in rows times squared unknowns: a few minutes for the largest
+# campaigns. A limit on the clock would give different results on different computers.
+MOST_OPERATIONS = 3e10
 
 
 class SearchEnd(StrEnum):
     """Reason why a search stopped."""
 
     COMPLETE = "complete"  # no remaining candidate is significant
-    MOST_CAUSES = "most-causes"  # MOST_CAUSES were accepted, and another candidate is significant
+    MOST_CAUSES = "most-causes"  # MANY_CAUSES or more were accepted, and no other one is known to predict better
     UNNAMED_EFFECTS = "unnamed-effects"  # MOST_UNNAMED were accepted, and another candidate is significant
+    TIME = "time"  # further causes would take too long, and another candidate is significant
 
 
 @dataclass(frozen=True)
@@ -41,16 +50,36 @@ class EndOfSearch(Generic[CauseT]):
         return self.end is SearchEnd.COMPLETE
 
 
-def limit_reached(accepted: Sequence[CauseT]) -> SearchEnd | None:
-    """Return the limit that the accepted causes have reached, None where another one may be accepted."""
-    if sum(not cause.catalogued for cause in accepted) >= MOST_UNNAMED:
-        return SearchEnd.UNNAMED_EFFECTS
-    return SearchEnd.MOST_CAUSES if len(accepted) >= MOST_CAUSES else None
+@dataclass
+class FurtherCauses(Generic[CauseT]):
+    """Causes beyond the usual number: kinds that do not pay, and the operations that all their fits took."""
 
+    unpaid: set[str] = field(default_factory=set)
+    operations: float = 0.0
 
-def end_of_search(
-    limit: SearchEnd | None, accepted: Sequence[CauseT], closing: Round[CauseT], left: CauseT | None
-) -> EndOfSearch[CauseT]:
-    """Return the end of a search in its closing round; ``left`` is the candidate it would have accepted next."""
-    least = min((closing.p_value(candidate) for candidate in closing.best.values()), default=1.0)
-    return EndOfSearch(SearchEnd.COMPLETE if left is None or limit is None else limit, len(accepted), left, least)
+    def pays(self, before: FittedModel[CauseT], after: FittedModel[CauseT], covered: Mask) -> bool:
+        """Return True if a further cause predicts held-out epochs significantly better; count its fit."""
+        self.operations += len(after.fit.whitened.residual) * len(after.fit.shared) ** 2
+        return predicts_worse(after.held_out, before.held_out, covered)
+
+    def limit(self, accepted: Sequence[CauseT], current: FittedModel[CauseT]) -> SearchEnd | None:
+        """Return the limit that the accepted causes have reached, None where another one may be accepted."""
+        if sum(not cause.catalogued for cause in accepted) >= MOST_UNNAMED:
+            return SearchEnd.UNNAMED_EFFECTS
+        if len(accepted) < MANY_CAUSES:
+            return None
+        if current.held_out is None:
+            return SearchEnd.MOST_CAUSES
+        return SearchEnd.TIME if self.operations >= MOST_OPERATIONS else None
+
+    def end(
+        self, limit: SearchEnd | None, accepted: int, closing: Round[CauseT], left: CauseT | None
+    ) -> EndOfSearch[CauseT]:
+        """Return the end of a search in its closing round.
+
+        ``left`` is the candidate that it would have accepted next, or one that is significant but does not pay.
+        """
+        least = min((closing.p_value(candidate) for candidate in closing.best.values()), default=1.0)
+        if left is None:
+            limit = SearchEnd.MOST_CAUSES if accepted > MANY_CAUSES else SearchEnd.COMPLETE
+        return EndOfSearch(limit or SearchEnd.MOST_CAUSES, accepted, left, least)

@@ -1,9 +1,9 @@
 """Forward selection of causes: accept the most probable one, refit everything, repeat.
 
 An accepted candidate is significant in the search over all candidates. It is the most probable one by evidence, in
-pairs where two explain what a third would absorb. It does not predict held-out epochs worse. At the end each accepted
-cause is dropped if the others explain its effect. If the noise depends on something, observations are weighted
-accordingly and the search is repeated.
+pairs where two explain what a third would absorb. It does not predict held-out epochs worse; after many causes, it
+predicts them better. At the end each accepted cause is dropped if the others explain its effect. If the noise depends
+on something, observations are weighted accordingly and the search is repeated.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Generic
 
 import numpy as np
 
+from truing.inference import search_end
 from truing.inference.adequacy import Adequacy, adequacy_of
 from truing.inference.arrays import Mask
 from truing.inference.attribution import Attributed, attributed
@@ -29,7 +30,7 @@ from truing.inference.prediction import predicts_worse
 from truing.inference.rounds import RIVAL_FACTOR, Round, score_round, share_explained
 from truing.inference.scatter import FoundScatter
 from truing.inference.search import CauseCandidate, Search
-from truing.inference.search_end import MOST_CAUSES, EndOfSearch, end_of_search, limit_reached
+from truing.inference.search_end import EndOfSearch, FurtherCauses
 from truing.inference.shape_uncertainty import shape_covariance_factors
 from truing.inference.verdicts import (
     FOUND,
@@ -52,6 +53,7 @@ _NO_MORE, _NO_WORSE = 1.002, 1.02
 _MOST_DEPENDENCES = 2
 _MOST_SCATTERS = 2
 _SEVERAL_PERIODS = 2
+_ADEQUACY = 8  # stream of random numbers
 
 
 @dataclass(frozen=True)
@@ -183,7 +185,7 @@ class CauseSelection(Generic[CauseT]):
         searched, verdicts = self._paying(searched)
         fitter, final = self._fitter, searched.final
         noise = noise_level(final.fit.whitened, final.measured, fitter.declared)
-        adequacy = adequacy_of(final, noise, np.random.default_rng([self._settings.seed, MOST_CAUSES]), fitter.repeats)
+        adequacy = adequacy_of(final, noise, np.random.default_rng([self._settings.seed, _ADEQUACY]), fitter.repeats)
         noisy = tuple(self._noise.noisy_channels(final))
         is_noisier = bool(noisy) or noise.p_value <= self._settings.noise_level
         is_noisier |= any(own.driver.cause is None for own in noise_dependences)
@@ -378,16 +380,22 @@ class CauseSelection(Generic[CauseT]):
         rounds."""
         found: list[_Accepted[CauseT]] = []
         worse: list[Verdict[CauseT]] = []
-        pairs = True
+        pairs, further = True, FurtherCauses[CauseT]()
         while True:
-            current, refused = rounds[-1], {verdict.cause.id for verdict in worse}
+            current, known_worse = rounds[-1], {verdict.cause.id for verdict in worse}
+            refused = known_worse | further.unpaid
             chosen = choose(current, refused, self._settings.level, pairs=pairs)
-            causes = [step.cause for step in found]
-            if (limit := limit_reached(causes)) is not None or chosen is None:
-                left = None if chosen is None else chosen.candidate.cause
-                return found, worse, end_of_search(limit, causes, current, left)
+            limit = further.limit([step.cause for step in found], current.fitted)
+            if limit is not None or chosen is None:
+                left = chosen or choose(current, known_worse, self._settings.level, pairs=pairs)
+                cause_left = None if left is None else left.candidate.cause
+                return found, worse, further.end(limit, len(found), current, cause_left)
             chosen, cause, after = self._fitted(chosen, current)
-            if predicts_worse(current.fitted.held_out, after.held_out, self._covered(cause, after)):
+            covered = self._covered(cause, after)
+            if len(found) >= search_end.MANY_CAUSES and not further.pays(current.fitted, after, covered):
+                further.unpaid.add(chosen.candidate.kind)
+                continue
+            if predicts_worse(current.fitted.held_out, after.held_out, covered):
                 worse.append(first_order(current, chosen.candidate, REJECTED, self._fitter.held_out, Reason.HELD_OUT))
                 continue
             next_round = self._round(after, kinds, len(rounds))

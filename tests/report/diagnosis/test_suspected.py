@@ -8,6 +8,7 @@ import pytest
 from tests.report.diagnosis_parts import part_of, state_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, rejected, row, rows
 from tests.sentences import assert_says, says
+from truing.report.diagnosis.adequacy import shortcoming
 from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.findings import DOUBTS, scatter_explanation
 from truing.report.diagnosis.headline import clause
@@ -52,6 +53,22 @@ def head(diagnosis_rows: pd.DataFrame, tests: pd.DataFrame) -> tuple[str, str]:
 
 def reason(diagnosis_rows: pd.DataFrame, tests: pd.DataFrame) -> ReasonCode:
     return verdict_rows(with_verdict(of(diagnosis_rows, tests)))["campaign"].reason_code
+
+
+@pytest.mark.parametrize(
+    ("end", "left", "words"),
+    [
+        ("most-causes", "actuator-gain", ("9 accepted causes", "held-out", "another effect remains", "leg 3")),
+        ("time", "actuator-gain", ("9 accepted causes", "too long", "another effect remains", "leg 3")),
+        ("most-causes", None, ("accepted 9 causes", "piece by piece")),
+    ],
+)
+def test_why_a_search_ended_is_said(end: str, left: str | None, words: tuple[str, ...]) -> None:
+    subject = "leg3" if left else None
+    ended = ENDED.assign(value=9.0, search_end=end, left_cause=left, left_subject=subject)
+    said = shortcoming({"adequacy": ended})
+    assert_says(said, *words)
+    assert ("remains" in said) == (left is not None)
 
 
 def test_a_suspected_cause_leads_as_suspected() -> None:

@@ -208,6 +208,10 @@ def of_two_gains(elsewhere: Sequence[float] = (1e-4, 3e-4, 0.0)) -> CauseDiagnos
     return searched(*both)
 
 
+def found_in(told: CauseDiagnosis) -> set[str]:
+    return {cause.subject for cause in told.final.causes}
+
+
 def test_a_gain_of_one_joint_is_found_and_named() -> None:
     found = [verdict for verdict in diagnosed(2e-4).verdicts if verdict.verdict == "found"]
     assert [(verdict.cause.id, verdict.cause.subject) for verdict in found] == [("joint-gain", "joint2")]
@@ -224,21 +228,43 @@ def test_a_search_says_that_it_came_to_its_end() -> None:
 
 
 def test_a_search_that_was_ended_says_so_and_what_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("truing.inference.search_end.MOST_CAUSES", 0)
+    monkeypatch.setattr("truing.inference.search_end.MANY_CAUSES", 0)
+    monkeypatch.setattr("truing.inference.search_end.MOST_OPERATIONS", 0.0)
     told = diagnosed(2e-4)
     assert told.end.left is not None
-    assert (told.end.end, told.end.accepted, told.end.left.subject) == (SearchEnd.MOST_CAUSES, 0, "joint2")
+    assert (told.end.end, told.end.accepted, told.end.left.subject) == (SearchEnd.TIME, 0, "joint2")
     assert told.end.p_value < Settings(0.05, 200, 1).level
     assert [(verdict.verdict, verdict.reason) for verdict in told.verdicts] == [("rejected", Reason.ENDED)]
     table = adequacy_table(told, Settings(0.05, 200, 1), "point").to_pylist()
     (row,) = [row for row in table if row["test"] == "causes-left"]
-    assert (row["state"], row["search_end"], row["value"]) == ("fails", "most-causes", 0.0)
+    assert (row["state"], row["search_end"], row["value"]) == ("fails", "time", 0.0)
     assert (row["left_cause"], row["left_subject"]) == ("joint-gain", "joint2")
 
 
 def test_where_nothing_real_is_left_no_limit_ends_a_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("truing.inference.search_end.MOST_CAUSES", 1)
+    monkeypatch.setattr("truing.inference.search_end.MANY_CAUSES", 1)
     assert diagnosed(2e-4).end.is_complete
+
+
+def test_beyond_many_causes_one_that_predicts_held_out_epochs_better_is_accepted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("truing.inference.search_end.MANY_CAUSES", 1)
+    told = of_two_gains()
+    assert found_in(told) == {"joint1", "joint2"}
+    # So many causes are doubted, although no other one is significant.
+    assert (told.end.end, told.end.accepted, told.end.left) == (SearchEnd.MOST_CAUSES, 2, None)
+    assert told.end.p_value > Settings(0.05, 200, 1).level
+
+
+def test_beyond_many_causes_one_that_predicts_held_out_epochs_no_better_is_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("truing.inference.search_end.MANY_CAUSES", 1)
+    told = of_two_gains(elsewhere=(0.5e-4, 3e-4, 0.0))  # predicted as badly with half the gain as without
+    assert found_in(told) == {"joint2"}
+    assert told.end.left is not None
+    assert (told.end.end, told.end.accepted, told.end.left.subject) == (SearchEnd.MOST_CAUSES, 1, "joint1")
 
 
 def test_the_numbers_of_an_accepted_cause_are_those_of_the_round_that_accepted_it() -> None:

@@ -18,7 +18,7 @@ from truing.report.wordings.nonparametric_wordings import columns_words
 from truing.schemas.verdict import BY_A_FACTOR, ReasonCode
 
 _TITLE = "Does the model fit as a whole?"
-CAUSES_LEFT, _UNNAMED = "causes-left", "unnamed-effects"
+CAUSES_LEFT = "causes-left"
 _LOOKED_FOR = {
     "observation-noise": "noise of the measurements",
     "input-noise": "noise of the inputs",
@@ -26,6 +26,11 @@ _LOOKED_FOR = {
     "pure-error": "lack of fit, by repeated measurements",
     "by-region": "mean residual of a region",
     CAUSES_LEFT: "further causes",
+}
+_WHY_ENDED = {
+    "most-causes": " because no further one is known to predict held-out measurements better,",
+    "time": " because further ones would take too long,",
+    "unnamed-effects": " because too many effects match no catalogued cause,",
 }
 _WHY_UNTESTED = {"too-few": "too few data", "no-repeats": "no command was repeated"}
 _UNITS = {
@@ -152,12 +157,14 @@ def shortcoming_words(worst: Any) -> str:
 
 def _limit_words(row: Any) -> str:
     """Return in words that the search reached a limit, and the remainder, without a full stop."""
-    of = f" of {subject_words(row.left_subject)}" if cell(row.left_subject) else ""
-    why = " because too many effects match no catalogued cause," if row.search_end == _UNNAMED else ""
+    if not cell(row.left_cause):
+        accepted = count(round(row.value), "cause")
+        return f"the search accepted {accepted}, and so many may only describe residuals piece by piece"
     accepted = count(round(row.value), "accepted cause")
+    of = f" of {subject_words(row.left_subject)}" if cell(row.left_subject) else ""
     return (
-        f"the search ended after {accepted},{why} but another effect remains; its best candidate is "
-        f"{cause_words(row.left_cause)}{of}"
+        f"the search ended after {accepted},{_WHY_ENDED[row.search_end]} but another effect remains; its best "
+        f"candidate is {cause_words(row.left_cause)}{of}"
     )
 
 

@@ -184,7 +184,7 @@ def _rejected(facts: Facts) -> str:
         alone = f"; alone{sizes}" if sizes else ""
         return f"The data show that {facts.clause}. This is part of an accepted cause and explains less{alone}."
     if facts.reason_code == "ended":
-        return f"It is undecided whether {facts.clause}: the search ended before (p = {facts.p_value:.2g})."
+        return f"It is undecided whether {facts.clause}: the search ended without it (p = {facts.p_value:.2g})."
     shown = (
         f"The data do not show that {facts.clause} "
         f"(p = {facts.p_value:.2g}, corrected for {facts.candidates} candidates)"
