@@ -202,7 +202,17 @@ def test_every_section_has_its_figure(whole):
     for name, least in {"measured": 1, "diagnosis": 2, "poses": 2, "deformation": 3}.items():
         assert sum(len(part.figures) for part in all_of([found[name]])) >= least, name
     essential = ["diagnosis", "stop", "qa", "calibration", "requirements"]
-    behind = ["measured", "poses", "deformation", "alike", "uncertainty", "during", "excluded", "provenance"]
+    behind = [
+        "measured",
+        "poses",
+        "deformation",
+        "alike",
+        "uncertainty",
+        "during",
+        "excluded",
+        "provenance",
+        "glossary",
+    ]
     assert list(found) == [*essential, *behind]
     assert [name for name, section in found.items() if section.depth == Depth.ESSENTIAL] == essential
 

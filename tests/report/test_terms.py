@@ -6,10 +6,13 @@ import re
 
 import pytest
 
+from truing.report.glossary_section import glossary_section
 from truing.report.page import Listing, PageHead, ReportSection
 from truing.report.rendering.render import render_page
 from truing.report.rendering.terms import AMBIGUOUS, marked
+from truing.report.wordings.catalogue import WORDINGS, cause_meaning, cause_words
 from truing.schemas.glossary import Term, glossary
+from truing.schemas.point_checks import OF_POINTS
 
 TERMS = {term.term: term for term in glossary()}
 
@@ -61,3 +64,33 @@ def test_each_section_of_a_page_explains_a_term_once() -> None:
     assert shown == ["Poses", "residual"] * 2
     assert '<th scope="col">pose</th>' in page
     assert "docs/glossary.md" in page
+
+
+def test_names_in_tables_lead_to_their_definition() -> None:
+    rows = (("pass", "time-gaps", "poses"), ("pass", "own-check", "poses"))
+    checks = ReportSection("qa", "Quality", "Two checks.", listings=(Listing(("verdict", "check", "subject"), rows),))
+    cause = Listing(("cause", "verdict"), (("actuator gain, leg <3>", "found"),))
+    causes = ReportSection("diagnosis", "Diagnosis", "One cause.", listings=(cause,))
+    meanings = glossary_section([checks, causes])
+    assert meanings is not None
+    page = render_page(PageHead("c", (("pass", "ok"),)), [checks, causes, meanings])
+    links = re.findall(r'<a class="defined" href="#([^"]+)" title="([^"]+)">([^<]+)</a>', page)
+    assert [(place, text) for place, _, text in links] == [
+        ("check-time-gaps", "time-gaps"),
+        ("cause-actuator-gain", "actuator gain, leg &lt;3&gt;"),
+    ]
+    assert all(f'<tr id="{place}">' in page for place, *_ in links)
+    assert links[0][1] == OF_POINTS["time-gaps"].question
+    assert "<td>own-check</td>" in page
+
+
+@pytest.mark.parametrize("cause", WORDINGS)
+def test_a_cause_is_one_short_sentence_without_gaps(cause: str) -> None:
+    words = cause_meaning(cause)
+    assert re.fullmatch(r"[A-Z](?:(?!  | None|\.).)+\.", words), words
+    assert len(words.split()) <= 25
+
+
+def test_names_of_causes_are_different() -> None:
+    nouns = [cause_words(cause) for cause in WORDINGS]
+    assert len(set(nouns)) == len(nouns)

@@ -29,6 +29,7 @@ class Listing:
     folded: bool = False
     held_by: str = ""  # the artifact that holds all rows, where the page shows only some
     csv: str = ""  # the same as CSV, to be copied as a whole
+    anchor: str = ""  # rows define their first cell, to which cells under this head lead
     by_leg: bool = False  # its first cells name the leg; choosing legs in the view selects their rows
 
     @property

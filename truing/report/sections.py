@@ -95,7 +95,7 @@ def page_sections() -> tuple[PageSection, ...]:
 # Ids of subsections.
 _PARTS = """
 adequacy evidence gain sizes pulls swallowed loads hidden next changes
-uncertainty-pose uncertainty-calibration uncertainty-cause uncertainty-accuracy uncertainty-tip provenance
+uncertainty-pose uncertainty-calibration uncertainty-cause uncertainty-accuracy uncertainty-tip provenance glossary
 """
 
 
@@ -116,6 +116,7 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
     ``provenance``: metadata of each artifact.
     """
     from truing.report.figure_style import figure_template
+    from truing.report.glossary_section import glossary_section
     from truing.report.section_verdict import verdict_rows
     from truing.report.tables import is_bench
     from truing.report.verdict import with_verdict
@@ -127,7 +128,8 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
     shown = [drawn[section.name] or _note_for_missing(section, drawn, tables) for section in wanted]
     rows = verdict_rows(with_verdict(tables))
     marked = [*(_marked(section, rows) for section in shown if section is not None), _provenance(provenance)]
-    return sorted(map(_at_depth, marked), key=_is_behind)
+    defined = glossary_section(marked, bench=bench)
+    return sorted(map(_at_depth, [*marked, *([defined] if defined else [])]), key=_is_behind)
 
 
 # Sections and subsections that a reader sees at once, each with the number of its figures that are shown.

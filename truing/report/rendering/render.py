@@ -17,7 +17,7 @@ import plotly.graph_objects as go
 
 from truing.report.numbers import count
 from truing.report.page import Listing, PageHead, ReportSection, all_of
-from truing.report.rendering.terms import marked
+from truing.report.rendering.terms import anchor, defined, marked
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -85,6 +85,7 @@ def render_page(head: PageHead, sections: Sequence[ReportSection]) -> str:
     scripts = [_package_text(f"{name}.js") for name in ("scene", "narrow", "figures", "csv", "tables")]
     return _template().render(
         head=head,
+        meanings=_meanings(sections),
         ids={section.id for section in all_of(sections)},
         sections=[_drawn(section, head.campaign) for section in sections],
         next=next((section.title for section in all_of(sections) if section.id == "next"), ""),
@@ -95,6 +96,12 @@ def render_page(head: PageHead, sections: Sequence[ReportSection]) -> str:
         figure_template=embedded(_figure_template()) if any_figure else "",
         policy=_policy([*scripts, plotly]),
     )
+
+
+def _meanings(sections: Sequence[ReportSection]) -> dict[tuple[str, str], str]:
+    """Return the sentences that the page's tables define, by kind (check, cause, term) and name."""
+    listings = (listing for section in all_of(sections) for listing in section.listings if listing.anchor)
+    return {(listing.anchor, row[0]): row[1] for listing in listings for row in listing.rows}
 
 
 def _print_marks(head: PageHead) -> str:
@@ -163,7 +170,7 @@ def _template() -> jinja2.Template:
 
     loader = jinja2.PackageLoader("truing.report.rendering", "")
     environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {"unbroken": _with_fixed_spaces, "terms": marked}
+    environment.filters |= {"unbroken": _with_fixed_spaces, "terms": marked, "defined": defined, "anchor": anchor}
     return environment.get_template("report.html.jinja")
 
 

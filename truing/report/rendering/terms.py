@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -29,6 +30,25 @@ def marked(text: str, used: set[str]) -> Markup:
         parts += [escape(text[end : found.start()]), Markup('<abbr title="{}">{}</abbr>').format(title, found[0])]
         end = found.end()
     return Markup("").join([*parts, escape(text[end:])])
+
+
+def anchor(name: str, kind: str) -> str:
+    """Return the id of the row that defines a name: ``check-time-gaps``."""
+    return f"{kind}-{re.sub(r'[^a-z0-9]+', '-', name.lower())}"
+
+
+def defined(cell: str, head: str, meanings: Mapping[tuple[str, str], str]) -> Markup | str:
+    """Return a cell as a link to the row that defines what it names, with the sentence as tooltip, if there is one.
+
+    ``head``: that of its column; words behind a comma are the subject.
+    """
+    name = cell.partition(",")[0]
+    if (head, name) not in meanings:
+        return cell
+    from markupsafe import Markup
+
+    link = '<a class="defined" href="#{}" title="{}">{}</a>'
+    return Markup(link).format(anchor(name, head), meanings[head, name], cell)
 
 
 @cache

@@ -197,3 +197,38 @@ def confirming(claim: Claim, otherwise: str = "") -> Advice:
     """Return the measurement that confirms a cause; ``otherwise``: that of a cause from a package."""
     text = WORDINGS[claim.cause].advice if claim.cause in WORDINGS else otherwise
     return Advice(AdviceKind.CONFIRM, text if isinstance(text, str) else text(claim))
+
+
+# Causes whose clause needs a subject or a column, or is about one of several kinds of subject.
+_MEANINGS = {
+    "base-deformation": "the base deforms with a recorded column, such as a temperature",
+    "leg-compliance": "the legs deflect under the weight that they carry",
+    "thermal-expansion": "one or several bodies grow with temperature",
+    "noise-burst": "the data scatter more for some time than in the rest of the campaign",
+    "body-deformation": "a body deforms with a recorded column",
+    "body-drift": "the shape of a body drifts with time",
+    "leg-stiffness": "the stiffness of a leg differs from the simulated one",
+    "thermal-drift": "one linear channel, or all, depend on the temperature",
+    "abbe-offset": "the beam of one linear channel, or of all, passes off the origin, so it measures rotation too",
+    "dead-path": "one linear channel, or all, have a dead path without compensation for the air",
+    "scale-error": "an axis or one of its encoders has a scale error",
+    "periodic-error": "an axis or one of its encoders has a periodic error",
+    "zero-shift": "an axis or one of its encoders has a zero shift",
+    "axis-growth": "an axis, an encoder or the instrument grows with temperature, in proportion to the position",
+    "link-bending": "a link bends under the weight that it carries",
+    "link-growth": "one link, or all, grow with temperature",
+    "base-drift": "the base moves steadily against the instrument, from the first to the last pose",
+    "base-jump": "the base sits elsewhere from some pose on",
+    "joints-exchanged": "the readings of two joints stand in each other's column",
+    "camera-instability": "the principal distance of a camera changes at some pose",
+    "unexplained": "the data depend on recorded columns in no declared form",
+}
+
+
+def cause_meaning(cause: str) -> str:
+    """Return one sentence on a cause in general, without subject and size; empty for a cause from a package."""
+    if cause not in WORDINGS:
+        return ""
+    subject = "a joint" if cause in CHAIN else ""
+    words = _MEANINGS.get(cause) or clause(Claim(cause=cause, subject=subject))
+    return f"{words[:1].upper()}{words[1:]}."
