@@ -37,8 +37,9 @@ def tables(tmp_path_factory) -> dict[str, pd.DataFrame]:
 def test_the_page_has_a_bench_and_no_machine(tables):
     found = build_sections(tables, {})
     sections = {section.id: section for section in found}
-    order = ["diagnosis", "measured", "qa", "displacement", "deformation", "tolerances", "calibration", "requirements"]
-    assert [section.id for section in found] == [*order, "uncertainty", "excluded", "provenance"]
+    essential = ["diagnosis", "qa", "calibration", "requirements"]
+    appendix = ["measured", "displacement", "deformation", "tolerances", "alike", "uncertainty", "excluded"]
+    assert [section.id for section in found] == [*essential, *appendix, "provenance", "glossary"]
     assert sections["requirements"].state == "not tested"
 
 
