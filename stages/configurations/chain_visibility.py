@@ -31,7 +31,7 @@ _NEW_PAYLOAD_KG = 1.0  # beside no payload, where the campaign has none
 def shown_by(
     poses: PlannedPoses, probes: PlannedPoses, causes: Sequence[ChainCause], ranges: JointRanges
 ) -> ShownByPoses:
-    """Return what poses show of the unknowns and of the causes; ``probes``: other poses that may show more."""
+    """Return the unknowns, causes and hidden combinations of poses; ``probes``: other poses that may show more."""
     unknowns, seen = observability_of(poses)
     prior = seen.scales
     numbers = {
