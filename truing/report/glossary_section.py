@@ -35,7 +35,7 @@ def glossary_section(sections: Sequence[ReportSection], *, bench: bool = False) 
 
 
 def named_in(listings: Iterable[Listing], head: str) -> set[str]:
-    """Return what the cells of columns with this head name: the words before a comma, behind which is the subject."""
+    """Return the kind of name in columns with this head: the words before a comma, behind which is the subject."""
     columns = ((listing, listing.heads.index(head)) for listing in listings if head in listing.heads)
     return {row[k].partition(",")[0] for listing, k in columns for row in listing.rows}
 
