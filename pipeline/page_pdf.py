@@ -8,6 +8,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+from truing.child_processes import child_environment
 from truing.pipeline.artifacts import table_of
 from truing.pipeline.campaign_run import verdict_line
 from truing.pipeline.console import RunConsole
@@ -76,7 +77,9 @@ def _alone() -> tuple[str, ...]:
 
 def _call(words: list[str]) -> None:
     try:
-        done = subprocess.run(words, capture_output=True, check=False, timeout=_PATIENCE_S)
+        done = subprocess.run(
+            words, env=child_environment(), capture_output=True, check=False, timeout=_PATIENCE_S
+        )
     except subprocess.TimeoutExpired:
         raise EnvironmentProblem(f"{words[0]} did not print the page within {_PATIENCE_S:.0f} s") from None
     if done.returncode:

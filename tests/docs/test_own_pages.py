@@ -143,7 +143,7 @@ def test_a_section_of_the_page_stands_in_the_report(
     tables, _ = run_line(workplace / "sample_data" / "telescope", "ingest")
     frames = {name: table.to_pandas() for name, table in tables.items()}
     shown = [section.id for section in build_sections(frames, {})]
-    assert shown[-2:] == ["temperature", "provenance"]
+    assert shown[-3:] == ["temperature", "provenance", "glossary"]
     cold = {**frames, "configurations": frames["configurations"].drop(columns="temperature_c")}
     assert "temperature" not in [section.id for section in build_sections(cold, {})]
 

@@ -32,7 +32,7 @@ def test_the_page_stands(line):
     page = tables["report"]
     assert page.startswith("<!doctype html>")
     assert "a campaign &amp; ours" in page
-    assert "12 sections, 7 figures" in said["report"].figure
+    assert "13 sections, 7 figures" in said["report"].figure
 
 
 def test_without_a_survey_the_shape_is_what_was_measured(line):
