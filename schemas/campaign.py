@@ -157,7 +157,10 @@ def read_campaign(document: dict[str, Any], file: str = "campaign.toml") -> Camp
     except ValidationError as error:
         raise CampaignFaults(_fault(file, document, detail) for detail in error.errors()) from None
     kind = campaign.campaign.kind
-    faults = (*limit_faults(file, kind, campaign.qa.limits), *acceptance_faults(file, kind, campaign.accept))
+    faults = [*limit_faults(file, kind, campaign.qa.limits), *acceptance_faults(file, kind, campaign.accept)]
+    if campaign.workspace.joints and campaign.mechanism.type != "chain":
+        text = 'no such key, because only a [mechanism] of type "chain" has joints'
+        faults += [Fault(file, text, column=f"workspace.joints.{name}") for name in campaign.workspace.joints]
     if faults:
         raise CampaignFaults(faults)
     return campaign

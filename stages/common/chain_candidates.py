@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
 from truing.schemas.faults import CampaignFaults, Fault
-from truing.schemas.near_names import did_you_mean
 from truing.simulation.inputs import TIME
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.joint_table import JointColumn, joint_column
@@ -61,9 +60,9 @@ class JointRanges:
 def joint_ranges(tree: Tree, settings: Campaign, joints: pa.Table, measured: pa.Table | None) -> JointRanges:
     """Ranges of the joints: of [workspace] joints, else the description's limits, else of the readings ``measured``.
 
-    Raises CampaignFaults for a joint without a range, and for keys that name no joint.
+    Raises CampaignFaults for a joint without a range.
     """
-    given = dict(settings.workspace.joints)
+    given = settings.workspace.joints
     limits = {row["joint"]: (row["lower_si"], row["upper_si"]) for row in joints.to_pylist()}
     columns, ends, sources, faults = [], [], [], []
     for joint in tree.readings:
@@ -74,7 +73,7 @@ def joint_ranges(tree: Tree, settings: Campaign, joints: pa.Table, measured: pa.
         low, high = limits.get(joint, (None, None))
         source = "limits of the description"
         if own is not None:
-            (low, high), source = np.array(given.pop(own.name)) * own.si, "[workspace] joints"
+            (low, high), source = np.array(given[own.name]) * own.si, "[workspace] joints"
         elif (low is None or high is None) and measured is not None and column.name in measured.schema.names:
             values = number_column(measured, column.name) * column.si
             (low, high), source = (np.nanmin(values), np.nanmax(values)), "range of the measured readings"
@@ -85,19 +84,10 @@ def joint_ranges(tree: Tree, settings: Campaign, joints: pa.Table, measured: pa.
         columns.append(column)
         ends.append((low, high))
         sources.append(source)
-    for name in given:
-        known = [name for joint in tree.readings for name in _column_names(tree, joint)]
-        hint = did_you_mean(name, known) or f"; there are {', '.join(known)}"
-        faults.append(Fault(FILE, f"the column of a joint{hint}", column=f"workspace.joints.{name}"))
     if faults:
         raise CampaignFaults(faults)
     low, high = np.array(ends, float).T
     return JointRanges(tuple(columns), low, high, tuple(sources))
-
-
-def _column_names(tree: Tree, joint: str) -> list[str]:
-    is_angle = tree.is_revolute[tree.readings.index(joint)]
-    return [f"{joint}_deg", f"{joint}_rad"] if is_angle else [f"{joint}_mm", f"{joint}_m"]
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -62,6 +62,7 @@ def ingest(
     _check_columns(tree, table, log)
     _check_series(settings, table, log)
     _check_gears(settings, tree, log)
+    _check_workspace(settings, tree, log)
     _check_links(tree, outcome.artifacts, log)
     _check_loops(tree, table, log)
     artifacts = {**outcome.artifacts, "joints": tree_table(tree, limits)}
@@ -86,6 +87,7 @@ def planned_chain(settings: Any, source: CampaignFiles) -> dict[str, pa.Table]:
     if planned is not None:
         found["configurations"] = planned.table
         _check_columns(tree, planned.table, log)
+    _check_workspace(settings, tree, log)
     _check_links(tree, found, log)
     log.raise_faults()
     return found
@@ -271,6 +273,27 @@ def _check_gears(settings: Any, tree: Tree, log: FaultLog) -> None:
         hint = did_you_mean(joint, turning) or f"; there are {', '.join(turning)}"
         text = f"a joint that turns and is read{hint}"
         log.add(Fault("campaign.toml", text, column="mechanism.gear_orders", value=joint))
+
+
+def _check_workspace(settings: Any, tree: Tree, log: FaultLog) -> None:
+    """Note every key of [workspace] joints that is no column of a joint, or a second one of the same joint."""
+    columns = {joint + end: joint for joint, endings in _endings(tree) for end in endings}
+    joints = settings.workspace.joints
+    for name, ends in joints.items():
+        joint = columns.get(name)
+        others = [other for other in joints if other != name and joint is not None and columns.get(other) == joint]
+        if joint is not None and not others:
+            continue
+        hint = did_you_mean(name, list(columns)) or f"; there are {', '.join(columns)}"
+        text = f"one column for joint {joint}; {others[0]} is one too" if others else f"the column of a joint{hint}"
+        value = f"[{ends[0]:g}, {ends[1]:g}]"
+        log.add(Fault("campaign.toml", text, column=f"workspace.joints.{name}", value=value))
+
+
+def _endings(tree: Tree) -> Iterator[tuple[str, Iterable[str]]]:
+    """Yield every joint that is read, with the endings of the columns that fit it."""
+    for joint, turns in zip(tree.readings, tree.is_revolute, strict=True):
+        yield joint, ANGLES if turns else LENGTHS
 
 
 def _check_series(settings: Any, table: pa.Table, log: FaultLog) -> None:

@@ -160,6 +160,12 @@ def test_the_fault_says_what_stands_there_as_toml_writes_it(section: dict[str, A
     assert any(told in str(fault) for fault in caught.value.faults), [str(f) for f in caught.value.faults]
 
 
+def test_joints_have_a_workspace_on_chains_only() -> None:
+    with pytest.raises(CampaignFaults) as error:
+        read_campaign({"campaign": {"name": "c", "kind": "photogrammetry"}, "workspace": {"joints": {"a_deg": [0, 1]}}})
+    assert [fault.column for fault in error.value.faults] == ["workspace.joints.a_deg"]
+
+
 def test_older_campaign_files_are_read_unchanged() -> None:
     decided = {"by": "A. Lab", "on": "2026-11-22", "reason": "knocked over\nin the night"}
     document = {

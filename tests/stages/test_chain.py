@@ -173,6 +173,13 @@ def _rewritten(campaign: Path, folder: Path, of: str, old: str, new: str) -> Pat
             "a joint that turns and is",
         ),
         ("campaign.toml", '"axis_4"]', '"axis_5"]', "a joint that moves and mimics no other"),
+        ("campaign.toml", "[noise]", "[workspace.joints]\naxis_9_deg = [0, 1]\n[noise]", "the column of a joint; did"),
+        (
+            "campaign.toml",
+            "[noise]",
+            "[workspace.joints]\naxis_1_deg = [0.0, 1.0]\naxis_1_rad = [0.0, 1.0]\n[noise]",
+            "key workspace.joints.axis_1_rad: found '[0, 1]'; expected one column for joint axis_1",
+        ),
     ],
 )
 def test_bad_input_is_named_with_its_place(

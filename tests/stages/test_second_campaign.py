@@ -238,7 +238,6 @@ def test_an_axis_of_another_loop_is_refused(tmp_path: Path) -> None:
     first, _ = _axis(tmp_path / "first", 5, "../second"), _axis(tmp_path / "second", 6, loop="load")
     code, said = _truing("run", str(first), "--out", str(tmp_path / "run"))
     assert code == 2
-    assert (
-        "key mechanism.loop: found 'load'; expected motor: models predict a second campaign of the same"
-        in " ".join(said.split())
+    assert "key mechanism.loop: found 'load'; expected motor: models predict a second campaign of the same" in " ".join(
+        said.split()
     )
