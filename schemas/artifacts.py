@@ -478,6 +478,12 @@ _DIAGNOSIS = (
         "pose* role rms_before rms_after largest_before largest_after unit",
     ),
     parquet(
+        "component_errors",
+        "measured minus predicted by the extended model in the components of [requirement]: the tip of an open chain "
+        "in the axes of its base, or an axis by its outside instrument, else by the encoder outside the loop",
+        "pose* role component* missed sigma unit",
+    ),
+    parquet(
         "reading_errors",
         "measured minus predicted of every reading, after one zero per run, without and with the causes that were "
         "found",

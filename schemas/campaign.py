@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, ValidationError, model_validator
@@ -158,12 +159,30 @@ def read_campaign(document: dict[str, Any], file: str = "campaign.toml") -> Camp
         raise CampaignFaults(_fault(file, document, detail) for detail in error.errors()) from None
     kind = campaign.campaign.kind
     faults = [*limit_faults(file, kind, campaign.qa.limits), *acceptance_faults(file, kind, campaign.accept)]
-    if campaign.workspace.joints and campaign.mechanism.type != "chain":
-        text = 'no such key, because only a [mechanism] of type "chain" has joints'
-        faults += [Fault(file, text, column=f"workspace.joints.{name}") for name in campaign.workspace.joints]
-    if faults:
+    if faults := [*faults, *_joint_faults(file, campaign), *_axis_faults(file, campaign)]:
         raise CampaignFaults(faults)
     return campaign
+
+
+def _joint_faults(file: str, campaign: Campaign) -> Iterator[Fault]:
+    """Yield the joints of [workspace] where [mechanism] has none."""
+    if campaign.mechanism.type != "chain":
+        text = 'no such key, because only a [mechanism] of type "chain" has joints'
+        yield from (Fault(file, text, column=f"workspace.joints.{name}") for name in campaign.workspace.joints)
+
+
+def _axis_faults(file: str, campaign: Campaign) -> Iterator[Fault]:
+    """Yield the limits of [requirement] that an axis cannot have: of the other unit, or a second one."""
+    if not isinstance(campaign.mechanism, AxisMechanism):
+        return
+    given = {name: value for name, value in campaign.requirement if value is not None}
+    unit = campaign.mechanism.unit
+    fitting = [name for name in given if name.endswith(f"_{unit}")]
+    for name, value in given.items():
+        if name not in fitting[:1]:
+            known = ", ".join(key for key in type(campaign.requirement).model_fields if key.endswith(f"_{unit}"))
+            text = f"one limit for the axis, whatever its direction is called: one of {known}"
+            yield Fault(file, text, column=f"requirement.{name}", value=f"{value:g}")
 
 
 # Bounds are shortened here, because pydantic writes all their digits.

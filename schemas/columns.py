@@ -715,7 +715,12 @@ _CONCLUDED = (
     integer("sample", "number of the drawn sensor", minimum=1),
     size("platform_shift_um", "um", "distance of the platform's origin from its place as designed"),
     size("platform_turn_arcsec", "arcsec", "rotation of the platform from its attitude as designed"),
-    text("component", "position along or rotation about an axis", choices=("x", "y", "z", "rx", "ry", "rz")),
+    text(
+        "component",
+        "position along or rotation about an axis; axis: of a single axis",
+        choices=("x", "y", "z", "rx", "ry", "rz", "axis"),
+    ),
+    real("missed", "", "measured minus predicted, in the unit of its row"),
     real("requirement", "", "required accuracy, in the unit of its row", nullable=True),
     size("error", "", "error that 95 of 100 poses do not exceed", nullable=True),
     size("lower", "", "lower end of the 95 % interval of the number in this row", nullable=True),

@@ -19,7 +19,7 @@ DECLARATION = Stage(
         *("observations?", "configurations?", "survey?", "poses?", "residuals?"),
         *("deformation?", "deformation_models?", "model?", "applied_model?", "diagnosis_choices?"),
         *("readings?", "signals?", "displacement?", "given_compliance?", "diagnosis?", "reading_errors?"),
-        *("adequacy?", "prediction?"),
+        *("adequacy?", "prediction?", "component_errors?"),
         *("pose_sensitivities?", "pose_covariances?", "camera_correlations?"),
         *("shift_covariances?", "shift_sensitivities?", "survey_covariances?"),
         "qa?",

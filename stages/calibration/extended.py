@@ -186,5 +186,5 @@ def add_extended(
     figures = [*error_figures(extended.errors, measured.roles), *extended_figures(extended)]
     figures += [("main", 1.0, "1")] if extended.is_main else []
     add_figures(rows["model_choice"], key, ESTIMATOR, figures)
-    noise = measured.platform.covariance
-    rows["requirements"].extend(requirement_rows(requirement, key, extended.errors, noise, ~fitted, why_not))
+    noise = np.diagonal(measured.platform.covariance, axis1=1, axis2=2)
+    rows["requirements"].extend(requirement_rows(requirement, key, extended.errors.error, noise, ~fitted, why_not))

@@ -38,7 +38,8 @@ Key = tuple[str, str]  # model, deformation
 
 LESS_THAN_K = ("none", "linear")
 LEAST_CORRELATION = 0.05  # pairs of parameters below this correlation are not listed
-_COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
+COMPONENTS = {"x": "mm", "y": "mm", "z": "mm", "rx": "deg", "ry": "deg", "rz": "deg"}
+SI = {"mm": 1e-3, "deg": np.pi / 180.0}
 
 
 def parameter_rows(artifact: str, calibrations: Sequence[MachineCalibration]) -> Rows:
@@ -160,25 +161,24 @@ def accuracy_rows(artifact: str, reported: Sequence[tuple[Key, PoseErrors]], mea
 
 
 def requirement_rows(
-    requirement: Requirement, key: Key, errors: PoseErrors, noise: NDArray, held_out: NDArray, why_not: str = ""
+    requirement: Requirement, key: Key, errors: NDArray, variances: NDArray, held_out: NDArray, why_not: str = ""
 ) -> Rows:
-    """One row per required component, evaluated by the errors of a model.
+    """One row per required component, evaluated by the errors (B, 6) of a model, m and rad; NaN if not measured.
 
-    noise (B, 6, 6): covariance of the measured poses, which is subtracted; held_out (B,): poses used, all if there are
-    none. ``why_not``: failed test of the model and remedy; such a model meets no requirement.
+    variances (B, 6): those of the measurement, which are subtracted; held_out (B,): poses used, all if there are none.
+    ``why_not``: failed test of the model and remedy; such a model meets no requirement.
     """
     rows, assessed = Rows("requirements"), held_out if held_out.any() else ~held_out
     by = "" if held_out.any() else ", evaluated at the fitted poses"
-    for i, component in enumerate(_COMPONENTS):
-        unit, si = ("mm", 1e-3) if i < 3 else ("deg", np.pi / 180)
-        limit = getattr(requirement, f"{component}_{unit}")
+    for i, (component, unit) in enumerate(COMPONENTS.items()):
+        limit, si = getattr(requirement, f"{component}_{unit}"), SI[unit]
         if limit is None:
             continue
-        found = error_of_95_percent(errors.error[assessed, i] / si, noise[assessed, i, i] / si**2)
+        own, noise = errors[assessed, i] / si, variances[assessed, i] / si**2
+        found = error_of_95_percent(own, noise)
         verdict = _verdict(found, limit)
-        spare = 0 if held_out.any() else int(assessed.sum())
-        decision = deciding_pose_count(errors.error[assessed, i] / si, noise[assessed, i, i] / si**2, limit, spare)
-        words = _requirement_words(found, verdict, limit, unit) + by
+        decision = deciding_pose_count(own, noise, limit, 0 if held_out.any() else int(np.isfinite(own).sum()))
+        words = _requirement_words(found, verdict, limit, unit) + (by if found else "")
         if why_not and verdict in ("meets", "undecided"):
             verdict, words = "not evaluated", f"not tested: {why_not}"
         rows.add(
@@ -220,7 +220,7 @@ def _verdict(found: Interval | None, limit: float) -> str:
 
 def _requirement_words(found: Interval | None, verdict: str, limit: float, unit: str) -> str:
     if found is None:
-        return "no pose for the test"
+        return "not measured at any pose"
     text = f"95 of 100 poses stay below {found.value:.2g} {unit} (between {found.lower:.2g} and {found.upper:.2g})"
     if found.value == 0:
         text = f"no error above the measurement noise (at most {found.upper:.2g} {unit})"

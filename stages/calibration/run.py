@@ -28,6 +28,7 @@ from truing.report.numbers import listed
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.mechanisms.legs.kinematics import inverse, reaches
 from truing.simulation.mechanisms.structures.catalogue import structures
+from truing.stages.calibration.component_requirements import with_component_requirements
 from truing.stages.calibration.extended import add_extended, compared_rows, extended_of
 from truing.stages.calibration.model_rows import (
     absorption_rows,
@@ -68,7 +69,7 @@ _DEFORMATION["in-plane"] = "matrix deformation along z, x and y"
 def calibrate_mechanism(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> Outcome:
     """Fit every model that the mechanism allows, choose one, and determine the observability."""
     if why := why_no_calibration(settings.mechanism, tables):
-        return nothing_calibrated(why)
+        return with_component_requirements(nothing_calibrated(why), tables, settings, incomplete_picture(tables))
     try:
         data = assemble(tables, settings)
     except ValueError as error:
@@ -158,9 +159,9 @@ def _calibrated(
     }
     if best.errors is not None:
         add_uncalibrated(rows["model_choice"], data.machine, measured)
-        noise = measured.platform.covariance
+        noise = np.diagonal(measured.platform.covariance, axis1=1, axis2=2)
         key, why_not = best.calibration.case.key, shortcoming(best) or incomplete
-        rows["requirements"] = requirement_rows(requirement, key, best.errors, noise, ~fitted, why_not)
+        rows["requirements"] = requirement_rows(requirement, key, best.errors.error, noise, ~fitted, why_not)
     if extended is not None:
         add_extended(rows, extended, requirement, data, fitted, incomplete)
         if extended.effects and best.errors is not None:

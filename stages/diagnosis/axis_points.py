@@ -15,7 +15,16 @@ from truing.inference.observations import Epochs, Frames, Observations
 from truing.schemas.verdict import Relation
 from truing.simulation.axis.extended_model import extended_axis, write_axis
 from truing.simulation.axis.model import AxisModel
-from truing.stages.common.axis_columns import SI, AxisColumns, columns_of, command_sigma, encoder_sigma, excluded_rows
+from truing.simulation.axis.rows import ENCODERS, MEASURED
+from truing.stages.common.axis_columns import (
+    SI,
+    TOLD,
+    AxisColumns,
+    columns_of,
+    command_sigma,
+    encoder_sigma,
+    excluded_rows,
+)
 from truing.stages.common.axis_prospects import is_held_out, why_no_diagnosis
 from truing.stages.common.blocks import groupings_of, labels_of, selected_groupings
 from truing.stages.diagnosis.diagnosis_data import Channels, DiagnosisData, InstrumentResults
@@ -104,7 +113,32 @@ def _results(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Camp
     section = cast("AxisMechanism", settings.mechanism)
     assert isinstance(data.shown, Channels)
     errors = _errors(diagnosis, data.shown, section.unit)
-    return InstrumentResults({"axis_errors": errors, "model": _model_text(diagnosis.final, settings)})
+    required = _required(errors, section, settings)
+    text = _model_text(diagnosis.final, settings)
+    return InstrumentResults({"axis_errors": errors, "component_errors": required, "model": text})
+
+
+def _required(errors: pa.Table, section: AxisMechanism, settings: Campaign) -> pa.Table | None:
+    """Rows of component_errors.parquet: the outside instrument, else the encoder outside the loop; None without one."""
+    names = set(errors.column("encoder").to_pylist()) - {section.loop}
+    encoder = next((name for name in (MEASURED, *ENCODERS) if name in names), None)
+    sigma = None if encoder is None else encoder_sigma(settings, encoder)
+    if encoder is None or sigma is None:
+        return None
+    unit, sigma = section.unit, sigma / SI[section.unit]
+    rows = [row for row in errors.to_pylist() if row["encoder"] == encoder]
+    found = [
+        {
+            "pose": row["pose"],
+            "role": row["role"],
+            "component": "axis",
+            "missed": row["missed_after"] * TOLD[unit][1] / SI[unit],
+            "sigma": sigma,
+            "unit": unit,
+        }
+        for row in rows
+    ]
+    return identified_table("component_errors", found, "pose")
 
 
 def _errors(diagnosis: CauseDiagnosis, channels: Channels, unit: str) -> pa.Table:

@@ -20,6 +20,7 @@ from truing.simulation.mechanisms.chains.tree import TWIST
 from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.diagnosis.chain_next import chain_measurements_of
 from truing.stages.diagnosis.chain_repeats import accuracy_table
+from truing.stages.diagnosis.component_errors import tip_errors
 from truing.stages.diagnosis.diagnosis_data import DiagnosisData, InstrumentResults
 from truing.stages.diagnosis.residual_tables import errors_by_role, prediction_table
 from truing.stages.diagnosis.tip_uncertainty import tip_table
@@ -66,6 +67,7 @@ def results(
             "chain_parameters": parameters_table(final),
             **curves_table(final),
             "model": text_of_model(final, settings),
+            "component_errors": tip_errors(diagnosis, data),
             "tip_uncertainty": tip_table(final, settings),
             "next_poses": None if next_poses is None else next_poses.table,
         },

@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 from tests.broken.good import axis as positioned_axis
 from tests.pipeline.test_sample_campaign import bodies_campaign
 from tests.report.diagnosis_tables import row, rows
-from truing.calibration.accuracy import PoseErrors
 from truing.pipeline.command_line import app
 from truing.pipeline.in_memory import StageLine, stage_line
 from truing.pipeline.problems import ExitCode
@@ -101,13 +100,11 @@ def test_a_calibration_knows_of_a_picture_that_fails(rms: float, fails: bool) ->
 
 @pytest.mark.parametrize("why_not", ["", "5.15 times the declared noise"])
 def test_requirements_are_met_by_a_model_that_fits_alone(why_not: str) -> None:
-    noise = np.tile(1e-12 * np.eye(6), (20, 1, 1))
+    noise = np.full((20, 6), 1e-12)
     error = np.random.default_rng(1).normal(0.0, 1e-6, (20, 6))
     error[:, 1] = 1e-3
     asked = Requirement(x_mm=0.1, y_mm=0.1)
-    table = requirement_rows(
-        asked, ("6-pus", "linear"), PoseErrors(error, noise), noise, np.ones(20, bool), why_not
-    ).table()
+    table = requirement_rows(asked, ("6-pus", "linear"), error, noise, np.ones(20, bool), why_not).table()
     verdicts = {row["component"]: row for row in table.to_pylist()}
     assert verdicts["y"]["verdict"] == "fails"
     assert verdicts["x"]["verdict"] == ("not evaluated" if why_not else "meets")
@@ -115,13 +112,13 @@ def test_requirements_are_met_by_a_model_that_fits_alone(why_not: str) -> None:
 
 
 def test_an_undecided_requirement_holds_the_poses_that_decide_it_and_no_other_does() -> None:
-    noise = np.tile(1e-12 * np.eye(6), (20, 1, 1))
+    noise = np.full((20, 6), 1e-12)
     error = np.random.default_rng(1).normal(0.0, 1e-5, (20, 6))
     asked = Requirement(x_mm=0.025, y_mm=1.0, z_mm=1e-6)
     further = []
     for held in (True, False):
         held_out = np.full(20, held)
-        table = requirement_rows(asked, ("6-pus", "linear"), PoseErrors(error, noise), noise, held_out).table()
+        table = requirement_rows(asked, ("6-pus", "linear"), error, noise, held_out).table()
         assert not ARTIFACTS["requirements"].faults(table)
         x, y, z = table.to_pylist()
         assert (x["verdict"], y["verdict"], z["verdict"]) == ("undecided", "meets", "fails")

@@ -74,13 +74,20 @@ def why_not_known(tables: Tables) -> str:
 
 def why_no_requirement(tables: Tables) -> str:
     """Return the reason why no requirement was assessed."""
-    if table_or_none(tables, "joints") is not None:
-        return "Accuracy of an open chain is not compared with [requirement] yet."
+    if table_or_none(tables, "requirements") is not None:
+        return "Nothing was measured that shows the error in a component of [requirement]."
+    if is_by_components(tables):
+        return "campaign.toml states no accuracy in [requirement]."
     if table_or_none(tables, "calibration") is None:
         return why_no_calibration(tables)
     if table_or_none(tables, "accuracy") is None:
         return "Accuracy cannot be assessed without pose errors: fewer than six legs do not constrain the platform."
     return "campaign.toml states no accuracy in [requirement]."
+
+
+def is_by_components(tables: Tables) -> bool:
+    """Return True for a machine that the diagnosis alone identifies: an open chain, or a single axis."""
+    return any(table_or_none(tables, name) is not None for name in ("joints", "axis_errors"))
 
 
 _STAGES = {

@@ -22,7 +22,7 @@ from truing.report.calibration.calibrations import (
 from truing.report.figure_style import GREEN, GREY, ORANGE, RED, label, sequence_title, size_axis, style
 from truing.report.numbers import count, in_one_unit, plain, quantity
 from truing.report.page import Listing, ReportSection
-from truing.report.reasons import why_absent, why_no_requirement
+from truing.report.reasons import is_by_components, why_absent, why_no_requirement
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, table_or_none
 from truing.schemas.verdict import ReasonCode
@@ -42,8 +42,7 @@ def requirements(tables: Tables) -> ReportSection | None:
     assessed = table_or_none(tables, "requirements")
     if assessed is None:
         return ReportSection("requirements", _TITLE, why_no_requirement(tables))
-    main = main_calibration(tables)
-    key = main if main in keys_of(assessed) else displayed_calibration(tables, assessed)
+    key = _main_key(tables, assessed) or displayed_calibration(tables, assessed)
     own = rows_of(assessed, key)
     figures = []
     if own["error"].notna().any() and own["requirement"].notna().any():
@@ -53,7 +52,24 @@ def requirements(tables: Tables) -> ReportSection | None:
     others = assessed.drop(index=own.index)
     if len(others):
         listings.append(_other_calibrations(others))
-    return ReportSection("requirements", _TITLE, _opening_sentences(own, key), tuple(figures), tuple(listings))
+    lead = " ".join(filter(None, (_opening_sentences(own, key), _place(tables))))
+    return ReportSection("requirements", _TITLE, lead, tuple(figures), tuple(listings))
+
+
+def _place(tables: Tables) -> str:
+    """Return where the errors of a machine without calibrations are those of; empty for others."""
+    if table_or_none(tables, "axis_errors") is not None:
+        return "Errors are those of the axis, after a constant is subtracted."
+    if table_or_none(tables, "joints") is None:
+        return ""
+    return "Errors are those of the tip, in the axes of its base: at its measured pose, or at the mean of its targets."
+
+
+def _main_key(tables: Tables, assessed: pd.DataFrame) -> Key | None:
+    """Return the main calibration if it was assessed: the extended model where there are no calibrations."""
+    keys = keys_of(assessed)
+    main = keys[0] if is_by_components(tables) else main_calibration(tables)
+    return main if main in keys else None
 
 
 def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
@@ -78,7 +94,11 @@ def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -
         why = why_no_requirement(tables) if "requirements" in tables else why_absent("requirements", tables)
         text = f"Requirements not evaluated: {why[:1].lower()}{why[1:]}"
         return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
-    text = f"{tally(own)}, as predicted by the calibrated model."
+    model = "extended" if is_by_components(tables) else "calibrated"
+    text = f"{tally(own)}, as predicted by the {model} model."
+    if unseen := unmeasured_components(tables):
+        text = f"{tally(own)}; not measured: {', '.join(unseen)}."
+        return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     if (own["verdict"] == "undecided").any():
         return SectionVerdict("requirements", RelationState.ATTENTION, ReasonCode.UNDECIDED, text)
     return SectionVerdict("requirements", RelationState.OK, ReasonCode.MET, text)
@@ -121,10 +141,18 @@ def chosen_requirements(tables: Tables) -> pd.DataFrame | None:
     assessed = table_or_none(tables, "requirements")
     if assessed is None:
         return None
-    key = main_calibration(tables)
+    key = _main_key(tables, assessed)
     own = rows_of(assessed, key) if key is not None else assessed.iloc[:0]
     own = own[own["verdict"] != "not evaluated"]
     return own if len(own) else None
+
+
+def unmeasured_components(tables: Tables) -> list[str]:
+    """Return the components of [requirement] in which no pose of a chain, or row of an axis, shows an error."""
+    own = table_or_none(tables, "requirements")
+    if own is None or not is_by_components(tables):
+        return []
+    return [str(name) for name in own["component"][own["error"].isna()]]
 
 
 def _requirement_listing(own: pd.DataFrame, key: Key) -> Listing:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from truing.report.calibration.requirements import chosen_requirements, interval_words
+from truing.report.calibration.requirements import chosen_requirements, interval_words, unmeasured_components
 from truing.report.diagnosis.assessed_causes import NOT_TESTABLE, RIVAL, SUSPECTED, AssessedCause, accepted_of
 from truing.report.diagnosis.shortcomings import decisive_measurements
 from truing.report.numbers import approximate_duration, count, printed
@@ -68,6 +68,10 @@ def next_measurements_frame(steps: list[NextStep]) -> pd.DataFrame:
 
 def _requirements(tables: Tables) -> Iterator[NextStep]:
     """Yield the poses that decide requirements whose interval contains the limit; nothing if no model fits."""
+    if unseen := unmeasured_components(tables):
+        yield NextStep(
+            Need.REQUIREMENT, f"requirement {unseen[0]}", _measurement_of(unseen, is_axis="axis_errors" in tables)
+        )
     own = chosen_requirements(tables)
     verdict = verdict_rows(with_verdict(tables)).get("requirements")
     if own is None or "measurements" not in own or verdict is None:
@@ -83,15 +87,24 @@ def _requirements(tables: Tables) -> Iterator[NextStep]:
             words += f"Its 95 % interval is {now}; the limit is {asked}."
             yield NextStep(Need.REQUIREMENT, f"requirement {row.component}", words)
         else:
-            yield _deciding_poses(row, pace_s, several)
+            yield _deciding_poses(row, pace_s, several, is_axis="axis_errors" in tables)
 
 
-def _deciding_poses(row: Any, pace_s: float | None, several: int) -> NextStep:
+def _measurement_of(components: list[str], *, is_axis: bool) -> str:
+    """Return the measurement that shows errors in components of the tip of a chain, or of an axis."""
+    what = "the axis by an outside instrument" if is_axis else "a target or a pose of the tip"
+    if not is_axis and any(name.startswith("r") for name in components):
+        what = "poses of the tip, or three targets on it that are not on one line"
+    return f"To evaluate the requirement on {', '.join(components)}, measure {what}."
+
+
+def _deciding_poses(row: Any, pace_s: float | None, several: int, *, is_axis: bool) -> NextStep:
     """Return the poses that decide one requirement; they also serve the others if ``several`` are undecided."""
     total = int(row.measurements)
     takes = "" if pace_s is None else f" ({approximate_duration(total * pace_s)} at the pace of this campaign)"
-    text = f"To decide whether {row.component} meets its requirement, measure {count(total, 'further pose')} all over "
-    text += f"the workspace, with role verification{takes}."
+    what = "further row" if is_axis else "further pose"
+    text = f"To decide whether {row.component} meets its requirement, measure {count(total, what)} all over "
+    text += f"the {'travel' if is_axis else 'workspace'}, with role verification{takes}."
     text += " The same poses also decide the other requirements." if several > 1 else ""
     now, then, asked = interval_words(row)
     given = f"The 95 % interval of its error is now {now}; the limit is {asked}. "
