@@ -112,3 +112,41 @@ def test_instruments_share_is_added() -> None:
     assert_between(tilted["E"].high - tilted["E"].value, 1e-7, 3e-6)
     drifting = positioning_uncertainty(x, at, rng, InstrumentUncertainty(drift=1e-6))
     assert drifting["B"].sigma > 1e-7
+
+
+# Five targets in five cycles, 1e-8 mm, and what the report of that test prints: ecmccfg of the Paul Scherrer Institute,
+# examples/test/fat_sat/report.md (2023). Its E is that of the forward direction alone, and its R no maximum of R(i).
+FORWARD_READ = """
+-8102 -10202 -8702 -9202 -10002
+-8702 -9702 -9702 -9502 -8202
+-7202 -9002 -8802 -8702 -8702
+-10202 -8602 -8602 -9302 -7802
+-10002 -11202 -12902 -10902 -9702
+"""
+BACKWARD_READ = """
+-9902 -9402 -8202 -9102 -9402
+-10302 -10402 -9502 -11102 -9302
+-8602 -10202 -9102 -7602 -9902
+-7202 -9202 -9502 -10302 -8102
+-10402 -12602 -13002 -14102 -10702
+"""
+PRINTED = {
+    "reversal_at": [-40.0, 960.0, 600.0, -40.0, 1220.0],
+    "bidirectional_at": [3517.0, 3772.0, 4170.0, 4871.0, 6882.0],
+    "reversal": 1220.0,
+    "mean_reversal": 540.0,
+    "repeatability": [5033.0, 6290.0],
+    "systematic": [2460.0, 3300.0],
+    "mean_deviation": 2770.0,
+    "accuracy": [6428.0, 8881.0],
+    "bidirectional_accuracy": 8881.0,
+}
+
+
+@pytest.mark.parametrize("name", PRINTED)
+def test_a_laboratory_prints_the_same_quantities(name: str) -> None:
+    read = [np.array(text.split(), float).reshape(5, 5) for text in (FORWARD_READ, BACKWARD_READ)]
+    own = positioning(np.stack(read, 1))
+    assert_close(getattr(own, name), PRINTED[name], atol=1.0)
+    assert own.bidirectional_repeatability == own.bidirectional_at.max()
+    assert_close(own.bidirectional_systematic, np.ptp(own.mean), atol=1e-9)
