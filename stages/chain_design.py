@@ -104,8 +104,6 @@ def _data(
     from truing.stages.diagnosis.search import assembled_data
 
     try:
-        if "distances" in given and given["distances"].num_rows:
-            raise ValueError("points or poses: poses for distances are not chosen yet")
         return assembled_data(_measured(given, tree, ranges, drawn, settings), settings)
     except ValueError as why:
         raise CampaignFaults([Fault(FILE, f"a campaign whose poses can be evaluated: {why}")]) from None
@@ -116,7 +114,7 @@ def _measured(
 ) -> Mapping[str, pa.Table]:
     from truing.stages.simulated_campaigns.chain_plan import nominal_tables
 
-    if any(name in given and given[name].num_rows for name in ("observations", "measured_poses")):
+    if any(name in given and given[name].num_rows for name in ("observations", "measured_poses", "distances")):
         return given
     planned = given.get("configurations")
     if planned is None or len(planned) < _PLAN_POSES:

@@ -20,7 +20,7 @@ from truing.simulation.mechanisms.chains.causes import ChainCause, JointOffset, 
 from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, ColumnSlipKind, does_not_belong, likely_slip
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels
-from truing.simulation.mechanisms.chains.distances import GROUND, DistanceModel, distance_start, with_ground
+from truing.simulation.mechanisms.chains.distances import GROUND, STATION, DistanceModel, distance_start, with_ground
 from truing.simulation.mechanisms.chains.model import FREE_PLACE, ChainModel, KnownChain
 from truing.simulation.mechanisms.chains.motor_encoders import MotorTerm, motor_terms
 from truing.simulation.mechanisms.chains.offsets import offsets_beyond_tolerance
@@ -57,7 +57,6 @@ _FEWEST = 8
 # Up to so many poses, exact readings have a noise of this share of the points' noise: joints may scatter.
 _FEW_POSES, _HARDLY = 400, 0.2
 _DRIVE = "the joint readings"
-_STATION = "station:"
 _SLIPS = {
     ColumnSlipKind.REVERSED: "the sign of {} reversed",
     ColumnSlipKind.DEGREES: "the readings of {} taken as degrees",
@@ -237,7 +236,7 @@ def _distance_model(
     conditions = replace(conditions, series=np.zeros(count, np.int64))
     known = _known(tree, settings, measured, origin, False)
     free = DistanceModel(tree, measured.channels, known, conditions, ends=ends)
-    stations = np.array([name.startswith(_STATION) for name in measured.channels.names], bool)
+    stations = np.array([name.startswith(STATION) for name in measured.channels.names], bool)
     bare = replace(
         free.known,
         modes=free.known.modes[..., :0],
@@ -272,7 +271,7 @@ def _mixed_model(
     of_points = replace(conditions, reference=points.reference)
     nominal = nominal_fit(tree, settings, points, of_points, fitted)
     start, certain, right = _started(tree, of_points, nominal.start_of)
-    stations = np.array([name.startswith(_STATION) for name in measured.channels.names], bool)
+    stations = np.array([name.startswith(STATION) for name in measured.channels.names], bool)
     if nominal.reference is not None or (stations.any() and len(start.base_t) > 1):
         raise ValueError(
             "distances beside points or poses need an instrument that stood still, with stations in the whole "

@@ -101,7 +101,9 @@ def _channels(error: PredictionError[Any], model: ChainModel, declared: Observat
     count, channels = len(declared.values), model.channels
     gap, values, cov = error.gap, declared.values, declared.covariance
     seen: Mask = np.asarray(error.seen)
-    if isinstance(model, DistanceModel):
+    to_frame, origin = error.frames.R, error.frames.t
+    if isinstance(model, DistanceModel):  # numbers have no frames of single poses
+        to_frame, origin = np.eye(3)[None], np.zeros((1, 3))
         size = len(model.coordinates)
         gap, values = (part[:, :size].reshape(count, -1, 3) for part in (gap, values))
         cov = cov[:, :size, 0, 0].reshape(count, -1, 3)[..., None] * np.eye(3)
@@ -113,9 +115,9 @@ def _channels(error: PredictionError[Any], model: ChainModel, declared: Observat
         gap, cov = gap.copy(), cov.copy()
         gap[:, :-1] += np.einsum("bkij,bkj->bki", part, gap[:, 1:])
         cov[:, :-1] += part @ cov[:, 1:] @ np.swapaxes(part, -1, -2)
-    to_base = np.swapaxes(error.frames.R @ model.known.base_R[conditions.series], -1, -2)[:, None]
+    to_base = np.swapaxes(to_frame @ model.known.base_R[conditions.series], -1, -2)[:, None]
     movers = np.array([_carrier(model.tree, int(k)) for k in channels.node[some]])
-    places = (to_base @ (values - error.frames.t[:, None])[..., None])[..., 0]
+    places = (to_base @ (values - origin[:, None])[..., None])[..., 0]
     return _Channels(
         (to_base @ gap[..., None])[..., 0],
         to_base @ cov @ np.swapaxes(to_base, -1, -2),

@@ -168,7 +168,7 @@ class MeasuredPoints:
         seen = self.points.seen[..., None, None]
         count = seen.sum(0)
         mean = np.sum(np.where(seen, turned, 0.0), 0) / np.maximum(count, 1)
-        return PointInstrument(np.where(count > 0, mean, np.eye(3) * _UNSEEN_M2), self.frames.free)
+        return PointInstrument(np.where(count > 0, mean, np.eye(mean.shape[-1]) * _UNSEEN_M2), self.frames.free)
 
 
 @dataclass(frozen=True)

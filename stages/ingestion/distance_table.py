@@ -13,9 +13,9 @@ from truing.formats.shapes import COORDINATES, DISTANCES, TARGETS, TableShape
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.near_names import meant_by
+from truing.simulation.mechanisms.chains.distances import STATION
 from truing.stages.common.table_arrays import numbers, sigmas, texts
 
-STATION = "station:"
 _NAMES = TableShape(
     "targets", ("body", "target"), (*TARGETS.optional, *COORDINATES), may_be_empty=COORDINATES, partial=True
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import pyarrow as pa
@@ -17,6 +17,7 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.cause import Effect, Scene
 from truing.simulation.mechanisms.chains.causes import ChainCause
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
+from truing.simulation.mechanisms.chains.distances import GROUND, STATION, DistanceModel
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.tree import Tree
 from truing.stages.common.chain_tables import joint_readings
@@ -37,7 +38,8 @@ def nominal_tables(
 ) -> dict[str, pa.Table]:
     """Tables of the nominal chain, measured without errors: every surveyed target, else poses of the tip.
 
-    Raises ValueError if neither can be planned.
+    If the survey places stations (targets named ``station:NAME``), it is the distances from each to every other target.
+    Raises ValueError if nothing can be planned.
     """
     frames = tree.frames(joint_readings(tree, configurations))
     tables = {"configurations": configurations, "joints": joints}
@@ -50,6 +52,13 @@ def nominal_tables(
         nodes = np.array([tree.links[body] for body in bodies])
         places = number_columns(survey, ("x_mm", "y_mm", "z_mm")) * _MM
         values = frames.t[:, nodes] + np.einsum("bkij,kj->bki", frames.R[:, nodes], places)
+        is_station = np.array([name.startswith(STATION) for name in names], bool)
+        if is_station.any():
+            lines = _nominal_distances(list(zip(bodies, names, strict=True)), values, is_station, poses)
+            lines["sigma_mm"] = np.full(len(lines["reading_mm"]), noise.point_mm)
+            schema = ARTIFACTS["distances"].arrow_schema(identifier)
+            known = survey.filter(pa.array(~is_station))
+            return {**tables, "survey": known, "distances": pa.table({n: lines[n] for n in schema.names}).cast(schema)}
         flat, count = values.reshape(-1, 3) / _MM, len(bodies)
         columns: dict[str, object] = {
             "pose": poses.take(np.repeat(np.arange(len(poses)), count)),
@@ -76,6 +85,26 @@ def nominal_tables(
     }
     schema = ARTIFACTS["measured_poses"].arrow_schema(identifier)
     return {**tables, "measured_poses": pa.table({name: columns[name] for name in schema.names}).cast(schema)}
+
+
+def _nominal_distances(
+    targets: Sequence[tuple[str, str]], places: NDArray, is_station: NDArray, poses: pa.ChunkedArray
+) -> dict[str, Any]:
+    """Columns of distances from every station to every target, with places (B, T, 3), in m, in the frame of the base;
+    raises ValueError without a target."""
+    stations, others = np.flatnonzero(is_station), np.flatnonzero(~is_station)
+    if not len(others):
+        raise ValueError("needs targets.csv with a target on a link for its distances to the stations")
+    a, b = (part.ravel() for part in np.meshgrid(stations, others, indexing="ij"))
+    length = np.linalg.norm(places[:, a] - places[:, b], axis=-1)
+    return {
+        "pose": poses.take(np.repeat(np.arange(len(poses)), len(a))),
+        "from_link": [None] * length.size,
+        "from_end": [targets[k][1] for k in a] * len(poses),
+        "to_link": [targets[k][0] for k in b] * len(poses),
+        "to_end": [targets[k][1] for k in b] * len(poses),
+        "reading_mm": length.ravel() / _MM,
+    }
 
 
 def _identifier(table: pa.Table) -> str:
@@ -121,29 +150,53 @@ class ChainPlan:
         tables = dict(self.tables)
         parts = [self._measured(hidden.at(own.conditions), own, shared, rng) for own in self.epochs]
         poses = [pose for own in self.epochs for pose in own.conditions.poses]
-        values = np.concatenate([part[0] for part in parts])
-        turned = np.concatenate([part[1] for part in parts])
+        values, turned, lengths = (np.concatenate(part) for part in zip(*parts, strict=True))
         if "observations" in tables and tables["observations"].num_rows:
             tables["observations"] = self._points(tables["observations"], tuple(poses), values)
         if "measured_poses" in tables and tables["measured_poses"].num_rows:
             tables["measured_poses"] = self._poses(tables["measured_poses"], tuple(poses), values, turned)
+        if "distances" in tables and tables["distances"].num_rows:
+            tables["distances"] = self._distances(tables["distances"], tuple(poses), lengths)
         return tables
 
     def _measured(
         self, model: ChainModel, own: Epochs[ChainConditions], shared: NDArray, rng: np.random.Generator
-    ) -> tuple[Array, Array]:
-        """Places (B, K, 3), m, in the frames of the measurement, and orientations (B, K, 3, 3)."""
+    ) -> tuple[Array, Array, Array]:
+        """Places (B, K, 3), m, in the frames of the measurement, orientations (B, K, 3, 3), and distances (B, D), m."""
         count = len(own.conditions.readings)
         exact = model.points(shared, rng.standard_normal((count, model.local_size)))
         moved = np.einsum("bij,bkj->bki", own.frames.R, exact) + own.frames.t[:, None]
         noise = (np.linalg.cholesky(own.measured.covariance) @ rng.standard_normal((*exact.shape, 1)))[..., 0]
         wrong = rng.random(exact.shape[:2]) < self.gross
         values = moved + noise + rng.normal(0.0, _GROSS_M, exact.shape) * wrong[..., None]
+        local, lengths = exact + noise, np.zeros((count, 0))
+        if isinstance(model, DistanceModel):
+            size = len(model.coordinates)
+            lengths = values[:, size:, 0]
+            values, local = (part[:, :size].reshape(count, -1, 3) for part in (values, local))
+        channels = slice(0, values.shape[1])
         if (coupling := own.conditions.coupling) is not None:
-            values[:, :-1] += np.einsum("bkij,bkj->bki", coupling[:, :-1], (exact + noise)[:, 1:])
+            values[:, :-1] += np.einsum("bkij,bkj->bki", coupling[:, channels][:, :-1], local[:, 1:])
         # An orientation counts from the recorded one; its noise is a rotation in the frame of the measurement.
-        turned = exp_so3(exact + noise) @ own.conditions.reference
-        return np.asarray(values), np.asarray(turned)
+        turned = exp_so3(local) @ own.conditions.reference[:, channels]
+        return np.asarray(values), np.asarray(turned), np.asarray(lengths)
+
+    def _distances(self, table: pa.Table, poses: tuple[int | str, ...], lengths: NDArray) -> pa.Table:
+        assert isinstance(self.model, DistanceModel)
+        keys = list(zip(self.model.channels.links, self.model.channels.names, strict=True))
+        places = {(keys[a], keys[b]): d for d, (a, b) in enumerate(self.model.ends)}
+        ends = [
+            [(link or GROUND, name) for link, name in zip(*own, strict=True)]
+            for own in (
+                [table.column(f"{end}_{what}").to_pylist() for what in ("link", "end")] for end in ("from", "to")
+            )
+        ]
+        pose, line = (
+            positions(table.column("pose"), poses),
+            np.array([places[pair] for pair in zip(*ends, strict=True)]),
+        )
+        kept = pose >= 0
+        return _with_columns(table.filter(kept), {"reading_mm": lengths[pose[kept], line[kept]] / _MM})
 
     def _points(self, table: pa.Table, poses: tuple[int | str, ...], values: NDArray) -> pa.Table:
         names, links = self.model.channels.names, self.model.channels.links
@@ -182,12 +235,10 @@ def _with_columns(table: pa.Table, columns: Mapping[str, NDArray]) -> pa.Table:
 def chain_plan(
     tables: Mapping[str, pa.Table], model: ChainModel, epochs: Sequence[Epochs[ChainConditions]]
 ) -> ChainPlan:
-    """The plan of a campaign of a chain, as the diagnosis assembled it; raises ValueError for distances."""
-    if "distances" in tables and tables["distances"].num_rows:
-        raise ValueError("distances of a chain are not simulated yet: use points or poses")
+    """The plan of a campaign of a chain, as the diagnosis assembled it."""
     kept = {
         name: tables[name]
-        for name in ("observations", "measured_poses", "survey", "configurations", "joints")
+        for name in ("observations", "measured_poses", "distances", "survey", "configurations", "joints")
         if name in tables
     }
     return ChainPlan(model, tuple(epochs), kept, model.scene)

@@ -51,16 +51,29 @@ def call(*words: object) -> Result:
     return CliRunner().invoke(app, list(map(str, words)))
 
 
-@pytest.fixture(scope="module")
-def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small arm without any measurement: planned targets on its tip, and poses that `truing design` chose."""
-    folder = tmp_path_factory.mktemp("small") / "small"
+TARGETS = "body,target,x_mm,y_mm,z_mm\ntip,A,0,0,0\ntip,B,0,50,0\ntip,C,0,0,50\n"
+STATIONS = "base,station:S1,1500,0,0\nbase,station:S2,0,1500,300\nbase,station:S3,-900,-900,800\n"
+
+
+def _planned(folder: Path, targets: str) -> Path:
     folder.mkdir()
     (folder / "campaign.toml").write_text(TOML)
-    (folder / "targets.csv").write_text("body,target,x_mm,y_mm,z_mm\ntip,A,0,0,0\ntip,B,0,50,0\ntip,C,0,0,50\n")
+    (folder / "targets.csv").write_text(targets)
     done = call("design", folder, "--poses", 24, "--out", folder / "configurations.csv")
     assert done.exit_code == 0, done.output
     return folder
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small arm without any measurement: planned targets on its tip, and poses that `truing design` chose."""
+    return _planned(tmp_path_factory.mktemp("small") / "small", TARGETS)
+
+
+@pytest.fixture(scope="module")
+def ranged(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same arm, whose targets are planned to be ranged from three stations: distances instead of points."""
+    return _planned(tmp_path_factory.mktemp("ranged") / "ranged", TARGETS + STATIONS)
 
 
 @pytest.mark.slow
@@ -94,7 +107,10 @@ def test_every_cause_of_the_chain_has_its_size(planned: Path, tmp_path: Path) ->
     assert ("joint-compliance", "one joint") not in rows  # no gravity is known
 
 
-def test_a_drawn_campaign_can_be_written_and_diagnosed_as_measured(planned: Path) -> None:
+@pytest.mark.parametrize("measured", ["planned", "ranged"])
+def test_a_drawn_campaign_can_be_written_and_diagnosed_as_measured(
+    measured: str, request: pytest.FixtureRequest
+) -> None:
     """The truth of the plan is recovered: a hidden gain within its standard deviation, and none where none is."""
     from truing.pipeline.campaign_folder import open_campaign
     from truing.pipeline.in_memory import chain_tables
@@ -104,9 +120,10 @@ def test_a_drawn_campaign_can_be_written_and_diagnosed_as_measured(planned: Path
     from truing.stages.diagnosis.search import assembled_data, decided
     from truing.stages.power import chain_plan_of
 
-    campaign = open_campaign(planned)
+    campaign = open_campaign(request.getfixturevalue(measured))
     settings = campaign.validated()
     plan = chain_plan_of(chain_tables(campaign, settings), settings)
+    assert ("distances" in plan.tables) == (measured == "ranged")
     effect = Effect(JointGain("second"), np.array([2e-3]))
     found = {}
     for name, effects in (("gain", (effect,)), ("none", ())):
@@ -118,6 +135,26 @@ def test_a_drawn_campaign_can_be_written_and_diagnosed_as_measured(planned: Path
     assert (row["cause"], row["subject"]) == ("joint-gain", "joint second")
     gain = json.loads(row["parameters"])["gain"]
     assert abs(gain["value"] - 2e-3) < 4.0 * gain["sigma"]
+
+
+def test_distances_alone_determine_less_than_points(planned: Path, ranged: Path) -> None:
+    """Three distances to unsurveyed stations, against three coordinates in a frame that is known to be one."""
+    sigmas = []
+    for folder in (planned, ranged):
+        rows = pyarrow.csv.read_csv(folder / "configurations-numbers.csv").to_pylist()
+        own = [row for row in rows if row["kind"] in ("link", "offset")]
+        sigmas.append({(row["subject"], row["parameter"]): row["sigma_expected"] for row in own})
+    shared = set(sigmas[0]) & set(sigmas[1])
+    assert len(shared) >= 8
+    ratio = np.array([sigmas[1][key] / sigmas[0][key] for key in shared])
+    assert ratio.min() > 0.8
+    assert np.median(ratio) >= 1.0
+
+
+def test_a_target_in_the_origin_of_its_link_can_be_planned(tmp_path: Path) -> None:
+    """No rotation of its link moves it, so that this unknown has no effect on any channel."""
+    folder = _planned(tmp_path / "single", TARGETS[: TARGETS.index("tip,B")])
+    assert len(pyarrow.csv.read_csv(folder / "configurations.csv")) == 24
 
 
 def test_poses_must_be_planned(planned: Path, tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from truing.estimation.design.pose_selection import (
     sum_log_det,
 )
 from truing.estimation.design.rival_design import Fitted, PointInstrument, PoseCandidates, candidates, narrowed
-from truing.inference.observations import Frames, Observations, whitened_columns
+from truing.inference.observations import whitened_columns
 from truing.simulation.cause import OBSERVED
 from truing.simulation.mechanisms.chains.causes import ChainCause
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
@@ -151,6 +151,9 @@ def _of_targets(model: ChainModel) -> list[ChainUnknown]:
     modes = model.known.shape_modes
     for w, known in enumerate(model.known.shape_known):
         own = np.flatnonzero(np.abs(modes[..., w]).any(1))
+        if not len(own):  # a rotation about the only target of its link
+            found.append(_without_effect(model, w, bool(known)))
+            continue
         k, axis = int(own[0]), int(np.argmax(np.abs(modes[own[0], :, w])))
         size, name, turned = float(np.linalg.norm(modes[k, :, w])), model.channels.names[k], model.channels.is_rotation
         unit, si = ("rad", 1.0) if turned[k] else ("mm", _MM)
@@ -163,6 +166,14 @@ def _of_targets(model: ChainModel) -> list[ChainUnknown]:
         scale = size if c < TWIST // 2 else _angle_of(model, w, k)
         found.append(_of_twist(UnknownKind.TARGET, subject, c, scale, bool(known)))
     return found
+
+
+def _without_effect(model: ChainModel, w: int, known: bool) -> ChainUnknown:
+    """Unknown twist of a link's end that moves none of its targets."""
+    twist = model.known.end_twists(model.tree.size)[..., w]
+    node, c = np.unravel_index(int(np.argmax(np.abs(twist))), twist.shape)
+    subject = f"targets of {model.tree.nodes[node].link}"
+    return _of_twist(UnknownKind.TARGET, subject, int(c), max(float(np.abs(twist[node, c])), 1e-300), known)
 
 
 def _angle_of(model: ChainModel, w: int, k: int) -> float:
@@ -271,17 +282,11 @@ def cause_sights(poses: PlannedPoses, causes: Sequence[ChainCause]) -> list[Caus
     covariance = np.linalg.inv(np.eye(flat.shape[1]) + flat.T @ flat)
     at = np.zeros(model.shared_size), np.zeros((len(poses.conditions.readings), model.local_size))
     design, pathways = model.design_matrix(*at), model.pathways(*at)
-    count, channels = len(poses.conditions.readings), len(poses.instrument.covariance)
-    measured = Observations(
-        np.zeros((count, channels, 3)),
-        np.broadcast_to(poses.instrument.covariance, (count, channels, 3, 3)),
-        np.ones((count, channels), bool),
-    )
-    frames = Frames(np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3)), poses.instrument.free)
-    found = []
+    measured, frames = poses.instrument.observations(len(poses.conditions.readings))
+    shape, found = measured.values.shape, []
     for cause in causes:
         moved = sum(
-            by.reshape(count, channels, 3, -1) if name == OBSERVED else pathways[name] @ by[:, None]
+            by.reshape(*shape, -1) if name == OBSERVED else pathways[name] @ by[:, None]
             for name, by in design(cause).items()
         )
         columns = seen.without_pose_unknowns(whitened_columns(measured, frames, np.asarray(moved)))

@@ -74,13 +74,21 @@ class Fitted:
 
 @dataclass(frozen=True)
 class PointInstrument:
-    """Instrument for further poses: covariance (K, 3, 3) of each target's point in the model's frame, m^2.
+    """Instrument for further poses: covariance (K, d, d) of each target's point (d = 3) in the model's frame, or of
+    each distance (d = 1), m^2.
 
     free: whether each pose has its own measurement frame.
     """
 
     covariance: NDArray
     free: bool = True
+
+    def observations(self, count: int) -> tuple[Observations, Frames]:
+        """Return zeros as the observations of so many poses, with their noise, and frames in their start."""
+        targets, size = self.covariance.shape[:2]
+        covariance = np.broadcast_to(self.covariance, (count, targets, size, size))
+        frames = Frames(np.broadcast_to(np.eye(size), (count, size, size)), np.zeros((count, size)), self.free)
+        return Observations(np.zeros(covariance.shape[:3]), covariance, np.ones((count, targets), bool)), frames
 
 
 @dataclass(frozen=True)
@@ -164,13 +172,8 @@ class ChosenPoses:
 def candidates(fitted: Fitted, conditions: Any, instrument: PointInstrument) -> PoseCandidates:
     """Return poses at new conditions as predicted by a fitted model."""
     model = fitted.model.at(conditions)
-    count, targets = len(conditions.readings), len(instrument.covariance)
-    origin = Observations(
-        np.zeros((count, targets, 3)),
-        np.broadcast_to(instrument.covariance, (count, targets, 3, 3)),
-        np.ones((count, targets), bool),
-    )
-    frames = Frames(np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3)), instrument.free)
+    count = len(conditions.readings)
+    origin, frames = instrument.observations(count)
     found = linearise(model.predict, origin, frames, fitted.shared, np.zeros((count, model.local_size)))
     own = found.by_local.shape[2]
     priors = np.broadcast_to(np.eye(own), (count, own, own))
