@@ -97,12 +97,13 @@ def _nominal_distances(
         raise ValueError("needs targets.csv with a target on a link for its distances to the stations")
     a, b = (part.ravel() for part in np.meshgrid(stations, others, indexing="ij"))
     length = np.linalg.norm(places[:, a] - places[:, b], axis=-1)
+    ends, starts = [targets[k] for k in b.tolist()], [targets[k] for k in a.tolist()]
     return {
         "pose": poses.take(np.repeat(np.arange(len(poses)), len(a))),
         "from_link": [None] * length.size,
-        "from_end": [targets[k][1] for k in a] * len(poses),
-        "to_link": [targets[k][0] for k in b] * len(poses),
-        "to_end": [targets[k][1] for k in b] * len(poses),
+        "from_end": [name for _, name in starts] * len(poses),
+        "to_link": [link for link, _ in ends] * len(poses),
+        "to_end": [name for _, name in ends] * len(poses),
         "reading_mm": length.ravel() / _MM,
     }
 
