@@ -15,7 +15,6 @@ from truing.estimation.design.rival_design import Fitted, PointInstrument, PoseC
 from truing.schemas.faults import CampaignFaults
 from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER, TEMPERATURE, TIME
 from truing.simulation.mechanisms.chains.conditions import STOPS, ChainConditions
-from truing.simulation.mechanisms.chains.distances import DistanceModel
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.stages.common.chain_candidates import (
     JointRanges,
@@ -103,12 +102,10 @@ class PossibleChainPoses:
 def chain_measurements_of(
     diagnosis: CauseDiagnosis, settings: Campaign, tables: Mapping[str, pa.Table]
 ) -> NextMeasurement | None:
-    """Next poses after a diagnosis of a chain; None for distances, and where no range of the joints is known."""
+    """Next poses after a diagnosis of a chain; None where no range of the joints is known."""
     final = diagnosis.final
     model: Any = final.model
     assert isinstance(model, ChainModel)
-    if isinstance(model, DistanceModel):
-        return None
     instrument = MeasuredPoints(final.measured, final.fit.frames).instrument()
     try:
         ranges = joint_ranges(model.tree, settings, tables["joints"], tables["configurations"])

@@ -153,7 +153,7 @@ def _shown(model: ChainModel) -> ReportedRms | Channels:
     if not turned.any():
         what = "point"
         if isinstance(model, DistanceModel):
-            what = "coordinate or distance" if len(model.coordinates) else "distance"
+            what = "measured number" if len(model.coordinates) else "distance"
         return ReportedRms(drive=_DRIVE, what=what)
     return Channels(
         tuple("arcsec" if own else "um" for own in turned),

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pytest
 
-from tests.pipeline.test_power_of_chains import TOML
+from tests.pipeline.test_power_of_chains import STATIONS, TARGETS, TOML
 from truing.estimation.design.rival_design import Fitted
 from truing.inference.fit import fit_model
 from truing.pipeline.campaign_folder import open_campaign
@@ -30,11 +31,11 @@ from truing.stages.power import chain_plan_of
 _STIFF = "payload_kg = 5.0\ngravity = [0.0, 0.0, -1.0]\n"
 
 
-def _campaign(folder: Path, elbow: float) -> tuple[object, dict[str, pa.Table]]:
+def _campaign(folder: Path, elbow: float, targets: str = TARGETS) -> tuple[object, dict[str, pa.Table]]:
     """A planned arm whose last joint moves by ``elbow`` deg to either side: torque of the second follows its cosine."""
     folder.mkdir()
     (folder / "campaign.toml").write_text(TOML.replace("[mechanism.tolerance]", f"{_STIFF}\n[mechanism.tolerance]"))
-    (folder / "targets.csv").write_text("body,target,x_mm,y_mm,z_mm\ntip,A,0,0,0\ntip,B,0,50,0\ntip,C,0,0,50\n")
+    (folder / "targets.csv").write_text(targets)
     rng, rows = np.random.default_rng(3), ["pose,role,time_s,first_deg,second_deg,third_deg"]
     for pose in range(40):
         a, b, c = rng.uniform((-120.0, -60.0, -elbow), (120.0, 60.0, elbow))
@@ -104,9 +105,10 @@ def test_a_finding_is_sharpened_by_poses_within_the_measured_range(tmp_path: Pat
     assert "approached" not in str(cause["next_measurement"])  # a gain does not depend on it
 
 
-def test_the_promised_uncertainty_is_reached(tmp_path: Path) -> None:
+@pytest.mark.parametrize("targets", [TARGETS, TARGETS + STATIONS], ids=["points", "distances"])
+def test_the_promised_uncertainty_is_reached(targets: str, tmp_path: Path) -> None:
     """Measuring the plan reduces the uncertainty to the expected one, within a fifth."""
-    settings, tables = _campaign(tmp_path / "a", 80.0)
+    settings, tables = _campaign(tmp_path / "a", 80.0, targets)
     effect = Effect(JointGain("third"), np.array([1.5e-3]))
     drawn = chain_plan_of(tables, settings).drawn((effect,), np.random.default_rng(2))
     first = call_stage("diagnose", drawn, settings).artifacts
