@@ -291,10 +291,19 @@ _MEASURED = (
     text(
         "test",
         "tested property of the model's residuals: larger noise of observations or inputs than declared; correlation "
-        "between neighbours along a column (like-neighbours); a mean over repeated epochs beyond their scatter "
+        "between neighbours along a column (like-neighbours), or between neighbouring targets within an epoch "
+        "(like-places); a mean over repeated epochs beyond their scatter "
         "(pure-error: the F test of lack of fit), or within a region of the inputs (by-region); a further "
         "significant cause (causes-left)",
-        choices=("observation-noise", "input-noise", "like-neighbours", "pure-error", "by-region", "causes-left"),
+        choices=(
+            "observation-noise",
+            "input-noise",
+            "like-neighbours",
+            "like-places",
+            "pure-error",
+            "by-region",
+            "causes-left",
+        ),
     ),
     text(
         "why_untested",

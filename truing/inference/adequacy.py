@@ -2,8 +2,9 @@
 
 A search compares forms with each other; it does not test whether the true form is among them. A wrong model shows in
 three ways. Its noise is larger than declared, of observations or of inputs, which absorb what no cause explains. Its
-residuals are correlated between neighbours in time or in an input. Or they have a mean at repeated epochs or in a
-region of the inputs. Means are tested against the scatter within repeats or regions, whatever noise was declared.
+residuals are correlated between neighbours in time or in an input, or between neighbouring places of a body. Or they
+have a mean at repeated epochs or in a region of the inputs. Means are tested against the scatter within repeats or
+regions, whatever noise was declared.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.blocks import FEWEST_BLOCKS, regions
 from truing.inference.fitted_model import FittedModel
 from truing.inference.group_means import EpochResiduals, epoch_residuals, means_against_scatter
+from truing.inference.like_places import has_neighbours, like_places
 from truing.inference.model import CauseT
 from truing.inference.noise import NOISE_PRIOR_FREEDOM, NoiseLevel
 
@@ -37,6 +39,7 @@ class MisfitKind(StrEnum):
     OBSERVATION_NOISE = "observation-noise"  # more noise of observations than declared
     INPUT_NOISE = "input-noise"  # more noise of inputs than declared
     LIKE_NEIGHBOURS = "like-neighbours"  # residuals of neighbouring epochs are correlated
+    LIKE_PLACES = "like-places"  # residuals of neighbouring places of a body are correlated within epochs
     PURE_ERROR = "pure-error"  # residuals of repeats have a mean larger than their scatter explains
     BY_REGION = "by-region"  # residuals in a region of the inputs have a mean larger than their scatter explains
 
@@ -54,7 +57,7 @@ class AdequacyTest:
 
     ``value`` is the noise over the declared one, the correlation of neighbours, or F: the mean square of means over
     that of the scatter about them. ``along`` is the column whose neighbours are compared, or the inputs of the regions;
-    empty for noise and repeats.
+    empty for noise, places and repeats.
     """
 
     lack: MisfitKind
@@ -113,11 +116,13 @@ def adequacy_of(
     inputs = dict(final.scene.inputs)
     residuals = epoch_residuals(final.fit.whitened, final.measured, final.fit.frames, final.input_rows)
     tests += by_region(residuals, inputs)
-    not_asked = {
-        lack
-        for lack, known in ((MisfitKind.BY_REGION, inputs), (MisfitKind.PURE_ERROR, repeats is not None))
-        if not known
+    tests += by_place(final, rng)
+    known = {
+        MisfitKind.BY_REGION: bool(inputs),
+        MisfitKind.PURE_ERROR: repeats is not None,
+        MisfitKind.LIKE_PLACES: final.measured.size > 1 and has_neighbours(final.model.channel_groups),
     }
+    not_asked = {lack for lack, is_known in known.items() if not is_known}
     if repeats is None:
         return Adequacy(tuple(tests), not_asked=frozenset(not_asked))
     repeated = bool((np.bincount(repeats[repeats >= 0]) > 1).any())
@@ -166,6 +171,14 @@ def by_region(residuals: EpochResiduals, inputs: Mapping[str, Array]) -> Iterato
         return
     if (found := means_against_scatter(residuals, own, _FEWEST_REPEATS)) is not None:
         yield AdequacyTest(MisfitKind.BY_REGION, " ".join(inputs), found.ratio, found.p_value)
+
+
+def by_place(final: FittedModel[CauseT], rng: np.random.Generator) -> Iterator[AdequacyTest]:
+    """Yield the correlation of residuals of neighbouring places of a body within epochs, if there are such places."""
+    places, bodies = np.asarray(final.scene.shape, float), final.model.channel_groups
+    found = like_places(final.fit.whitened, final.measured.values.shape, places, bodies, rng)
+    if found is not None:
+        yield AdequacyTest(MisfitKind.LIKE_PLACES, "", found.correlation, found.p_value)
 
 
 def noise_excess(lack: MisfitKind, ratio: float, freedom: float) -> AdequacyTest:

@@ -23,6 +23,7 @@ _LOOKED_FOR = {
     "observation-noise": "noise of the measurements",
     "input-noise": "noise of the inputs",
     "like-neighbours": "correlation of neighbouring residuals",
+    "like-places": "correlation of residuals of neighbouring targets",
     "pure-error": "lack of fit, by repeated measurements",
     "by-region": "mean residual of a region",
     CAUSES_LEFT: "further causes",
@@ -34,7 +35,7 @@ _WHY_ENDED = {
 }
 _WHY_UNTESTED = {"too-few": "too few data", "no-repeats": "no command was repeated"}
 _UNITS = {
-    "like-neighbours": "(correlation)",
+    **dict.fromkeys(("like-neighbours", "like-places"), "(correlation)"),
     **dict.fromkeys(("pure-error", "by-region"), "(F)"),
     **dict.fromkeys(("observation-noise", "input-noise"), "times declared"),
 }
@@ -148,6 +149,9 @@ def shortcoming_words(worst: Any) -> str:
         return _limit_words(worst)
     if worst.test == "like-neighbours":
         return f"neighbouring residuals along {_column_words(worst)} are correlated (correlation {rough(worst.value)})"
+    if worst.test == "like-places":
+        words = f"residuals of neighbouring targets of a pose are correlated (correlation {rough(worst.value)})"
+        return f"{words}, as where a body bends or the instrument errs by place"
     if worst.test == "pure-error":
         return f"mean errors of repeated measurements exceed what their scatter explains (F = {rough(worst.value)})"
     if worst.test == "by-region":

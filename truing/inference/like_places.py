@@ -1,0 +1,118 @@
+"""Test of the residuals within an epoch: are those of neighbouring places of a body more alike than noise?
+
+A body that bends, or an instrument with errors of its own by place, moves neighbouring places alike, by another amount
+in every epoch. Spread over all places, this passes for a little more noise. The statistic is the sum over pairs of
+places of the products of their residuals, weighted by nearness: the score test of a random field's variance.
+Its mean and variance under noise follow from the projection that the fit applies to noise, whose size each place has of
+its own.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from truing.inference.arrays import Array, Integers, Mask
+from truing.inference.linear_problem import Whitened
+
+# Distance at which places are near each other, in units of the rms distance from their body's centre.
+_NEAR = 0.4
+# Fewest places of a body whose residuals are compared, and most epochs: of more, a sample is tested.
+_FEWEST_PLACES, _MOST_EPOCHS = 4, 500
+_PRIOR = 0.01  # weight of the common noise in the noise of each place
+_LEAST_P = 1e-12
+
+
+@dataclass(frozen=True)
+class LikePlaces:
+    """Mean correlation of residuals of neighbouring places, weighted by nearness, and its p-value."""
+
+    correlation: float
+    p_value: float
+
+
+def has_neighbours(bodies: Integers) -> bool:
+    """Return True if a body, of the number ``bodies`` (K,) of each place, has enough places to compare."""
+    return bool((np.unique(bodies, return_counts=True)[1] >= _FEWEST_PLACES).any())
+
+
+def like_places(
+    whitened: Whitened, shape: tuple[int, int, int], places: Array, bodies: Integers, rng: np.random.Generator
+) -> LikePlaces | None:
+    """Return the correlation of residuals between neighbouring places of a body, within epochs.
+
+    ``shape``: epochs, places and axes (B, K, d) of the observations; ``places`` (K, D); ``bodies`` (K,): number of each
+    place's body. None where no body has enough places, or where the fit leaves no residuals there.
+    """
+    near = _nearness(places, bodies)
+    epochs, count, size = shape
+    if size == 1 or not near.any():
+        return None
+    chosen = np.arange(epochs)
+    if epochs > _MOST_EPOCHS:
+        chosen = np.sort(rng.choice(chosen, _MOST_EPOCHS, replace=False))
+    rest, projection = _residuals(whitened, epochs, count * size, chosen)
+    noise = _noise_of_places(rest, projection, count)
+    if noise is None:
+        return None
+    weights = np.kron(near, np.eye(size)) / np.sqrt(np.outer(noise, noise))
+    found, variance, whole = 0.0, 0.0, 0.0
+    for residual, own in zip(rest, projection, strict=True):
+        along = weights @ ((own * noise) @ own)
+        found += float(residual @ weights @ residual - np.trace(along))
+        variance += 2.0 * float(np.sum(along * along.T))
+        seen = (np.diagonal(own).reshape(count, size) > 0.0).astype(float)
+        whole += float(np.sum(near * (seen @ seen.T)))
+    if not variance > 0.0:
+        return None
+    p_value = 0.5 * math.erfc(found / math.sqrt(2.0 * variance))
+    return LikePlaces(found / whole, max(p_value, _LEAST_P))
+
+
+def _nearness(places: Array, bodies: Integers) -> Array:
+    """Return the weight (K, K) of each pair of places: a Gaussian of their distance in a body, zero between bodies and
+    for a place with itself."""
+    weights = np.zeros((len(places), len(places)))
+    for body in np.unique(bodies):
+        own = np.flatnonzero(bodies == body)
+        centred = places[own] - places[own].mean(0)
+        size = float(np.sqrt(np.mean(np.sum(centred**2, 1))))
+        if len(own) < _FEWEST_PLACES or not size > 0.0:
+            continue
+        squares = np.sum((centred[:, None] - centred) ** 2, -1)
+        weights[np.ix_(own, own)] = np.exp(-0.5 * squares / (_NEAR * size) ** 2)
+    np.fill_diagonal(weights, 0.0)
+    return weights
+
+
+def _residuals(whitened: Whitened, epochs: int, observed: int, chosen: Integers) -> tuple[Array, Array]:
+    """Return the residuals (b, N) of the chosen epochs, and the projections (b, N, N) that the fit applies to noise;
+    zero where nothing was seen."""
+    height = observed + whitened.problem.local_value.shape[1]
+    rows = slice(0, epochs * height)
+    rest = whitened.rest[rows].reshape(epochs, height)[chosen, :observed]
+    seen: Mask = whitened.present[rows].reshape(epochs, height)[chosen, :observed]
+    local = whitened.local_basis[chosen, :observed]
+    shared = whitened.basis[rows].reshape(epochs, height, -1)[chosen, :observed]
+    projection = np.eye(observed) - local @ np.swapaxes(local, 1, 2) - shared @ np.swapaxes(shared, 1, 2)
+    return np.where(seen, rest, 0.0), projection * (seen[:, :, None] & seen[:, None])
+
+
+def _noise_of_places(rest: Array, projection: Array, count: int) -> Array | None:
+    """Return the variance of noise (N,) of each row, equal for the axes of a place; None where the fit leaves nothing.
+
+    Squares of residuals are the projection's squares times the variances, which are solved for (MINQUE; C. R. Rao, J.
+    Multivariate Analysis 1 (1971) 257). A little weight on a common variance keeps places regular of which the fit
+    leaves little.
+    """
+    size = rest.shape[1] // count
+    shares = np.sum(projection**2, 0).reshape(count, size, count, size).sum((1, 3))
+    squares = np.sum(rest**2, 0).reshape(count, size).sum(1)
+    if not shares.sum() > 0.0:
+        return None
+    common = squares.sum() / shares.sum()
+    prior = _PRIOR * np.trace(shares) / count
+    own = np.linalg.solve(shares + prior * np.eye(count), squares + prior * common)
+    return np.repeat(np.maximum(own, _PRIOR * common), size)
