@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truing.inference import attribution
-from truing.inference.attribution import _dependences, _InTime
+from truing.inference.attribution import _dependences, _InTime, courses
 
 EPOCHS, LEVEL = 60, 0.005
 NAMES = ("temperature_c", "load_n", "rho1_mm", "rho2_mm")
@@ -106,3 +106,27 @@ def test_a_column_that_counts_the_same_time_is_no_input_of_its_own() -> None:
     time, groups = np.arange(12.0), np.repeat([0, 1], 6)
     assert attribution._equal_but_for_constants(time - 6.0 * groups, time, groups)
     assert not attribution._equal_but_for_constants(time**2, time, groups)
+
+
+def _bends(size: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Noise (60, 30) with one unknown pattern along a course (60,) of a signal-to-noise ratio."""
+    course = np.sin(np.linspace(0.0, 9.0, 60)) + 0.3 * rng.normal(size=60)
+    pattern = rng.normal(size=30)
+    bend = np.outer(course - course.mean(), pattern)
+    return rng.normal(size=(60, 30)) + size * bend / np.linalg.norm(bend), course
+
+
+def test_noise_of_any_size_has_no_course() -> None:
+    rng = np.random.default_rng(11)
+    found = [len(list(courses(5.0 * rng.normal(size=(60, 30))))) for _ in range(100)]
+    assert np.mean(np.array(found) > 0) <= 0.12
+    assert max(found) <= 1
+
+
+def test_the_course_of_an_unknown_pattern_is_recovered() -> None:
+    rng = np.random.default_rng(12)
+    for _ in range(10):
+        rows, truth = _bends(25.0, rng)
+        (found, *others) = list(courses(rows))
+        assert not others
+        assert abs(np.corrcoef(found[:, 0], truth)[0, 1]) > 0.9

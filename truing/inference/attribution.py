@@ -3,6 +3,10 @@
 The residuals are modelled as noise plus a smooth random function of some inputs, a Gaussian process. All sets of one
 and two inputs are compared by marginal likelihood, and sets of three that contain a probable pair. An input is named
 if it belongs to the right set with high probability. A set of several inputs may therefore be named in part.
+
+An effect on a body moves its places in one pattern, which is unknown, along a course over the epochs. So residuals in
+space are reduced to their leading principal components: those beyond noise are such courses. Whatever a course
+follows, or nothing, its evidence is against a course of the same size without any order.
 """
 
 from __future__ import annotations
@@ -35,6 +39,8 @@ _INCLUDED = 0.9  # probability from which on an input is named
 _MOST_SETS = 3  # sets of inputs that are named in turn
 _MOST_HELD = 0.5  # largest number of functions held fixed, as a share of the epochs
 _FEWEST_EPOCHS = 20
+_MOST_COURSES = 4  # of one body
+_DRAWS_OF_NOISE = 20
 _CLIPPED = 4.0  # residuals beyond so many robust standard deviations are clipped
 
 
@@ -54,16 +60,23 @@ class Attributed:
 
 @dataclass(frozen=True)
 class _Residuals:
-    """Residuals (n, q) of unit noise at selected epochs (B,), of some channels, or of all where
-    ``channels`` is empty."""
+    """Residuals (n, q) at selected epochs (B,), of some channels, or of all where ``channels`` is empty.
+
+    A course is known to exceed noise, and only what it follows is open; ``course`` is its share of the squares of its
+    body's residuals, None of residuals that are no course.
+    """
 
     channels: tuple[int, ...]
     epochs: Mask
     rows: Array
+    course: float | None = None
 
 
-def attributed(fitted: FittedModel[CauseT], level: float) -> tuple[Attributed, ...]:
-    """Return the inputs that predict the residuals of a model, at a familywise p-value of ``level``."""
+def attributed(fitted: FittedModel[CauseT], level: float, level_of_course: float) -> tuple[Attributed, ...]:
+    """Return the inputs that predict the residuals of a model, at a familywise p-value of ``level``.
+
+    What a course follows is a question of its own, decided at ``level_of_course`` for each.
+    """
     order = fitted.scene.covariates.get(_ORDER)
     groups = fitted.model.error_groups
     columns = _columns(fitted, groups)
@@ -75,8 +88,10 @@ def attributed(fitted: FittedModel[CauseT], level: float) -> tuple[Attributed, .
         if (key := at.tobytes()) not in known:
             own = {name: values[at] for name, values in columns.items() if np.ptp(values[at]) > 0.0}
             known[key] = _Spectra(own, _InTime(_at_epochs(order, at), _at_epochs(groups, at)))
-        for inputs, share, p_value in _sets_of_inputs(one.rows, known[key], level / len(tried)):
-            found.append(Attributed(one.channels, inputs, share, min(1.0, max(p_value * len(tried), LEAST_P))))
+        tests, part = (len(tried), 1.0) if one.course is None else (1, one.course)
+        least = level / tests if one.course is None else level_of_course
+        for inputs, share, p_value in _sets_of_inputs(one.rows, known[key], least):
+            found.append(Attributed(one.channels, inputs, part * share, min(1.0, max(p_value * tests, LEAST_P))))
     return tuple(_merged(found))
 
 
@@ -118,8 +133,9 @@ def _equal_but_for_constants(first: Array, second: Array, groups: Integers | Non
 
 
 def _residuals(fitted: FittedModel[CauseT]) -> Iterator[_Residuals]:
-    """Yield the residuals to be explained. Where observations are numbers: one set per channel. In space: each input,
-    all inputs together, and for each group the projection on smooth fields over its places, along its own axes."""
+    """Yield the residuals to be explained. Where observations are numbers: one set per channel. In space: the courses
+    of all inputs together, and for each group those of the projection on smooth fields over its places, along its own
+    axes."""
     measured, whitened = fitted.measured, fitted.fit.whitened
     epochs, channels, size = measured.values.shape
     if size == 1:
@@ -132,11 +148,7 @@ def _residuals(fitted: FittedModel[CauseT]) -> Iterator[_Residuals]:
         return
     height, whole = channels * size, np.ones(epochs, bool)
     rest = whitened.rest[: epochs * (height + whitened.problem.local_value.shape[1])].reshape(epochs, -1)
-    inputs = rest[:, height + fitted.input_rows.start : height + fitted.input_rows.stop]
-    for each in inputs.T:
-        yield _Residuals((), whole, each[:, None])
-    if inputs.shape[1] > 1:
-        yield _Residuals((), whole, inputs)
+    bodies = [rest[:, height + fitted.input_rows.start : height + fitted.input_rows.stop]]
     axes = (
         measured.whitener @ fitted.fit.frames.R[:, None] @ fitted.model.rotations(fitted.fit.shared, fitted.fit.local)
     )
@@ -144,7 +156,27 @@ def _residuals(fitted: FittedModel[CauseT]) -> Iterator[_Residuals]:
     for group in np.unique(fitted.model.channel_groups):
         own = fitted.model.channel_groups == group
         fields = _fields(np.asarray(fitted.scene.shape, float)[own])
-        yield _Residuals((), whole, np.einsum("bki,kp->bpi", along[:, own], fields).reshape(epochs, -1))
+        bodies.append(np.einsum("bki,kp->bpi", along[:, own], fields).reshape(epochs, -1))
+    for rows in bodies:
+        for course in courses(rows):
+            yield _Residuals((), whole, course, float(np.sum(course**2) / np.sum(_centred(rows) ** 2)))
+
+
+def courses(rows: Array) -> Iterator[Array]:
+    """Yield the leading principal components (n, 1) of rows (n, q) that exceed noise of the same size.
+
+    Noise is drawn as many times; its size follows from the median of all components, most of which are noise.
+    """
+    centred = _centred(rows)
+    left, size, _ = np.linalg.svd(centred, full_matrices=False)
+    count = min(len(rows) - 1, rows.shape[1])
+    rng = np.random.default_rng(len(rows))
+    drawn = [
+        np.linalg.svd(_centred(rng.normal(size=rows.shape)), compute_uv=False)[:count] for _ in range(_DRAWS_OF_NOISE)
+    ]
+    limit = float(np.median(size[:count]) * np.max([own[0] / np.median(own) for own in drawn]))
+    for k in range(min(_MOST_COURSES, int(np.sum(size[:count] > limit)))):
+        yield left[:, k : k + 1] * size[k]
 
 
 def _fields(places: Array) -> Array:

@@ -53,6 +53,7 @@ _NO_MORE, _NO_WORSE = 1.002, 1.02
 _MOST_DEPENDENCES = 2
 _MOST_SCATTERS = 2
 _SEVERAL_PERIODS = 2
+_LEVEL_OF_COURSE = 0.05  # of a model that does not hold: odds of 20 to 1 that a course follows an input
 _ADEQUACY = 8  # stream of random numbers
 
 
@@ -234,8 +235,9 @@ class CauseSelection(Generic[CauseT]):
         them. If the final model does not hold, the campaign is known to hold something else, and a larger level
         suffices."""
         self._progress("what the misfit follows")
-        level = self._settings.dependence_level if holds else self._settings.doubted_level
-        return attributed(searched.plain, level)
+        if holds:
+            return attributed(searched.plain, self._settings.dependence_level, self._settings.dependence_level)
+        return attributed(searched.plain, self._settings.doubted_level, _LEVEL_OF_COURSE)
 
     def _is_incomplete(self, step: _Accepted[CauseT], searched: _Searched[CauseT]) -> bool:
         """Return True if nonparametric rivals of an accepted cause still explain something next to it."""
