@@ -26,6 +26,7 @@ from truing.pipeline.run_campaign import usable_campaign
 from truing.pipeline.run_owner import folder_next_to_run, note_owner
 from truing.report.diagnosis.detectable_sizes import size_words
 from truing.report.diagnosis.findings import subject_words
+from truing.report.numbers import count
 from truing.report.power_page import (
     SIZE_HEADS,
     alarm_words,
@@ -120,16 +121,35 @@ def power_campaign(place: Path, options: PowerOptions, workforce: Workforce, out
         plan = _plan(campaign, settings, options, run if of_rays else None)
         progress(1, 2, "steps: what theory expects")
         asked = _questions(campaign, plan, settings, options)
+    pieces = trials(asked, plan, options.draws, _NOTHING_PER_DRAW * options.draws, options.seed)
+    if pieces:
+        _show_theory(asked, len(pieces), console)
     answers: list[Answer] = []
     try:
-        for given in _trial_answers(plan, settings, asked, options, workforce, console):
+        for given in _trial_answers(plan, settings, pieces, workforce, console):
             answers.append(given)
+            if (done := _rounds(len(answers), len(pieces), options.draws)) and len(answers) < len(pieces):
+                written = _left(campaign, asked, answers, (file, beside))
+                console.line(f"after {done} of {count(options.draws, 'draw')}: {written[-1]}")
     except Interrupted:
         if answers:
             _report(campaign, asked, answers, (file, beside), console)  # computed over hours, perhaps
         raise
     _report(campaign, asked, answers, (file, beside), console)
     return ExitCode.DONE
+
+
+def _show_theory(asked: Sequence[DetectionQuestion], simulated: int, console: RunConsole) -> None:
+    """Print what theory expects, which is known within seconds, before campaigns are simulated."""
+    sizes = sizes_table([curve(question, place, []) for place, question in enumerate(asked)])
+    console.show(SIZE_HEADS, size_rows(sizes.to_pandas()))
+    console.line(f"By theory alone; {count(simulated, 'simulated campaign')} follow.")
+
+
+def _rounds(answers: int, pieces: int, draws: int) -> int:
+    """Number of complete rounds, each with one draw of every size; 0 within a round."""
+    done, within = divmod(answers * draws, pieces)
+    return done if within == 0 else 0
 
 
 def check_causes(names: Sequence[str], settings: Campaign) -> None:
@@ -238,13 +258,11 @@ def _questions(
 def _trial_answers(
     plan: Plan,
     settings: Campaign,
-    asked: Sequence[DetectionQuestion],
-    options: PowerOptions,
+    pieces: Sequence[Trial],
     workforce: Workforce,
     console: RunConsole,
 ) -> Generator[Answer]:
     """Simulate and diagnose all campaigns; the answers do not depend on the workers."""
-    pieces = trials(asked, plan, options.draws, _NOTHING_PER_DRAW * options.draws, options.seed)
     work = partial(diagnosed_trial, plan, settings)
     with console.during("power") as progress:
         reported = results(
@@ -292,23 +310,39 @@ def _report(
     console: RunConsole,
 ) -> None:
     """Print and write the results, with a note on photographs."""
-    file, photographs = out
-    if file == run_folder_of(campaign, None, several=False) / _DEFAULT_FILE:
-        note_owner(campaign, file.parent)
-    curves = [curve(question, place, answers) for place, question in enumerate(asked)]
-    sizes, rates = sizes_table(curves), rates_table(curves, false_alarms(answers))
-    text, drawn = sizes.to_pandas(), rates.to_pandas()
-    console.show(SIZE_HEADS, size_rows(text))
-    if alarm_words(drawn):
-        console.line(alarm_words(drawn))
+    photographs, (sizes, rates) = out[1], _as_tables(asked, answers)
+    console.show(SIZE_HEADS, size_rows(sizes.to_pandas()))
+    if alarms := alarm_words(rates.to_pandas()):
+        console.line(alarms)
     if photographs is not None:
         if photographs.rows:
             console.show(HEADS, photographs.rows)
         console.line(photographs.sentence)
+    written = _left(campaign, asked, answers, out)
+    console.line(f"tables and page: {', '.join(map(str, written))}")
+
+
+def _as_tables(asked: Sequence[DetectionQuestion], answers: Sequence[Answer]) -> tuple[pa.Table, pa.Table]:
+    """Detectable sizes and detection rates."""
+    curves = [curve(question, place, answers) for place, question in enumerate(asked)]
+    return sizes_table(curves), rates_table(curves, false_alarms(answers))
+
+
+def _left(
+    campaign: CampaignFolder,
+    asked: Sequence[DetectionQuestion],
+    answers: Sequence[Answer],
+    out: tuple[Path, PhotographNote | None],
+) -> list[Path]:
+    """Write tables and page; returns their files."""
+    file, photographs = out
+    if file == run_folder_of(campaign, None, several=False) / _DEFAULT_FILE:
+        note_owner(campaign, file.parent)
+    sizes, rates = _as_tables(asked, answers)
+    text, drawn = sizes.to_pandas(), rates.to_pandas()
     further = [] if photographs is None else [section_of_photographs(photographs.sentence, HEADS, photographs.rows)]
     page = render_page(power_head(campaign.name, text, drawn), [*power_sections(text, drawn), *further])
-    written = leave_tables(file, {"": sizes, "-rates": rates}, page)
-    console.line(f"tables and page: {', '.join(map(str, written))}")
+    return leave_tables(file, {"": sizes, "-rates": rates}, page)
 
 
 @dataclass(frozen=True)

@@ -102,6 +102,27 @@ def test_an_interrupted_call_tells_what_it_has(measured: Path, tmp_path: Path, m
     assert [row["campaigns"] for row in rates] == [1] * 5
 
 
+def test_theory_is_told_first_and_the_page_sharpens_with_every_round(
+    measured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before any campaign is simulated the sizes by theory stand there; then each round replaces tables and page."""
+    out, counted = tmp_path / "power.parquet", list[int]()
+
+    def watched(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer:
+        rates = tmp_path / "power-rates.parquet"
+        counted.append(sum(row["campaigns"] for row in pq.read_table(rates).to_pylist()) if rates.exists() else 0)
+        return told_at_once(plan, settings, trial)
+
+    monkeypatch.setattr("truing.pipeline.power_command.diagnosed_trial", watched)
+    code, said = call(measured, "--draws", 3, "--causes", "platform-deformation-matrix", "--out", out)
+    assert code == 0, said
+    assert counted == [0] * 10 + [10] * 10 + [20] * 10
+    before, _, after = said.partition("By theory alone; 30 simulated campaigns follow.")
+    assert "platform deformation matrix" in before
+    assert "after 1 of 3 draws" in after
+    assert "after 3 of 3 draws" not in after
+
+
 @pytest.fixture(scope="module")
 def hidden(measured: Path) -> tuple[partial[Answer], Trial, Answer]:
     """The work of one campaign with an effect hidden in it, and what comes of it in this process."""
