@@ -116,6 +116,34 @@ def run(
 
 
 @app.command()
+def watch(
+    campaign: option.OneCampaign,
+    out: option.RunFolder = None,
+    once: option.WatchOnce = False,
+    interval: option.WatchInterval = 2.0,
+    port: option.WatchPort = None,
+    page: option.WatchPage = True,
+    json: option.WatchJson = False,
+) -> None:
+    """Run a campaign again whenever its files change, while it is measured, and say whether it is enough.
+
+    Each round prints one line: whether the requirements are decided, and the next measurement. A page on this machine
+    alone shows the same, with quality checks and all verdicts. Files that are being written are waited for; faults are
+    reported, and the campaign is watched further. The command ends when the requirements are decided, or with Ctrl-C.
+
+    Example: truing watch my-campaign --interval 5
+    """
+    console = _console()
+
+    def act() -> ExitCode:
+        from truing.pipeline.watch_command import WatchOptions, watch_campaign
+
+        return watch_campaign(campaign, out, WatchOptions(interval, once, json, port, page), console)
+
+    _end(act, console=console)
+
+
+@app.command()
 def stages(
     campaign: option.StagesCampaign = None,
     out: option.RunFolder = None,

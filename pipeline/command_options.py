@@ -65,6 +65,18 @@ RunOnly = Annotated[
 ]
 RunForce = Annotated[bool, typer.Option("--force", help="Run all stages, even if up to date.")]
 
+# `truing watch`.
+WatchOnce = Annotated[bool, typer.Option("--once", help="End after one round.")]
+WatchInterval = Annotated[
+    float, typer.Option("--interval", min=0.1, max=3600.0, help="Seconds between two looks at the files.")
+]
+WatchPort = Annotated[
+    int | None,
+    typer.Option("--port", min=1, max=65535, help="Port of the page; default: 8765, or any free one."),
+]
+WatchPage = Annotated[bool, typer.Option("--page/--no-page", help="Serve the page.")]
+WatchJson = Annotated[bool, typer.Option("--json", help="Print one JSON object per round, on one line.")]
+
 # `truing stages`.
 StagesCampaign = Annotated[
     Path | None, typer.Argument(metavar="CAMPAIGN", help="Folder with a campaign.toml; absent: list all stages.")

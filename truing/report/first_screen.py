@@ -30,7 +30,7 @@ def first_screen(tables: Tables, about: CampaignFacts) -> FirstScreen:
         ("machine", about.machine or _machine(tables)),
         ("instrument", _instrument(tables, about)),
         ("measured", _when(tables, about)),
-        ("data", _counts(tables)),
+        ("data", counts(tables)),
         ("laboratory", about.laboratory),
         ("customer", about.customer),
         ("page", ", ".join(filter(None, (about.made, f"truing {about.version}" if about.version else "")))),
@@ -83,7 +83,7 @@ def _when(tables: Tables, about: CampaignFacts) -> str:
     return ", ".join(filter(None, (days or _NO_DATE, campaign_span(tables))))
 
 
-def _counts(tables: Tables) -> str:
+def counts(tables: Tables) -> str:
     """Return numbers of poses, points, runs, load steps and readings, and of points left out."""
     parts: list[str] = []
     configurations, points = table_or_none(tables, "configurations"), table_or_none(tables, "observations")

@@ -1,0 +1,102 @@
+"""``python -m docs.experiments.watch``: replay real campaigns pose by pose through `truing watch`.
+
+Each campaign's files grow from a few poses to all. A requirement is added, and the table says after how many poses it
+was decided, and whether all poses say the same. It is written between the marks of docs/how-to/watch.md.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from typer.testing import CliRunner
+
+from tests.real.campaigns import HERE, data_folder
+from truing.pipeline.command_line import app
+
+PAGE = Path(__file__).resolve().parents[1] / "how-to" / "watch.md"
+_MARKS = "<!-- replays -->\n", "<!-- end -->"
+_PATH = re.compile(r'^path = "\.\./.*shared/data/([^"]+)"', re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Replay:
+    """A campaign of tests/real, the lines above the first pose in its files, and limits of the position, mm."""
+
+    name: str
+    header: int
+    limits_mm: tuple[float, ...]
+    poses: tuple[int, ...]
+    key: str = "x_mm"
+
+
+REPLAYS = (
+    Replay("irb120-faro-chain", 0, (0.6, 1.0, 1.5, 2.5), (20, 30, 40, 60, 80, 120, 160, 240, 400, 1000)),
+    Replay("ipa-ur10-random", 1, (0.6, 1.0, 1.5, 2.5), (20, 30, 40, 60, 80, 120, 160, 240, 400, 1000)),
+)
+
+
+def grown(replay: Replay, poses: int, limit_mm: float, folder: Path) -> Path:
+    """The campaign with its first poses only, and with a requirement."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text = (HERE / replay.name / "campaign.toml").read_text(encoding="utf-8")
+    for pattern in dict.fromkeys(_PATH.findall(text)):
+        for file in sorted(data_folder().glob(pattern)):
+            whole = gzip.decompress(file.read_bytes()) if file.suffix == ".gz" else file.read_bytes()
+            lines = whole.splitlines(keepends=True)[: replay.header + poses]
+            (folder / file.name.removesuffix(".gz")).write_bytes(b"".join(lines))
+        text = re.sub(rf'"[^"]*shared/data/{re.escape(pattern)}"', f'"{Path(pattern).name.removesuffix(".gz")}"', text)
+    (folder / "campaign.toml").write_text(f"{text}\n[requirement]\n{replay.key} = {limit_mm}\n", encoding="utf-8")
+    return folder
+
+
+def _watched(folder: Path) -> dict[str, Any]:
+    words = ["watch", str(folder), "--once", "--json", "--interval", "0.1", "--out", f"{folder}-run"]
+    done = CliRunner().invoke(app, words)
+    told: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return told
+
+
+def _decision(told: dict[str, Any]) -> str:
+    """The reason code of the verdict on requirements, or why there is none."""
+    own = [row["reason_code"] for row in told["verdicts"] if row["section"] == "requirements"]
+    return str(own[0]) if own and told["enough"] != "not judged" else str(told["enough"])
+
+
+def rows(replays: Sequence[Replay], folder: Path) -> Iterator[tuple[str, ...]]:
+    """Rows of the table: campaign, requirement, poses until the decision, decision, decision by all poses."""
+    for replay in replays:
+        for limit in replay.limits_mm:
+            decisions = {}
+            for poses in replay.poses:
+                place = grown(replay, poses, limit, folder / f"{replay.name}-{limit}-{poses}")
+                decisions[poses] = _decision(_watched(place))
+                sys.stdout.write(f"{replay.name} {limit} mm, {poses} poses: {decisions[poses]}\n")
+                sys.stdout.flush()
+            first = next((poses for poses, found in decisions.items() if found in ("met", "not-met")), None)
+            last = decisions[replay.poses[-1]]
+            told = ("–", "–") if first is None else (str(first), decisions[first].replace("-", " "))
+            yield replay.name, f"{limit:g} mm", *told, last.replace("-", " ")
+
+
+def main() -> None:
+    """Replay all, and write the table."""
+    with tempfile.TemporaryDirectory() as folder:
+        found = list(rows(REPLAYS, Path(folder)))
+    last = REPLAYS[0].poses[-1]
+    head = f"| campaign | limit of x | poses until decided | decision | with {last:,} poses |\n{'| --- ' * 5}|\n"
+    table = head + "".join(f"| {' | '.join(row)} |\n" for row in found)
+    before, rest = PAGE.read_text(encoding="utf-8").split(_MARKS[0])
+    after = rest.split(_MARKS[1])[1]
+    PAGE.write_text(f"{before}{_MARKS[0]}{table}{_MARKS[1]}{after}", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,143 @@
+"""`truing watch`: runs a campaign again whenever its files change, and tells whether the measurements are enough."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+
+import pandas as pd
+
+from truing.pipeline.artifacts import table_of
+from truing.pipeline.campaign_folder import run_folder_of
+from truing.pipeline.console import Recorder, RunConsole
+from truing.pipeline.executor import processors
+from truing.pipeline.exit_status import end
+from truing.pipeline.problems import ExitCode
+from truing.pipeline.run_campaign import RunOptions, run_campaign, usable_campaign
+from truing.pipeline.watch_page import WatchServer, serving
+from truing.report.watching import Enough, Watched, watched
+from truing.schemas.faults import CampaignFaults, Fault
+
+_TABLES = ("verdict", "next_measurements", "configurations", "observations", "residuals", "readings", "signals")
+
+Snapshot = Mapping[str, tuple[int, int]]  # size and time of change of each file
+
+
+@dataclass(frozen=True)
+class WatchOptions:
+    """Seconds between two looks, whether to end after one round, and whether rounds are lines of JSON.
+
+    ``port`` of the page; None: the usual one or any free one. ``has_page``: whether there is a page.
+    """
+
+    interval_s: float = 2.0
+    once: bool = False
+    as_json: bool = False
+    port: int | None = None
+    has_page: bool = True
+
+
+@dataclass
+class _Watch:
+    """A watched campaign: its folder, its run folder where known, and the last round."""
+
+    place: Path
+    out: Path | None
+    number: int = 0
+    state: Watched | None = None
+    code: ExitCode = ExitCode.DONE
+    options: RunOptions = field(default_factory=lambda: RunOptions(workers=processors()))
+
+    @property
+    def run(self) -> Path | None:
+        """Folder of the run; None as long as campaign.toml does not name it."""
+        try:
+            return run_folder_of(usable_campaign(self.place), self.out, several=False)
+        except CampaignFaults:
+            return self.out
+
+    def round(self) -> Watched:
+        """Bring the campaign up to date, and return what is known by now."""
+        self.number += 1
+        recorder = Recorder()
+        self.code = end(lambda: self._run(recorder), recorder)
+        unusable = self.code not in (ExitCode.DONE, ExitCode.FAILED_CHECK)
+        faults = tuple(line for is_warning, line in recorder.lines if is_warning) if unusable else ()
+        run = self.run
+        tables = {} if faults or run is None else _tables(run)
+        self.state = watched(self.place.resolve().name, self.number, datetime.now(), tables, faults)
+        return self.state
+
+    def _run(self, console: RunConsole) -> ExitCode:
+        campaign = usable_campaign(self.place)
+        return run_campaign(campaign, run_folder_of(campaign, self.out, several=False), self.options, console)
+
+
+def watch_campaign(place: Path, out: Path | None, options: WatchOptions, console: RunConsole) -> ExitCode:
+    """Run a campaign after every change of its files, until its requirements are decided.
+
+    A file counts as changed when it stays the same between two looks. A campaign that cannot be used yet is reported
+    and watched further. Raises CampaignFaults if the folder does not exist, EnvironmentProblem if the port is taken.
+    """
+    if not place.is_dir():
+        raise CampaignFaults([Fault(str(place), "a folder that exists, in which a campaign.toml is or will be")])
+    watch = _Watch(place, out)
+    with _page(watch, options, console) as server:
+        for _ in _changes(watch, options.interval_s):
+            with console.during(f"round {watch.number + 1}"):
+                state = watch.round()
+            if server is not None:
+                server.show(state, watch.run)
+            console.line(json.dumps(state.facts(), ensure_ascii=False) if options.as_json else state.line)
+            if options.once or state.enough is Enough.ENOUGH:
+                return watch.code
+    raise AssertionError("changes end only with an interruption")
+
+
+@contextmanager
+def _page(watch: _Watch, options: WatchOptions, console: RunConsole) -> Iterator[WatchServer | None]:
+    """Serve the page of the rounds on this machine alone, if there is one."""
+    with serving(options.port) if options.has_page and not options.once else nullcontext() as server:
+        if server is not None and not options.as_json:
+            console.line(f"page: {server.address} (this machine alone); end with Ctrl-C")
+        yield server
+
+
+def _changes(watch: _Watch, interval_s: float) -> Iterator[None]:
+    """Yield at once, and whenever files have changed and then stay the same for one interval."""
+    done: Snapshot | None = None
+    before = _snapshot(watch)
+    while True:
+        time.sleep(interval_s)
+        now = _snapshot(watch)
+        if now == before and now != done:
+            done = now
+            yield
+        before = now
+
+
+def _snapshot(watch: _Watch) -> Snapshot:
+    """Size and time of change of every visible file of the campaign, without those of its run."""
+    run, found = watch.run, dict[str, tuple[int, int]]()
+    own = None if run is None else run.resolve()
+    for folder, names, files in os.walk(watch.place):
+        names[:] = [name for name in names if not name.startswith(".") and (Path(folder) / name).resolve() != own]
+        for name in files:
+            if not name.startswith((".", "~")):
+                try:
+                    stat = (path := Path(folder) / name).stat()
+                except OSError:  # it has just disappeared
+                    continue
+                found[str(path)] = stat.st_size, stat.st_mtime_ns
+    return found
+
+
+def _tables(run: Path) -> dict[str, pd.DataFrame]:
+    read = ((name, table_of(run, name)) for name in _TABLES)
+    return {name: table.to_pandas() for name, table in read if table is not None}

@@ -1,0 +1,236 @@
+"""`truing watch`: rounds after changes, files that are being written, the page, and the end."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from tests.blind.generator.arms import draw, write
+from truing.pipeline.command_line import app
+from truing.pipeline.watch_command import _changes, _Watch
+from truing.pipeline.watch_page import WatchServer, serving
+from truing.report.watching import Enough, watched
+
+NOW = datetime(2026, 3, 1, 12, 0, 0)
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small campaign of an arm, whose requirement is loose enough to be decided."""
+    folder = tmp_path_factory.mktemp("arm") / "arm"
+    write(draw(3, instrument="points-campaign", causes=(), poses=40), folder)
+    file = folder / "campaign.toml"
+    file.write_text(f"{file.read_text(encoding='utf-8')}\n[requirement]\nx_mm = 5.0\n", encoding="utf-8")
+    return folder
+
+
+def _tables(reason: str, state: str = "ok", section: str = "requirements") -> dict[str, pd.DataFrame]:
+    row = {"section": section, "state": state, "reason_code": reason, "explanation": "Told.", "value": np.nan}
+    return {"verdict": pd.DataFrame([row | {"unit": None, "limit": np.nan}])}
+
+
+@pytest.mark.parametrize(
+    ("tables", "expected"),
+    [
+        (_tables("met"), Enough.ENOUGH),
+        (_tables("not-met", "fails"), Enough.ENOUGH),
+        (_tables("undecided", "attention"), Enough.NOT_ENOUGH),
+        (_tables("model-does-not-fit", "not tested"), Enough.NOT_JUDGED),
+        (_tables("not-evaluated", "not tested"), Enough.NOT_STATED),
+        (_tables("belong", "ok", "belonging"), Enough.NOT_STATED),
+        (_tables("do-not-belong", "fails", "belonging"), Enough.NOT_JUDGED),
+        ({}, Enough.NOT_JUDGED),
+    ],
+)
+def test_enough_is_what_the_verdict_on_requirements_says(tables: dict[str, pd.DataFrame], expected: Enough) -> None:
+    assert watched("arm", 1, NOW, tables, ()).enough is expected
+
+
+def test_faults_leave_nothing_judged() -> None:
+    state = watched("arm", 2, NOW, _tables("met"), ("points.csv: row 3", "points.csv: row 4"))
+    assert state.enough is Enough.NOT_JUDGED
+    assert state.facts()["faults"] == ["points.csv: row 3", "points.csv: row 4"]
+    assert "points.csv: row 3 (and 1 further fault)" in state.line
+
+
+def test_a_decided_requirement_ends_the_watch(arm: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    words = ["watch", str(arm), "--json", "--no-page", "--interval", "0.1", "--out", str(run)]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 0, done.output
+    (line,) = done.stdout.splitlines()
+    told = json.loads(line)
+    assert told["enough"] == "enough"
+    assert told["round"] == 1
+    assert {row["section"]: row["reason_code"] for row in told["verdicts"]}["requirements"] == "met"
+    assert (run / "report.html").is_file()
+
+
+def test_a_folder_that_is_still_empty_is_watched_and_one_that_does_not_exist_is_not(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    done = CliRunner().invoke(app, ["watch", str(tmp_path / "empty"), "--once", "--json", "--interval", "0.1"])
+    assert done.exit_code == 2
+    assert "truing init" in json.loads(done.stdout)["faults"][0]
+    missing = CliRunner().invoke(app, ["watch", str(tmp_path / "none"), "--once"])
+    assert missing.exit_code == 2
+    assert not (tmp_path / "none").exists()
+
+
+def _rounds(folder: Path, changes: list[Path], out: Path | None = None) -> Iterator[int]:
+    """Numbers of the looks at which files count as changed; between looks the files of ``changes`` grow in turn."""
+    looks = 0
+
+    def sleep(_: float) -> None:
+        nonlocal looks
+        looks += 1
+        if looks > 12:
+            raise StopIteration
+        if changes:
+            with changes.pop(0).open("a") as stream:
+                stream.write(".")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("truing.pipeline.watch_command.time.sleep", sleep)
+        try:
+            for _ in _changes(_Watch(folder, out), 1.0):
+                yield looks
+        except RuntimeError:  # StopIteration within a generator
+            return
+
+
+def test_a_file_that_is_being_written_is_waited_for(tmp_path: Path) -> None:
+    points = tmp_path / "points.csv"
+    points.write_text("pose,x_mm\n")
+    assert list(_rounds(tmp_path, [points] * 5)) == [6]
+
+
+def test_a_change_gives_one_round_and_no_change_gives_none(tmp_path: Path) -> None:
+    points, other = tmp_path / "points.csv", tmp_path / "notes.txt"
+    points.write_text("pose,x_mm\n")
+    assert list(_rounds(tmp_path, [])) == [1]
+    quiet = tmp_path / ".hidden"
+    assert list(_rounds(tmp_path, [quiet] * 5)) == [1]
+    assert list(_rounds(tmp_path, [other])) == [2]
+
+
+def test_the_run_folder_is_not_watched(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    (tmp_path / "points.csv").write_text("pose,x_mm\n")
+    assert list(_rounds(tmp_path, [run / "qa.parquet"] * 5, run)) == [1]
+
+
+def test_a_deleted_file_is_a_change(tmp_path: Path) -> None:
+    points = tmp_path / "points.csv"
+    points.write_text("pose,x_mm\n")
+    looks = 0
+
+    def sleep(_: float) -> None:
+        nonlocal looks
+        looks += 1
+        if looks == 4:
+            points.unlink()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("truing.pipeline.watch_command.time.sleep", sleep)
+        changes = _changes(_Watch(tmp_path, None), 1.0)
+        assert [next(changes, looks) or looks for _ in range(2)] == [1, 5]
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[WatchServer]:
+    (tmp_path / "report.html").write_text("<p>whole page</p>")
+    (tmp_path / "secret.txt").write_text("secret")
+    with serving(None) as own:
+        own.show(watched("arm <1>", 7, NOW, _tables("undecided", "attention"), ()), tmp_path)
+        yield own
+
+
+def _answer(server: WatchServer, path: str, method: str = "GET", host: str = "127.0.0.1") -> tuple[int, str]:
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_address[1], timeout=10)
+    connection.request(method, path, headers={"Host": host})
+    answer = connection.getresponse()
+    text = answer.read().decode()
+    connection.close()
+    return answer.status, text
+
+
+def test_the_page_shows_the_round_and_leads_to_the_report(server: WatchServer) -> None:
+    code, page = _answer(server, "/")
+    assert code == 200
+    assert "Not enough yet" in page
+    assert "arm &lt;1&gt;" in page
+    assert 'data-round="7"' in page
+    assert _answer(server, "/round") == (200, "7")
+    assert _answer(server, "/report.html") == (200, "<p>whole page</p>")
+    assert _answer(server, "/", "HEAD") == (200, "")
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["/secret.txt", "/../secret.txt", "/%2e%2e/secret.txt", "/report.html/../secret.txt", "//etc/passwd", "/.truing"],
+)
+def test_nothing_else_is_served(server: WatchServer, path: str) -> None:
+    code, text = _answer(server, path)
+    assert code == 404
+    assert "secret" not in text.replace(path, "")
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH"])
+def test_the_page_takes_nothing(server: WatchServer, method: str) -> None:
+    assert _answer(server, "/", method)[0] == 501
+
+
+def test_only_this_machine_is_answered(server: WatchServer) -> None:
+    assert server.server_address[0] == "127.0.0.1"
+    assert _answer(server, "/", host="attacker.example")[0] == 403
+    assert _answer(server, "/", host=f"localhost:{server.server_address[1]}")[0] == 200
+
+
+def test_a_port_in_use_is_told_with_the_cure(arm: Path, tmp_path: Path) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        done = CliRunner().invoke(app, ["watch", str(arm), "--port", str(port), "--out", str(tmp_path / "run")])
+    assert done.exit_code == 4
+    assert f"port {port} is in use" in done.output
+    assert "--port" in done.output
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_ctrl_c_ends_it_between_rounds_and_new_data_start_another(arm: Path, tmp_path: Path) -> None:
+    """Points come in two parts; with the first the requirement is not stated."""
+    folder = shutil.copytree(arm, tmp_path / "arm")
+    file = folder / "campaign.toml"
+    file.write_text(file.read_text(encoding="utf-8").split("[requirement]")[0], encoding="utf-8")
+    words = ["watch", str(folder), "--json", "--no-page", "--interval", "0.2", "--out", str(tmp_path / "run")]
+    program = [sys.executable, "-m", "truing.pipeline", *words]
+    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as started:
+        assert started.stdout is not None
+        first = json.loads(started.stdout.readline())
+        assert first["enough"] == "not stated"
+        with file.open("a", encoding="utf-8") as stream:
+            stream.write("this is no TOML")
+        second = json.loads(started.stdout.readline())
+        assert second["round"] == 2
+        assert "valid TOML" in second["faults"][0]
+        time.sleep(0.3)
+        os.kill(started.pid, signal.SIGINT)
+        assert started.wait(timeout=30) == 130
