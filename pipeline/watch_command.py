@@ -13,8 +13,9 @@ from pathlib import Path
 
 import pandas as pd
 
+from truing.formats.source import raw_files
 from truing.pipeline.artifacts import table_of
-from truing.pipeline.campaign_folder import run_folder_of
+from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of
 from truing.pipeline.console import Recorder, RunConsole
 from truing.pipeline.executor import processors
 from truing.pipeline.exit_status import end
@@ -55,12 +56,18 @@ class _Watch:
     options: RunOptions = field(default_factory=lambda: RunOptions(workers=processors()))
 
     @property
+    def campaign(self) -> CampaignFolder | None:
+        """The campaign on disk; None as long as its campaign.toml cannot be used."""
+        try:
+            return usable_campaign(self.place)
+        except CampaignFaults:
+            return None
+
+    @property
     def run(self) -> Path | None:
         """Folder of the run; None as long as campaign.toml does not name it."""
-        try:
-            return run_folder_of(usable_campaign(self.place), self.out, several=False)
-        except CampaignFaults:
-            return self.out
+        campaign = self.campaign
+        return self.out if campaign is None else run_folder_of(campaign, self.out, several=False)
 
     def round(self) -> Watched:
         """Bring the campaign up to date, and return what is known by now."""
@@ -96,6 +103,8 @@ def watch_campaign(place: Path, out: Path | None, options: WatchOptions, console
                 server.show(state, watch.run)
             console.line(json.dumps(state.facts(), ensure_ascii=False) if options.as_json else state.line)
             if options.once or state.enough is Enough.ENOUGH:
+                if server is not None:
+                    server.wait_for_reader()
                 return watch.code
     raise AssertionError("changes end only with an interruption")
 
@@ -123,19 +132,27 @@ def _changes(watch: _Watch, interval_s: float) -> Iterator[None]:
 
 
 def _snapshot(watch: _Watch) -> Snapshot:
-    """Size and time of change of every visible file of the campaign, without those of its run."""
-    run, found = watch.run, dict[str, tuple[int, int]]()
-    own = None if run is None else run.resolve()
+    """Size and time of change of the files of the campaign, also of those that it reads in other folders."""
+    found = dict[str, tuple[int, int]]()
+    for path in {*_visible_files(watch), *_read_files(watch.campaign)}:
+        try:
+            stat = path.stat()
+        except OSError:  # it has just disappeared
+            continue
+        found[str(path)] = stat.st_size, stat.st_mtime_ns
+    return found
+
+
+def _visible_files(watch: _Watch) -> Iterator[Path]:
+    """Files of the folder, without hidden ones, those that an editor holds open, and those of the run."""
+    own = None if (run := watch.run) is None else run.resolve()
     for folder, names, files in os.walk(watch.place):
         names[:] = [name for name in names if not name.startswith(".") and (Path(folder) / name).resolve() != own]
-        for name in files:
-            if not name.startswith((".", "~")):
-                try:
-                    stat = (path := Path(folder) / name).stat()
-                except OSError:  # it has just disappeared
-                    continue
-                found[str(path)] = stat.st_size, stat.st_mtime_ns
-    return found
+        yield from (Path(folder) / name for name in files if not name.startswith((".", "~")))
+
+
+def _read_files(campaign: CampaignFolder | None) -> tuple[Path, ...]:
+    return () if campaign is None else raw_files(campaign.folder, campaign.document)
 
 
 def _tables(run: Path) -> dict[str, pd.DataFrame]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from truing.pipeline.problems import EnvironmentProblem
-from truing.report.watching import Watched, watch_page
+from truing.report.watching import SECONDS_BETWEEN_LOOKS, Watched, watch_page
 from truing.schemas.artifacts import ARTIFACTS
 
 _HOST, _PORT = "127.0.0.1", 8765
@@ -31,6 +32,7 @@ class WatchServer(ThreadingHTTPServer):
     def __init__(self, port: int) -> None:
         super().__init__((_HOST, port), _Handler)
         self._page, self._number, self._report = _NOTHING_YET, 0, Path()
+        self._has_reader, self._is_read = False, threading.Event()
 
     @property
     def address(self) -> str:
@@ -42,6 +44,17 @@ class WatchServer(ThreadingHTTPServer):
         report = Path() if run is None else run / ARTIFACTS["report"].file
         self._page, self._report = watch_page(state, has_report=report.is_file()), report
         self._number = state.number
+        self._is_read.clear()
+
+    def mark_read(self) -> None:
+        """Remember that a browser has the page of the last round."""
+        self._has_reader = True
+        self._is_read.set()
+
+    def wait_for_reader(self) -> None:
+        """Wait until an open page has loaded the last round, for as long as two of its looks take."""
+        if self._has_reader:
+            self._is_read.wait(2.0 * SECONDS_BETWEEN_LOOKS)
 
     def answer(self, path: str) -> tuple[str, bytes] | None:
         """Type and content of an answer; None for any other path."""
@@ -49,9 +62,17 @@ class WatchServer(ThreadingHTTPServer):
             return "text/html; charset=utf-8", self._page.encode()
         if path == "/round":
             return "text/plain; charset=utf-8", str(self._number).encode()
-        if path == "/report.html" and self._report.is_file():
-            return "text/html; charset=utf-8", self._report.read_bytes()
+        if path == "/report.html" and not self._report.is_symlink():  # a link could lead out of the run
+            try:
+                return "text/html; charset=utf-8", self._report.read_bytes()
+            except OSError:  # there is none
+                return None
         return None
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing about a browser that leaves before it has its answer."""
+        if not isinstance(sys.exception(), ConnectionError):
+            super().handle_error(request, client_address)
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -80,6 +101,8 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
         if with_body:
             self.wfile.write(content)
+            if self.path == "/":
+                self.server.mark_read()
 
     def log_message(self, format: str, *args: Any) -> None:
         """Say nothing about requests."""

@@ -10,10 +10,12 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -24,7 +26,7 @@ from tests.blind.generator.arms import draw, write
 from truing.pipeline.command_line import app
 from truing.pipeline.watch_command import _changes, _Watch
 from truing.pipeline.watch_page import WatchServer, serving
-from truing.report.watching import Enough, watched
+from truing.report.watching import SECONDS_BETWEEN_LOOKS, Enough, watched
 
 NOW = datetime(2026, 3, 1, 12, 0, 0)
 
@@ -152,6 +154,16 @@ def test_a_deleted_file_is_a_change(tmp_path: Path) -> None:
         assert [next(changes, looks) or looks for _ in range(2)] == [1, 5]
 
 
+def test_a_file_that_the_campaign_reads_in_another_folder_is_watched(tmp_path: Path) -> None:
+    folder, points = tmp_path / "campaign", tmp_path / "exports" / "points.csv"
+    folder.mkdir()
+    points.parent.mkdir()
+    points.write_text("pose,x_mm\n")
+    text = '[campaign]\nname = "far"\nkind = "photogrammetry"\n[files.points]\npath = "../exports/*.csv"\n'
+    (folder / "campaign.toml").write_text(text)
+    assert list(_rounds(folder, [points] * 5)) == [6]
+
+
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[WatchServer]:
     (tmp_path / "report.html").write_text("<p>whole page</p>")
@@ -191,6 +203,30 @@ def test_nothing_else_is_served(server: WatchServer, path: str) -> None:
     assert "secret" not in text.replace(path, "")
 
 
+def test_a_link_in_the_place_of_the_report_is_not_followed(server: WatchServer, tmp_path: Path) -> None:
+    (tmp_path / "report.html").unlink()
+    assert _answer(server, "/report.html")[0] == 404
+    try:
+        (tmp_path / "report.html").symlink_to(tmp_path / "secret.txt")
+    except OSError:
+        pytest.skip("this system makes no links")
+    assert _answer(server, "/report.html")[0] == 404
+
+
+def test_an_open_page_loads_the_last_round_before_the_end(server: WatchServer) -> None:
+    start = time.monotonic()
+    server.wait_for_reader()  # nobody has looked
+    assert time.monotonic() - start < 1.0
+    _answer(server, "/")
+    server.show(watched("arm", 8, NOW, _tables("met"), ()), None)
+    late = threading.Timer(0.5, _answer, (server, "/"))
+    start = time.monotonic()
+    late.start()
+    server.wait_for_reader()
+    assert 0.5 <= time.monotonic() - start < 2.0 * SECONDS_BETWEEN_LOOKS
+    late.join()
+
+
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH"])
 def test_the_page_takes_nothing(server: WatchServer, method: str) -> None:
     assert _answer(server, "/", method)[0] == 501
@@ -214,21 +250,63 @@ def test_a_port_in_use_is_told_with_the_cure(arm: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "run").exists()
 
 
+def _started(folder: Path, run: Path) -> subprocess.Popen[str]:
+    words = ["watch", str(folder), "--json", "--no-page", "--interval", "0.2", "--out", str(run)]
+    program = [sys.executable, "-m", "truing.pipeline", *words]
+    return subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def _next_round(started: subprocess.Popen[str]) -> dict[str, Any]:
+    assert started.stdout is not None
+    told: dict[str, Any] = json.loads(started.stdout.readline())
+    return told
+
+
+def test_an_empty_folder_becomes_a_campaign_with_half_a_file_and_then_a_decided_one(arm: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "arm"
+    folder.mkdir()
+    whole = (arm / "points.csv").read_bytes()
+    with _started(folder, tmp_path / "run") as started:
+        assert "truing init" in _next_round(started)["faults"][0]
+        for file in sorted(arm.iterdir()):
+            content = whole[: len(whole) // 2 - 3] if file.name == "points.csv" else file.read_bytes()
+            (folder / file.name).write_bytes(content)
+        half = _next_round(started)
+        while not any("points.csv" in fault for fault in half["faults"]):  # files came one by one
+            half = _next_round(started)
+        assert half["enough"] == "not judged"
+        (folder / "points.csv").unlink()
+        assert any("points" in fault for fault in _next_round(started)["faults"])
+        (folder / "points.csv").write_bytes(whole)
+        assert _next_round(started)["enough"] == "enough"
+        assert started.wait(timeout=60) == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_ctrl_c_ends_it_within_a_round(arm: Path, tmp_path: Path) -> None:
+    with _started(arm, tmp_path / "run") as started:
+        until = time.monotonic() + 60.0
+        while not (tmp_path / "run" / ".truing").is_dir() and time.monotonic() < until:
+            time.sleep(0.02)
+        os.kill(started.pid, signal.SIGINT)
+        told, said = started.communicate(timeout=60)
+    assert started.returncode == 130
+    assert told == ""
+    assert "Traceback" not in said
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_ctrl_c_ends_it_between_rounds_and_new_data_start_another(arm: Path, tmp_path: Path) -> None:
     """Points come in two parts; with the first the requirement is not stated."""
     folder = shutil.copytree(arm, tmp_path / "arm")
     file = folder / "campaign.toml"
     file.write_text(file.read_text(encoding="utf-8").split("[requirement]")[0], encoding="utf-8")
-    words = ["watch", str(folder), "--json", "--no-page", "--interval", "0.2", "--out", str(tmp_path / "run")]
-    program = [sys.executable, "-m", "truing.pipeline", *words]
-    with subprocess.Popen(program, stdout=subprocess.PIPE, text=True) as started:
-        assert started.stdout is not None
-        first = json.loads(started.stdout.readline())
+    with _started(folder, tmp_path / "run") as started:
+        first = _next_round(started)
         assert first["enough"] == "not stated"
         with file.open("a", encoding="utf-8") as stream:
             stream.write("this is no TOML")
-        second = json.loads(started.stdout.readline())
+        second = _next_round(started)
         assert second["round"] == 2
         assert "valid TOML" in second["faults"][0]
         time.sleep(0.3)

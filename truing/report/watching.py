@@ -14,6 +14,8 @@ from truing.report.section_verdict import SectionVerdict, verdict_rows
 from truing.report.tables import Tables, table_or_none
 from truing.schemas.verdict import CAMPAIGN, GATES, ReasonCode
 
+SECONDS_BETWEEN_LOOKS = 2.0  # of an open page
+
 
 class Enough(StrEnum):
     """Whether the measurements decide the requirements."""
@@ -103,7 +105,12 @@ def watch_page(state: Watched | None, has_report: bool) -> str:
     number, body = 0, "<p>Waiting for the first files.</p>"
     if state is not None:
         number, body = state.number, _body(state, has_report)
-    return _PAGE.format(title=escape(state.campaign if state else "campaign"), number=number, body=body)
+    return _PAGE.format(
+        title=escape(state.campaign if state else "campaign"),
+        number=number,
+        body=body,
+        looks_ms=1e3 * SECONDS_BETWEEN_LOOKS,
+    )
 
 
 def _body(state: Watched, has_report: bool) -> str:
@@ -140,13 +147,14 @@ tr.fail td:first-child {{ border-left: 4px solid #b02a2a }} tr.none td:first-chi
 tr.found td:first-child, tr.measured td:first-child {{ border-left: 4px solid #2b5fa8 }}
 </style></head><body data-round="{number}">
 <h1>{title}</h1>
+<p id="ended" hidden>The command has ended: this is its last round.</p>
 {body}
 <script>
 setInterval(async () => {{
   try {{
     const answer = await fetch("round");
     if (answer.ok && await answer.text() !== document.body.dataset.round) location.reload();
-  }} catch (gone) {{ document.title = "ended: {title}"; }}
-}}, 2000);
+  }} catch (gone) {{ document.getElementById("ended").hidden = false; }}
+}}, {looks_ms:.0f});
 </script></body></html>
 """
