@@ -56,7 +56,7 @@ def cylinder(count: int) -> NDArray:
 def bound(count: int) -> Errors:
     """The Cramér-Rao bound for Gaussian noise on the measured points."""
     x = cylinder(count)
-    covariance = umeyama(x - x.mean(axis=0), x, sigma=SIGMA).covariance[0]
+    covariance = umeyama(x - x.mean(axis=0), x, sigma=SIGMA).covariance
     tilt = np.trace(covariance[3:5, 3:5])
     return Errors(*np.sqrt([np.trace(covariance[:3, :3]), tilt, covariance[5, 5]]))
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -62,3 +64,66 @@ def test_a_table_that_the_run_lacks_or_that_breaks_its_schema_is_told(run: truin
     pq.write_table(broken, tmp_path / "poses.parquet")
     with pytest.raises(ValueError, match=r"poses\.parquet.*px_mm.*finite"):
         truing.load(tmp_path)["poses"]
+
+
+def test_poses_have_rotations_and_covariance_in_si(run: truing.Run) -> None:
+    table = run["poses"].query("default")
+    poses = run.poses()
+    assert len(poses) == len(table)
+    platform, own = run.poses("platform"), table[table["body"] == "platform"]
+    np.testing.assert_allclose(platform.position[:, 1] * 1e3, own["py_mm"])
+    np.testing.assert_allclose(platform.rotation.as_rotvec()[:, 2], own["rz_rad"], atol=1e-12)
+    np.testing.assert_array_equal(platform.covariance, np.swapaxes(platform.covariance, 1, 2))
+    np.testing.assert_allclose(platform.covariance[:, 1, 4], own["cov_1_4"])
+    assert (np.linalg.eigvalsh(platform.covariance) > 0.0).all()
+    assert set(platform.parent) == {"base"}
+    assert platform.is_determined.all()
+    with pytest.raises(KeyError, match="did you mean platform"):
+        run.poses("platfrom")
+
+
+def test_poses_that_could_not_be_determined_are_marked(run: truing.Run) -> None:
+    from truing.runs.run_frames import poses_of
+
+    table = run["poses"].query("default").head(3).copy()
+    table.loc[table.index[1], ["px_mm", "rx_rad"]] = np.nan
+    poses = poses_of(table)
+    assert poses.is_determined.tolist() == [True, False, True]
+    assert np.isnan(poses.position[1]).any()
+
+
+def test_causes_are_one_row_per_parameter_with_its_unit(run: truing.Run) -> None:
+    causes = run.causes()
+    assert set(causes["cause"]) == {"platform-deformation-matrix"}
+    assert len(causes) == 36
+    assert set(causes["unit"]) == {"1"}
+    assert (causes["sigma"] > 0.0).all()
+    known = run["uncertainty"].query("result == 'cause'").set_index("quantity")["estimate"]
+    np.testing.assert_allclose(causes.set_index("parameter")["value"], known[causes["parameter"]], rtol=1e-6)
+
+
+def test_parameters_are_those_with_a_stated_uncertainty_without_poses(run: truing.Run) -> None:
+    parameters = run.parameters()
+    assert set(parameters["source"]) == {"calibration", "cause"}
+    assert set(parameters["unit"]) <= {"mm", "1"}
+    assert (parameters["expanded_uncertainty"] > parameters["sigma"]).all()
+
+
+def test_a_notebook_shows_the_verdict(run: truing.Run) -> None:
+    html = run._repr_html_()
+    assert "<b>telescope</b>" in html
+    for row in run.verdict.to_dict("records"):
+        assert f"<td>{row['section']}</td><td>{row['state']}</td>" in html
+
+
+def test_an_unknown_table_is_answered_with_a_near_name(run: truing.Run) -> None:
+    with pytest.raises(KeyError, match="did you mean poses"):
+        run["pose"]
+
+
+def test_opening_a_run_imports_no_library_of_tables_or_figures(run: truing.Run) -> None:
+    """These take longer than everything else; they are imported when a table or figure is asked for."""
+    found = "[name for name in ('pandas', 'scipy', 'plotly') if name in sys.modules]"
+    script = f"import sys, truing; truing.load(sys.argv[1]); print({found})"
+    done = subprocess.run([sys.executable, "-c", script, str(run.folder)], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

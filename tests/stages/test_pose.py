@@ -180,7 +180,7 @@ def test_the_covariance_is_that_of_the_frame_which_the_survey_defines():
             "survey": points_table({"b": survey}, names),
         }
         frame = umeyama(survey, shape)
-        R_true, t_true = R @ frame.R, np.einsum("bij,j->bi", R, frame.t[0]) + t
+        R_true, t_true = R @ frame.R, np.einsum("bij,j->bi", R, frame.t) + t
         R_fit, p, covariance = numbers(default_rows(run(campaign, bodies={}), "b"))
         pulls.append(squared_pulls(pose_error(R_fit, p, R_true, t_true), covariance))
     from scipy.stats import binom, chi2

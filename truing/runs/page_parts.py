@@ -25,9 +25,10 @@ _SHIFT = ["dx_mm", "dy_mm", "dz_mm"]
 _TARGET_COLUMNS = ["body", "target", *_XYZ, "leg"]
 
 
-def provenance_of(table: pa.Table) -> dict[str, str]:
-    """Return the provenance in a table's metadata: stage, digest, version, campaign, units, remarks of its stage."""
-    metadata = table.schema.metadata or {}
+def provenance_of(schema: pa.Schema) -> dict[str, str]:
+    """Return the provenance in the metadata of a table's schema: stage, digest, version, campaign, units, remarks of
+    its stage."""
+    metadata = schema.metadata or {}
     return {k[len(_PREFIX) :].decode(): v.decode() for k, v in metadata.items() if k.startswith(_PREFIX)}
 
 
@@ -49,7 +50,7 @@ def page_parts(
     from truing.report.verdict import with_verdict
     from truing.runs.chain_places import chain_places
 
-    provenance = {name: provenance_of(table) for name, table in tables.items()}
+    provenance = {name: provenance_of(table.schema) for name, table in tables.items()}
     frames = _frames(tables)
     frames |= with_verdict(frames)
     places = target_places(frames)
@@ -99,7 +100,7 @@ def _frames(tables: Mapping[str, pa.Table]) -> dict[str, pd.DataFrame]:
 
     frames = {name: table.to_pandas() for name, table in tables.items()}
     for name, frame in frames.items():  # only the reason, because pandas copies attributes with every step
-        frame.attrs[WHY_NOT] = provenance_of(tables[name]).get(WHY_NOT, "")
+        frame.attrs[WHY_NOT] = provenance_of(tables[name].schema).get(WHY_NOT, "")
     return frames
 
 

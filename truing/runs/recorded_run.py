@@ -9,21 +9,23 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from truing.runs.page_parts import page_parts, provenance_of, verdict_table
+from truing.runs.page_parts import provenance_of
 from truing.schemas.artifact import checked_table
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.memory import raise_shortage
+from truing.schemas.near_names import did_you_mean
 from truing.schemas.settings_text import parsed_toml, read_settings_text, regular_size
 
 if TYPE_CHECKING:
+    import pandas as pd
     import plotly.graph_objects as go
 
     from truing.estimation.sensor.calibrated_sensor import CalibratedSensor
     from truing.report.page import PageHead, ReportSection
+    from truing.runs.run_frames import Poses
     from truing.simulation.axis.extended_model import ExtendedAxis
     from truing.simulation.bench.extended_model import ExtendedSensor
     from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
@@ -59,20 +61,53 @@ class Run(Mapping[str, "pd.DataFrame"]):
     def table(self, name: str) -> pa.Table:
         """Return a table as Arrow; raises KeyError for an unknown name, ValueError if it violates its schema."""
         if name not in self.files:
-            raise KeyError(f"{name}: this run has {', '.join(self.files)}")
+            raise KeyError(f"{name}: this run has {', '.join(self.files)}{did_you_mean(name, self.files)}")
         if name not in self._read:
             self._read[name] = checked_table(self.files[name], ARTIFACTS[name])
         return self._read[name]
 
     def origin(self, name: str) -> dict[str, str]:
         """Return the origin of a table: stage, digest, software_version, campaign, and remarks of its stage."""
-        return provenance_of(self.table(name))
+        return provenance_of(self.table(name).schema)
+
+    def poses(self, body: str | None = None) -> Poses:
+        """Return rotation, position and 6x6 covariance of every pose and body, or of one body.
+
+        These are the poses that later stages use. Raises KeyError for an unknown body, and without poses.
+        """
+        from truing.runs.run_frames import poses_of
+
+        found = poses_of(self["poses"])
+        return found if body is None else found.of(body)
+
+    def causes(self) -> pd.DataFrame:
+        """Return the causes that were found or suspected, a row per parameter with value, sigma and unit.
+
+        Raises KeyError if nothing was diagnosed.
+        """
+        from truing.runs.run_frames import causes_of
+
+        return causes_of(self["diagnosis"])
+
+    def parameters(self) -> pd.DataFrame:
+        """Return the identified parameters, a row each with value, standard and expanded uncertainty, and unit."""
+        from truing.runs.run_frames import parameters_of
+
+        return parameters_of({name: self[name] for name in ("uncertainty", "chain_parameters") if name in self})
+
+    def _repr_html_(self) -> str:
+        """Return the verdict as HTML, as notebooks show it."""
+        from truing.runs.run_frames import verdict_html
+
+        return verdict_html(self.campaign, self.verdict, len(self))
 
     @property
     def verdict(self) -> pd.DataFrame:
         """State, reason and explanation of the campaign (first row) and of each section, as on the page."""
         if "verdict" in self:
             return self["verdict"]
+        from truing.runs.page_parts import verdict_table
+
         return verdict_table({name: self.table(name) for name in self.files}).to_pandas()
 
     @property
@@ -124,6 +159,8 @@ class Run(Mapping[str, "pd.DataFrame"]):
 
     @cached_property
     def _page(self) -> tuple[PageHead, list[ReportSection]]:
+        from truing.runs.page_parts import page_parts
+
         return page_parts(self.campaign, {name: self.table(name) for name in self.files})
 
 
@@ -151,7 +188,7 @@ def _artifact_provenance(path: Path) -> Iterator[tuple[str, dict[str, str]]]:
         return
     try:
         regular_size(path)
-        facts = provenance_of(pq.read_schema(path).empty_table())
+        facts = provenance_of(pq.read_schema(path))
     except (OSError, pa.ArrowException, UnicodeError) as error:
         raise_shortage(error)
         raise ValueError(f"{path.name}: expected an undamaged Parquet file") from None

@@ -86,7 +86,7 @@ def test_mirror_images_and_half_turns_never_give_a_reflection():
     assert_same(fast, umeyama(x, targets))
     assert_close(np.linalg.det(fast.R), np.ones(5), atol=1e-12)
     octahedron = np.vstack([np.eye(3), -np.eye(3)])
-    assert_same(batched_kernel.solve(octahedron, -octahedron), umeyama(octahedron, -octahedron))
+    assert_same(batched_kernel.solve(octahedron, -octahedron), umeyama(octahedron[None], -octahedron))
 
 
 def test_missing_points_may_be_nan_and_used_ones_may_not():
@@ -122,7 +122,7 @@ def test_one_survey_one_measurement_or_one_set_of_weights_may_serve_the_whole_ba
     rng = np.random.default_rng(6)
     x, y = pairs(rng, poses=50)
     w = rng.uniform(0.5, 2.0, (50, 9))
-    for source, target, weight in ((x, y, w), (x[None], y, w[0]), (x, y[0], w), (y, x, None), (x, y[0], None)):
+    for source, target, weight in ((x, y, w), (x[None], y, w[0]), (x, y[0], w), (y, x, None), (x[None], y[0], None)):
         assert_same(batched_kernel.solve(source, target, weight), umeyama(source, target, weight))
 
 

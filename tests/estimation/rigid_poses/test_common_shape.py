@@ -22,7 +22,7 @@ def measured(rng, poses, points):
 def off_shape(shape, x, targets=slice(None)):
     """Largest distance of the shape from the truth after the best motion onto it."""
     onto = umeyama(shape[targets], x[targets])
-    return np.linalg.norm(onto.apply(shape[targets])[0] - x[targets], axis=-1).max()
+    return np.linalg.norm(onto.apply(shape[targets]) - x[targets], axis=-1).max()
 
 
 @given(seeds, st.integers(3, 12))

@@ -66,12 +66,12 @@ def test_without_a_survey_shape_and_poses_err_as_stated():
         x, _, y, mask, R, t = measured(rng, 12, 7)
         fit = generalised_procrustes(y, isotropic(12, 7), mask, deforming=False)
         onto = umeyama(fit.shape, x)
-        Q = np.kron(np.eye(7), onto.R[0])
-        e = (onto.apply(fit.shape)[0] - x).ravel()
+        Q = np.kron(np.eye(7), onto.R)
+        e = (onto.apply(fit.shape) - x).ravel()
         shape_pulls.append(e @ np.linalg.pinv(Q @ fit.shape_covariance @ Q.T, rcond=1e-8) @ e)
-        back = onto.R[0].T
-        R_true, t_true = R @ onto.R[0], np.einsum("bij,j->bi", R, onto.t[0]) + t
-        assert_close(back @ onto.R[0], np.eye(3), atol=1e-12)
+        back = onto.R.T
+        R_true, t_true = R @ onto.R, np.einsum("bij,j->bi", R, onto.t) + t
+        assert_close(back @ onto.R, np.eye(3), atol=1e-12)
         error = pose_error(fit.poses.R[:1], fit.poses.t[:1], R_true[:1], t_true[:1])
         pose_pulls.append(squared_pulls(error, fit.poses.covariance[:1])[0])
     assert np.mean(shape_pulls) == pytest.approx(15.0, abs=4 * np.sqrt(30 / 60))

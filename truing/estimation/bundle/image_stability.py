@@ -234,7 +234,7 @@ def _over_sigma(found: AdjustedNetwork, apart: Adjustment, pose: int, numbers: I
     adjusted = found.adjustment
     before, after = adjusted.state.points[numbers], apart.state.points[numbers]
     fit = umeyama(before, after, with_scale=bool(adjusted.defect[pose] == _SIMILARITY))
-    shift = after - (fit.scale[0] * before @ fit.R[0].T + fit.t[0])
+    shift = after - (fit.scale * before @ fit.R.T + fit.t)
     factor = found.screened.covariance_factor
     covariance = adjusted.covariance.points(pose) * (factor if np.isfinite(factor) else 1.0)
     blocks = covariance.reshape(len(numbers), 3, len(numbers), 3)

@@ -142,7 +142,7 @@ def _tested(points: Array, covariance: Array, known: Array, known_cov: Array, in
     """Return the error of every known point, with a similarity fitted by covariance to those inside (m,)."""
     count = len(points)
     fit = umeyama(points[inside], known[inside], with_scale=True)
-    R, scale, shift = fit.R[0], float(fit.scale[0]), fit.t[0]
+    R, scale, shift = fit.R, float(fit.scale), fit.t
     turned = np.kron(np.eye(count), scale * R)
     sigma = turned @ covariance @ turned.T
     for n in range(count):

@@ -51,7 +51,7 @@ _REMEDIES = {
 
 @dataclass(frozen=True)
 class RigidFit:
-    """A batch of B rigid motions ``target = scale R source + t``; m and rad.
+    """A batch of B rigid motions ``target = scale R source + t``; m and rad. A fit of two single clouds has no batch.
 
     Entries whose ``status`` is not OK have NaN numbers, so that a caller that ignores the status cannot use a wrong
     number. ``n_used`` and ``status`` are always valid.
@@ -77,14 +77,19 @@ class RigidFit:
         """Mask (B,) of entries with numbers."""
         return self.status == FitStatus.OK
 
+    @property
+    def only(self) -> RigidFit:
+        """The only entry of a batch of one, without the axis of the batch: R (3, 3), t (3,)."""
+        return RigidFit(*(getattr(self, f.name).squeeze(0) for f in fields(self)))
+
     def apply(self, source: NDArray) -> NDArray:
-        """Return points source ((B,) N, 3) in the target frame, (B, N, 3) in m."""
+        """Return points source ((B,) N, 3) in the target frame, ((B,) N, 3) in m."""
         moved = np.asarray(source) @ np.swapaxes(self.R, -1, -2)
-        return self.scale[:, None, None] * moved + self.t[:, None]
+        return self.scale[..., None, None] * moved + self.t[..., None, :]
 
     def residuals(self, source: NDArray, target: NDArray) -> NDArray:
-        """Return measured minus fitted points in the source (body) frame, (B, N, 3) in m."""
-        return (target - self.t[:, None]) @ self.R / self.scale[:, None, None] - source
+        """Return measured minus fitted points in the source (body) frame, ((B,) N, 3) in m."""
+        return (target - self.t[..., None, :]) @ self.R / self.scale[..., None, None] - source
 
 
 def join_fits(fits: Sequence[RigidFit]) -> RigidFit:

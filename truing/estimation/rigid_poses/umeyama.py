@@ -22,16 +22,19 @@ def umeyama(
     """Return the weighted least-squares rigid motion, never a reflection.
 
     source, target: (B, N, 3) or (N, 3) in m, broadcast against each other; weight: (B, N) or (N,), 0 for a missing
-    point. ``sigma``, in m: standard deviation per coordinate of target - R source (scalar, (B, 1) or (B, N)), that of
-    the measured cloud, or ``hypot(sigma_source, sigma_target)`` if both have noise. Weights need not be 1/sigma^2; the
-    covariance is that of the weighted estimator. Without sigma, it comes from the scatter of residuals with weights as
-    relative 1/variance. Raises ValueError for shapes that do not match, negative weights and used points that are not
-    finite. Umeyama, IEEE PAMI 13 (1991) 376, eq. 34-43, weighted.
+    point. Two single clouds (N, 3) give a single motion: R (3, 3), t (3,). ``sigma``, in m: standard deviation per
+    coordinate of target - R source (scalar, (B, 1) or (B, N)), that of the measured cloud, or
+    ``hypot(sigma_source, sigma_target)`` if both have noise. Weights need not be 1/sigma^2; the covariance is that of
+    the weighted estimator. Without sigma, it comes from the scatter of residuals with weights as relative 1/variance.
+    Raises ValueError for shapes that do not match, negative weights and used points that are not finite.
+    Umeyama, IEEE PAMI 13 (1991) 376, eq. 34-43, weighted.
     """
+    are_single = np.ndim(source) == np.ndim(target) == 2 and np.ndim(0.0 if weight is None else weight) < 2
     points = max(np.size(source) // 3, np.size(target) // 3, 0 if weight is None else np.size(weight))
     if points >= _WORTH_COMPILED_CODE and not with_scale:
         from truing.estimation.rigid_poses.batched_kernel import solve
 
-        return solve(source, target, weight, sigma=sigma)
-    x, y, w = check_correspondences(source, target, weight)
-    return solve_weighted(x, y, w, with_scale=with_scale, sigma=sigma)
+        found = solve(source, target, weight, sigma=sigma)
+    else:
+        found = solve_weighted(*check_correspondences(source, target, weight), with_scale=with_scale, sigma=sigma)
+    return found.only if are_single else found
