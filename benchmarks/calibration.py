@@ -8,21 +8,18 @@ identifiability, absorption). A row prints no figure where one of the calibratio
 from __future__ import annotations
 
 import argparse
-import tempfile
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pyarrow.parquet as pq
 
 from benchmarks.timing import interleaved, pin, run_pinned
 from truing.calibration.calibration_input import CalibrationData
 from truing.calibration.calibration_question import cases
 from truing.calibration.fits import MachineCalibration, implicit, maximum_likelihood
 from truing.calibration.model_cases import screened
-from truing.pipeline.console import RunConsole
-from truing.pipeline.run_campaign import RunOptions, StageSelection, run_campaigns
+from truing.pipeline.in_memory import stage_line
 from truing.schemas.campaign import Campaign, read_campaign
 from truing.simulation.mechanisms.structures.catalogue import structures
 from truing.stages import calibrate as stage
@@ -32,14 +29,11 @@ CAMPAIGN = Path(__file__).resolve().parents[1] / "sample_data" / "telescope"
 
 
 def tables() -> tuple[dict[str, object], Campaign]:
-    """Return what the stage reads, from a fresh run of the stages before it."""
+    """Return what the stage reads, from the stages before it, and the settings."""
     campaign = read_campaign(tomllib.loads((CAMPAIGN / "campaign.toml").read_text(encoding="utf-8")))
-    with tempfile.TemporaryDirectory() as folder:
-        wish = RunOptions(StageSelection(None, "deformation", False), distrust=False, accept_failed_checks=True)
-        if run_campaigns([CAMPAIGN], Path(folder), wish, RunConsole(quiet=True)):
-            raise SystemExit("the sample campaign did not run")
-        names = [name.rstrip("?") for name in stage.DECLARATION.reads]
-        return {name: pq.read_table(Path(folder) / f"{name}.parquet") for name in names}, campaign
+    line = stage_line(CAMPAIGN).call("ingest", "qa", "pose", "deformation", "diagnose")
+    names = [name.rstrip("?") for name in stage.DECLARATION.reads]
+    return {name: line.tables[name] for name in names if name in line.tables}, campaign
 
 
 def calibrations(gathered: CalibrationData, how: Callable[..., MachineCalibration]) -> list[MachineCalibration]:
