@@ -105,11 +105,11 @@ def run_campaign(campaign: CampaignFolder, folder: Path, settings: RunOptions, c
         if verdict:
             console.line(verdict_line(verdict))
         code = _exit_code(run, stages, settings, console)
-        console.tell("campaigns", _told(run, stages, ran, verdict, code))
+        console.tell("campaigns", _run_facts(run, stages, ran, verdict, code))
         return code
 
 
-def _told(
+def _run_facts(
     run: CampaignRun, stages: tuple[Stage, ...], ran: list[str], verdict: Mapping[str, str], code: ExitCode
 ) -> dict[str, object]:
     """Facts of a run for JSON."""
