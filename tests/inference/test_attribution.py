@@ -130,3 +130,9 @@ def test_the_course_of_an_unknown_pattern_is_recovered() -> None:
         (found, *others) = list(courses(rows))
         assert not others
         assert abs(np.corrcoef(found[:, 0], truth)[0, 1]) > 0.9
+
+
+@pytest.mark.parametrize("shape", [(60, 0), (2, 30), (0, 30)])
+def test_few_epochs_and_nothing_measured_have_no_course(shape: tuple[int, int]) -> None:
+    assert not list(courses(np.random.default_rng(13).normal(size=shape)))
+    assert not list(courses(np.zeros((60, 30))))

@@ -163,13 +163,15 @@ def _residuals(fitted: FittedModel[CauseT]) -> Iterator[_Residuals]:
 
 
 def courses(rows: Array) -> Iterator[Array]:
-    """Yield the leading principal components (n, 1) of rows (n, q) that exceed noise of the same size.
+    """Yield the leading principal components (n, 1) of rows (n, q) that exceed noise of the same size; none of few
+    epochs.
 
     Noise is drawn as many times; its size follows from the median of all components, most of which are noise.
     """
-    centred = _centred(rows)
-    left, size, _ = np.linalg.svd(centred, full_matrices=False)
     count = min(len(rows) - 1, rows.shape[1])
+    if len(rows) < _FEWEST_EPOCHS or not (centred := _centred(rows)).any():
+        return
+    left, size, _ = np.linalg.svd(centred, full_matrices=False)
     rng = np.random.default_rng(len(rows))
     drawn = [
         np.linalg.svd(_centred(rng.normal(size=rows.shape)), compute_uv=False)[:count] for _ in range(_DRAWS_OF_NOISE)
