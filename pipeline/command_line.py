@@ -183,16 +183,22 @@ def check(campaigns: option.Campaigns, quiet: option.Quiet = False, json: option
 def init(
     folder: option.InitFolder,
     every_key: option.InitEveryKey = False,
+    answer: option.InitAnswer = None,
+    ask: option.InitAsk = True,
 ) -> None:
     """Write a campaign.toml for the raw files of a folder, to be completed by hand.
 
-    An existing campaign.toml is never overwritten, and a raw file is never changed.
+    The first rows of each file are shown as they are understood. On a terminal, you are asked what a file leaves open:
+    unit, decimal mark, body. Elsewhere, and without an answer, the most probable reading is taken and marked. An
+    existing campaign.toml is never overwritten, and a raw file is never changed.
 
-    Example: truing init my-campaign
+    Example: truing init my-campaign --answer unit=m
     """
     from truing.pipeline.init_campaign import init_campaign
+    from truing.pipeline.init_questions import asking
 
-    _end(lambda: init_campaign(folder, every_key=every_key))
+    asked = asking() if ask else None
+    _end(lambda: init_campaign(folder, every_key=every_key, answers=answer or (), ask=asked))
 
 
 @app.command()

@@ -86,6 +86,16 @@ StagesCampaign = Annotated[
 InitFolder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder with raw files and without campaign.toml.")]
 InitEveryKey = Annotated[bool, typer.Option("--all", help="Write all keys, with explanations.")]
 
+InitAnswer = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--answer",
+        metavar="[FILE:]KEY=VALUE",
+        help="What the files leave open, such as unit=m or 'points*.csv:body=platform'; may be repeated.",
+    ),
+]
+InitAsk = Annotated[bool, typer.Option("--ask/--no-ask", help="Ask on a terminal what the files leave open.")]
+
 # `truing predict`.
 PredictModel = Annotated[
     Path, typer.Argument(metavar="MODEL", help="Folder of a run, or its model.toml or sensor.toml.")

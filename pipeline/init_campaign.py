@@ -5,9 +5,10 @@ from __future__ import annotations
 import fnmatch
 import glob
 import json
+import os
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,7 @@ from truing.pipeline.init_entries import (
     photograph_entries,
     scanned_body,
 )
+from truing.pipeline.init_questions import Answers, Ask, names_a_body, parsed_answers
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.starter import guess_lines
@@ -35,6 +37,7 @@ from truing.schemas.faults import CampaignFaults, Fault
 if TYPE_CHECKING:
     from truing.formats.guess import Guess
 
+    _File = tuple["RawGroup", Guess]
     _Entry = tuple["RawGroup", Guess, list[str]]
 
 _TEMPLATE = Path(__file__).with_name("campaign_template.toml")
@@ -65,23 +68,76 @@ class RawGroup:
     path: str | list[str] = ""
 
 
-def init_campaign(folder: Path, *, every_key: bool = False) -> ExitCode:
+def init_campaign(
+    folder: Path, *, every_key: bool = False, answers: Sequence[str] = (), ask: Ask | None = None
+) -> ExitCode:
     """Write the folder's campaign.toml, with all keys or with those that this campaign needs.
 
-    Raises CampaignFaults if the folder is missing or has a campaign.toml.
+    answers: ``key=value`` or ``glob:key=value`` on open points of the files. ask: how others are asked; None: they stay
+    guesses. Raises CampaignFaults if the folder is missing or has a campaign.toml, or if an answer is invalid.
     """
+    given = parsed_answers(answers)
     target = folder / FILE
     if not folder.is_dir():
         raise CampaignFaults([Fault(str(folder), "a folder that exists, with raw files in it")])
     guesses = _joined_groups([(group, _guess(group)) for group in _raw_groups(folder)])
     guesses = network_tables(_with_surfaces(_separate_tables(_separate_globs(guesses)))) + _photographs(folder)
-    text = (campaign_text if every_key else _starter)(folder.resolve().name, guesses)
-    _write_new(target, text)
+    if os.path.lexists(target):
+        raise CampaignFaults([_never_overwritten(target)])
+    said = Answers(given) if ask is None else Answers(given, ask)
     console = RunConsole(quiet=False)
-    for group, guess in guesses:
-        console.line(f"{_printable(group.glob)}: {_summary(group, guess)}")
+    guesses = _settled(folder, _with_keys_of_names(guesses), said, console)
+    said.raise_faults()
+    _write_new(target, (campaign_text if every_key else _starter)(folder.resolve().name, guesses))
     console.line(f"wrote {target}; complete it, then: truing check {folder}")
+    if said.used:
+        console.line(f"the same answers again: {said.command(folder, every_key=every_key)}")
     return ExitCode.DONE
+
+
+def _settled(folder: Path, guesses: list[_File], said: Answers, console: RunConsole) -> list[_File]:
+    """Show each file as it is understood, and settle its open points."""
+    has_points = any(guess.table == "points" for _, guess in guesses)
+    found = []
+    for number, (group, guess) in enumerate(guesses):
+        console.line(f"{_printable(group.glob)}: {_summary(group, guess)}")
+        is_shown = number < _FEW
+        if is_shown:
+            _show(folder, group, guess, console)
+        is_survey = has_points or group.glob == "targets.csv"
+        settled = said.settled(group.glob, guess, is_only_table=not is_survey)
+        if is_shown and (settled.mapping, settled.table) != (guess.mapping, guess.table):
+            console.line("by these answers:")
+            _show(folder, group, settled, console)
+        found.append((group, settled))
+    return found
+
+
+def _show(folder: Path, group: RawGroup, guess: Guess, console: RunConsole) -> None:
+    """Print the first rows of a file by its guess."""
+    from truing.pipeline.init_preview import preview
+
+    if guess.table is None or guess.known:
+        return
+    rows = preview(folder, group.example, guess.table, _kind(Counter([guess.table])), guess.mapping)
+    if rows is not None and rows.fault:
+        console.line(f"  not readable yet: {_printable(rows.fault)}")
+    elif rows is not None:
+        console.show(rows.columns, rows.rows)
+
+
+def _with_keys_of_names(guesses: list[_File]) -> list[_File]:
+    """Add to each guess what the names of its files say, and runs of their own to single files."""
+    tables = Counter(guess.table for _, guess in guesses)
+    return [(group, replace(guess, mapping=_whole_mapping(group, guess, tables))) for group, guess in guesses]
+
+
+def _whole_mapping(group: RawGroup, guess: Guess, tables: Counter[str | None]) -> dict[str, Any]:
+    mapping = _with_names(group, {**guess.mapping, **_body_from_name(group, guess)}, guess)
+    constants = mapping.get("constants", {})
+    if tables[guess.table] > 1 and group.count == 1 and guess.table in _LOADING_TABLES and "run" in constants:
+        return {**mapping, "constants": {**constants, "run": Path(group.example).stem}}  # each entry has its own
+    return mapping
 
 
 def _photographs(folder: Path) -> list[tuple[RawGroup, Guess]]:
@@ -96,15 +152,17 @@ def _write_new(target: Path, text: str) -> None:
         try:
             file = open(target, "xb")  # noqa: SIM115 (closed below; who opens it first, owns it)
         except FileExistsError:
-            raise CampaignFaults(
-                [Fault(str(target), "no campaign.toml yet, because it is never overwritten")]
-            ) from None
+            raise CampaignFaults([_never_overwritten(target)]) from None
         try:
             with file:
                 file.write(content)
         except BaseException:
             target.unlink(missing_ok=True)  # an incomplete file would never be overwritten
             raise
+
+
+def _never_overwritten(target: Path) -> Fault:
+    return Fault(str(target), "no campaign.toml yet, because it is never overwritten")
 
 
 def _raw_groups(folder: Path) -> list[RawGroup]:
@@ -327,9 +385,7 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOW
     yield ""
     if most or guess.table == "images":
         yield f"# {_printable(group.glob)}: {_printable(held)}"
-    mapping = _with_names(group, {**guess.mapping, **_body_from_name(group, guess)}, guess)
-    if not alone and group.count == 1 and guess.table in _LOADING_TABLES and "run" in mapping.get("constants", {}):
-        mapping["constants"] = {**mapping["constants"], "run": Path(group.example).stem}  # each entry has its own
+    mapping = guess.mapping
     notes = [_printable(note) for note in guess.notes]
     yield from (f"# {note}" if most or len(note) < _LONGEST_NOTE else f"# {note[:_LONGEST_NOTE]}..." for note in notes)
     if guess.table:
@@ -343,14 +399,8 @@ def _file_lines(group: RawGroup, guess: Guess, *, alone: bool, most: int = _SHOW
     yield f"{mark}[{heading}]" if alone or not guess.table else f"{mark}[[{heading}]]"
     for key, value in {"path": group.path or group.glob, **mapping}.items():
         yield f"{mark}{key} = {_printable(_toml(value)) if mark else _toml(value)}"
-    if guess.table in ("points", "targets") and not mark and not _names_a_body(guess, mapping):
+    if guess.table in ("points", "targets") and not mark and not names_a_body(guess):
         yield '# constants = { body = "platform" }   # needed: the body that carries these targets'
-
-
-def _names_a_body(guess: Guess, mapping: dict[str, Any]) -> bool:
-    """True if anything names the body of a file's targets."""
-    given = (*guess.columns, *mapping.get("columns", {}), *mapping.get("constants", {}), mapping.get("wide", ""))
-    return "body" in given or "body" in mapping.get("from_name", "") or "constants" in mapping or "{body}" in given[-1]
 
 
 def _with_names(group: RawGroup, mapping: dict[str, Any], guess: Guess) -> dict[str, Any]:

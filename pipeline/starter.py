@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -181,7 +181,8 @@ def _sections(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
 
 def guess_lines(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
     """Yield one marked remark with all guessed keys of an entry; none if nothing is guessed."""
-    statements = (*_of_constants(mapping.get("constants", {})), *_of_units(mapping, guess), *_of_rows(mapping))
+    constants = {key: value for key, value in mapping.get("constants", {}).items() if key not in guess.answered}
+    statements = (*_of_constants(constants), *_of_units(mapping, guess), *_of_rows(mapping, guess.answered))
     if statements:
         yield f"{MARK} {'; '.join(statements)}"
 
@@ -223,6 +224,13 @@ def _of_units(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
         yield f'no unit is given; assumed are {words} (else: units = {{ dx_mm = "in" }})'
 
 
+def assumed_unit(column: str, guess: Guess) -> str | None:
+    """Assumed unit of a coordinate of a file; None if its unit is known, or there is no such column."""
+    columns = guess.mapping.get("columns", {})
+    whole = _common_unit(guess.mapping, guess)
+    return whole or (_taken_unit(column, columns[column], guess.mapping) if column in columns else None)
+
+
 def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any]) -> str | None:
     """Assumed unit of a raw column without a unit; None if it is known."""
     from truing.formats.units import bare_and_unit
@@ -248,10 +256,18 @@ def _span(names: list[str]) -> str:
     return " ".join(names) if len(names) < 4 else f"{names[0]} to {names[-1]}"
 
 
-def _of_rows(mapping: Mapping[str, Any]) -> Iterator[str]:
+def has_open_rotation(mapping: Mapping[str, Any]) -> bool:
+    """True if three angles could be a rotation vector or Euler angles, because no name says which."""
+    columns = mapping.get("columns", {})
+    return columns.get("rx_rad") not in (None, "rx_rad") and "sigma_rx_rad" not in columns
+
+
+def _of_rows(mapping: Mapping[str, Any], answered: Collection[str]) -> Iterator[str]:
     if reported := re.findall(r"\(\?P<(\w+)>", mapping.get("from_name", "")):
         yield f"the files' names give {' and '.join(reported)}"
-    if "coverage" in mapping:
+    if "coverage" in mapping and "coverage" not in answered:
         yield f"coverage = {mapping['coverage']:g}, uncertainties are assumed to be expanded (1: one sigma)"
+    if has_open_rotation(mapping) and "rotation" not in answered:
+        yield "the angles are assumed to be a rotation vector in rad (else: euler_a_deg, euler_b_deg, euler_c_deg)"
     if (axes := mapping.get("number_rows")) and "pose" in axes:
         yield "number_rows: every row is assumed to be a pose, in the order of measurement"

@@ -18,7 +18,9 @@ from truing.pipeline.command_line import app
 from truing.pipeline.console import JsonConsole
 from truing.pipeline.problems import ExitCode
 
-COMMANDS = ("run", "stages", "check", "init", "predict", "design", "power", "plan", "export", "report", "compare")
+COMMANDS = (
+    *("run", "watch", "stages", "check", "init", "predict", "design", "power", "plan", "export", "report", "compare"),
+)
 
 
 @pytest.mark.parametrize("command", [(), *((name,) for name in COMMANDS)])

@@ -35,7 +35,8 @@ class Guess:
     """Proposal for a file: keys for [files.<table>], its columns, table, and points to check.
 
     others: other tables read with the same keys. known: no table of the file is needed; the first note gives the
-    reason. beside: other tables in the file, each with its own keys.
+    reason. beside: other tables in the file, each with its own keys. otherwise: a number of the file and the guess by
+    its other notation, if both are possible. answered: keys that are no guesses, because somebody has given them.
     """
 
     mapping: dict[str, Any] = field(default_factory=dict)
@@ -45,6 +46,8 @@ class Guess:
     others: tuple[str, ...] = ()
     known: bool = False
     beside: tuple[Guess, ...] = ()
+    otherwise: tuple[str, Guess] | None = field(default=None, compare=False, repr=False)
+    answered: frozenset[str] = frozenset()
 
 
 def metashape(lines: Sequence[str]) -> Guess | None:
@@ -52,7 +55,7 @@ def metashape(lines: Sequence[str]) -> Guess | None:
     heading = next((line for line in lines[:10] if _METASHAPE.match(line)), None)
     if heading is None:
         return None
-    note = f"Metashape: measured are X_est Y_est Z_est, taken to be in m; {_WHERE}"
+    note = f"Metashape: measured are X_est Y_est Z_est; {_WHERE}"
     names = tuple(re.split(r"[,;\t]", heading.lstrip("# ")))
     return _points("metashape", names, note)
 

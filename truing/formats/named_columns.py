@@ -142,8 +142,7 @@ def _mapped(kind: str, place: tuple[str, ...], turned: tuple[str, ...], names: S
         text = f"{turned[0]} to {turned[2]} reach {largest:.0f}: degrees"
         notes.append(f"{text}, so Euler angles; say their order, [poses] euler")
     elif kind == "vector":
-        text = f"{turned[0]} to {turned[2]} are taken for a rotation vector in rad"
-        notes.append(f"{text}; Euler angles are euler_a_deg, euler_b_deg, euler_c_deg")
+        notes.append(f"{turned[0]} to {turned[2]} stay within {largest:.2g} rad")
     elif kind == "euler":
         notes.append("Euler angles: say their order, [poses] euler")
         if not in_degrees:
@@ -166,7 +165,7 @@ def _mapped(kind: str, place: tuple[str, ...], turned: tuple[str, ...], names: S
 
 def _range_words(values: Array) -> str:
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
-    return f'no unit is told: values from {low:.4g} to {high:.4g} are taken for mm; metres: unit = "m"'
+    return f"coordinates without unit, from {low:.4g} to {high:.4g}"
 
 
 def _spreads(

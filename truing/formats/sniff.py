@@ -50,10 +50,12 @@ _LINES = 60
 _LONGEST_NAME = 200  # the search for meanings in names tries many ways to split them
 _COMMENTS = ("#", "%", "//")
 _AXES = 3
+_COMMA_DECIMAL, _COMMA_THOUSANDS = Notation(",", None), Notation(".", ",")
+_OPEN_COMMA = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
 _NOTATIONS = (
     Notation(".", None),
-    Notation(",", None),
-    Notation(".", ","),
+    _COMMA_DECIMAL,
+    _COMMA_THOUSANDS,
     Notation(",", "."),
     Notation(".", "'"),
     Notation(",", " "),
@@ -144,7 +146,7 @@ def _sniff_other(path: Path, file_format: str) -> Guess:
         note = "every frame is a pose; split the labels into body and target, or name the body under constants"
         return Guess({"constants": {"body": "body"}}, ("frame", "label", "x", "y", "z"), "points", (note,))
     if _cloud_size(path) >= _DENSE:
-        note = "a dense scan, taken to be in mm (else: unit); the file's name says the pose and the body"
+        note = "a dense scan; the file's name says the pose and the body"
         return Guess({}, ("x", "y", "z"), "scans", (note,))
     note = "a cloud without names: the file's name says the pose, and the targets are found by their geometry"
     return Guess({"constants": {"body": "platform"}}, ("x", "y", "z"), "points", (note,))
@@ -211,10 +213,24 @@ def _sniff_records(lines: list[str], mapping: dict[str, Any]) -> Guess:
 
 def sniff_cells(records: list[list[str]], mapping: dict[str, Any], separator: str = ",") -> Guess:
     """Return a proposal for records of equally many cells, the first of which may be a header."""
+    notation = _notation(records[1:] or records)
+    guess = _by_notation(records, dict(mapping), separator, notation)
+    if notation != _COMMA_DECIMAL or (cell := _open_cell(records)) is None:
+        return guess
+    return replace(guess, otherwise=(cell, _by_notation(records, dict(mapping), separator, _COMMA_THOUSANDS)))
+
+
+def _open_cell(records: list[list[str]]) -> str | None:
+    """Return a number whose comma may separate thousands as well; None if another cell decides."""
+    commas = [cell for record in records[1:] or records for cell in record if "," in cell]
+    return commas[0] if all(_OPEN_COMMA.fullmatch(cell.strip()) for cell in commas) else None
+
+
+def _by_notation(records: list[list[str]], mapping: dict[str, Any], separator: str, notation: Notation) -> Guess:
+    """Return a proposal for records whose numbers are written in a notation."""
     if any(len(name) > _LONGEST_NAME for name in records[0]):
         return Guess(mapping, notes=(f"a name of more than {_LONGEST_NAME} characters is none of a column",))
     width = len(records[0])
-    notation = _notation(records[1:] or records)
     has_header = len(records) > 1 and not any(_is_number(cell, notation) for cell in records[0])
     names = tuple(records[0]) if has_header else tuple(str(i + 1) for i in range(width))
     known = tracker(names, notation.thousands) if has_header else None
@@ -368,9 +384,7 @@ def _positions(records: list[list[str]], notation: Notation) -> tuple[dict[str, 
     shown = [[record[i] for i in range(first, first + 3)] for record in records]
     place = notation.matrix(shown)
     low, high = float(place.min()), float(place.max())
-    return {"columns": columns}, [
-        f'columns {first + 1} to {first + 3} are taken for x, y, z in mm ({low:.4g} to {high:.4g}); metres: unit = "m"'
-    ]
+    return {"columns": columns}, [f"columns {first + 1} to {first + 3} are taken for x, y, z ({low:.4g} to {high:.4g})"]
 
 
 def _counts(records: list[list[str]]) -> bool:

@@ -1,0 +1,72 @@
+"""First rows of a raw file, read as `truing init` proposes."""
+
+from __future__ import annotations
+
+import glob
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from truing.formats import shapes
+from truing.formats.evaluation import TableBatch
+from truing.formats.faultlog import FaultLog
+from truing.formats.read import read_table
+from truing.formats.source import CampaignFiles
+from truing.schemas.campaign import read_campaign
+from truing.schemas.columns import find_column
+from truing.schemas.faults import CampaignFaults
+
+_ROWS, _COLUMNS = 3, 12
+_SHAPES = {
+    shape.name: shape
+    for shape in (
+        *(shapes.POINTS, shapes.TARGETS, shapes.POSES, shapes.DISTANCES, shapes.SCANS, shapes.SURFACES),
+        *(shapes.CONFIGURATIONS, shapes.DISPLACEMENT, shapes.INTERFEROMETER, shapes.SIGNALS, shapes.QUADRATURE),
+        *(shapes.POSITIONING, shapes.PUBLISHED, shapes.IMAGE_POINTS, shapes.SCALE_BARS, shapes.KNOWN_POINTS),
+    )
+}
+
+
+@dataclass(frozen=True)
+class Preview:
+    """Columns with units, and first rows; or the fault because of which there are none."""
+
+    columns: tuple[str, ...] = ()
+    rows: tuple[tuple[str, ...], ...] = ()
+    fault: str = ""
+
+
+def preview(folder: Path, example: Path, table: str, kind: str, mapping: dict[str, Any]) -> Preview | None:
+    """First rows of a file by its mapping, in a campaign of a kind; None for a table without such rows."""
+    shape = _SHAPES.get(table)
+    if shape is None:
+        return None
+    entry = {**mapping, "path": glob.escape(example.relative_to(folder).as_posix())}
+    log = FaultLog()
+    try:
+        campaign = read_campaign({"campaign": {"name": "preview", "kind": kind}, "files": {table: entry}})
+        first = next(read_table(CampaignFiles(folder, campaign), shape, log), None)
+    except CampaignFaults as error:
+        return Preview(fault=str(error.faults[0]))
+    if first is None or not first[1].rows:
+        return Preview(fault=str(next(iter(log.faults()), "no row")))
+    return _shown(first[1])
+
+
+def _shown(batch: TableBatch) -> Preview:
+    names = list(batch.columns)[:_COLUMNS]
+    number = min(_ROWS, batch.rows)
+    rows = tuple(tuple(_cell(batch.columns[name][row].as_py()) for name in names) for row in range(number))
+    return Preview(tuple(map(_with_unit, names)), rows)
+
+
+def _with_unit(name: str) -> str:
+    """A column with its unit; most names end with it."""
+    known = find_column(name)
+    return name if known is None or not known.unit or known.unit == "1" or "_" in name else f"{name} [{known.unit}]"
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return ""
+    return f"{value:.9g}" if isinstance(value, float) else str(value)

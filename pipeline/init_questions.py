@@ -1,0 +1,255 @@
+"""Questions of `truing init`: what a raw file leaves open, and the answers, by options or on a terminal."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from truing.formats.shapes import COORDINATES
+from truing.formats.units import UnknownUnit, conversion
+from truing.pipeline.starter import assumed_unit, has_open_rotation
+from truing.schemas.columns import find_column
+from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.near_names import did_you_mean
+
+if TYPE_CHECKING:
+    from truing.formats.guess import Guess
+
+OPTION = "--answer"
+_LOAD_AXES = ("fx", "fy", "fz", "mx", "my", "mz")
+_CONSTANTS = {
+    "body": "Body that carries these targets",
+    "channel": "Channel of these readings",
+    "load_axis": "Component of the load",
+    "load": "Load of all rows, N or N m",
+    "run": "Run of all rows",
+    "pose": "Pose of all rows",
+}
+_EULER = {"rx_rad": "euler_a_deg", "ry_rad": "euler_b_deg", "rz_rad": "euler_c_deg"}
+_KEYS = ("decimal", "table", "unit", "rotation", "coverage", *_CONSTANTS)
+
+
+@dataclass(frozen=True)
+class Question:
+    """An open point of a raw file: key and text, the value that is taken (empty: none), and all values if few."""
+
+    key: str
+    text: str
+    taken: str
+    values: tuple[str, ...] = ()
+
+    def expected(self, answer: str) -> str | None:
+        """What an answer should be; None if it is valid."""
+        if self.values:
+            return None if answer in self.values else " or ".join(self.values)
+        if self.key == "unit":
+            try:
+                conversion(answer, "mm")
+            except UnknownUnit:
+                return "a unit of length, such as mm, m, um or in"
+            return None
+        if self.key in ("coverage", "load"):
+            return None if _is_number(answer, positive=self.key == "coverage") else f"a number, such as {self.taken}"
+        return None if answer.isprintable() and answer.strip() else "a name"
+
+    @property
+    def prompt(self) -> str:
+        """The question on a terminal, with the value that Enter takes."""
+        values = f" ({' or '.join(self.values)})" if self.values else ""
+        return f"  {self.text}{values} [{self.taken or 'say it later'}]: "
+
+
+Ask = Callable[[Question], str | None]
+
+
+@dataclass
+class Answers:
+    """Answers to questions, by glob (empty: any file) and key; ``ask`` returns None where nobody can be asked."""
+
+    given: dict[tuple[str, str], str] = field(default_factory=dict)
+    ask: Ask = lambda _: None
+    used: dict[tuple[str, str], str] = field(default_factory=dict)
+    met: dict[tuple[str, str], None] = field(default_factory=dict)
+    faults: list[Fault] = field(default_factory=list)
+    _spent: set[tuple[str, str]] = field(default_factory=set)
+
+    def settled(self, glob: str, guess: Guess, *, is_only_table: bool) -> Guess:
+        """A guess with every open point answered that has an answer; others stay marked as guesses."""
+        passed: set[str] = set()
+        while question := next(
+            (q for q in questions(guess, is_only_table) if q.key not in guess.answered | passed), None
+        ):
+            self.met[glob, question.key] = None
+            answer = self._answer(glob, question)
+            if answer is None:
+                passed.add(question.key)
+                continue
+            self.used[glob, question.key] = answer
+            guess = _answered(guess, question.key, answer)
+        return guess
+
+    def _answer(self, glob: str, question: Question) -> str | None:
+        place = next((place for place in ((glob, question.key), ("", question.key)) if place in self.given), None)
+        if place is None:
+            return self.ask(question)
+        self._spent.add(place)
+        answer = self.given[place]
+        if (expected := question.expected(answer)) is None:
+            return answer
+        self.faults.append(Fault(OPTION, f"for {question.key} {expected}", value=_written(place, answer)))
+        return None
+
+    def raise_faults(self) -> None:
+        """Raise CampaignFaults if an answer is invalid, or answers no question of these files."""
+        open_points = ", ".join(f"{glob}:{key}" for glob, key in self.met) or "none: nothing is open in these files"
+        expected = f"an answer to an open point of these files ({open_points})"
+        unused = [
+            Fault(OPTION, expected, value=_written(place, answer))
+            for place, answer in self.given.items()
+            if place not in self._spent
+        ]
+        if self.faults or unused:
+            raise CampaignFaults([*self.faults, *unused])
+
+    def command(self, folder: Path, *, every_key: bool) -> str:
+        """Command that gives the same answers without questions."""
+        words = [word for place, answer in self.used.items() for word in (OPTION, _written(place, answer))]
+        return shlex.join(["truing", "init", str(folder), *(["--all"] if every_key else []), *words])
+
+
+def parsed_answers(texts: Sequence[str]) -> dict[tuple[str, str], str]:
+    """Answers by glob and key from ``key=value`` or ``glob:key=value``; raises CampaignFaults with all faults."""
+    answers, faults = dict[tuple[str, str], str](), list[Fault]()
+    for text in texts:
+        place, equals, answer = text.partition("=")
+        glob, _, key = place.rpartition(":")
+        if not equals:
+            faults.append(Fault(OPTION, "key=value or file:key=value, such as unit=m", value=text))
+        elif key not in _KEYS:
+            faults.append(Fault(OPTION, f"one of the keys {', '.join(_KEYS)}{did_you_mean(key, _KEYS)}", value=text))
+        elif answers.setdefault((glob, key), answer) != answer:
+            faults.append(Fault(OPTION, "one answer for each file and key", value=text))
+    if faults:
+        raise CampaignFaults(faults)
+    return answers
+
+
+def questions(guess: Guess, is_only_table: bool) -> Iterator[Question]:
+    """Open points of a guess; ``is_only_table``: whether no other file holds points."""
+    mapping = guess.mapping
+    if guess.table is None or guess.known:
+        return
+    if guess.otherwise is not None:
+        text = f"Decimal mark of numbers such as {guess.otherwise[0]}; with . the comma separates thousands"
+        yield Question("decimal", text, ",", (",", "."))
+    if guess.table == "targets" and is_only_table and "leg" not in {*guess.columns, *mapping.get("columns", {})}:
+        yield Question(
+            "table", "A survey of the targets, or their points in one pose", "targets", ("targets", "points")
+        )
+    if (unit := _open_unit(guess)) is not None:
+        yield Question("unit", "Unit of the coordinates, which the file does not give", unit)
+    if has_open_rotation(mapping):
+        yield Question(
+            "rotation", "Three angles in rad: a rotation vector, or Euler angles", "vector", ("vector", "euler")
+        )
+    if "coverage" in mapping:
+        yield Question("coverage", "Factor k of the uncertainties; 1: one sigma", f"{mapping['coverage']:g}")
+    for key, text in _CONSTANTS.items():
+        if key in mapping.get("constants", {}):
+            yield Question(key, text, str(mapping["constants"][key]), _values(key))
+    if guess.table in ("points", "targets") and not names_a_body(guess):
+        yield Question("body", _CONSTANTS["body"], "")
+
+
+def _values(key: str) -> tuple[str, ...]:
+    column = find_column(key) if key == "channel" else None
+    return column.choices if column is not None else _LOAD_AXES if key == "load_axis" else ()
+
+
+def _open_unit(guess: Guess) -> str | None:
+    """Assumed unit of coordinates without any; None if it is given."""
+    taken = {assumed_unit(name, guess) for name in COORDINATES} - {None}
+    return taken.pop() if len(taken) == 1 else None
+
+
+def _answered(guess: Guess, key: str, answer: str) -> Guess:
+    """The guess by an answer, which is no guess any more."""
+    if key == "decimal":
+        chosen = guess if answer == "," or guess.otherwise is None else guess.otherwise[1]
+        return replace(chosen, otherwise=None, answered=guess.answered | {key})
+    guess = replace(guess, answered=guess.answered | {key})
+    constants = guess.mapping.get("constants", {})
+    if key == "table":
+        return guess if answer == guess.table else _one_pose(guess)
+    if key == "rotation":
+        return _with_angles(guess, {name: name for name in _EULER} if answer == "vector" else _EULER)
+    if key in _CONSTANTS:
+        return replace(
+            guess, mapping={**guess.mapping, "constants": {**constants, key: _typed(answer, constants.get(key))}}
+        )
+    return replace(guess, mapping={**guess.mapping, key: float(answer) if key == "coverage" else answer})
+
+
+def _with_angles(guess: Guess, names: Mapping[str, str]) -> Guess:
+    """The same columns with other names of the angles, in rad."""
+    columns = {names.get(column, column): raw for column, raw in guess.mapping["columns"].items()}
+    units = {**guess.mapping.get("units", {}), **dict.fromkeys(names.values(), "rad")}
+    return replace(guess, mapping={**guess.mapping, "columns": columns, "units": units})
+
+
+def names_a_body(guess: Guess) -> bool:
+    """True if anything names the body of a file's targets."""
+    mapping = guess.mapping
+    given = (*guess.columns, *mapping.get("columns", {}), *mapping.get("constants", {}), mapping.get("wide", ""))
+    return "body" in given or "body" in mapping.get("from_name", "") or "constants" in mapping or "{body}" in given[-1]
+
+
+def _one_pose(guess: Guess) -> Guess:
+    """A list of targets as the points of one pose."""
+    constants = {"pose": 1, **guess.mapping.get("constants", {})}
+    if "body" not in {*guess.columns, *guess.mapping.get("columns", {})}:
+        constants.setdefault("body", "body")
+    return replace(guess, table="points", mapping={**guess.mapping, "constants": constants})
+
+
+def _typed(answer: str, like: object) -> Any:
+    """An answer as a number, if the guess is a number and the answer can be one."""
+    if isinstance(like, (int, float)) and _is_number(answer):
+        return int(answer) if answer.strip().lstrip("+-").isdigit() else float(answer)
+    return answer
+
+
+def _is_number(text: str, *, positive: bool = False) -> bool:
+    try:
+        number = float(text)
+    except ValueError:
+        return False
+    return abs(number) < float("inf") and (number > 0.0 or not positive)
+
+
+def _written(place: tuple[str, str], answer: str) -> str:
+    return f"{place[0]}:{place[1]}={answer}" if place[0] else f"{place[1]}={answer}"
+
+
+def asking() -> Ask | None:
+    """How to ask on this terminal; None without a terminal."""
+    return _ask if sys.stdin.isatty() and sys.stdout.isatty() else None
+
+
+def _ask(question: Question) -> str | None:
+    """The answer, asked until it is valid; Enter takes the guess, the end of the input leaves it a guess."""
+    while True:
+        try:
+            answer = input(question.prompt).strip() or question.taken
+            if not answer:
+                return None
+        except EOFError:
+            sys.stdout.write("\n")
+            return None
+        if (expected := question.expected(answer)) is None:
+            return answer
+        sys.stdout.write(f"  found {answer!r}; expected {expected}\n")
