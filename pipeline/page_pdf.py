@@ -77,9 +77,7 @@ def _alone() -> tuple[str, ...]:
 
 def _call(words: list[str]) -> None:
     try:
-        done = subprocess.run(
-            words, env=child_environment(), capture_output=True, check=False, timeout=_PATIENCE_S
-        )
+        done = subprocess.run(words, env=child_environment(), capture_output=True, check=False, timeout=_PATIENCE_S)
     except subprocess.TimeoutExpired:
         raise EnvironmentProblem(f"{words[0]} did not print the page within {_PATIENCE_S:.0f} s") from None
     if done.returncode:

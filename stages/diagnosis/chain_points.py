@@ -20,7 +20,8 @@ from truing.simulation.mechanisms.chains.causes import ChainCause, JointOffset, 
 from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, ColumnSlipKind, does_not_belong, likely_slip
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels
-from truing.simulation.mechanisms.chains.distances import GROUND, STATION, DistanceModel, distance_start, with_ground
+from truing.simulation.mechanisms.chains.distances import GROUND, DistanceModel, distance_start, with_ground
+from truing.simulation.mechanisms.chains.joint_table import STATION
 from truing.simulation.mechanisms.chains.model import FREE_PLACE, ChainModel, KnownChain
 from truing.simulation.mechanisms.chains.motor_encoders import MotorTerm, motor_terms
 from truing.simulation.mechanisms.chains.offsets import offsets_beyond_tolerance

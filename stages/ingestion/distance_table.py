@@ -13,7 +13,7 @@ from truing.formats.shapes import COORDINATES, DISTANCES, TARGETS, TableShape
 from truing.formats.source import CampaignFiles
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.near_names import meant_by
-from truing.simulation.mechanisms.chains.distances import STATION
+from truing.simulation.mechanisms.chains.joint_table import STATION
 from truing.stages.common.table_arrays import numbers, sigmas, texts
 
 _NAMES = TableShape(

@@ -2,7 +2,7 @@
 
 A search compares forms with each other; it does not test whether the true form is among them. A wrong model shows in
 three ways. Its noise is larger than declared, of observations or of inputs, which absorb what no cause explains. Its
-residuals are correlated between neighbours in time or in an input, or between neighbouring places of a body. Or they
+residuals are correlated between neighbours in time or in an input, or between neighbouring places of a group. Or they
 have a mean at repeated epochs or in a region of the inputs. Means are tested against the scatter within repeats or
 regions, whatever noise was declared.
 """
@@ -39,7 +39,7 @@ class MisfitKind(StrEnum):
     OBSERVATION_NOISE = "observation-noise"  # more noise of observations than declared
     INPUT_NOISE = "input-noise"  # more noise of inputs than declared
     LIKE_NEIGHBOURS = "like-neighbours"  # residuals of neighbouring epochs are correlated
-    LIKE_PLACES = "like-places"  # residuals of neighbouring places of a body are correlated within epochs
+    LIKE_PLACES = "like-places"  # residuals of neighbouring places of a group are correlated within epochs
     PURE_ERROR = "pure-error"  # residuals of repeats have a mean larger than their scatter explains
     BY_REGION = "by-region"  # residuals in a region of the inputs have a mean larger than their scatter explains
 
@@ -174,9 +174,9 @@ def by_region(residuals: EpochResiduals, inputs: Mapping[str, Array]) -> Iterato
 
 
 def by_place(final: FittedModel[CauseT], rng: np.random.Generator) -> Iterator[AdequacyTest]:
-    """Yield the correlation of residuals of neighbouring places of a body within epochs, if there are such places."""
-    places, bodies = np.asarray(final.scene.shape, float), final.model.channel_groups
-    found = like_places(final.fit.whitened, final.measured.values.shape, places, bodies, rng)
+    """Yield the correlation of residuals of neighbouring places of a group within epochs, if there are such places."""
+    places, groups = np.asarray(final.scene.shape, float), final.model.channel_groups
+    found = like_places(final.fit.whitened, final.measured.values.shape, places, groups, rng)
     if found is not None:
         yield AdequacyTest(MisfitKind.LIKE_PLACES, "", found.correlation, found.p_value)
 

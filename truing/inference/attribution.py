@@ -4,7 +4,7 @@ The residuals are modelled as noise plus a smooth random function of some inputs
 and two inputs are compared by marginal likelihood, and sets of three that contain a probable pair. An input is named
 if it belongs to the right set with high probability. A set of several inputs may therefore be named in part.
 
-An effect on a body moves its places in one pattern, which is unknown, along a course over the epochs. So residuals in
+An effect on a group moves its places in one pattern, which is unknown, along a course over the epochs. So residuals in
 space are reduced to their leading principal components: those beyond noise are such courses. Whatever a course
 follows, or nothing, its evidence is against a course of the same size without any order.
 """
@@ -39,7 +39,7 @@ _INCLUDED = 0.9  # probability from which on an input is named
 _MOST_SETS = 3  # sets of inputs that are named in turn
 _MOST_HELD = 0.5  # largest number of functions held fixed, as a share of the epochs
 _FEWEST_EPOCHS = 20
-_MOST_COURSES = 4  # of one body
+_MOST_COURSES = 4  # of one group
 _DRAWS_OF_NOISE = 20
 _CLIPPED = 4.0  # residuals beyond so many robust standard deviations are clipped
 
@@ -63,7 +63,7 @@ class _Residuals:
     """Residuals (n, q) at selected epochs (B,), of some channels, or of all where ``channels`` is empty.
 
     A course is known to exceed noise, and only what it follows is open; ``course`` is its share of the squares of its
-    body's residuals, None of residuals that are no course.
+    group's residuals, None of residuals that are no course.
     """
 
     channels: tuple[int, ...]
@@ -148,7 +148,7 @@ def _residuals(fitted: FittedModel[CauseT]) -> Iterator[_Residuals]:
         return
     height, whole = channels * size, np.ones(epochs, bool)
     rest = whitened.rest[: epochs * (height + whitened.problem.local_value.shape[1])].reshape(epochs, -1)
-    bodies = [rest[:, height + fitted.input_rows.start : height + fitted.input_rows.stop]]
+    of_groups = [rest[:, height + fitted.input_rows.start : height + fitted.input_rows.stop]]
     axes = (
         measured.whitener @ fitted.fit.frames.R[:, None] @ fitted.model.rotations(fitted.fit.shared, fitted.fit.local)
     )
@@ -156,8 +156,8 @@ def _residuals(fitted: FittedModel[CauseT]) -> Iterator[_Residuals]:
     for group in np.unique(fitted.model.channel_groups):
         own = fitted.model.channel_groups == group
         fields = _fields(np.asarray(fitted.scene.shape, float)[own])
-        bodies.append(np.einsum("bki,kp->bpi", along[:, own], fields).reshape(epochs, -1))
-    for rows in bodies:
+        of_groups.append(np.einsum("bki,kp->bpi", along[:, own], fields).reshape(epochs, -1))
+    for rows in of_groups:
         for course in courses(rows):
             yield _Residuals((), whole, course, float(np.sum(course**2) / np.sum(_centred(rows) ** 2)))
 

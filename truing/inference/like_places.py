@@ -1,6 +1,6 @@
-"""Test of the residuals within an epoch: are those of neighbouring places of a body more alike than noise?
+"""Test of the residuals within an epoch: are those of neighbouring places of a group more alike than noise?
 
-A body that bends, or an instrument with errors of its own by place, moves neighbouring places alike, by another amount
+A group that bends, or an instrument with errors of its own by place, moves neighbouring places alike, by another amount
 in every epoch. Spread over all places, this passes for a little more noise. The statistic is the sum over pairs of
 places of the products of their residuals, weighted by nearness: the score test of a random field's variance.
 Its mean and variance under noise follow from the projection that the fit applies to noise, whose size each place has of
@@ -17,9 +17,9 @@ import numpy as np
 from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.linear_problem import Whitened
 
-# Distance at which places are near each other, in units of the rms distance from their body's centre.
+# Distance at which places are near each other, in units of the rms distance from their group's centre.
 _NEAR = 0.4
-# Fewest places of a body whose residuals are compared, and most epochs: of more, a sample is tested.
+# Fewest places of a group whose residuals are compared, and most epochs: of more, a sample is tested.
 _FEWEST_PLACES, _MOST_EPOCHS = 4, 500
 _PRIOR = 0.01  # weight of the common noise in the noise of each place
 _LEAST_P = 1e-12
@@ -33,20 +33,20 @@ class LikePlaces:
     p_value: float
 
 
-def has_neighbours(bodies: Integers) -> bool:
-    """Return True if a body, of the number ``bodies`` (K,) of each place, has enough places to compare."""
-    return bool((np.unique(bodies, return_counts=True)[1] >= _FEWEST_PLACES).any())
+def has_neighbours(groups: Integers) -> bool:
+    """Return True if a group, of the number ``groups`` (K,) of each place, has enough places to compare."""
+    return bool((np.unique(groups, return_counts=True)[1] >= _FEWEST_PLACES).any())
 
 
 def like_places(
-    whitened: Whitened, shape: tuple[int, int, int], places: Array, bodies: Integers, rng: np.random.Generator
+    whitened: Whitened, shape: tuple[int, int, int], places: Array, groups: Integers, rng: np.random.Generator
 ) -> LikePlaces | None:
-    """Return the correlation of residuals between neighbouring places of a body, within epochs.
+    """Return the correlation of residuals between neighbouring places of a group, within epochs.
 
-    ``shape``: epochs, places and axes (B, K, d) of the observations; ``places`` (K, D); ``bodies`` (K,): number of each
-    place's body. None where no body has enough places, or where the fit leaves no residuals there.
+    ``shape``: epochs, places and axes (B, K, d) of the observations; ``places`` (K, D); ``groups`` (K,): number of each
+    place's group. None where no group has enough places, or where the fit leaves no residuals there.
     """
-    near = _nearness(places, bodies)
+    near = _nearness(places, groups)
     epochs, count, size = shape
     if size == 1 or not near.any():
         return None
@@ -71,12 +71,12 @@ def like_places(
     return LikePlaces(found / whole, max(p_value, _LEAST_P))
 
 
-def _nearness(places: Array, bodies: Integers) -> Array:
-    """Return the weight (K, K) of each pair of places: a Gaussian of their distance in a body, zero between bodies and
+def _nearness(places: Array, groups: Integers) -> Array:
+    """Return the weight (K, K) of each pair of places: a Gaussian of their distance in a group, zero between groups and
     for a place with itself."""
     weights = np.zeros((len(places), len(places)))
-    for body in np.unique(bodies):
-        own = np.flatnonzero(bodies == body)
+    for group in np.unique(groups):
+        own = np.flatnonzero(groups == group)
         centred = places[own] - places[own].mean(0)
         size = float(np.sqrt(np.mean(np.sum(centred**2, 1))))
         if len(own) < _FEWEST_PLACES or not size > 0.0:

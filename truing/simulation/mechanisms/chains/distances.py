@@ -20,7 +20,6 @@ _SETTLED = 1e-9  # largest step, in prior sigmas
 _WEAK = 1e-7  # of a free place's prior, against residuals in m
 # Link of the stations, which does not move with the base.
 GROUND = "ground of the stations"
-STATION = "station:"  # begins the name of a station in tables
 
 
 def with_ground(tree: Tree) -> Tree:

@@ -19,6 +19,7 @@ AXIS, CENTRE = ("axis_x", "axis_y", "axis_z"), ("com_x_mm", "com_y_mm", "com_z_m
 ANGLES = {"_deg": np.pi / 180.0, "_rad": 1.0}
 LENGTHS = {"_mm": 1e-3, "_m": 1.0}
 _MM = 1e-3
+STATION = "station:"  # begins the name of a station in tables of distances
 MOTOR = "_motor"  # of the column of a motor encoder, between joint and unit
 
 
