@@ -215,7 +215,7 @@ def predict(
     of a calibrated force sensor give wrenches with covariance. The table needs every column on which an effect of the
     model depends.
 
-    For the folder of a second campaign of the same machine, the result is the rms and largest error of the nominal, the
+    For the folder of a second campaign of the same machine: the result is the rms and largest error of the nominal, the
     calibrated and the extended model. The calibration is read from the folder of the model.
 
     The result is written as CSV or, with --json, as JSON to standard output, or to the file --out (.csv or .parquet).
@@ -257,8 +257,8 @@ def design(
     This needs a campaign.toml with a mechanism and a [workspace]. Poses that are already measured are evaluated in the
     same way. For an interferometer campaign, it chooses load steps within [loading] that give the most information on
     the sensor's calibration matrix. With --causes, it chooses runs of loads that halve the uncertainty of these causes,
-    in addition to the steps measured or planned. For an open chain, it chooses poses within the limits of the joints,
-    and reports what they and the campaign's own poses show of geometry, joint zeros and causes.
+    in addition to the steps measured or planned. For an open chain, it chooses poses within the limits of the joints.
+    It reports what they and the campaign's own poses show of geometry, joint zeros and causes.
 
     --accuracy, --uniqueness and --tolerances choose nothing. They write tables next to FILE (default:
     runs/<name>/accuracy.csv and so on) and a page, FILE.html.

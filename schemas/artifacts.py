@@ -244,8 +244,8 @@ _CALIBRATION = (
     ),
     parquet(
         "frames",
-        "origin and direction of each axis of a sensor's frames, unloaded, or of those of a machine on legs at its "
-        "reference readings, in the frame of the base",
+        "origins and axes of a sensor's frames (unloaded), or of a machine on legs at its reference readings, in the "
+        "frame of the base",
         f"frame* axis_name* {POINT} along_x along_y along_z",
     ),
     parquet(
@@ -273,8 +273,8 @@ _CALIBRATION = (
     ),
     parquet(
         "arm_accuracy",
-        "ISO 9283 figures of an arm at each repeated pose: AP, RP, vAP, and those of angles about x, y, z (a, b, c); "
-        "pose: first of its group",
+        "ISO 9283 figures of an arm at each repeated pose (named by its first): AP, RP, vAP, and those of angles about "
+        "x, y, z (a, b, c)",
         "subject* pose* figure* value unit attained",
         optional="low high",
     ),
@@ -328,8 +328,8 @@ _CALIBRATION = (
     ),
     parquet(
         "pose_repeatability",
-        "repeatability at each repeated pose, of bodies and single reflectors: sigma of a coordinate, RP and RP_a to "
-        "RP_c of ISO 9283 with 95 % intervals; pose: first of its group",
+        "repeatability of bodies and single reflectors at each repeated pose (named by its first): sigma of a "
+        "coordinate, RP and RP_a to RP_c of ISO 9283, with 95 % intervals",
         "subject* pose* figure* value low high unit attained told_by",
     ),
     parquet(
@@ -441,8 +441,8 @@ _DIAGNOSIS = (
     ),
     parquet(
         "adequacy",
-        "tests of the final model's residuals against plain noise, with p-values corrected for the number of tests; "
-        "how the search for causes ended, and after how many accepted causes",
+        "tests of the final model's residuals against plain noise, with corrected p-values; how the search for causes "
+        "ended, and after how many",
         "subject* test* along* value p_value limit state",
         optional="search_end left_cause left_subject why_untested",
     ),
@@ -479,8 +479,8 @@ _DIAGNOSIS = (
     ),
     parquet(
         "component_errors",
-        "measured minus predicted by the extended model in the components of [requirement]: the tip of an open chain "
-        "in the axes of its base, or an axis by its outside instrument, else by the encoder outside the loop",
+        "measured minus predicted by the extended model, by component of [requirement]: the tip of an open chain in "
+        "base axes, or an axis by its outside instrument (else its outer encoder)",
         "pose* role component* missed sigma unit",
     ),
     parquet(

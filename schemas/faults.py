@@ -26,7 +26,7 @@ class Unfit(ValueError):
 class Fault:
     """One fault of an input: place, value found and value expected.
 
-    ``row`` is the line of the file as an editor counts it (the header is line 1), or the row of a binary table from 1.
+    ``row`` is the line of the file as an editor counts it (the header is line 1); or the row of a binary table from 1.
     ``more`` counts further faults of the same kind that are not listed, ``more_files`` the further files that contain
     them.
     """

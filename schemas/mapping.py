@@ -121,8 +121,8 @@ RawColumn = Annotated[str | int, BeforeValidator(_is_raw_column)]
 
 
 class RawValue(Section):
-    """One raw column and the meaning of its numbers: ``value = raw * scale + offset``, then wrapped, then divided by
-    ``coverage``, all in ``unit``; the value is then converted to the unit of the table's column."""
+    """One raw column and the meaning of its numbers: ``value = raw * scale + offset``, wrapped and divided by
+    ``coverage``, in ``unit``. The value is then converted to the unit of the table's column."""
 
     name: RawColumn | None = Field(None, description="raw name, or position from 1; absent: the column's own name")
     unit: RawText | None = Field(None, description="unit of the value")
@@ -225,7 +225,7 @@ Source = Annotated[Annotated[RawColumn, Tag(OF_NAME)] | Annotated[RawValue, Tag(
 class FileMapping(Section):
     """One [files.<table>] entry (or one of several): raw files, format and columns.
 
-    A column of the table comes from ``constants``, ``from_name``, ``split``, ``number_rows`` or ``join``, else from the
+    A column of the table comes from ``constants``, ``from_name``, ``split``, ``number_rows`` or ``join``; else from the
     raw column in ``columns``, else from the raw column of the same name. Then ``rename`` and ``offset`` apply.
     """
 

@@ -27,7 +27,7 @@ from truing.schemas.section import Finite, NotNegative, Positive, Vector, Whole
 
 _COVARIANCE = ("cov_0_0", "cov_5_5")
 _TABLE_HEAD = "| column | kind | unit | allowed | meaning |\n| --- | --- | --- | --- | --- |"
-_ARTIFACTS_HEAD = """# What does a run leave, column by column?
+_ARTIFACTS_HEAD = """# Which tables does a run write, and what is in their columns?
 
 Tables are Parquet files. A column name has the same meaning in every table. The metadata of each file hold schema and
 version (`truing.schema`, `truing.schema_version`), units (`truing.units`), stage, digest of the inputs, software

@@ -394,8 +394,8 @@ class QualityLimits(Section):
 class Overrule(Section):
     """[[exclude]], [[keep]]: a point or reading that a person excludes or keeps, with name and reason.
 
-    An absent key matches all: ``body = "platform", target = "P07"`` matches that target in every pose, ``run = 3,
-    channel = "dz"`` that channel in every step of the run.
+    An absent key matches all: ``body = "platform", target = "P07"`` matches that target in every pose. ``run = 3,
+    channel = "dz"`` matches that channel in every step of the run.
     """
 
     pose: Identifier | None = Field(None, description="pose")

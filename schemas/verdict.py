@@ -84,7 +84,7 @@ _MEANING = {
     ReasonCode.CHECKS_HOLD: "no quality check fails or warns",
     ReasonCode.CHECK_WARNS: "a quality check warns",
     ReasonCode.CHECK_FAILED: "a quality check failed, and no [[accept]] accepts it",
-    ReasonCode.WITHIN_NOISE: "residuals of the final model are noise; value: rms error over noise floor",
+    ReasonCode.WITHIN_NOISE: "no test of the final model finds more than noise; value: rms error over noise floor",
     ReasonCode.BEYOND_NOISE: "residuals exceed noise: the final model is incomplete; value: rms error over noise floor",
     ReasonCode.BELOW_NOISE: "residuals are significantly below noise: the declared noise is too large",
     ReasonCode.LACK_OF_FIT: "a test of the residuals fails: the final model is incomplete; value: p-value of the test",

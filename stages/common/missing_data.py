@@ -25,7 +25,7 @@ NO_CHOICE = {
 NO_DRAWING = {
     "axis": "; rows of an axis have no points, and are not simulated yet",
 }
-NO_DRIVES = {"chain": "no drives named in [campaign]; the diagnosis tests how joints and links of a chain give way"}
+NO_DRIVES = {"chain": "no drives named in [campaign]; the diagnosis tests the compliance of joints and links"}
 NO_POINTS_TO_DEFORM = "no points: deformation shows in targets, and poses or scans have none"
 NO_POINTS_TO_DIAGNOSE = "no points: causes are told apart by targets, and poses or scans have none"
 NO_BODY_TO_DIAGNOSE = "needs a body with three targets, seen together in three poses"

@@ -345,7 +345,8 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Measureme
     plan = MeasurementPlan(
         purpose, Need.PRECISION, options, choice, expected, f"The uncertainty of {name} then {falls}."
     )
-    called = f"{name} ({cause_words(largest.cause.id)})"
+    cause, subject = cause_words(largest.cause.id), subject_words(largest.cause.subject)
+    called = f"{name} ({cause}{f', {subject}' if subject else ''})"
     if plan.has_gain:
         return plan, plan.advice(AdviceKind.SHARPEN, f"To determine {called} more precisely")
     what, more = options.what[0], count(choice.total, options.unit)

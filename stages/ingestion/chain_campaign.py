@@ -277,7 +277,7 @@ def _check_gears(settings: Any, tree: Tree, log: FaultLog) -> None:
 
 def _check_workspace(settings: Any, tree: Tree, log: FaultLog) -> None:
     """Note every key of [workspace] joints that is no column of a joint, or a second one of the same joint."""
-    columns = {joint + end: joint for joint, endings in _endings(tree) for end in endings}
+    columns = {joint + unit: joint for joint, units in _columns_of_joints(tree) for unit in units}
     joints = settings.workspace.joints
     for name, ends in joints.items():
         joint = columns.get(name)
@@ -290,8 +290,8 @@ def _check_workspace(settings: Any, tree: Tree, log: FaultLog) -> None:
         log.add(Fault("campaign.toml", text, column=f"workspace.joints.{name}", value=value))
 
 
-def _endings(tree: Tree) -> Iterator[tuple[str, Iterable[str]]]:
-    """Yield every joint that is read, with the endings of the columns that fit it."""
+def _columns_of_joints(tree: Tree) -> Iterator[tuple[str, Iterable[str]]]:
+    """Yield every joint that is read, with the unit endings of its possible columns."""
     for joint, turns in zip(tree.readings, tree.is_revolute, strict=True):
         yield joint, ANGLES if turns else LENGTHS
 

@@ -39,7 +39,7 @@ _STRAIGHT = 0.9
 
 @dataclass(frozen=True)
 class PositioningRun:
-    """One run: target (P,), position and position as read (P, 2, C) in mm, the place of each row in its file (P, 2, C),
+    """One run: target (P,), position and position as read (P, 2, C) in mm; the place of each row in its file (P, 2, C),
     and cycles (C,).
 
     Directions are forward, backward. ``temperature_c`` (P, 2, C), None where it was not recorded.

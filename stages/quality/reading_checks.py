@@ -14,7 +14,7 @@ from truing.estimation.interferometry.recorded_steps import CHANNELS
 from truing.estimation.quality import Scatter
 from truing.estimation.repeatability import equal_scatter
 from truing.quality.load_responses import (
-    Answers,
+    RunResponses,
     as_others,
     beyond_simulation,
     most_similar_channels,
@@ -35,7 +35,7 @@ _UNEQUAL = 1e-3
 _NOTHING_TO_COMPARE = "no run whose readings can be compared with a simulation or with other runs"
 
 
-def units(view: LoadingView, found: Answers) -> Iterator[Check]:
+def units(view: LoadingView, found: RunResponses) -> Iterator[Check]:
     """Yield the check for runs whose readings are in another unit, such as a factor of 1000."""
     if not found.channel:
         yield not_evaluated("units", "units", "", _NOTHING_TO_COMPARE)
@@ -57,7 +57,7 @@ def units(view: LoadingView, found: Answers) -> Iterator[Check]:
         yield Check("units", "", 1.0, 1.0, "1", PASS, text)
 
 
-def signs(view: LoadingView, found: Answers, of: str, share: float) -> Iterator[Check]:
+def signs(view: LoadingView, found: RunResponses, of: str, share: float) -> Iterator[Check]:
     """Yield the check for runs that respond with the opposite sign; ``of``: readings or signals."""
     if not found.channel:
         yield not_evaluated("signs", "signs", of, _NOTHING_TO_COMPARE)
@@ -228,7 +228,7 @@ def _has_load_between(rows: Index, empty: Index) -> bool:
 
 
 def exchanged_channels(view: LoadingView) -> Iterator[Check]:
-    """Runs in which a channel has the readings of another: of a pair both ways, or one that reads a main answer."""
+    """Runs in which a channel has the readings of another: of a pair both ways, or one that reads a main response."""
     expected = view.simulated if view.simulated is not None else as_others(view)
     reported, count = most_similar_channels(view, expected)
     pairs = {(int(view.axis[run]), has, like) for run, has, like, _ in reported}

@@ -85,7 +85,7 @@ def test_loads_are_chosen_that_show_a_wanted_cause_beside_those_planned(planned:
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     said = " ".join(done.output.split())
-    assert "creep load fz: To determine fraction (creep) more precisely, apply th" in said
+    assert "creep load fz: To determine fraction (creep, load fz) more precisely, apply th" in said
     told = pd.read_csv(out)
     assert set(told["purpose"]) == {"creep: fraction", "creep load fz: fraction", "creep load mx: fraction"}
     # creep shows best where a load stays

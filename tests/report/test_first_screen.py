@@ -21,8 +21,10 @@ from truing.report.numbers import plain
 from truing.report.page import CampaignFacts, Depth
 from truing.report.rendering.render import render_page
 from truing.report.scene.machine_drawing import machine_drawing
+from truing.report.section_verdict import verdict_rows
 from truing.report.sections import section_names
 from truing.report.stop_section import stop
+from truing.report.verdict import with_verdict
 
 ABOUT = CampaignFacts(
     title="Wing 7, second campaign",
@@ -140,6 +142,14 @@ def test_measuring_stops_only_when_nothing_is_open() -> None:
     section = stop(tables)
     assert section is not None
     assert bool(section.statements) == section.lead.startswith("Not yet")
+
+
+def test_a_bench_is_not_asked_for_a_requirement_that_does_not_apply_to_it() -> None:
+    tables = bench_tables()
+    section = stop(tables)
+    assert section is not None
+    assert not section.statements
+    assert verdict_rows(with_verdict(tables))["requirements"].explanation in section.lead
 
 
 def test_comments_stand_in_their_section_and_are_escaped() -> None:

@@ -1,5 +1,4 @@
-"""Calibrations of a case: by errors in variables, and by least squares on the closures alone as in the telescope
-report."""
+"""Calibration of one model: by errors in variables, or by least squares on the closures (telescope report)."""
 
 from __future__ import annotations
 

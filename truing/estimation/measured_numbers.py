@@ -36,7 +36,7 @@ class NetworkErrors:
         return NetworkErrors(self.numbers, self.covariance[rows], self.effects[rows])
 
     def of(self, numbers: Sequence[str], is_measured: NDArray) -> tuple[NDArray, NDArray]:
-        """Return covariance (B, n, n), NaN if unknown, effects (B, n, K), zero if unknown, and the mask (B, n) of known
+        """Return covariance (B, n, n), NaN if unknown; effects (B, n, K), zero if unknown, and the mask (B, n) of known
         values, for the named numbers."""
         known = {name: n for n, name in enumerate(self.numbers)}
         place = np.array([known.get(name, -1) for name in numbers])

@@ -88,7 +88,7 @@ def find_steps(values: Array, sigma: Array, kept: Mask, shortest: int = 3) -> Ta
     """Return the most significant step in each target's residuals over poses in time order.
 
     values, sigma (B, T, 3), kept (B, T). The statistic is the chi-square (3 degrees of freedom) of the difference of
-    weighted means after and before, maximised over onsets with at least ``shortest`` poses on either side, with
+    weighted means after and before; maximised over onsets with at least ``shortest`` poses on either side, with
     Bonferroni over the onsets.
     """
     from scipy.special import chdtrc

@@ -1,6 +1,6 @@
 """Leica's GSI with 8 and 16 characters: coordinates of points, each in the unit of its word.
 
-A line is a block of words: two digits for the quantity (11 point, 81 82 83 east north height), four characters of which
+A line is a block of words: two digits for the quantity (11 point, 81 82 83 east north height); four characters of which
 the last is the unit, a sign, 8 or 16 characters of data. A block with words of 16 characters begins with an asterisk.
 """
 

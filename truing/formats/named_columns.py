@@ -106,7 +106,7 @@ def _components(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str], d
 
 
 @dataclass(frozen=True)
-class Poses:
+class PoseMapping:
     """Proposal for a table of poses: keys for [files.poses], raw columns that are no covariates, and points to
     check."""
 
@@ -115,7 +115,7 @@ class Poses:
     notes: tuple[str, ...]
 
 
-def pose_columns(names: Sequence[str], values: Array) -> Poses | None:
+def pose_columns(names: Sequence[str], values: Array) -> PoseMapping | None:
     """Return the poses recognised by names and numbers (N, W), NaN for other cells; else None."""
     places = _groups(names, (("x", "y", "z"), ("tx", "ty", "tz"), ("px", "py", "pz")))
     best: tuple[bool, int, str, tuple[str, ...], tuple[str, ...]] | None = None
@@ -129,7 +129,9 @@ def pose_columns(names: Sequence[str], values: Array) -> Poses | None:
     return None if best is None else _mapped(best[2], best[3], best[4], names, values)
 
 
-def _mapped(kind: str, place: tuple[str, ...], turned: tuple[str, ...], names: Sequence[str], values: Array) -> Poses:
+def _mapped(
+    kind: str, place: tuple[str, ...], turned: tuple[str, ...], names: Sequence[str], values: Array
+) -> PoseMapping:
     columns: dict[str, Any] = dict(zip(_PLACE, place, strict=True))
     notes = [f"poses: {', '.join((*place, *turned))}"]
     units: dict[str, str] = {}
@@ -160,7 +162,7 @@ def _mapped(kind: str, place: tuple[str, ...], turned: tuple[str, ...], names: S
     mapping |= ({"coverage": coverage} if coverage else {}) | ({"units": units} if units else {})
     mapping["constants"] = {"body": "tool"}
     taken = (*place, *turned, *spread.values(), *(name for name in names if _COMMANDED.search(name)))
-    return Poses(mapping, tuple(dict.fromkeys(taken)), (*notes, *more))
+    return PoseMapping(mapping, tuple(dict.fromkeys(taken)), (*notes, *more))
 
 
 def _range_words(values: Array) -> str:
@@ -231,7 +233,7 @@ def _is_unit(quaternions: Array) -> bool:
     return len(known) > 0 and bool(np.all(np.abs(np.linalg.norm(known, axis=1) - 1.0) < _UNIT_NORM))
 
 
-def bare_poses(values: Array) -> Poses | None:
+def bare_poses(values: Array) -> PoseMapping | None:
     """Return the poses of a table (N, W) without names, recognised by numbers alone; else None."""
     rows, width = values.shape
     if not np.isfinite(values).all():
@@ -243,11 +245,11 @@ def bare_poses(values: Array) -> Poses | None:
             f"{width} numbers in a row are a matrix of a pose; its translation is taken for mm, else unit",
         )
         columns = {name: number + 1 for number, name in enumerate(names)}
-        return Poses({"columns": columns, **body, "number_rows": {"pose": 1}}, (), notes)
+        return PoseMapping({"columns": columns, **body, "number_rows": {"pose": 1}}, (), notes)
     whole = values[: rows - rows % 4]
     if width == 4 and len(whole) >= 4 * _FEWEST_ROWS and _are_motions(whole.reshape(-1, 4, 4)):
         notes = ("4x4 matrices, four rows each; their translation is taken for mm, else unit",)
-        return Poses({"rows_per_pose": 4, **body}, (), notes)
+        return PoseMapping({"rows_per_pose": 4, **body}, (), notes)
     first = width - 7
     if first in (0, 1) and rows >= _FEWEST_ROWS and _is_unit(values[:, -4:]):
         order = ("x_mm", "y_mm", "z_mm", "qx", "qy", "qz", "qw")
@@ -258,7 +260,7 @@ def bare_poses(values: Array) -> Poses | None:
             "position and unit quaternion; the real part is taken to be the last number: else qw is the first of four",
             _range_words(values[:, first : first + 3]),
         )
-        return Poses({"columns": {**reported, **columns}, **body, **numbered}, (), notes)
+        return PoseMapping({"columns": {**reported, **columns}, **body, **numbered}, (), notes)
     return None
 
 

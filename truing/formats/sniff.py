@@ -27,7 +27,7 @@ from truing.formats.guess import (
     tracker,
     wide_template,
 )
-from truing.formats.named_columns import Loads, Poses, bare_poses, is_one_motion, load_columns, pose_columns
+from truing.formats.named_columns import Loads, PoseMapping, bare_poses, is_one_motion, load_columns, pose_columns
 from truing.formats.numbers import Notation
 from truing.formats.presets import format_of
 from truing.formats.raw import Unusable
@@ -260,7 +260,7 @@ def _by_notation(records: list[list[str]], mapping: dict[str, Any], separator: s
 
 
 def _poses(
-    poses: Poses, names: tuple[str, ...], mapping: dict[str, Any], records: list[list[str]], values: Array
+    poses: PoseMapping, names: tuple[str, ...], mapping: dict[str, Any], records: list[list[str]], values: Array
 ) -> Guess:
     """Return a proposal for poses, and for the configurations that other columns of the same rows form."""
     keys = dict(poses.mapping)

@@ -405,7 +405,7 @@ def estimated_share(shift: Array, covariance: Array, common: Mask, share: float)
     """Return the common share of the variance of like parts, averaged over its posterior; the present one if nearly
     equal.
 
-    Parameters, of which ``common`` (P,) belong to all parts, moved by shift (P,) and have covariance (P, P), both in
+    Parameters, of which ``common`` (P,) belong to all parts; moved by shift (P,) and have covariance (P, P), both in
     prior sigmas at the present share.
     """
     precision = np.linalg.inv(covariance)

@@ -351,7 +351,7 @@ class RotatedChannels:
     """Pathway of the observations of T channels along the axes of their groups' surveys.
 
     With patterns: of T sets of n channels that move together, along the q patterns of each (for a single channel its
-    axes: n = 1, q = d). ``rotations`` (B, T, n d, q) convert these to the axes of the pathway, ``shared`` (B, T, q, G)
+    axes: n = 1, q = d). ``rotations`` (B, T, n d, q) convert these to the axes of the pathway; ``shared`` (B, T, q, G)
     is the part that the shared unknowns explain, ``gram`` (B, T, q, q) are their products.
     """
 

@@ -12,21 +12,21 @@ from truing.quality.loading import ChannelView, ExpectedReadings, LoadingView
 
 FEWEST = 4  # fewest readings of a run for a slope
 _EXACT = 1e-6
-_BEYOND, _BEYOND_SIGMA = 20.0, 0.3  # factor by which no answer of the same sensor differs; largest relative sigma
-_ITS_OWN = 0.3  # share of the difference between two channels' answers within which readings belong to a channel
-_APART = 0.7  # least difference of two answers, relative to the larger one; below it model errors are as large
+_BEYOND, _BEYOND_SIGMA = 20.0, 0.3  # factor by which no response of the same sensor differs; largest relative sigma
+_ITS_OWN = 0.3  # share of the difference between two channels' responses within which readings belong to a channel
+_APART = 0.7  # least difference of two responses, relative to the larger one; below it model errors are as large
 _REGULAR = 0.9  # share of a run's readings that must agree; the others may be gross errors
-_OTHERS = 2  # fewest other runs that define a typical answer
-_Answer = tuple[str, int, float, float, int]
+_OTHERS = 2  # fewest other runs that define a typical response
+_Response = tuple[str, int, float, float, int]
 
 
 @dataclass(frozen=True)
-class Answers:
+class RunResponses:
     """Per run and channel (G,): slope of readings over their expectation, its sigma from their own scatter, and its
     kind.
 
     With a simulation, the expectation is the simulated reading, and a kind is a channel. Without one, it is the load of
-    runs under one axis, and a kind is an axis and a channel. Answers of one kind should be alike.
+    runs under one axis, and a kind is an axis and a channel. Responses of one kind should be alike.
     """
 
     channel: tuple[str, ...]
@@ -37,8 +37,8 @@ class Answers:
     simulated: bool
 
 
-def _collected(found: list[_Answer], *, simulated: bool) -> Answers:
-    return Answers(
+def _collected(found: list[_Response], *, simulated: bool) -> RunResponses:
+    return RunResponses(
         tuple(one[0] for one in found),
         np.array([one[1] for one in found], np.int64),
         np.array([one[2] for one in found], float),
@@ -48,8 +48,8 @@ def _collected(found: list[_Answer], *, simulated: bool) -> Answers:
     )
 
 
-def run_responses(view: LoadingView) -> Answers:
-    """Return the answers of all runs and channels that are clear enough to be compared."""
+def run_responses(view: LoadingView) -> RunResponses:
+    """Return the responses of all runs and channels that are clear enough to be compared."""
     found = []
     for channel in view.channels:
         for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):
@@ -60,8 +60,8 @@ def run_responses(view: LoadingView) -> Answers:
     return _collected(found, simulated=view.simulated is not None)
 
 
-def signal_responses(view: LoadingView) -> Answers:
-    """Return the answers of signals to the loads of runs under one axis; a kind is an axis and a signal."""
+def signal_responses(view: LoadingView) -> RunResponses:
+    """Return the responses of signals to the loads of runs under one axis; a kind is an axis and a signal."""
     steps, found = view.steps, []
     for run in np.flatnonzero(view.loaded_alone).tolist():
         axis = int(view.axis[run])
@@ -92,8 +92,8 @@ def slope_of(drive: Array, reading: Array) -> tuple[float, float]:
     return value, float(np.sqrt(left @ left / max(len(x) - 2, 1) / square))
 
 
-def beyond_simulation(found: Answers, excluded: Index) -> list[int]:
-    """Return the answers whose size differs from the simulation by more than any sensor can."""
+def beyond_simulation(found: RunResponses, excluded: Index) -> list[int]:
+    """Return the responses whose size differs from the simulation by more than any sensor can."""
     if not found.simulated:
         return []
     size = np.abs(found.slope)
@@ -103,7 +103,7 @@ def beyond_simulation(found: Answers, excluded: Index) -> list[int]:
 
 
 def typical_size(value: Array, kind: Index) -> Array:
-    """Return the median size (G,) of the other answers of the same kind; NaN where there are fewer than two."""
+    """Return the median size (G,) of the other responses of the same kind; NaN where there are fewer than two."""
     out = np.full(len(value), np.nan)
     for at in range(len(value)):
         others = np.flatnonzero((kind == kind[at]) & (np.arange(len(value)) != at))
@@ -112,8 +112,8 @@ def typical_size(value: Array, kind: Index) -> Array:
     return out
 
 
-def sign_reversed(found: Answers, share: float) -> list[int]:
-    """Return the answers with the opposite sign to the simulated one, or to most of their kind."""
+def sign_reversed(found: RunResponses, share: float) -> list[int]:
+    """Return the responses with the opposite sign to the simulated one, or to most of their kind."""
     slope, sigma, kind, count = found.slope, found.sigma, found.kind, len(found.slope)
     if found.simulated:  # each by itself, because all of them may have the wrong sign
         slope, sigma = np.append(slope, np.ones(count)), np.append(sigma, np.full(count, _EXACT))
@@ -121,8 +121,8 @@ def sign_reversed(found: Answers, share: float) -> list[int]:
     return [int(at) for at in signs_flipped(slope, sigma, kind, share).where if at < count]
 
 
-def same_sign(found: Answers, share: float) -> Mask:
-    """Return the answers (G,) that clearly have the sign of the simulated one, or of another of their kind."""
+def same_sign(found: RunResponses, share: float) -> Mask:
+    """Return the responses (G,) that clearly have the sign of the simulated one, or of another of their kind."""
     sure = signs_sure(found.slope, found.sigma, share)
     if found.simulated:
         return sure & (found.slope > 0.0)
@@ -133,9 +133,9 @@ def same_sign(found: Answers, share: float) -> Mask:
 def most_similar_channels(
     view: LoadingView, expected: ExpectedReadings
 ) -> tuple[list[tuple[int, int, int, bool]], int]:
-    """Return run, channel, the channel that it reads like, and if that one's answer is larger; and the number of tests.
+    """Return run, channel, the channel that it reads like, and whether its response is larger; and the number of tests.
 
-    A test is a run and channel with at least one other channel whose answer differs clearly.
+    A test is a run and channel with at least one other channel whose response differs clearly.
     """
     found, count = [], 0
     for channel in view.channels:
@@ -153,26 +153,26 @@ def most_similar_channels(
 def _nearness(
     view: LoadingView, channel: ChannelView, expected: ExpectedReadings, rows: Index, other: int
 ) -> tuple[float, bool] | None:
-    """Return the distance of a channel's readings to another's answer, over the distance of the two answers. The second
-    value is True if the other's answer is larger. None where the two answers are too similar or too small."""
+    """Return the distance of a channel's readings to another's response, over the distance of the two. The second
+    value is True if the other's response is larger. None where the two are too similar or too small."""
     if len(rows) < FEWEST:
         return None
-    answer = expected.value[rows][:, [channel.place, other]]
-    answer = answer - answer.mean(axis=0)
-    size = np.sqrt(np.mean(answer**2, axis=0))
-    apart = float(np.sqrt(np.mean((answer[:, 0] - answer[:, 1]) ** 2)))
+    response = expected.value[rows][:, [channel.place, other]]
+    response = response - response.mean(axis=0)
+    size = np.sqrt(np.mean(response**2, axis=0))
+    apart = float(np.sqrt(np.mean((response[:, 0] - response[:, 1]) ** 2)))
     larger = int(size.argmax())
     if not apart > _APART * size[larger]:
         return None
     if not expected.is_clear((channel.place, other)[larger], rows, channel.sigma):
         return None
-    off = view.steps.reading[rows, channel.place] - answer[:, 1]
+    off = view.steps.reading[rows, channel.place] - response[:, 1]
     square = np.sort((off - np.median(off)) ** 2)[: int(np.ceil(_REGULAR * len(rows)))]
     return float(np.sqrt(np.mean(square))) / apart, larger == 1
 
 
 def as_others(view: LoadingView) -> ExpectedReadings:
-    """Return readings as the other runs under the same axis answer, by their median; NaN where there are too few."""
+    """Return readings as the other runs under the same axis respond, by their median; NaN where there are too few."""
     slope = np.full((len(view.steps.runs), 6), np.nan)
     for channel in view.channels:
         for own, run in zip(channel.of_runs, channel.runs.tolist(), strict=True):

@@ -38,7 +38,7 @@ def alike(tables: Tables) -> ReportSection | None:
         listings.append(Listing(_ESTIMATES, entries, caption=_SHAPES))
     if not listings:
         return None
-    lead = "Numbers of this page with one unit are not always of one quantity. This is what each of them is."
+    lead = "Numbers in the same unit are not always the same quantity. This section says what each of them is."
     return ReportSection("alike", "Numbers that look alike", lead, listings=tuple(listings))
 
 

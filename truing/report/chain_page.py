@@ -155,7 +155,7 @@ def _listing(numbers: pd.DataFrame) -> Listing:
 def _on_repeats(repeated: pd.DataFrame | None) -> tuple[tuple[str, str], ...]:
     """Return the reasons why figures by ISO 9283 are missing."""
     if repeated is None:
-        why = "Pose accuracy and repeatability by ISO 9283 are not tested: no points or poses of a repeated pose."
+        why = "Pose accuracy and repeatability by ISO 9283 are not tested: no measured pose was repeated."
         return (("none", f"{why} {_REPEAT}"),)
     fewest = int(repeated["attained"].min())
     found = []

@@ -19,9 +19,9 @@ _FEW_AXES = 3
 _OWN_LINE = ("diagnosis", "simulation", "positioning", "requirements", "changes", "quality")
 _TOGETHER = {
     "belonging": "the data belong together",
-    "adequacy": "the residuals of the final model are noise",
+    "adequacy": "the residuals of the final model look like noise",
     "pulls": "pulls are within tolerances",
-    "calibration": "the calibration fits",
+    "calibration": "the calibration fits the data",
 }
 # Untested sections that need no action.
 _SILENT = (ReasonCode.NO_READINGS,)
@@ -69,7 +69,7 @@ def _has_line(one: SectionVerdict) -> bool:
 
 def _passed_sections(others: list[SectionVerdict]) -> list[Verdict]:
     named = [_TOGETHER[one.section] for one in others if one.section in _TOGETHER and one.state == RelationState.OK]
-    return [("pass", f"Also tested: {', '.join(named)}.")] if named else []
+    return [("pass", f"Other tests passed: {', '.join(named)}.")] if named else []
 
 
 def _positioning_tiles(tables: Tables) -> list[tuple[str, str]]:

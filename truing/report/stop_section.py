@@ -13,7 +13,7 @@ from truing.report.verdict import with_verdict
 from truing.schemas.needs import Need
 from truing.schemas.verdict import GATES, ReasonCode
 
-_NOT_STATED = "no requirement says how accurate the machine has to be"
+_NOT_DECIDED = "Whether the machine is accurate enough is not decided."
 _MODEL = ("adequacy", "pulls", "calibration")
 
 
@@ -30,10 +30,10 @@ def stop(tables: Tables) -> ReportSection | None:
         lead = "Not yet: the points below are open."
         return ReportSection("stop", "Can I stop measuring?", f"{lead} {more}".strip(), statements=open_points)
     requirement = verdicts.get("requirements")
-    decided = requirement is not None and requirement.reason_code in (ReasonCode.MET, ReasonCode.NOT_MET)
     lead = "Yes: every requirement is decided, and no open question needs a measurement."
-    if not decided:
-        lead = f"Nothing asks for more, but {_NOT_STATED}. State it in [requirement], and this section decides."
+    if requirement is None or requirement.reason_code not in (ReasonCode.MET, ReasonCode.NOT_MET):
+        why = requirement.explanation if requirement else ""
+        lead = f"No open point needs a measurement. {_NOT_DECIDED} {why}".strip()
     return ReportSection("stop", "Can I stop measuring?", f"{lead} {more}".strip())
 
 

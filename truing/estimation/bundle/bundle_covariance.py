@@ -38,7 +38,7 @@ _LEAST_DAMPINGS = (1e-11, 1e-9, 1e-7)  # the first one that works gives a soluti
 class PoseCovariance:
     """Covariance of one pose given the common unknowns.
 
-    Points (3 p, 3 p) in m^2, images with points (6 i, 3 p), each image (i, 6, 6) in the order (centre, theta), and the
+    Points (3 p, 3 p) in m^2, images with points (6 i, 3 p), each image (i, 6, 6) in the order (centre, theta); and the
     derivatives of points (3 p, c) and images (6 i, c) by the common unknowns.
     """
 

@@ -22,7 +22,7 @@ class CameraStability:
     """Deviations of a camera's interior orientation per pose (S), with tests.
 
     determined (S,): whether the rays of a pose determine the camera. deviation_px (S, 3) of c, x0, y0 from the common
-    values, with covariance_px2 (S, 3, 3), chi2 (S,) and p_value (S,) adjusted for their number (Holm); NaN if not
+    values, with covariance_px2 (S, 3, 3); chi2 (S,) and p_value (S,) adjusted for their number (Holm); NaN if not
     determined. For all poses together: chi2 of no deviation, degrees of freedom, p-value.
     """
 

@@ -220,7 +220,7 @@ def relaxed(
 
 @dataclass(frozen=True)
 class RayTests:
-    """Test statistics per ray: T (N,) with degrees of freedom (N,) 0, 1 or 2, p-value (N,), w (N, 2) of an error in one
+    """Test statistics per ray: T (N,) with degrees of freedom (N,) 0, 1 or 2, p-value (N,); w (N, 2) of an error in one
     coordinate, redundancy numbers (N, 2), and Q_vv C^-1 (N, 2, 2).
 
     Unused rays have the values that they would have if they were used.

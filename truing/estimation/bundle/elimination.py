@@ -33,7 +33,7 @@ _DIRECT = 100.0
 class Ties:
     """Distances of a pose as rows of equations.
 
-    Points first and second (q,) within the pose, by_point (q, 3) of the second, by_common (q, c), misclosure w (q,) in
+    Points first and second (q,) within the pose, by_point (q, 3) of the second, by_common (q, c); misclosure w (q,) in
     m, weight r (q,) in m^-2, and the variance t (q,) in m^2 of the multipliers, infinite if none is needed.
     """
 

@@ -31,7 +31,7 @@ class PermissibleError:
 class LengthErrors:
     """Length measuring errors.
 
-    Per length: error_m (L,) measured minus calibrated at the reference temperature, sigma_m (L,), permitted_m (L,) (NaN
+    Per length: error_m (L,) measured minus calibrated at the reference temperature, sigma_m (L,); permitted_m (L,) (NaN
     if not stated), verdict (L,) after ISO 14253-1 with twice the sigma. For all: chi2 of the errors against their full
     covariance with p-value, the common scale error with sigma, and requirements of the guideline that the test misses.
     """

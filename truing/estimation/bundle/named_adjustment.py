@@ -50,7 +50,7 @@ class KnownPointMismatchError(ValueError):
 @dataclass(frozen=True)
 class Choices:
     """Options of an adjustment: datum, level of the ray tests, whether the noise of cameras and target kinds is
-    estimated, whether eccentricities are corrected, and the radii of circles by point name ("": all others)."""
+    estimated; whether eccentricities are corrected, and the radii of circles by point name ("": all others)."""
 
     datum: Datum
     false_alarm: float

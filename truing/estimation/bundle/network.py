@@ -21,7 +21,7 @@ Pose = int | str
 
 @dataclass(frozen=True)
 class Rays:
-    """Measured image points: image (N,) and point (N,) by number, xy_px (N, 2), cov_px2 (N, 2, 2), kind (N,) of target
+    """Measured image points: image (N,) and point (N,) by number, xy_px (N, 2), cov_px2 (N, 2, 2); kind (N,) of target
     by number (rays of one kind and camera share a variance component)."""
 
     image: Index
@@ -235,7 +235,7 @@ class ImagePoints:
 
 @dataclass(frozen=True)
 class LinearisedRays:
-    """Rays at a state: computed xy_px (N, 2) with derivatives by_image (N, 2, 6) in the order (centre, theta), by_point
+    """Rays at a state: computed xy_px (N, 2) with derivatives by_image (N, 2, 6) in the order (centre, theta); by_point
     (N, 2, 3), and by_interior (N, 2, 10) of the ray's camera."""
 
     xy_px: Array

@@ -267,7 +267,7 @@ def common_points(image: Index, point: Index, images: int, points: int) -> Array
 def relative_orientations(first: Array, second: Array, limit: float) -> list[ImagePair]:
     """Return relative orientations of two images that explain common points at X/Z, Y/Z (n, 2), best first.
 
-    From the essential matrix by five points (Nister 2004) and the homography of flat points (Malis and Vargas 2007),
+    From the essential matrix by five points (Nister 2004) and the homography of flat points (Malis and Vargas 2007);
     both by consensus within the limit (in units of X/Z). Flat fields leave rivals that a third image decides.
     """
     if len(first) < FEWEST_COMMON:

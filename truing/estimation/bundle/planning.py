@@ -66,7 +66,7 @@ class PlannedObject:
 
 @dataclass(frozen=True)
 class CameraLimits:
-    """Limits of visibility: range of distances in m in focus, largest angle between a ray and a target's normal in rad,
+    """Limits of visibility: range of distances in m in focus, largest angle between a ray and a target's normal in rad;
     smallest image of a target in px (minor axis)."""
 
     nearest: float

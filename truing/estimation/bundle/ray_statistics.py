@@ -62,7 +62,7 @@ class SharedNumber:
 
 @dataclass(frozen=True)
 class RayStatistics:
-    """Information (S, T, T) and score (S, T) of T numbers per pose (S), and derivatives of points (P, 3, T) by them in
+    """Information (S, T, T) and score (S, T) of T numbers per pose (S); and derivatives of points (P, 3, T) by them in
     m per unit, NaN for unused points."""
 
     numbers: tuple[SharedNumber, ...]

@@ -41,7 +41,7 @@ class Circles:
 @dataclass(frozen=True)
 class OrientedImages:
     """Images of one pose with their cameras: camera (I,) by number, R (I, 3, 3), centre (I, 3) in m (NaN if not
-    oriented), covariance (I, 6, 6) of (centre, theta), interior (C, 10); box (2, 3) in m of the search."""
+    oriented); covariance (I, 6, 6) of (centre, theta), interior (C, 10); box (2, 3) in m of the search."""
 
     cameras: Sequence[Camera]
     interior: Array
@@ -54,7 +54,7 @@ class OrientedImages:
 
 @dataclass(frozen=True)
 class Matched:
-    """Points found: point (M,) of each circle by number or -1, xyz_m (K, 3), cov_m2 (K, 3, 3), and per circle the
+    """Points found: point (M,) of each circle by number or -1, xyz_m (K, 3), cov_m2 (K, 3, 3); and per circle the
     reason (M,) for having no point, "" if it has one."""
 
     point: Index

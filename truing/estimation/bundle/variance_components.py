@@ -22,7 +22,7 @@ _BOUNDS = (1e-4, 1e4)  # of a factor; values outside are not measurement noise
 @dataclass(frozen=True)
 class VarianceComponents:
     """Factors of the rays' covariances: component (N,) of each ray; per component camera (G,) and kind (G,) by number
-    (POOLED if shared by small groups), factor (G,) with its standard deviation sigma (G,), redundancy (G,), and whether
+    (POOLED if shared by small groups); factor (G,) with its standard deviation sigma (G,), redundancy (G,), and whether
     the factor is at a bound (G,)."""
 
     component: Index

@@ -62,7 +62,7 @@ class ImageTargets:
     """Circular targets with the centres of their ellipses in image coordinates (first pixel's centre at (0, 0)).
 
     centre_px (N, 2), cov_px2 (N, 2, 2), semi_axes_px (N, 2): major one first, axis_angle_rad (N,): major axis from x
-    towards y, contrast (N,) in grey levels, white (N,): dot lighter than its ground, family (N,) by number in the plan
+    towards y, contrast (N,) in grey levels, white (N,): dot lighter than its ground, family (N,) by number in the plan;
     and code (N,), both -1 without a code, confidence (N,) of the code from 0 to 1, blur_px (N,): standard deviation;
     counts of rejected candidates by reason; noise of the image.
     """

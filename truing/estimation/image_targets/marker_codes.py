@@ -33,7 +33,7 @@ _ROUNDS = 10  # iterations of the split into dark and light cells
 @dataclass(frozen=True)
 class Codes:
     """Quadrangles read as codes: quadrangle (N,), family (N,) by number, code (N,), wrong bits (N,), index (N,) of the
-    marker's first corner, and share (N,) of the grey variance that dark and light cells do not explain."""
+    marker's first corner; and share (N,) of the grey variance that dark and light cells do not explain."""
 
     quad: NDArray[np.intp]
     family: Index
@@ -84,7 +84,7 @@ def _of_family(
 
 @cache
 def _code_bits(family: str) -> tuple[NDArray[np.float32], int]:
-    """Return the bits (n, 4 K), +1 or -1, of K codes after 0 to 3 quarter turns to the left, and the number of wrong
+    """Return the bits (n, 4 K), +1 or -1, of K codes after 0 to 3 quarter turns to the left; and the number of wrong
     bits tolerated."""
     import cv2
 
@@ -102,7 +102,7 @@ def _code_bits(family: str) -> tuple[NDArray[np.float32], int]:
 def _bits(
     plain: NDArray[np.uint8], corners: Array, cells: int
 ) -> tuple[NDArray[np.intp], NDArray[np.float32], NDArray[np.float32]]:
-    """Return the quadrangles (B,) with a dark border and clear cells, their inner cells (B, n), +1 if light, else -1,
+    """Return the quadrangles (B,) with a dark border and clear cells, their inner cells (B, n), +1 if light, else -1;
     and the share (B,) of grey variance that dark and light cells do not explain."""
     grey, variance = _cell_greys(plain, corners, cells)
     light = _light_cells(grey)
@@ -126,7 +126,7 @@ def _cell_greys(
     plain: NDArray[np.uint8], corners: Array, cells: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the mean grey values (Q, cells * cells) of the cells' inner parts minus the quadrangle's mean, row by row
-    from the first corner, and the variance (Q,) of the samples."""
+    from the first corner; and the variance (Q,) of the samples."""
     import cv2
 
     parts = len(_IN_CELL)

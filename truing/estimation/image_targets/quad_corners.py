@@ -41,7 +41,7 @@ FIRST, LAST, BLUR, GROUND, CONTRAST, ALONG, ACROSS = range(UNKNOWNS)
 
 @dataclass(frozen=True)
 class QuadCorners:
-    """Corners (Q, 4, 2) in px with covariance (Q, 4, 2, 2) in px^2, contrast (Q,) in grey levels, and the reason (Q,)
+    """Corners (Q, 4, 2) in px with covariance (Q, 4, 2, 2) in px^2, contrast (Q,) in grey levels; and the reason (Q,)
     to reject a quadrangle, empty if accepted."""
 
     xy: Array

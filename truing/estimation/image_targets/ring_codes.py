@@ -190,7 +190,7 @@ def are_open(rims: Array, ring: Array) -> Mask:
 @dataclass(frozen=True)
 class _Fit:
     """Fit of rings with some number of segments at the best phase: word (N,), the same as ring (N, ROUND), largest
-    distance of a core's mean from its bit, rms of cores, mean square of all samples, and range of the middles of unset
+    distance of a core's mean from its bit; rms of cores, mean square of all samples, and range of the middles of unset
     segments."""
 
     word: Index

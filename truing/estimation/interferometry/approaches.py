@@ -170,7 +170,7 @@ def _worst(deviation: Array, out: Mask, floor: float) -> tuple[tuple[int, int, i
 
 
 def copied_series(position: Array) -> tuple[list[tuple[int, int]], float]:
-    """Return pairs of series (P readings of one direction and cycle) that are equal in every digit, and the probability
+    """Return pairs of series (P readings of one direction and cycle) that are equal in every digit; and the probability
     of one such pair by chance.
 
     position (P, 2, C); a series is numbered by direction times C plus cycle. The chance follows from how often readings
@@ -262,7 +262,7 @@ def turned_cycles(deviation: Array) -> list[int]:
 
 @dataclass(frozen=True)
 class CycleDrift:
-    """Change of the deviations from the first cycle to the last, p-value of the cycles' means, and the share of their
+    """Change of the deviations from the first cycle to the last; p-value of the cycles' means, and the share of their
     differences that a straight line explains."""
 
     walked: float

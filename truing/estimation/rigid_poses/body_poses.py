@@ -146,7 +146,7 @@ class BodyFit:
     source (T, 3) in m, NaN if unknown, cov_source (T, 3, 3) of the survey; known (T,): with reference position; frame
     (T,): defines the body frame; agreed (B, T): agreeing points; has_consensus (B,): poses with agreeing points, in
     which other points are gross errors even if there is no pose; weights: for methods other than the default with one
-    weight per point, (B, T), and the factor (B,) by which such a method scatters more than its weights imply.
+    weight per point, (B, T); and the factor (B,) by which such a method scatters more than its weights imply.
     """
 
     fits: dict[str, RigidFit]
@@ -291,7 +291,7 @@ def _noise(source: Array, points: PosePoints, usable: Mask) -> Array:
 def seen_from(
     base: BodyPoses, fit: RigidFit, method: str, cross: Array | None = None
 ) -> tuple[Any, Any, Any, NDArray[np.object_]]:
-    """Return R (B, 3, 3), p (B, 3), covariance (B, 6, 6) of a body relative to the base, and the status (B,) of the
+    """Return R (B, 3, 3), p (B, 3), covariance (B, 6, 6) of a body relative to the base; and the status (B,) of the
     pair.
 
     cross (B, 6, 6): covariance between the motions of body and base, if their errors are correlated.

@@ -180,7 +180,7 @@ def by_survey(source: NDArray, body: NDArray, frame: NDArray, gain: NDArray, R: 
 
 @dataclass(frozen=True)
 class _Pose:
-    """Bodies of a pose in the joint fit, by number, and per point (N,) the index of its body among them, its target,
+    """Bodies of a pose in the joint fit, by number; and per point (N,) the index of its body among them, its target,
     and its row of the observations."""
 
     number: int

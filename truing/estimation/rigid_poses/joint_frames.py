@@ -156,7 +156,7 @@ def survey_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame) -> Arra
 def relative_gain(
     p: int, bodies: Sequence[FramedBody], frame: JointFrame, gain: Array
 ) -> tuple[tuple[str, ...], Array]:
-    """Return the bodies of a pose that have a parent, and the derivative (6c, n) of their poses relative to it, from
+    """Return the bodies of a pose that have a parent; and the derivative (6c, n) of their poses relative to it, from
     the gain (6b, n) of the motions."""
     place = {bodies[b].name: b for b in frame.bodies}
     parents = {bodies[b].parent for b in frame.bodies}

@@ -41,7 +41,7 @@ def robust_pose(
 ) -> tuple[RigidFit, NDArray]:
     """Return the maximum-likelihood motion of the points that agree on one, and the mask (B, N) of these.
 
-    source (N, 3) or (B, N, 3) and target (B, N, 3) in m, their covariances (N, 3, 3) and (B, N, 3, 3) in m^2, mask (B,
+    source (N, 3) or (B, N, 3) and target (B, N, 3) in m; their covariances (N, 3, 3) and (B, N, 3, 3) in m^2, mask (B,
     N). A point is kept while its studentised residual passes a chi-square test with the declared noise times
     ``noise_ratio``; points of ``keep`` (B, N) always enter the last fit. Status as of `consensus` if no set of points
     agrees; even then the mask shows the points that do. Raises ValueError as `maximum_likelihood`.

@@ -288,7 +288,7 @@ class TermEquations:
 
 @dataclass(frozen=True)
 class LinearFit:
-    """B (W, Q), covariance (W Q, W Q), estimated noise (W, W) of one row, chi_square under the declared noise with
+    """B (W, Q), covariance (W Q, W Q), estimated noise (W, W) of one row; chi_square under the declared noise with
     freedom dof (both of the residuals alone if none was declared)."""
 
     matrix: NDArray

@@ -219,7 +219,7 @@ def _scatter(rest: NDArray, parameters: int) -> NDArray:
 
 def _suspected(whitened: NDArray, needed: float) -> tuple[NDArray, NDArray, int]:
     """Return the pairs (first, second) of rows with residuals (N, W) in sigmas large enough for the needed gain in
-    chi-square, and the number of such pairs not returned. An exchange gains at most the chi-square of its rows."""
+    chi-square; and the number of such pairs not returned. An exchange gains at most the chi-square of its rows."""
     size = np.sum(whitened**2, axis=1)
     rows = np.flatnonzero(np.any(np.abs(whitened) > _SUSPECT, axis=1))
     rows = rows[np.argsort(-size[rows], kind="stable")]
@@ -237,7 +237,7 @@ def _suspected(whitened: NDArray, needed: float) -> tuple[NDArray, NDArray, int]
 def _best(
     loads: NDArray, whitened: NDArray, sigma: NDArray, false_alarm: float, case: NDArray
 ) -> tuple[RowExchange | None, int]:
-    """Return the exchange with the largest gain, if it is significant and leaves both rows within the noise, and the
+    """Return the exchange with the largest gain, if it is significant and leaves both rows within the noise; and the
     number of suspected pairs not tested. If one of its rows fits as well after an exchange within its own run (N,),
     that one is returned: adjacent rows are confused more easily than rows of different days."""
     from scipy.special import chdtri

@@ -82,7 +82,7 @@ def _opening_sentences(rows: list[AssessedCause]) -> str:
     assessed = [row for row in found if row.holds]
     changed = list(dict.fromkeys(row.name for row in assessed if row.holds != HOLDS))
     if changed:
-        return f"{text} The ranking changes if assumed effect sizes are tripled: {'; '.join(changed)}."
+        return f"{text} If assumed effect sizes are tripled, the ranking changes for {'; '.join(changed)}."
     return f"{text} The ranking is unchanged if assumed effect sizes are tripled." if assessed else text
 
 
@@ -106,8 +106,9 @@ def _alone(best: AssessedCause, found: list[AssessedCause]) -> str:
         return ""
     other = _kind(best)
     return (
-        f" Alone, {other} explains the data about as well as {first.name}. Next to the other findings, the "
-        f"latter is more probable, and {other} adds no more than chance (p {p_equals(best.p_value)})."
+        f" Taken alone, {other} (rejected) explains the data about as well as {first.name}. With the other findings "
+        f"in the model, {first.name} is more probable, and {other} explains no more than chance "
+        f"(p {p_equals(best.p_value)})."
     )
 
 

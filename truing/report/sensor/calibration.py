@@ -146,7 +146,8 @@ def _opening_sentences(
     share = {load: 100.0 * float(held[load]) / largest[load] for load in largest if load in held}
     worst = max(share, key=lambda load: share[load])
     texts = [
-        f"Chosen: {chosen}. The rms error on held-out loads is {plain(min(share.values()))} to {plain(share[worst])} % "
+        f"Chosen calibration (estimator, direction, zero, terms): {chosen}. "
+        f"The rms error on held-out loads is {plain(min(share.values()))} to {plain(share[worst])} % "
         f"of the largest load; it is largest for {worst}, {plain(held[worst])} {LOAD_UNITS[worst]}."
     ]
     printed = choice[(choice["model"] == _AS_PRINTED) & (choice["figure"] == "heldout_rms")]

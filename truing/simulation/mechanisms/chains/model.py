@@ -283,7 +283,7 @@ class ChainModel(EffectsModel[ChainCause]):
         return np.asarray(found)
 
     def _measured(self, shared: NDArray, local: NDArray) -> tuple[Array, Array, Array]:
-        """Return the channels (B, K, 3), and their derivatives by all twists (B, K, 3, N, 6) and by the places of the
+        """Return the channels (B, K, 3); and their derivatives by all twists (B, K, 3, N, 6) and by the places of the
         channels in their links (B, K, 3, 3)."""
         frames, places = self.tree_frames(shared, local), self.places(shared)
         values, own = self._values(frames, places), self.channels.node

@@ -240,7 +240,7 @@ def geometry_modes(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask |
 
     ``sigma`` (6,) is that of the shifts, m, and of the rotations, rad. The parametrisation is complete and continuous,
     also for parallel axes: of the six numbers of each joint's frame it leaves out those that another number stands for,
-    along whatever direction that is. These are the joint's own zero (its offset), motions that pass along the joint's
+    along whatever direction that is. These are the joint's own zero (its offset); motions that pass along the joint's
     axis into the next link, and the zero of the joint below. Where a link carries several joints, the first one leaves
     out that zero; the others may be turned against it. Without ``is_base_free`` the base's place is known.
 

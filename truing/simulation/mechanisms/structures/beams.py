@@ -4,7 +4,7 @@ An element has node i at x = 0, node j at x = length, the beam along local x; pe
 and rotations (phi_x, phi_y, phi_z), rad, against forces, N, and moments, N m. As printed, K12 and K21 of eq. 20-21 are
 symmetric, which breaks rigid motions: here K12 = K21'.
 
-A leg has the nodes a' (root, on the base), c', d' and b' (on the platform), from root to platform, and is condensed to
+A leg has the nodes a' (root, on the base), c', d' and b' (on the platform), from root to platform. It is condensed to
 its two ends. Legs are batches: arrays lead with (..., L).
 """
 

@@ -108,7 +108,7 @@ def at_rest(machine: Machine) -> ReferenceLegs:
 def followed(
     machine: Machine, rest: ReferenceLegs, p: NDArray, R: NDArray, rho: NDArray, share: float
 ) -> ReferenceLegs:
-    """Return the legs with the stiffness along z0 + share (z - z0), z0 and z their directions at the reference and at
+    """Return the legs with the stiffness along z0 + share (z - z0); z0 and z their directions at the reference and at
     poses p (B, 3), R (B, 3, 3) with readings rho (B, L).
 
     One half is the mean direction of the motion: load = K displacement then integrates K along it to second order.

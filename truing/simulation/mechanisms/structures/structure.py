@@ -96,7 +96,7 @@ class Closing:
 class Structure(Protocol):
     """An immutable model of the structure, identified by its name.
 
-    Changes have the fields a, b, u (..., L, 3, P), l, rho0, flexure_length, beta (..., L, P), deformation (..., L, L,
+    Changes have the fields a, b, u (..., L, 3, P), l, rho0, flexure_length, beta (..., L, P); deformation (..., L, L,
     P), flexure, tube (..., 3, P) in the order bending, axial, torsion.
     """
 
