@@ -32,7 +32,7 @@ _ARTIFACTS_HEAD = """# Which tables does a run write, and what is in their colum
 Tables are Parquet files. A column name has the same meaning in every table. The metadata of each file hold schema and
 version (`truing.schema`, `truing.schema_version`), units (`truing.units`), stage, digest of the inputs, software
 version and campaign. Every artifact is checked against these definitions when it is written or read. Optional
-columns are present if the campaign has them.
+columns are present if the campaign has them. Columns marked (key) identify a row.
 `python -m schemas` writes this page.
 """
 _COMMON_HEAD = """## Columns of several tables
@@ -103,8 +103,7 @@ def _listed(names: Iterable[str]) -> list[str]:
 
 def _artifact(artifact: Artifact) -> str:
     of = "" if artifact.file.startswith(f"{artifact.name}.") else f" ({artifact.name})"
-    key = f" Key: {_names(artifact.key)}." if artifact.key else ""
-    lines = [f"## `{artifact.file}`{of}", "", f"{artifact.meaning[0].upper()}{artifact.meaning[1:]}.{key}", ""]
+    lines = [f"## `{artifact.file}`{of}", "", f"{artifact.meaning[0].upper()}{artifact.meaning[1:]}.", ""]
     if artifact.is_table:
         lines += list(_columns(artifact))
     return "\n".join(lines)
@@ -114,28 +113,27 @@ def _columns(artifact: Artifact) -> Iterator[str]:
     yield _TABLE_HEAD
     kinds = ((artifact.columns, ""), (artifact.optional, "; optional"), (artifact.families, "; numbered"))
     for names, remark in kinds:
-        shared = [_shown(COLUMNS[name]) for name in _listed(names) if name in _common_columns()]
+        shared = [_shown(COLUMNS[name], artifact.key) for name in _listed(names) if name in _common_columns()]
         if shared:
             yield f"| {', '.join(shared)} |  |  |  | {_COMMON}{remark} |"
     for names, remark in kinds:
-        yield from (_column_row(COLUMNS[name], remark) for name in _listed(names) if name not in _common_columns())
+        own = (COLUMNS[name] for name in _listed(names) if name not in _common_columns())
+        yield from (_column_row(column, remark, artifact.key) for column in own)
     if artifact.covariates:
         yield "| any other | real |  |  | a covariate of the campaign |"
     yield ""
 
 
-def _shown(column: Column) -> str:
-    """Name of a column, of a numbered family, or of all entries of a covariance."""
+def _shown(column: Column, key: tuple[str, ...] = ()) -> str:
+    """Name of a column, of a numbered family, or of all entries of a covariance; columns of the key are marked."""
     first, last = _COVARIANCE
-    return f"`{first}` .. `{last}`" if column.name == first else f"`{column.family or column.name}`"
+    if column.name == first:
+        return f"`{first}` .. `{last}`"
+    return f"`{column.family or column.name}`{' (key)' if column.name in key else ''}"
 
 
-def _column_row(column: Column, remark: str = "") -> str:
-    return f"| {_shown(column)} | {column.kind} | {column.unit} | {_allowed(column)} | {column.meaning}{remark} |"
-
-
-def _names(names: tuple[str, ...]) -> str:
-    return ", ".join(f"`{name}`" for name in names)
+def _column_row(column: Column, remark: str = "", key: tuple[str, ...] = ()) -> str:
+    return f"| {_shown(column, key)} | {column.kind} | {column.unit} | {_allowed(column)} | {column.meaning}{remark} |"
 
 
 def _allowed(column: Column) -> str:
