@@ -15,7 +15,9 @@ from tests.report.test_page import ATTACKS, Reader, render, sections_of
 from truing.report.alike_section import alike
 from truing.report.comments import with_comments
 from truing.report.diagnosis.assessed_causes import assessed_causes, modelled_of
+from truing.report.diagnosis.next_steps import next_steps
 from truing.report.diagnosis.prediction_errors import errors_of_models
+from truing.report.first_screen import first_screen
 from truing.report.head import build_head
 from truing.report.numbers import plain
 from truing.report.page import CampaignFacts, Depth
@@ -25,6 +27,7 @@ from truing.report.section_verdict import verdict_rows
 from truing.report.sections import section_names
 from truing.report.stop_section import stop
 from truing.report.verdict import with_verdict
+from truing.schemas.needs import Need
 
 ABOUT = CampaignFacts(
     title="Wing 7, second campaign",
@@ -130,6 +133,25 @@ def test_essential_sections_show_no_table_and_few_figures() -> None:
     assert shown <= 2
 
 
+def test_an_axis_names_the_encoders_that_recorded_it_and_no_others() -> None:
+    tables = {
+        "axis_errors": pd.DataFrame({"encoder": ["load", "motor"], "pose": [1, 1], "command_unit": ["deg", "deg"]}),
+        "configurations": pd.DataFrame({"pose": [1, 2], "role": ["calibration"] * 2, "time_s": [0.0, 60.0]}),
+    }
+    facts = dict(first_screen(tables, ABOUT).facts)
+    assert facts["instrument"] == "camera no. 4; encoder at the motor, encoder at the load"
+    assert facts["data"] == "2 rows (2 calibration)"
+
+
+def test_cameras_are_counted_and_not_their_parameters() -> None:
+    tables = {
+        "image_orientations": pd.DataFrame({"pose": [1, 1, 1], "image": ["a", "b", "c"]}),
+        "cameras": pd.DataFrame({"camera": ["front"] * 10, "parameter": [f"p{number}" for number in range(10)]}),
+    }
+    facts = dict(first_screen(tables, ABOUT).facts)
+    assert facts["instrument"] == "camera no. 4; 3 photographs by 1 camera, bundle adjustment"
+
+
 def test_numbers_that_look_alike_are_told_apart_by_what_they_are_of() -> None:
     section = alike(campaign_tables())
     assert section is not None
@@ -142,6 +164,8 @@ def test_measuring_stops_only_when_nothing_is_open() -> None:
     section = stop(tables)
     assert section is not None
     assert bool(section.statements) == section.lead.startswith("Not yet")
+    untested = sum(step.need == Need.TESTABLE for step in next_steps(assessed_causes(tables), tables))
+    assert ("could not be tested" in section.lead) == (untested > 0)
 
 
 def test_a_bench_is_not_asked_for_a_requirement_that_does_not_apply_to_it() -> None:

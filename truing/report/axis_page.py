@@ -28,7 +28,8 @@ def axis(tables: Tables) -> ReportSection | None:
         return None
     encoders = list(dict.fromkeys(errors["encoder"]))
     rows = count(errors["pose"].nunique(), "row")
-    lead = f"{rows} of one axis, recorded by {count(len(encoders), 'encoder')}. A constant zero of each is subtracted."
+    recorded = ", ".join(ENCODERS[name] for name in encoders)
+    lead = f"{rows} of one axis, recorded by {recorded}. A constant zero of each is subtracted."
     figures = tuple((_drawn(errors, column, title), _CAPTION) for column, title in _pictures(errors))
     return ReportSection("axis", "Axis", lead, figures=figures, listings=(_listing(errors, encoders),))
 

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from truing.report.axis_page import ENCODERS
 from truing.report.diagnosis.assessed_causes import assessed_causes, modelled_of
 from truing.report.diagnosis.prediction_errors import Overall, errors_of_models, part_names
 from truing.report.measured_section import campaign_span
@@ -60,7 +61,7 @@ def _instrument(tables: Tables, about: CampaignFacts) -> str:
     images, readings, signals = (table_or_none(tables, n) for n in ("image_orientations", "readings", "signals"))
     if images is not None:
         cameras = table_or_none(tables, "cameras")
-        of = "" if cameras is None else f" by {count(len(cameras), 'camera')}"
+        of = "" if cameras is None else f" by {count(cameras['camera'].nunique(), 'camera')}"
         kinds.append(f"{count(len(images), 'photograph')}{of}, bundle adjustment")
     elif table_or_none(tables, "observations") is not None:
         kinds.append("3-D points of targets")
@@ -72,8 +73,8 @@ def _instrument(tables: Tables, about: CampaignFacts) -> str:
         kinds.append(count(len(signal_names(tables)), "signal"))
     if not kinds and (poses := table_or_none(tables, "poses")) is not None and (poses["method"] == "measured").any():
         kinds.append("poses of bodies, measured as such")
-    if not kinds and table_or_none(tables, "axis_errors") is not None:
-        kinds.append("encoders and a reference of angle or length")
+    if not kinds and (rows := table_or_none(tables, "axis_errors")) is not None:
+        kinds += [ENCODERS[name] for name in ENCODERS if (rows["encoder"] == name).any()]
     return "; ".join(filter(None, (about.instrument, ", ".join(kinds))))
 
 
@@ -89,7 +90,8 @@ def counts(tables: Tables) -> str:
     configurations, points = table_or_none(tables, "configurations"), table_or_none(tables, "observations")
     if configurations is not None:
         roles = ", ".join(f"{n:,} {role}" for role, n in configurations["role"].value_counts().items())
-        parts.append(f"{count(len(configurations), 'pose')} ({roles})")
+        unit = "pose" if table_or_none(tables, "axis_errors") is None else "row"
+        parts.append(f"{count(len(configurations), unit)} ({roles})")
     elif points is not None:
         parts.append(count(points["pose"].nunique(), "pose"))
     if points is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from truing.belonging.relation import RelationState
 from truing.report.diagnosis.assessed_causes import assessed_causes
 from truing.report.diagnosis.next_steps import NextStep, next_steps
@@ -24,8 +26,7 @@ def stop(tables: Tables) -> ReportSection | None:
         return None
     verdicts, steps = verdict_rows(with_verdict(tables)), next_steps(rows, tables)
     open_points = _open_points(verdicts, steps)
-    better = sum(step.need == Need.PRECISION for step in steps)
-    more = f"{count(better, 'further measurement')} would only make a known size more precise." if better else ""
+    more = " ".join(_remaining(steps))
     if open_points:
         lead = "Not yet: the points below are open."
         return ReportSection("stop", "Can I stop measuring?", f"{lead} {more}".strip(), statements=open_points)
@@ -35,6 +36,16 @@ def stop(tables: Tables) -> ReportSection | None:
         why = requirement.explanation if requirement else ""
         lead = f"No open point needs a measurement. {_NOT_DECIDED} {why}".strip()
     return ReportSection("stop", "Can I stop measuring?", f"{lead} {more}".strip())
+
+
+def _remaining(steps: list[NextStep]) -> Iterator[str]:
+    """Yield sentences on what further measurements would add without any point being open."""
+    better, untested = (sum(step.need == need for step in steps) for need in (Need.PRECISION, Need.TESTABLE))
+    if better:
+        yield f"{count(better, 'further measurement')} would only make a known size more precise."
+    if untested:
+        kinds = "1 kind of cause" if untested == 1 else f"{untested} kinds of causes"
+        yield f"{kinds} could not be tested with these data."
 
 
 def _open_points(verdicts: dict[str, SectionVerdict], steps: list[NextStep]) -> tuple[tuple[str, str], ...]:

@@ -107,7 +107,7 @@ def sizes(found: list[AssessedCause], tables: Tables) -> ReportSection:
     drawn = [picture for row in found for picture in _pictures(row)]
     listings = tuple(_parameters(row) for row in found if row.sizes)
     numbers = sum(size.number is not None for row in found for size in row.sizes)
-    lead = f"{count(numbers, 'parameter')} of the accepted causes, each with one standard deviation."
+    lead = f"{count(numbers, 'parameter')} of the accepted causes, ± one standard deviation."
     combined = [(row, own) for row in found if len(own := _combinations(row, tables))]
     text = " ".join([lead, *(_combined_words(row, own) for row, own in combined)])
     tables_of_combinations = tuple(_combined(row, own) for row, own in combined)
