@@ -114,7 +114,8 @@ def _why_not_by(calibration: SectionVerdict | None) -> str:
 
 
 def _opening_sentences(own: pd.DataFrame, key: Key) -> str:
-    text = f"{tally(own)}, as predicted by {calibration_name(key)}."
+    link = ", as predicted by" if (own["verdict"] != "not evaluated").any() else " with"
+    text = f"{tally(own)}{link} {calibration_name(key)}."
     return " ".join([text, *(_open_or_failed(r) for r in own.itertuples() if r.verdict in ("fails", "undecided"))])
 
 
