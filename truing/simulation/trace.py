@@ -26,12 +26,12 @@ class Trace(Generic[CauseT, S]):
 
     def through(self, step: Step, effects: Sequence[Effect[CauseT]], applied: Callable[[Effect[CauseT], S], S]) -> Self:
         """Return the trace after the effects of one step, applied one after the other."""
-        state, met = self.state, list(self.effects)
+        state, traced = self.state, list(self.effects)
         for effect in effects:
             if effect.cause.step is step:
-                met.append((effect, state))
+                traced.append((effect, state))
                 state = applied(effect, state)
-        return replace(self, state=state, effects=tuple(met), after={**self.after, step: state})
+        return replace(self, state=state, effects=tuple(traced), after={**self.after, step: state})
 
     def entering(self, state: S) -> Self:
         """Return the trace with another state as the input of the next step."""
@@ -58,4 +58,4 @@ class Trace(Generic[CauseT, S]):
 
     @cached_property
     def _state_by_key(self) -> dict[str, S]:
-        return {effect.cause.key: met for effect, met in self.effects}
+        return {effect.cause.key: state for effect, state in self.effects}

@@ -85,7 +85,7 @@ def absorb(jacobian: NDArray, signature: NDArray, labels: Sequence[str], scales:
 
 
 @dataclass(frozen=True)
-class FullAnswer:
+class FullAbsorption:
     """Response of a non-linear fit of P parameters to an effect: shift (P,), residual left (N,), status."""
 
     shift: NDArray
@@ -95,7 +95,7 @@ class FullAnswer:
 
 def absorb_in_full(
     model: Callable[[NDArray], tuple[NDArray, NDArray]], signature: NDArray, scales: ArrayLike | None, size: int
-) -> FullAnswer:
+) -> FullAbsorption:
     """Return the response of ``size`` parameters P to an effect of signature (N,), along the curved model.
 
     model(shift (P,)): change (N,) of the whitened residual, zero for no shift, and its derivative (N, P). scales (P,):
@@ -111,7 +111,7 @@ def absorb_in_full(
 
     found = least_squares(residuals, np.zeros(size))
     shift = found.x[0]
-    return FullAnswer(shift, signature + model(shift)[0], SolverStatus(found.status[0]))
+    return FullAbsorption(shift, signature + model(shift)[0], SolverStatus(found.status[0]))
 
 
 def _root(N: NDArray, labels: Sequence[str], tolerance: NDArray | None) -> NDArray:

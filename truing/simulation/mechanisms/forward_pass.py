@@ -24,7 +24,7 @@ from truing.simulation.mechanisms.point_causes import PointCause, applied
 from truing.simulation.mechanisms.state import State
 from truing.simulation.trace import Trace
 
-Met = tuple[Effect[PointCause], State]
+EffectAtState = tuple[Effect[PointCause], State]
 POSE = "pose"
 _OF_LEGS = ("a", "b", "u", "l")
 REFERENCE = ("reference_direction", "reference_rotation")
@@ -37,7 +37,7 @@ _TINY = 1e-30
 class ForwardPass(Trace[PointCause, State]):
     """Forward pass of the state of a mechanism, or of bodies."""
 
-    def before_recording(self, cause: PointCause | None = None) -> tuple[Met, ...]:
+    def before_recording(self, cause: PointCause | None = None) -> tuple[EffectAtState, ...]:
         """Return the effects of drive and structure; only those after a cause, if one is given."""
         return self.subsequent_effects(cause, Step.DRIVE, Step.STRUCTURE)
 
@@ -96,10 +96,10 @@ def _posed(state: State, target: State) -> State:
     return replace(target, p=reached.p, R=reached.R, converged=reached.converged)
 
 
-def propagated(change: Change, met: Sequence[Met]) -> Change:
+def propagated(change: Change, subsequent: Sequence[EffectAtState]) -> Change:
     """Add the responses of subsequent effects, in their order, to a change."""
     fields = dict(change.fields)
-    for effect, state in met:
+    for effect, state in subsequent:
         for name, slope in _effect_response(effect, state, fields, change.size).items():
             fields[name] = fields.get(name, 0.0) + slope
     return Change(fields, change.size)
@@ -123,10 +123,10 @@ def _twist(state: State, change: Change) -> NDArray:
     return pose_change(state.legs, state.p, state.R, state.rho, state.delta_bz, change)
 
 
-def moved_by_shape(met: Sequence[Met], shape: tuple[int, ...]) -> NDArray:
+def moved_by_shape(subsequent: Sequence[EffectAtState], shape: tuple[int, ...]) -> NDArray:
     """Return the derivative of `moved` by each target's own shape, an array (B, K, 3, 3) of the given shape."""
     total = np.zeros(shape)
-    for effect, state in met:
+    for effect, state in subsequent:
         if "shape" in effect.cause.reads:
             for axis, nudge in enumerate(1j * _TINY * np.eye(3)):
                 shift = effect.cause.shift(replace(state, shape=state.shape + nudge), effect.values).get("moved")

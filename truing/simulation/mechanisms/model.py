@@ -311,8 +311,8 @@ class MechanismModel(RecordedModel):
         """Return the points' derivatives (B, K, 3, G) by the shared unknowns."""
         slopes = np.zeros((*recording.state.points.shape, self.shared_size))
         for part, change, cause in self._changes(shared, recording):
-            met = recording.forward_pass.before_recording(cause)
-            slopes[..., part] = recording.motion(change, met)
+            subsequent = recording.forward_pass.before_recording(cause)
+            slopes[..., part] = recording.motion(change, subsequent)
         self._fill_shape(slopes, shared, recording)
         slopes = recording.recorded(slopes)
         self._fill_instruments(slopes, shared, recording)
@@ -360,8 +360,8 @@ class MechanismModel(RecordedModel):
         by_shared = np.zeros((len(forward_pass.state.rho), 6, self.shared_size))
         by_local = np.zeros((len(forward_pass.state.rho), 6, self.local_size))
         for part, change, cause in self._changes(shared, recording):
-            met = forward_pass.before_recording(cause)
-            by_shared[..., part] = structure_response(forward_pass, propagated(change, met))[1]
+            subsequent = forward_pass.before_recording(cause)
+            by_shared[..., part] = structure_response(forward_pass, propagated(change, subsequent))[1]
         if (reading := self._reading_change) is not None:
             by_local[..., : reading.size] = structure_response(
                 forward_pass, propagated(reading, forward_pass.before_recording())

@@ -20,7 +20,7 @@ from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_s
 from truing.simulation.cause import OBSERVED, Effect, Step
 from truing.simulation.change import Change
 from truing.simulation.effects_model import EffectsModel
-from truing.simulation.mechanisms.forward_pass import ForwardPass, Met, propagated, structure_response
+from truing.simulation.mechanisms.forward_pass import EffectAtState, ForwardPass, propagated, structure_response
 from truing.simulation.mechanisms.legs.kinematics import (
     attachment_change,
     attachments,
@@ -184,10 +184,10 @@ class Recording:
         """State with points and rotations as recorded."""
         return self.forward_pass.state
 
-    def motion(self, change: Change, met: Sequence[Met]) -> NDArray:
-        """Return the motion (B, K, 3, P) of the targets, m, base frame, due to a change and the effects ``met``
+    def motion(self, change: Change, subsequent: Sequence[EffectAtState]) -> NDArray:
+        """Return the motion (B, K, 3, P) of the targets, m, base frame, due to a change and the effects ``subsequent``
         after it."""
-        bodies = motion(self.forward_pass, self.state.nominal_direction, propagated(change, met))
+        bodies = motion(self.forward_pass, self.state.nominal_direction, propagated(change, subsequent))
         return target_motion(self.state, self.targets, self.frames, bodies)
 
     def recorded(self, motions: NDArray, cause: PointCause | None = None) -> NDArray:
