@@ -35,6 +35,7 @@ version and campaign. Every artifact is checked against these definitions when i
 columns are present if the campaign has them. Columns marked (key) identify a row.
 `python -m schemas` writes this page.
 """
+_OVERVIEW_HEAD = "| artifact | what it holds |\n| --- | --- |"
 _COMMON_HEAD = """## Columns of several tables
 
 """
@@ -84,9 +85,10 @@ _SIGNS = {Gt: ("gt", "above"), Ge: ("ge", "from"), Lt: ("lt", "below"), Le: ("le
 
 def artifacts_page() -> str:
     """The page of artifacts as Markdown."""
+    overview = [_OVERVIEW_HEAD, *(_overview_row(artifact) for artifact in ARTIFACTS.values()), ""]
     common = [_TABLE_HEAD, *(_column_row(COLUMNS[name]) for name in _listed(_common_columns())), ""]
-    tables = (_artifact(artifact) for artifact in ARTIFACTS.values())
-    return "\n".join([_ARTIFACTS_HEAD, _COMMON_HEAD + "\n".join(common), *tables])
+    tables = (_artifact(artifact) for artifact in ARTIFACTS.values() if artifact.is_table)
+    return "\n".join([_ARTIFACTS_HEAD, *overview, _COMMON_HEAD + "\n".join(common), *tables])
 
 
 @cache
@@ -101,12 +103,19 @@ def _listed(names: Iterable[str]) -> list[str]:
     return [name for name in names if name == _COVARIANCE[0] or not re.match(r"cov_\d", name)]
 
 
+def _overview_row(artifact: Artifact) -> str:
+    """Row of an artifact: its file, with a link to the columns of a table, and what it holds."""
+    place = re.sub(r"[^a-z0-9_ -]", "", f"{artifact.file}{_of(artifact)}".lower()).replace(" ", "-")
+    file = f"[`{artifact.file}`](#{place})" if artifact.is_table else f"`{artifact.file}`"
+    return f"| {file}{_of(artifact)} | {artifact.meaning} |"
+
+
+def _of(artifact: Artifact) -> str:
+    return "" if artifact.file.startswith(f"{artifact.name}.") else f" ({artifact.name})"
+
+
 def _artifact(artifact: Artifact) -> str:
-    of = "" if artifact.file.startswith(f"{artifact.name}.") else f" ({artifact.name})"
-    lines = [f"## `{artifact.file}`{of}", "", f"{artifact.meaning[0].upper()}{artifact.meaning[1:]}.", ""]
-    if artifact.is_table:
-        lines += list(_columns(artifact))
-    return "\n".join(lines)
+    return "\n".join([f"## `{artifact.file}`{_of(artifact)}", "", *_columns(artifact)])
 
 
 def _columns(artifact: Artifact) -> Iterator[str]:
