@@ -20,6 +20,7 @@ from pydantic.fields import FieldInfo
 from truing.schemas.artifact import Artifact
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import Campaign
+from truing.schemas.chain_mechanism import ChainMechanism
 from truing.schemas.column import LARGEST, Column
 from truing.schemas.columns import COLUMNS
 from truing.schemas.mechanism import AxisMechanism, LeggedMechanism, SensorMechanism
@@ -43,6 +44,7 @@ _COMMON = "[above](#columns-of-several-tables)"
 # Number of tables from which on a column is explained once, above all tables.
 _SEVERAL = 4
 
+_OF_SENSOR, _OF_CHAIN = " of a force sensor", " of an open chain"
 _CAMPAIGN_HEAD = """# What may campaign.toml hold, key by key?
 
 An unknown key is a fault; its message names the nearest known key. A key without a default is optional unless it is
@@ -177,7 +179,8 @@ def _top() -> Iterator[Table]:
     for table in _tables_of_model(Campaign, ""):
         if table.places == ("[mechanism]",):
             yield Table(table.places, LeggedMechanism, " of legs and actuators")
-            yield Table(table.places, SensorMechanism, " of a force sensor")
+            yield Table(table.places, SensorMechanism, _OF_SENSOR)
+            yield Table(table.places, ChainMechanism, _OF_CHAIN)
             yield Table(table.places, AxisMechanism, " of one axis")
         else:
             yield table
@@ -206,7 +209,7 @@ def _written(table: Table, depth: int = 2) -> Iterator[str]:
     yield from (_row(key, field) for key, field in table.model.model_fields.items())
     yield ""
     place = f"{table.places[0].strip('[]')}."
-    for inner in _tables_of_model(table.model, place, table.remark if table.model is SensorMechanism else ""):
+    for inner in _tables_of_model(table.model, place, table.remark if table.remark in (_OF_SENSOR, _OF_CHAIN) else ""):
         yield from _written(inner, depth + 1)
 
 

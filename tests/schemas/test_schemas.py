@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import typing
 from pathlib import Path
 
 import pyarrow as pa
@@ -9,10 +10,11 @@ import pytest
 
 from tests.faults import assert_fault
 from truing.schemas.artifacts import ARTIFACTS
-from truing.schemas.campaign import read_campaign
+from truing.schemas.campaign import Mechanism, read_campaign
 from truing.schemas.column import Column
 from truing.schemas.columns import COLUMNS, by_name, find_column
 from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.mechanism import NoMechanism
 from truing.schemas.pages import artifacts_page, campaign_page
 
 TABLES = [artifact for artifact in ARTIFACTS.values() if artifact.is_table]
@@ -74,6 +76,16 @@ def test_the_page_of_settings_is_what_is_checked():
     assert page.read_text(encoding="utf-8") == campaign_page(), "run `python -m schemas`"
     rows = [line.split(" | ") for line in campaign_page().splitlines() if line.startswith("| `")]
     assert [row for row in rows if len(row) != 5 or row[-1].strip(" |") == ""] == []
+
+
+def test_the_page_of_settings_has_every_kind_of_mechanism():
+    union = typing.get_args(typing.get_args(Mechanism)[0])
+    models = [typing.get_args(one)[0] for one in union]
+    page = campaign_page()
+    sections = [part.split("\n## ")[0] for part in page.split("\n## `[mechanism]`")[1:]]
+    for model in models:
+        if model is not NoMechanism:
+            assert sum(all(f"| `{key}` |" in part for key in model.model_fields) for part in sections) == 1, model
 
 
 def sensor(*elements):
