@@ -57,7 +57,7 @@ def requirements(tables: Tables) -> ReportSection | None:
 
 
 def _place(tables: Tables) -> str:
-    """Return where the errors of a machine without calibrations are those of; empty for others."""
+    """Return a sentence on the place of the errors: tip or axis; empty for machines with calibrations."""
     if table_or_none(tables, "axis_errors") is not None:
         return "Errors are those of the axis, after a constant is subtracted."
     if table_or_none(tables, "joints") is None:
