@@ -36,6 +36,7 @@ FOREIGN_SNR = 10.0, 40.0  # of each effect of a foreign world
 BELOW_CLEAR = 0.3  # of single effects: too weak to be found for certain
 OBVIOUS = (3.0, 30.0)  # times clear, where an instrument's share of them is drawn
 PER_CALL = 4
+SMALLEST = ("--campaigns", "1", "--workers", "1")
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,14 @@ import numpy as np
 
 from benchmarks.bundle_peers import PEERS, Solver
 from benchmarks.bundle_problem import Problem, draw, sum_of_squares
+from benchmarks.rows import leave, timed_row
 from benchmarks.timing import interleaved, pin, run_pinned
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.network import NetworkState
 
 _OURS = "truing with covariance"
+_OWN = "truing"
+SMALLEST = ("--repeats", "1", "--threads", "1", "--images", "4")
 
 
 def ours(problem: Problem, covariance: bool) -> Solver:
@@ -39,7 +42,7 @@ def ours(problem: Problem, covariance: bool) -> Solver:
 
 def solvers(problem: Problem, threads: int) -> dict[str, Solver]:
     """Return all solvers that load here; the others are named as unmeasured."""
-    found = {_OURS: ours(problem, True), "truing": ours(problem, False)}
+    found = {_OURS: ours(problem, True), _OWN: ours(problem, False)}
     for name, factory in PEERS.items():
         try:
             found[name] = factory(problem, threads)
@@ -48,14 +51,18 @@ def solvers(problem: Problem, threads: int) -> dict[str, Solver]:
     return found
 
 
-def compare(threads: int, repeats: int, clock: Callable[[], float]) -> None:
+def compare(images: int, threads: int, repeats: int, clock: Callable[[], float]) -> None:
     """Print milliseconds of every solver and, where it reached the least sum, how many times faster ours is."""
-    print(f"\n60 images of 100 targets, {threads} thread(s): milliseconds, minimum median maximum")
-    problem = draw(1, 60, 100)
+    print(f"\n{images} images of 100 targets, {threads} thread(s): milliseconds, minimum median maximum")
+    problem = draw(1, images, 100)
     found = solvers(problem, threads)
     reached = {name: sum_of_squares(problem, solve()) for name, solve in found.items()}
     tasks: dict[str, Callable[[], object]] = dict(found)
     seconds = interleaved(tasks, repeats, clock)
+    missed = [name for name, cost in reached.items() if not cost <= (1 + 1e-6) * min(reached.values())]
+    unmeasured = [name for name in PEERS if name not in found]
+    what = f"bundle adjustment of {images} images with all covariances, {threads} thread(s)"
+    leave(timed_row(what, seconds, _OURS, own=[_OWN], missed=missed, unmeasured=unmeasured, least_ratio=5.0))
     for name, s in seconds.items():
         excess = reached[name] / min(reached.values()) - 1
         print(f"{name:32} {_spread(s)}  {_verdict(name, excess, s / seconds[_OURS])}", flush=True)
@@ -74,17 +81,19 @@ def _verdict(name: str, excess: float, ratio: np.ndarray) -> str:
     return f"{np.median(ratio):.1f} times ours ({ratio.min():.1f} to {ratio.max():.1f})"
 
 
-def campaign(threads: int, repeats: int, clock: Callable[[], float]) -> None:
+def campaign(poses: int, threads: int, repeats: int, clock: Callable[[], float]) -> None:
     """Print milliseconds of a whole campaign."""
-    problem = draw(46, 10, 60)
+    problem = draw(poses, 10, 60)
     seconds = interleaved({_OURS: ours(problem, True)}, repeats, clock)[_OURS]
-    print(f"\n46 poses, 460 images, 2760 points, {threads} thread(s)\n{_OURS:32} {_spread(seconds)}", flush=True)
+    print(f"\n{poses} poses, {10 * poses} images, {60 * poses} points, {threads} thread(s)")
+    print(f"{_OURS:32} {_spread(seconds)}", flush=True)
 
 
 def main() -> None:
     """Measure all of it, one process per number of threads."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=9)
+    parser.add_argument("--images", type=int, default=60)
     parser.add_argument(
         "--threads", type=int, choices=(1, 2), help="measure here; both, each in a process, if not given"
     )
@@ -93,12 +102,14 @@ def main() -> None:
     if asked.threads is None:
         further = ["--processor-time"] if asked.processor_time else []
         for threads in (1, 2):
-            run_pinned("benchmarks.bundle", ["--repeats", str(asked.repeats), *further], threads)
+            run_pinned(
+                "benchmarks.bundle", ["--repeats", str(asked.repeats), "--images", str(asked.images), *further], threads
+            )
         return
     pin(asked.threads)
     clock = time.process_time if asked.processor_time else time.perf_counter
-    compare(asked.threads, asked.repeats, clock)
-    campaign(asked.threads, asked.repeats, clock)
+    compare(asked.images, asked.threads, asked.repeats, clock)
+    campaign(max(2, round(asked.images * 46 / 60)), asked.threads, asked.repeats, clock)
 
 
 if __name__ == "__main__":

@@ -8,13 +8,16 @@ identifiability, absorption). A row prints no figure where one of the calibratio
 from __future__ import annotations
 
 import argparse
+import tempfile
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.rows import Row, leave
 from benchmarks.timing import interleaved, pin, run_pinned
+from tests.cut_telescope import cut_telescope
 from truing.calibration.calibration_input import CalibrationData
 from truing.calibration.calibration_question import cases
 from truing.calibration.fits import MachineCalibration, implicit, maximum_likelihood
@@ -25,13 +28,14 @@ from truing.simulation.mechanisms.structures.catalogue import structures
 from truing.stages import calibrate as stage
 from truing.stages.common.calibration_data import assemble
 
+SMALLEST = ("--repeats", "1", "--threads", "1", "--cut")
 CAMPAIGN = Path(__file__).resolve().parents[1] / "sample_data" / "telescope"
 
 
-def tables() -> tuple[dict[str, object], Campaign]:
+def tables(place: Path) -> tuple[dict[str, object], Campaign]:
     """Return what the stage reads, from the stages before it, and the settings."""
-    campaign = read_campaign(tomllib.loads((CAMPAIGN / "campaign.toml").read_text(encoding="utf-8")))
-    line = stage_line(CAMPAIGN).call("ingest", "qa", "pose", "deformation", "diagnose")
+    campaign = read_campaign(tomllib.loads((place / "campaign.toml").read_text(encoding="utf-8")))
+    line = stage_line(place).call("ingest", "qa", "pose", "deformation", "diagnose")
     names = [name.rstrip("?") for name in stage.DECLARATION.reads]
     return {name: line.tables[name] for name in names if name in line.tables}, campaign
 
@@ -44,9 +48,9 @@ def calibrations(gathered: CalibrationData, how: Callable[..., MachineCalibratio
     return [how(gathered, clean.measured, case, clean.kept) for case in every]
 
 
-def measure(repeats: int) -> None:
+def measure(place: Path, repeats: int) -> None:
     """Print seconds per row: minimum, median, maximum."""
-    given, campaign = tables()
+    given, campaign = tables(place)
     gathered = assemble(given, campaign)
     rows: dict[str, Callable[[], object]] = {
         "12 by errors in variables": lambda: calibrations(gathered, maximum_likelihood),
@@ -59,6 +63,7 @@ def measure(repeats: int) -> None:
             print(f"{name}: not converged: {bad[0]}")
             del rows[name]
     for name, seconds in interleaved(rows, repeats).items():
+        leave(Row(f"calibrations of {place.name}: {name}", 1e3 * float(np.median(seconds)), "ms"))
         print(f"{name:30} {np.min(seconds):7.3f} {np.median(seconds):7.3f} {np.max(seconds):7.3f} s", flush=True)
 
 
@@ -67,12 +72,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--repeats", type=int, default=9)
     parser.add_argument("--threads", type=int)
+    parser.add_argument("--cut", action="store_true", help="nine poses alone")
     chosen = parser.parse_args()
     if chosen.threads is None:
-        run_pinned("benchmarks.calibration", ["--repeats", str(chosen.repeats)], 1)
+        further = ["--cut"] if chosen.cut else []
+        run_pinned("benchmarks.calibration", ["--repeats", str(chosen.repeats), *further], 1)
         return
     pin(chosen.threads)
-    measure(chosen.repeats)
+    with tempfile.TemporaryDirectory() as folder:
+        measure(cut_telescope(Path(folder) / "cut") if chosen.cut else CAMPAIGN, chosen.repeats)
 
 
 if __name__ == "__main__":

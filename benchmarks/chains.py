@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.chains_peers import CALIBRATIONS, KINEMATICS, Calibrated, Jacobian, Series
+from benchmarks.rows import leave, timed_row
 from benchmarks.timing import interleaved, pin, run_pinned, spread
 from tests.blind.generator.arms.robot import other_poses, robot_campaign, write_robot
 from tests.stages.line import run_line, settings_of
@@ -33,6 +34,7 @@ from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 from truing.stages.diagnosis.search import decided
 
 _OURS = "truing"
+SMALLEST = ("--poses", "200", "--repeats", "1", "--threads", "1")
 _SAME = 1e-9  # m, rad and their derivatives: all libraries read the same description
 
 
@@ -64,9 +66,13 @@ def compare_kinematics(series: Series, tree: Tree, tip: int, poses: int, repeats
             print(f"{name:40} unmeasured ({str(error).splitlines()[0][:60]})")
     place, slopes = tasks[_OURS](readings)
     seconds = interleaved({name: partial(task, readings) for name, task in tasks.items()}, repeats)
-    for name, task in tasks.items():
-        other, by = task(readings)
-        off = max(float(np.abs(other - place).max()), float(np.abs(by - slopes).max()))
+    found = {name: task(readings) for name, task in tasks.items()}
+    apart = {name: float(max(np.abs(p - place).max(), np.abs(by - slopes).max())) for name, (p, by) in found.items()}
+    missed = [name for name, off in apart.items() if not off < _SAME]
+    unmeasured = [name for name in KINEMATICS if name not in tasks]
+    each = {name: s / poses for name, s in seconds.items()}
+    leave(timed_row("tip of an arm with its Jacobian", each, _OURS, missed=missed, unmeasured=unmeasured, unit="µs"))
+    for name, off in apart.items():
         ratio = "" if name == _OURS else f"  {_ratio(seconds[name], seconds[_OURS])}"
         said = f"{spread(poses / seconds[name])}{ratio}" if off < _SAME else f"no figure: differs by {off:.1e}"
         print(f"{name:40} {said}", flush=True)
@@ -156,6 +162,10 @@ def compare_calibrations(
             print(f"{name:42} unmeasured ({str(error).splitlines()[0][:60]})")
     seconds = interleaved(dict(tasks), repeats)
     first = next(iter(tasks))
+    own = [name for name in tasks if name.startswith(_OURS)]
+    what = "calibration of an arm, ours with the search for causes"
+    unmeasured = [name for name in CALIBRATIONS if name not in tasks]
+    leave(timed_row(what, seconds, first, own=own, unmeasured=unmeasured, unit="s"))
     readings, exact = other
     for name, task in tasks.items():
         found = task()

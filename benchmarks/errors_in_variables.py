@@ -24,6 +24,7 @@ from benchmarks.errors_in_variables_problem import (
     cost,
     draw,
 )
+from benchmarks.rows import leave, timed_row
 from benchmarks.timing import interleaved, pin, run_pinned
 from truing.estimation.errors_in_variables.fit import Constraint, Prior, fit_errors_in_variables
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
@@ -32,6 +33,7 @@ from truing.simulation.mechanisms.structures.kinematic_model import KinematicMod
 from truing.simulation.mechanisms.structures.structure import Machine
 
 _OURS = "truing"
+SMALLEST = ("--repeats", "1", "--threads", "1", "--poses", "8")
 _NAMES = ("a_x", "a_y", "b_x", "b_y", "u_x", "u_y", "l")
 
 
@@ -80,6 +82,11 @@ def compare(poses: int, threads: int, repeats: int) -> None:
     reached = {name: cost(problem, *solve()) for name, solve in found.items()}
     tasks: dict[str, Callable[[], object]] = dict(found)
     seconds = interleaved(tasks, repeats)
+    missed = [name for name, sum_found in reached.items() if not sum_found <= (1 + 1e-6) * min(reached.values())]
+    what = f"errors in variables, {poses} poses and 42 values, {threads} thread(s)"
+    own = [name for name in found if name.startswith(_OURS)]
+    unmeasured = [name for name in PEERS if name not in found]
+    leave(timed_row(what, seconds, _OURS, own=own, missed=missed, unmeasured=unmeasured, least_ratio=2.0))
     for name, s in seconds.items():
         low, middle, high = 1e3 * np.min(s), 1e3 * np.median(s), 1e3 * np.max(s)
         excess = reached[name] / min(reached.values()) - 1

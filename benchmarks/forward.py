@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 
+from benchmarks.rows import leave, timed_row
 from benchmarks.timing import interleaved, pin, run_pinned, spread
 from tests.simulation.mechanisms.telescope import K, readings, telescope
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
@@ -21,6 +22,7 @@ from truing.simulation.mechanisms.legs.kinematics import Forward, closure_rows, 
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine, poses_at
 
+SMALLEST = ("--poses", "1000", "--repeats", "1", "--threads", "1")
 _FEW = 1000  # poses on which calls of one pose each are timed
 _ROUNDING = 1e-14  # of half a metre, and of a radian; a few dozen times what a number of that size resolves
 
@@ -75,9 +77,17 @@ def measure(poses: int, repeats: int) -> None:
     machine = Machine(telescope(), K)
     timed = rows(machine, readings(np.random.default_rng(1), poses))
     seconds = interleaved({name: task for name, (task, _) in timed.items()}, repeats)
-    for name, (task, rho) in timed.items():
-        shift = machine.delta_bz(rho) if name.endswith("deforms") else 0.0
-        off = faults(task(), machine.legs, rho, shift)
+    each = {name: s / len(timed[name][1]) for name, s in seconds.items()}
+    ours = "truing forward"
+    own = [name for name in each if name.startswith("truing")]
+    apart = {
+        name: faults(task(), machine.legs, rho, machine.delta_bz(rho) if name.endswith("deforms") else 0.0)
+        for name, (task, rho) in timed.items()
+    }
+    missed = [name for name, off in apart.items() if not off < _ROUNDING]
+    leave(timed_row("pose from readings", each, ours, own=own, missed=missed, unit="µs", least_ratio=100.0))
+    for name, (_, rho) in timed.items():
+        off = apart[name]
         said = spread(len(rho) / seconds[name]) if off < _ROUNDING else "no figure: the poses are not those asked for"
         print(f"{name:36} {said}  readings off by {off:.1e}", flush=True)
 

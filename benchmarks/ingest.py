@@ -20,6 +20,10 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.rows import Row, leave, timed_row
+
+SMALLEST = ("--rows", "600", "--repeats", "1")
+_OURS = "truing ingest"
 _TARGETS = 60
 
 _MEASURE = """
@@ -116,6 +120,11 @@ def _pinned(threads: int) -> str:
 def compare(folder: Path, rows: int, repeats: int, threads: int) -> None:
     """Interleaved runs of all, printed with medians and ranges, and the ratio to the fastest peer."""
     runs = [{name: measure(name, folder, threads) for name in _PROGRAMS} for _ in range(repeats)]
+    seconds = {name: np.array([run[name][0] for run in runs]) for name in _PROGRAMS}
+    missed = {name for run in runs for name in _PROGRAMS if run[name][3] != rows}
+    what = f"ingest of {rows:,} points, {threads} thread(s)"
+    leave(timed_row(what, seconds, _OURS, missed=missed, unit="s", least_ratio=0.9))
+    leave(Row(f"{what}: peak memory", max(run[_OURS][2] for run in runs), "MB"))
     print(f"\n{rows:,} rows, {threads} thread{'s' if threads > 1 else ''}, {repeats} interleaved repeats")
     print(f"{'':20} {'rows/s (median)':>16} {'min':>7} {'max':>7} {'CPU s':>6} {'peak MB':>8}")
     for name in _PROGRAMS:

@@ -17,8 +17,12 @@ from functools import partial
 import numpy as np
 
 from benchmarks.pose_peers import FITS, Fit, teaser
+from benchmarks.rows import Row, leave, timed_row
 from benchmarks.timing import interleaved, spread, threads_and_repeats
 
+_OURS = "truing umeyama"
+_EQUAL = 1e-6  # excess over the least sum of squares
+SMALLEST = ("--repeats", "1", "--threads", "1", "--share", "0.001")
 SIGMA = 5e-6  # m
 _FEW = 1000  # poses of a batch that libraries without batches are timed on
 _SIZES = ((100_000, 20), (40, 100))
@@ -64,7 +68,7 @@ def ours(threads: int) -> dict[str, Fit]:
         return solve(*arrays, sigma=sigma, threads=threads)
 
     forms: dict[str, Callable[..., RigidFit]] = {
-        "truing umeyama": umeyama,
+        _OURS: umeyama,
         "truing compiled": compiled,
         "truing plain NumPy": plain,
     }
@@ -106,26 +110,36 @@ def compare_fits(poses: int, points: int, threads: int, repeats: int) -> None:
     tasks["reading the same bytes"] = partial(stream, [source, target, np.ones((poses, points))], threads)
     seconds = interleaved(tasks, repeats)
     rates = {name: count.get(name, poses) / s for name, s in seconds.items()}
+    excess = {name: excess_of(fit, source, target, least) for name, fit in (mine | others).items()}
+    leave(
+        timed_row(
+            f"rigid fit, {poses:,} poses of {points} points, {threads} thread(s)",
+            {name: 1.0 / rates[name] for name in excess},
+            _OURS,
+            own=mine,
+            missed=[name for name, size in excess.items() if not size <= _EQUAL],
+            unmeasured=[name for name in FITS if name not in others],
+            unit="µs",
+            least_ratio=5.0 if poses >= _FEW else None,
+        )
+    )
     for name, rate in rates.items():
-        print(f"{name:28} {spread(rate)}  {verdict(name, mine | others, rates, source, target, least)}", flush=True)
+        print(f"{name:28} {spread(rate)}  {verdict(name, excess.get(name), rates)}", flush=True)
 
 
-def verdict(
-    name: str,
-    fits: dict[str, Fit],
-    rates: dict[str, np.ndarray],
-    source: np.ndarray,
-    target: np.ndarray,
-    least: np.ndarray,
-) -> str:
-    """Return how many times faster ours is, repeat by repeat, or why there is no such number."""
-    if name not in fits or name == "truing umeyama":
-        return ""
+def excess_of(fit: Fit, source: np.ndarray, target: np.ndarray, least: np.ndarray) -> float:
+    """Largest excess over the least sums of squares, as a share of them."""
     n = min(len(source), _FEW)
-    excess = np.max(cost(*fits[name](source[:n], target[:n]), source[:n], target[:n]) / least[:n] - 1)
-    if not excess <= 1e-6:
+    return float(np.max(cost(*fit(source[:n], target[:n]), source[:n], target[:n]) / least[:n] - 1))
+
+
+def verdict(name: str, excess: float | None, rates: dict[str, np.ndarray]) -> str:
+    """How many times faster ours is, repeat by repeat, or why there is no such number."""
+    if excess is None or name == _OURS:
+        return ""
+    if not excess <= _EQUAL:
         return f"no ratio: misses the least sum of squares by up to {excess:.1e}"
-    ratio = rates["truing umeyama"] / rates[name]
+    ratio = rates[_OURS] / rates[name]
     return f"umeyama is {np.median(ratio):.2f} times as fast ({ratio.min():.2f} to {ratio.max():.2f})"
 
 
@@ -151,13 +165,13 @@ def robust_fits() -> dict[str, Fit]:
     return fits | other | ({"TEASER++ + refit": refitted} if other else {})
 
 
-def compare_robust(points: int, wrong: float, repeats: int) -> None:
+def compare_robust(points: int, wrong: float, repeats: int, share: float) -> None:
     """Print how often robust fits succeed, their rotation errors over the oracle's, and their rates; one thread."""
     from scipy.special import chdtri
 
     from truing.estimation.rigid_poses.umeyama import umeyama
 
-    trials = 50_000 if points <= 20 else 4_000
+    trials = max(100, round(share * (50_000 if points <= 20 else 4_000)))
     print(
         f"\n{points} points, {wrong:.0%} gross errors, 1 thread: success, error of rotation / oracle, fits per second"
     )
@@ -169,6 +183,8 @@ def compare_robust(points: int, wrong: float, repeats: int) -> None:
         name: partial(fit, source[: count[name]], target[: count[name]]) for name, fit in fits.items()
     }
     seconds = interleaved(tasks, repeats)
+    each = {name: s / count[name] for name, s in seconds.items()}
+    leave(_robust_row(points, wrong, each))
     for name, fit in fits.items():
         n = count[name]
         error = pose_error(*fit(source[:n], target[:n]), R[:n], t[:n])
@@ -177,6 +193,14 @@ def compare_robust(points: int, wrong: float, repeats: int) -> None:
         best = pose_error(oracle.R[:n], oracle.t[:n], R[:n], t[:n])
         ratio = np.sqrt(np.mean(error[success, 3:] ** 2) / np.mean(best[success, 3:] ** 2))
         print(f"{name:28} {success.mean():8.2%} of {n:,} {ratio:7.3f} {spread(n / seconds[name])}", flush=True)
+
+
+def _robust_row(points: int, wrong: float, each: dict[str, np.ndarray]) -> Row:
+    """Row of fits that end with least squares: ours, and TEASER++ with a refit."""
+    refit, alone = "TEASER++ + refit", "TEASER++"
+    what = f"robust fit of {points} points, {wrong:.0%} gross errors"
+    unmeasured = [] if refit in each else [refit]
+    return timed_row(what, each, "truing consensus + refit", own=[alone], unmeasured=unmeasured, unit="µs")
 
 
 def pose_error(R: np.ndarray, t: np.ndarray, R_true: np.ndarray, t_true: np.ndarray) -> np.ndarray:
@@ -193,12 +217,12 @@ def main() -> None:
     asked = threads_and_repeats("benchmarks.pose", __doc__ or "")
     if asked is None:
         return
-    threads, repeats = asked
+    threads, repeats, share = asked
     for poses, points in _SIZES:
-        compare_fits(poses, points, threads, repeats)
+        compare_fits(max(2, round(share * poses)), points, threads, repeats)
     if threads == 1:
         for points, wrong in _CELLS:
-            compare_robust(points, wrong, repeats)
+            compare_robust(points, wrong, repeats, share)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import argparse
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import product
+from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from truing.simulation.detection_trials import Answer, DetectionQuestion, Trial,
 from truing.stages.diagnosis.search import assembled_data
 from truing.stages.power import expected_sights
 
+SMALLEST = ("--draws", "1", "--cases", "1")
 RESULTS = Path("runs") / "power-agreement.jsonl"
 FACTORS = (0.6, 0.85, 1.2)  # of the size that theory expects to be found four times out of five
 # Which of a cause's sorts are hidden: what they concern, and their parameters.
@@ -117,12 +118,12 @@ def kept(results: Path) -> list[Record]:
     return [json.loads(line) for line in lines]
 
 
-def run_missing(listed: Sequence[Place], draws: int, results: Path) -> Iterator[Record]:
-    """Runs what the results lack, and adds it to them as it comes."""
+def run_missing(listed: Sequence[Place], draws: int, results: Path, most: int | None = None) -> Iterator[Record]:
+    """Runs what the results lack, at most so many, and adds it to them as it comes."""
     done = {record["key"] for record in kept(results)}
     results.parent.mkdir(parents=True, exist_ok=True)
     with results.open("a", encoding="utf-8") as file:
-        for record in cases(listed, draws, done):
+        for record in islice(cases(listed, draws, done), most):
             file.write(json.dumps(record) + "\n")
             file.flush()
             yield record
@@ -133,10 +134,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--draws", type=int, default=4, help="per size of every sort of effect")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--cases", type=int, help="end after so many")
     parser.add_argument("--results", type=Path, default=RESULTS)
     parser.add_argument("--write", action="store_true", help="make the page anew")
     options = parser.parse_args()
-    for record in run_missing(places(options.seed), options.draws, options.results):
+    for record in run_missing(places(options.seed), options.draws, options.results, options.cases):
         print(record["key"], *(f"{who} {record[who]['said'] or '-'}" for who in ("power", "generator")), flush=True)
     if options.write:
         from benchmarks.power_agreement_page import write_page

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import beta
 
+from benchmarks.rows import Row, leave
 from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.draw import LAYOUTS
 from tests.blind.generator.effects import MatrixDeformation
@@ -30,6 +31,7 @@ from tests.blind.generator.sensor.draw import LAYOUTS as BENCHES
 from tests.blind.generator.sensor.draw import draw_plan
 from tests.stages.line import run_line
 
+SMALLEST = ("1",)
 OF_POINTS = ("telescope", "noisy", "other")
 Verdicts = set[tuple[str, str]]
 FX, FZ = 0, 2
@@ -51,10 +53,10 @@ PECULIAR: tuple[of_sensor.Effect, ...] = (
 def main(campaigns: int) -> None:
     for kind, judge in (("points", _judged_points), ("loads", _judged_loads)):
         sys.stdout.write(f"{kind}: ")
-        _report(campaigns, judge)
+        _report(kind, campaigns, judge)
 
 
-def _report(campaigns: int, judge: Callable[[int], Verdicts]) -> None:
+def _report(kind: str, campaigns: int, judge: Callable[[int], Verdicts]) -> None:
     failed: Counter[str] = Counter()
     warned: Counter[str] = Counter()
     for number in range(campaigns):
@@ -62,6 +64,7 @@ def _report(campaigns: int, judge: Callable[[int], Verdicts]) -> None:
         failed.update({check for check, verdict in verdicts if verdict == "fail"} or {"none"})
         warned.update({check for check, verdict in verdicts if verdict == "warn"})
     trips = campaigns - failed["none"]
+    leave(Row(f"good campaigns of {kind} that fail a check, of {campaigns}", 100 * trips / campaigns, "%", limit=1.0))
     bound = beta.ppf(0.975, trips + 1, campaigns - trips)
     sys.stdout.write(f"{trips} of {campaigns} good campaigns failed (at most {100 * bound:.1f} % at 97.5 %)\n")
     for name, counts in (("fails", failed), ("warns", warned)):

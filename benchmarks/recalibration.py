@@ -15,6 +15,7 @@ from multiprocessing import get_context
 
 import numpy as np
 
+from benchmarks.rows import leave, timed_row
 from benchmarks.timing import interleaved, spread, threads_and_repeats
 from truing.estimation.rotation import exp_so3
 from truing.simulation.mechanisms.legs.closures import mechanism
@@ -23,6 +24,7 @@ from truing.simulation.mechanisms.recalibration import LegDraws, calibrate_leg_p
 from truing.simulation.mechanisms.structures.kinematic_model import KinematicModel
 from truing.simulation.mechanisms.structures.structure import Machine, poses_at
 
+SMALLEST = ("--repeats", "1", "--threads", "1", "--share", "0.06")
 _DRAWS, _FEW, _POSES = 4096, 24, 40
 _NOISE_M, _NOISE_RAD, _READING_M = 2e-6, 1e-5, 1e-6
 KAPPA = 0.011
@@ -31,6 +33,7 @@ _RADII_M = 0.154, 0.135
 _BASE_DEG = np.array([-140.8, -39.2, -20.8, 80.8, 99.2, 200.8])
 _PLATFORM_DEG = np.array([-96.0, -84.0, 24.0, 36.0, 144.0, 156.0])
 
+_OURS, _BY_QR = "truing recalibrate", "truing by QR"
 Costs = Callable[[], np.ndarray]
 
 
@@ -122,36 +125,42 @@ def by_qr(legs: list[LegDraws]) -> np.ndarray:
     return np.stack(costs, 1)
 
 
-def compare(title: str, machine: Machine, parameters: ParameterSet, threads: int, repeats: int) -> None:
+def compare(title: str, machine: Machine, parameters: ParameterSet, threads: int, repeats: int, share: float) -> None:
     """Print leg calibrations per second, minimum, median and maximum, and ratios where the minimum is the same."""
     print(f"\n{title}, {threads} thread(s): leg calibrations per second, minimum median maximum")
-    seen = draws(machine, _DRAWS, 1)
+    count = max(10 * _FEW, round(share * _DRAWS))
+    seen = draws(machine, count, 1)
     legs = [leg_draws(machine, parameters, leg, *seen) for leg in range(6)]
     few = [leg_draws(machine, parameters, leg, *(array[: 10 * _FEW] for array in seen)) for leg in range(6)]
     rows: dict[str, tuple[int, Costs]] = {
-        "truing recalibrate": (_DRAWS, lambda: recalibrate(machine, parameters, *seen).cost),
-        "truing by QR": (10 * _FEW, lambda: by_qr(few)),
+        _OURS: (count, lambda: recalibrate(machine, parameters, *seen).cost),
+        _BY_QR: (10 * _FEW, lambda: by_qr(few)),
     }
     for solver in ("leastsq", "least_squares lm"):
         rows[f"scipy {solver}"] = (_FEW, _in_processes(Peer(legs, solver), threads))
     costs = {name: task() for name, (_, task) in rows.items()}
     least = np.minimum.reduce([cost[:_FEW] for cost in costs.values()])
     seconds = interleaved({name: task for name, (_, task) in rows.items()}, repeats)
-    rates = {name: 6 * count / seconds[name] for name, (count, _) in rows.items()}
+    rates = {name: 6 * of / seconds[name] for name, (of, _) in rows.items()}
+    worst_of = {name: float(np.max(cost[:_FEW] / least - 1.0)) for name, cost in costs.items()}
+    missed = [name for name, worst in worst_of.items() if not worst <= 1e-6]
+    each = {name: 1.0 / rate for name, rate in rates.items()}
+    what = f"recalibration of a leg, {title}, {threads} thread(s)"
+    leave(timed_row(what, each, _OURS, own=[_BY_QR], missed=missed, unit="µs", least_ratio=20.0))
     for name, rate in rates.items():
-        worst = float(np.max(costs[name][:_FEW] / least - 1.0))
+        worst = worst_of[name]
         print(f"{name:24} {spread(rate)}  {_verdict(name, worst, rates)}", flush=True)
-    apart = np.max(np.abs(costs["truing by QR"] / costs["truing recalibrate"][: 10 * _FEW] - 1.0))
+    apart = np.max(np.abs(costs[_BY_QR] / costs[_OURS][: 10 * _FEW] - 1.0))
     print(f"compiled against QR, {10 * _FEW} draws: sums of squares differ by {apart:.1e} of themselves at most")
 
 
 def _verdict(name: str, worst: float, rates: dict[str, np.ndarray]) -> str:
     if not worst <= 1e-6:
         return f"no ratio: misses the least sum of squares by up to {worst:.1e}"
-    ratio = rates["truing recalibrate"] / rates[name]
+    ratio = rates[_OURS] / rates[name]
     return (
         ""
-        if name == "truing recalibrate"
+        if name == _OURS
         else f"recalibrate is {np.median(ratio):.1f} times as fast ({ratio.min():.1f} to {ratio.max():.1f})"
     )
 
@@ -174,13 +183,13 @@ def main() -> None:
     asked = threads_and_repeats("benchmarks.recalibration", __doc__ or "")
     if asked is None:
         return
-    threads, repeats = asked
+    threads, repeats, share = asked
     for deformation, value, title in (
         ("linear", KAPPA, "a_x a_y b_x b_y kappa l"),
         ("none", 0.0, "a_x a_y b_x b_y u_x l"),
     ):
         machine = telescope(value)
-        compare(title, machine, report_set(machine, deformation), threads, repeats)
+        compare(title, machine, report_set(machine, deformation), threads, repeats, share)
 
 
 if __name__ == "__main__":

@@ -28,17 +28,19 @@ def pin(threads: int) -> None:
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[-threads:])
 
 
-def threads_and_repeats(module: str, description: str) -> tuple[int, int] | None:
-    """Return what a command line asks for; None where processes of their own have measured."""
+def threads_and_repeats(module: str, description: str) -> tuple[int, int, float] | None:
+    """Threads, repeats and share of the full size that a command line asks for; None where processes of their own have
+    measured."""
     arguments = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("--repeats", type=int, default=9)
     arguments.add_argument("--threads", type=int, default=0, help="measure in this process, with so many threads")
+    arguments.add_argument("--share", type=float, default=1.0, help="of the full sizes")
     given = arguments.parse_args()
     if given.threads:
         pin(given.threads)
-        return given.threads, given.repeats
+        return given.threads, given.repeats, given.share
     for threads in (1, 2):
-        run_pinned(module, ["--repeats", str(given.repeats)], threads)
+        run_pinned(module, ["--repeats", str(given.repeats), "--share", str(given.share)], threads)
     return None
 
 

@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from benchmarks.rows import leave, timed_row
 from benchmarks.timing import interleaved, pin, run_pinned, spread
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
 from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres, outward
@@ -21,6 +22,8 @@ from truing.simulation.bench.six_upur.influence import influence_matrix
 from truing.simulation.bench.six_upur.tolerances import assembled, sampled_errors, sigma_of
 
 _SIGMA = 1e-6 * sigma_of([155.0, 130.0, 36.0, 36.0, 87.0])
+SMALLEST = ("--samples", "4096", "--repeats", "1", "--threads", "1")
+_OURS, _ALONE = "truing sampled_errors", "30 normal numbers alone"
 _FEW, _BLOCK = 200, 2048
 _ROUNDING = 1e-14  # of half a metre
 _BELOW, _ABOVE = (np.radians([h, -h, h - 120, -h - 120, 120 - h, 120 + h]) for h in (20.0, 29.00863))
@@ -91,20 +94,24 @@ def measure(samples: int, threads: int, repeats: int) -> None:
 
     few = max(_BLOCK, samples // 20)
     rows: dict[str, tuple[int, Callable[[], object]]] = {
-        "truing sampled_errors": (samples, lambda: ours(threads)),
+        _OURS: (samples, lambda: ours(threads)),
         "NumPy, Newton, batched": (few, lambda: by_numpy(joints, few)),
         "scipy root, one by one": (_FEW, lambda: by_scipy(joints)),
-        "30 normal numbers alone": (few, lambda: np.random.default_rng(1).standard_normal((few, 30))),
+        _ALONE: (few, lambda: np.random.default_rng(1).standard_normal((few, 30))),
     }
     print(f"\n{samples:,} sensors, {threads} thread(s): platforms per second, minimum median maximum", flush=True)
     faults = {
-        "truing sampled_errors": off(joints, drawn(_BLOCK, 0), assembled(joints, drawn(_BLOCK, 0))),
+        _OURS: off(joints, drawn(_BLOCK, 0), assembled(joints, drawn(_BLOCK, 0))),
         "NumPy, Newton, batched": off(joints, drawn(_BLOCK, 0), by_numpy(joints, _BLOCK)),
         "scipy root, one by one": off(joints, drawn(_FEW, 0), by_scipy(joints)),
     }
     if ours(1).tobytes() != ours(threads).tobytes():
-        faults["truing sampled_errors"] = np.inf
+        faults[_OURS] = np.inf
     seconds = interleaved({name: task for name, (_, task) in rows.items()}, repeats)
+    each = {name: seconds[name] / count for name, (count, _) in rows.items()}
+    missed = [name for name, wrong in faults.items() if not wrong < _ROUNDING]
+    what = f"sensor within tolerances, {threads} thread(s)"
+    leave(timed_row(what, each, _OURS, own=[_ALONE], missed=missed, unit="µs", least_ratio=5.0))
     for name, (count, _) in rows.items():
         wrong = faults.get(name, 0.0)
         said = spread(count / seconds[name]) if wrong < _ROUNDING else "no figure: legs have not their lengths"

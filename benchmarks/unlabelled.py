@@ -11,11 +11,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.rows import Row, leave
 from benchmarks.timing import interleaved, pin, run_pinned
 from truing.estimation.labels.labelling import label_bodies, label_points
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.estimation.scans.registration import refine_scan, register_scan
 
+SMALLEST = ("--trials", "2", "--threads", "1", "--points", "10000")
 _SIGMA = 5e-6
 _SCAN_NOISE = 5e-5
 # 95 % of a chi-square of six degrees of freedom.
@@ -40,6 +42,7 @@ def _labelling() -> None:
     cloud = np.concatenate([_moved(rng, survey) for survey in bodies.values()])
     tasks["eight bodies of 56 targets in one cloud"] = lambda: label_bodies(cloud, bodies, _SIGMA)
     for name, seconds in interleaved(tasks, 7).items():
+        leave(Row(f"labels: {name}", 1e3 * float(np.median(seconds)), "ms"))
         print(f"  {name:<52} {1e3 * seconds.min():8.1f} {1e3 * np.median(seconds):8.1f} {1e3 * seconds.max():8.1f} ms")
 
 
@@ -57,14 +60,15 @@ def _scan(rng: np.random.Generator, n: int, R: np.ndarray, t: np.ndarray) -> tup
     return tuple(cloud + rng.normal(scale=_SCAN_NOISE, size=cloud.shape) for cloud in (reference, scan))
 
 
-def _registration() -> None:
+def _registration(most: int) -> None:
     R, t = exp_so3(np.array([0.5, -1.3, 2.0])), np.array([0.3, 0.1, -0.5])
     register_scan(*_scan(np.random.default_rng(1), 3000, R, t)[::-1])
-    for n in (10_000, 100_000, 1_000_000):
+    for n in (size for size in (10_000, 100_000, 1_000_000) if size <= most):
         reference, scan = _scan(np.random.default_rng(0), n, R, t)
         wall, cpu = time.perf_counter(), time.process_time()
         fit = register_scan(scan, reference)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        leave(Row(f"registration of a scan of {n:,} points", wall, "s"))
         sigma = 1e6 * np.sqrt(fit.covariance[0, 0]) if fit.covariance is not None else np.nan
         print(f"  {n:>9,} reference, {len(scan):>9,} scan points: {fit.status}, {wall:6.1f} s, {cpu:6.1f} CPU s, "
               f"sigma_x {sigma:.2f} um, peak {_peak_mb():.0f} MB")  # fmt: skip
@@ -89,6 +93,7 @@ def _coverage(trials: int) -> None:
         squared.append(error @ np.linalg.solve(fit.covariance, error))
         enlarged += fit.noise_ratio > 1
     inside = np.mean(np.array(squared) < _ELLIPSOID)
+    leave(Row(f"share of {trials} scans inside their 95 % ellipsoid", 100 * float(inside), "%"))
     print(f"  95 % ellipsoid of {trials} scans of 5,600 points: covers {100 * inside:.1f} % (+- "
           f"{100 * np.sqrt(0.95 * 0.05 / trials):.1f}), mean squared error {np.mean(squared):.2f} of 6, "
           f"covariance enlarged in {100 * enlarged / trials:.1f} %")  # fmt: skip
@@ -98,17 +103,19 @@ def main() -> None:
     """Measure in a pinned process, with one thread and with two."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--trials", type=int, default=400)
+    parser.add_argument("--points", type=int, default=1_000_000, help="of the largest scan")
     parser.add_argument("--threads", type=int)
     arguments = parser.parse_args()
     if arguments.threads is None:
         for threads in (1, 2):
-            run_pinned("benchmarks.unlabelled", ["--trials", str(arguments.trials)], threads)
+            words = ["--trials", str(arguments.trials), "--points", str(arguments.points)]
+            run_pinned("benchmarks.unlabelled", words, threads)
         return
     pin(arguments.threads)
     print(f"threads {arguments.threads}: labelling, minimum median maximum", flush=True)
     _labelling()
     print("registration of a scan of one side, nothing known of the pose", flush=True)
-    _registration()
+    _registration(arguments.points)
     if arguments.threads == 1:
         _coverage(arguments.trials)
 

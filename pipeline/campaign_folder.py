@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 
 FILE = "campaign.toml"
+RUNS = Path("runs")  # folder of all run folders, below the current folder
 _UNSAFE = re.compile(r'[/\\:*?"<>|\x00-\x1f]')
 # Device names that Windows reserves, with any extension.
 _RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
@@ -153,7 +154,7 @@ def is_safe_name(name: str) -> bool:
 def run_folder_of(campaign: CampaignFolder, out: Path | None, several: bool) -> Path:
     """Folder of a campaign's run: ``--out``, else runs/<campaign name> below the current folder."""
     if out is None:
-        return Path("runs") / campaign.name
+        return RUNS / campaign.name
     return out / campaign.name if several else out
 
 

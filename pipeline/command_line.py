@@ -49,13 +49,16 @@ def _pair(option: str, text: str) -> tuple[float, float]:
 
 def workforce(workers: int | None, scheduler: str | None) -> Workforce:
     """Workforce by the options; raises typer.BadParameter."""
-    from truing.pipeline.executor import LOCAL, Workforce
+    from truing.pipeline.executor import LOCAL, Workforce, installed
 
     if scheduler not in (None, LOCAL) and not re.fullmatch(r"(tcp|tls)://[^/\s]+:\d+", scheduler or ""):
         raise typer.BadParameter(
             f"--scheduler: found {scheduler!r}; expected tcp://host:port, tls://host:port or local"
         )
-    return Workforce(workers, scheduler)
+    asked = Workforce(workers, scheduler)
+    if (found := installed(asked)) != asked:
+        typer.echo(f'Dask is not installed (pip install "truing[cluster]"): {found} of this machine instead', err=True)
+    return found
 
 
 def _print_version(wanted: bool) -> None:
@@ -96,10 +99,15 @@ def run(
     parallel, with the same results. The workers of a Dask cluster need the same files at the same paths. Photographs
     of one campaign are measured on all cores, or in the number of processes given by --workers.
 
+    Several campaigns also leave runs/campaigns.html and runs/campaigns.parquet: the verdicts of all, the worst first.
+    A campaign that cannot be used is a row with its fault, and does not stop the others.
+
     Exit codes: 0 done; 1 defect of the software; 2 campaign cannot be used; 3 done, but a quality check failed;
     4 problem of the environment; 130 ended by Ctrl-C.
 
     Example: truing run sample_data/telescope --from pose
+
+    Example: truing run campaigns/* --workers 4
     """
     from truing.pipeline.run_campaign import RunOptions, StageSelection, run_campaigns
 

@@ -153,6 +153,37 @@ class Recorder(RunConsole):
         """Ignore progress."""
 
 
+class Witness(Recorder):
+    """Passes output on to another console, and collects it."""
+
+    def __init__(self, shown: RunConsole) -> None:
+        super().__init__()
+        self._shown = shown
+
+    def tell(self, kind: str, fact: Mapping[str, object]) -> None:
+        """Collect one fact, and tell it."""
+        super().tell(kind, fact)
+        self._shown.tell(kind, fact)
+
+    def line(self, line: str) -> None:
+        """Collect one line, and print it."""
+        super().line(line)
+        self._shown.line(line)
+
+    def detail(self, line: str) -> None:
+        """Print one line if verbose."""
+        self._shown.detail(line)
+
+    def warn(self, line: str) -> None:
+        """Collect one warning, and print it."""
+        super().warn(line)
+        self._shown.warn(line)
+
+    def during(self, stage: str) -> RunConsole:
+        """The other console, for the messages of one stage."""
+        return self._shown.during(stage)
+
+
 def _bar() -> Bar:
     from rich.progress import (
         BarColumn,

@@ -74,6 +74,17 @@ class Workforce:
         return "one process" if self.is_alone else f"{self.workers} processes"
 
 
+def installed(workforce: Workforce) -> Workforce:
+    """The workforce; processes of this machine in place of a local cluster where Dask is not installed."""
+    if workforce.scheduler != LOCAL:
+        return workforce
+    try:
+        import distributed  # noqa: F401
+    except ModuleNotFoundError:
+        return Workforce(workforce.workers or processors())
+    return workforce
+
+
 def results(
     work: Callable[[Piece], Result],
     pieces: Sequence[Piece],

@@ -44,9 +44,14 @@ _GRAVITY = (
 )
 
 
+def gravity(code: int) -> int:
+    """Rank of an exit code; the worst has the largest."""
+    return _GRAVITY.index(ExitCode(code))
+
+
 def gravest(codes: list[ExitCode]) -> ExitCode:
     """The worst of several exit codes."""
-    return max(codes, key=_GRAVITY.index, default=ExitCode.DONE)
+    return max(codes, key=gravity, default=ExitCode.DONE)
 
 
 class EnvironmentProblem(Exception):

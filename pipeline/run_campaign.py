@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+from truing.pipeline.all_campaigns import check_place, write_all_campaigns
 from truing.pipeline.campaign_check import check_before_photographs, check_campaign
-from truing.pipeline.campaign_folder import CampaignFolder, identity_faults, open_campaign, run_folder_of
+from truing.pipeline.campaign_folder import RUNS, CampaignFolder, identity_faults, open_campaign, run_folder_of
+from truing.pipeline.campaign_outcome import CampaignOutcome, outcome_of
 from truing.pipeline.campaign_run import CampaignRun, detached_run, open_run, verdict_line
-from truing.pipeline.console import Recorder, RunConsole
+from truing.pipeline.console import Recorder, RunConsole, Witness
 from truing.pipeline.executor import Workforce, processors, results
-from truing.pipeline.exit_status import KEPT, defects_logged, end, end_all
+from truing.pipeline.exit_status import KEPT, defects_logged, end_all
 from truing.pipeline.freshness import Freshness
 from truing.pipeline.problems import ExitCode, gravest
 from truing.pipeline.run_folder import locked_folder
@@ -34,6 +36,7 @@ from truing.schemas.near_names import did_you_mean
 from truing.stages.declaration import Stage
 
 _LOG = "defect.log"
+_HINT = " (--workers N runs N at a time)"
 
 
 @dataclass(frozen=True)
@@ -202,7 +205,7 @@ def show_all_stages(console: RunConsole) -> ExitCode:
 
 
 @dataclass(frozen=True)
-class _Job:
+class CampaignJob:
     """One campaign to run, its run folder, and the heading of its messages."""
 
     campaign: CampaignFolder
@@ -211,24 +214,8 @@ class _Job:
     heading: str | None = None
 
 
-@dataclass(frozen=True)
-class _RunOutcome:
-    """Exit code of a campaign, and its messages, each with whether it is a warning."""
-
-    code: ExitCode
-    lines: tuple[tuple[bool, str], ...]
-    facts: tuple[tuple[str, Mapping[str, object]], ...] = ()
-
-    def repeat(self, console: RunConsole) -> None:
-        """Print the collected messages, and tell the facts."""
-        for kind, fact in self.facts:
-            console.tell(kind, fact)
-        for warns, line in self.lines:
-            (console.warn if warns else console.line)(line)
-
-
 @dataclass
-class _JobPlan:
+class JobPlan:
     """Jobs for the paths of a call; no two campaigns of a call may share a run folder."""
 
     out: Path | None
@@ -236,7 +223,12 @@ class _JobPlan:
     several: bool
     taken: set[Path] = field(default_factory=set)
 
-    def job(self, place: Path) -> _Job:
+    @property
+    def shared_folder(self) -> Path:
+        """Folder of all run folders of the call."""
+        return RUNS if self.out is None else self.out
+
+    def job(self, place: Path) -> CampaignJob:
         """The job for one path; raises CampaignFaults."""
         campaign = usable_campaign(place)
         folder = run_folder_of(campaign, self.out, several=self.several)
@@ -247,7 +239,7 @@ class _JobPlan:
             raise CampaignFaults([Fault(str(campaign.file), expected, column="campaign.name", value=campaign.name)])
         self.taken.add(taken)
         refuse_raw_files(campaign, folder)
-        return _Job(campaign, folder, self.options, f"{campaign.name} ({place})" if self.several else None)
+        return CampaignJob(campaign, folder, self.options, f"{campaign.name} ({place})" if self.several else None)
 
 
 def run_campaigns(
@@ -258,72 +250,83 @@ def run_campaigns(
     *,
     workforce: Workforce | None = None,
 ) -> ExitCode:
-    """Run campaigns and return the worst exit code; only an interruption of one ends the others."""
-    plan = _JobPlan(out, settings, several=len(places) > 1)
-    if workforce is None or workforce.is_alone or (len(places) == 1 and workforce.scheduler is None):
-        plan.options = replace(settings, workers=(workforce and workforce.workers) or processors())
-        code = end_all([partial(_run_in_process, place, plan, console) for place in places], console)
-    else:
-        code = end_all([partial(_run_at_a_time, places, plan, workforce, console)], console)
+    """Run campaigns and return the worst exit code; only an interruption of one ends the others.
+
+    Several campaigns leave one table and one page of all.
+    """
+    plan = JobPlan(out, settings, several=len(places) > 1)
+    code = end_all([partial(_run_places, places, plan, workforce or Workforce(), console)], console)
     console.line(f"exit code {code:d}: {code.meaning}")
     console.close(code)
     return code
 
 
-def _run_in_process(place: Path, plan: _JobPlan, console: RunConsole) -> ExitCode:
-    return _run(plan.job(place), console)
+def _run_places(places: Sequence[Path], plan: JobPlan, workforce: Workforce, console: RunConsole) -> ExitCode:
+    """Run campaigns in turn or in parallel, then write table and page of all if there are several."""
+    if plan.several:
+        check_place(plan.shared_folder)
+        console.line(f"{len(places)} campaigns: {workforce}{_HINT if workforce.is_alone else ''}")
+    if workforce.is_alone or (not plan.several and workforce.scheduler is None):
+        plan.options = replace(plan.options, workers=workforce.workers or processors())
+        ends = [(place, _run_in_process(place, plan, console)) for place in places]
+    else:
+        ends = list(zip(places, _run_at_a_time(places, plan, workforce, console), strict=True))
+    if plan.several:
+        table, page = write_all_campaigns(plan.shared_folder, ends)
+        console.tell("all_campaigns", {"table": str(table), "page": str(page)})
+        console.line(f"all campaigns: {page}, {table}")
+    return gravest([outcome.code for _, outcome in ends])
 
 
-def _run(job: _Job, console: RunConsole) -> ExitCode:
+def _run_in_process(place: Path, plan: JobPlan, console: RunConsole) -> CampaignOutcome:
+    return outcome_of(lambda witness: _run(plan.job(place), witness), Witness(console))
+
+
+def _run(job: CampaignJob, console: RunConsole) -> ExitCode:
     if job.heading is not None:
         console.line(job.heading)
     return run_campaign(job.campaign, job.folder, job.options, console)
 
 
-def _run_at_a_time(places: Sequence[Path], plan: _JobPlan, workforce: Workforce, console: RunConsole) -> ExitCode:
+def _run_at_a_time(
+    places: Sequence[Path], plan: JobPlan, workforce: Workforce, console: RunConsole
+) -> Iterator[CampaignOutcome]:
     """Run several campaigns in parallel, with messages grouped in the order of the call."""
     planned = [_planned(place, plan, workforce) for place in places]
-    jobs = [job for job in planned if isinstance(job, _Job)]
-    codes = []
+    jobs = [job for job in planned if isinstance(job, CampaignJob)]
     with console.during("run") as watched:
-        reported = results(
-            _run_in_worker, jobs, workforce, _lost_outcome, lambda done: watched(done, len(jobs), "campaigns")
-        )
+        reported = results(run_job, jobs, workforce, _lost_outcome, lambda done: watched(done, len(jobs), "campaigns"))
         with closing(reported):
             for entry in planned:
-                ending = next(reported) if isinstance(entry, _Job) else entry
+                ending = next(reported) if isinstance(entry, CampaignJob) else entry
                 ending.repeat(console)
-                codes.append(ending.code)
-    return gravest(codes)
+                yield ending
 
 
-def _planned(place: Path, plan: _JobPlan, workforce: Workforce) -> _Job | _RunOutcome:
+def _planned(place: Path, plan: JobPlan, workforce: Workforce) -> CampaignJob | CampaignOutcome:
     """The job for one path, or the reason why there is none."""
-    found: list[_Job] = []
-    recorder = Recorder()
+    found: list[CampaignJob] = []
 
-    def prepare() -> ExitCode:
+    def prepare(recorder: Recorder) -> ExitCode:
         job = plan.job(place)
         found.append(job if workforce.scheduler is None else _for_other_machines(job))
         return ExitCode.DONE
 
-    code = end(prepare, recorder)
-    return found[0] if found else _RunOutcome(code, tuple(recorder.lines), tuple(recorder.facts))
+    outcome = outcome_of(prepare, Recorder())
+    return found[0] if found else outcome
 
 
-def _for_other_machines(job: _Job) -> _Job:
+def _for_other_machines(job: CampaignJob) -> CampaignJob:
     """The same job with paths that are valid on other machines with shared folders."""
     campaign = replace(job.campaign, file=job.campaign.file.resolve())
     return replace(job, campaign=campaign, folder=job.folder.resolve())
 
 
-def _run_in_worker(job: _Job) -> _RunOutcome:
+def run_job(job: CampaignJob) -> CampaignOutcome:
     """Run the campaign in a worker, and collect its messages."""
-    recorder = Recorder(verbose=job.options.verbose)
-    code = end(lambda: _run(job, recorder), recorder)
-    return _RunOutcome(code, tuple(recorder.lines), tuple(recorder.facts))
+    return outcome_of(lambda recorder: _run(job, recorder), Recorder(verbose=job.options.verbose))
 
 
-def _lost_outcome(job: _Job) -> _RunOutcome:
+def _lost_outcome(job: CampaignJob) -> CampaignOutcome:
     why = f"{job.campaign.name}: its worker was lost (killed, or out of memory); {KEPT}"
-    return _RunOutcome(ExitCode.ENVIRONMENT, ((True, why),))
+    return CampaignOutcome(ExitCode.ENVIRONMENT, ((True, why),))

@@ -550,6 +550,12 @@ _DIAGNOSIS = (
         "changed change sigma_change instead reason",
     ),
     parquet(
+        "campaigns",
+        "all campaigns of one call of `truing run`, the worst first",
+        "rank* campaign campaign_path campaign_state decided_by explanation exit_code failed_checks problems problem "
+        "run_folder stages_run processor_s",
+    ),
+    parquet(
         "verdict",
         "one row per section of the report, and one of the whole campaign with the worst section that needs action",
         "section* state reason_code value unit limit explanation",

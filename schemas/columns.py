@@ -456,7 +456,7 @@ _LOAD_NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
 RESULTS = ("pose", "calibration", "accuracy", "cause", "compliance", "G_B", "G_B'", "load", "positioning", "tip")
 
 _CONCLUDED = (
-    integer("rank", "1 is the most probable", minimum=1),
+    integer("rank", "1 is the most probable, or the worst", minimum=1),
     text("cause", "id of the cause in the catalogue, or unexplained"),
     text("asked", "key of [diagnosis] that names the cause", choices=("apply", "ignore")),
     text(
@@ -614,7 +614,7 @@ _CONCLUDED = (
     # Comparison of runs.
     integer("place", "position of the run in the order given", minimum=1),
     text("folder", "folder of the run, as given"),
-    text("campaign", "campaign of the run"),
+    text("campaign", "campaign of the run; its path, if campaign.toml gives no name"),
     text("group", "kind of number", choices=("geometry", "effect", "compliance", "G_B")),
     real(
         "difference",
@@ -626,6 +626,21 @@ _CONCLUDED = (
         real(f"missed_{when}", "unit", f"measured minus predicted {when} the extension, in the unit of its row")
         for when in ("before", "after")
     ),
+    # Campaigns of one call.
+    text("campaign_path", "path of the campaign, as given"),
+    integer("exit_code", "exit code of the campaign (docs/running.md)", minimum=0),
+    text(
+        "campaign_state",
+        "state of the campaign's verdict; empty without a verdict",
+        nullable=True,
+        choices=("ok", "attention", "fails", "not tested"),
+    ),
+    text("failed_checks", "failed quality checks that nobody accepted, separated by commas", nullable=True),
+    integer("problems", "number of faults and other problems that were printed", minimum=0),
+    text("problem", "the first of them; empty if there is none", nullable=True),
+    text("run_folder", "folder of the run; empty if the campaign did not end", nullable=True),
+    integer("stages_run", "number of stages that were not up to date and ran", minimum=0),
+    size("processor_s", "s", "processor time of this campaign in this call, in the process that ran it"),
     # Calibration.
     text("deformation", "deformation model of the platform", choices=_DEFORMING),
     text("parameter", "name of the parameter: a_x, b_y, u_x, l, rho0, kappa, K12, ..."),

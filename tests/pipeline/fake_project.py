@@ -204,6 +204,12 @@ def has_repeats(settings, found):
     return False
 """
 
+# What the page of all campaigns needs of the real project.
+_OF_THE_PAGE = (
+    *(f"truing/report/{name}.py" for name in ("__init__", "all_campaigns", "numbers", "page")),
+    *(f"truing/belonging/{name}.py" for name in ("__init__", "relation")),
+)
+
 CAMPAIGN = """# a comment
 [campaign]
 name = "bench"
@@ -299,6 +305,13 @@ def make_fake_project(folder: Path, warm: WarmPython | None) -> FakeProject:
         *("stages/declaration.py", "truing/child_processes.py"),
         *("truing/formats/source.py", "truing/formats/file_search.py", "truing/formats/file_search.py"),
     ):
+        files[name] = (PROJECT / name).read_text()
+    for folder_of_page in ("truing/report/rendering", "truing/belonging"):
+        (root / folder_of_page).mkdir(parents=True)
+    for path in (PROJECT / "truing/report/rendering").iterdir():
+        if path.is_file():
+            shutil.copy(path, root / "truing/report/rendering")
+    for name in _OF_THE_PAGE:
         files[name] = (PROJECT / name).read_text()
     for name, text in files.items():
         (root / name).parent.mkdir(parents=True, exist_ok=True)

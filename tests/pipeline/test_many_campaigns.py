@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from tests.pipeline.fake_project import FakeProject
@@ -43,8 +47,14 @@ _TAKES_4_GB = """def run(tables, settings, progress):
 
 
 def timeless(text: str) -> str:
-    """What is said, without seconds and without the lines that a long wait is passed with."""
-    return re.sub(r"\d+\.\d\d s$|^run: \d of \d campaigns\n", "", text, flags=re.MULTILINE)
+    """What is said, without seconds, without the way of working, and without the lines of a long wait."""
+    return re.sub(r"\d+\.\d\d s$|^run: \d of \d campaigns\n|^\d campaigns: .*\n", "", text, flags=re.MULTILINE)
+
+
+def all_of(folder: Path) -> list[dict[str, object]]:
+    """The table of all campaigns, without processor times, run folders by their names."""
+    rows = pq.read_table(folder / "campaigns.parquet").drop_columns(["processor_s"]).to_pylist()
+    return [{**row, "run_folder": row["run_folder"] and Path(row["run_folder"]).name} for row in rows]
 
 
 def bytes_of(folder: Path) -> dict[str, bytes]:
@@ -60,6 +70,7 @@ def test_many_at_a_time_are_as_one_after_the_other(way: str, fresh: FakeProject,
     assert timeless(many.stdout) == timeless(one.stdout).replace("/one/", "/many/")
     assert many.stderr == one.stderr
     assert bytes_of(fresh.cwd / "many") == bytes_of(fresh.cwd / "one")
+    assert all_of(fresh.cwd / "many") == all_of(fresh.cwd / "one")
     assert {path.parts[0] for path in map(Path, bytes_of(fresh.cwd / "many"))} == {"first", "checked", "last"}
 
 
@@ -106,6 +117,86 @@ def test_a_campaign_that_ends_its_worker_ends_no_other(fresh: FakeProject, campa
     assert_says(done.stderr, "first", "worker", "lost")
     assert (fresh.cwd / "runs" / "last" / "report.html").exists()
     assert fresh.call("run", campaigns[0]).returncode == 0, "what was whole is whole still"
+
+
+def test_the_table_of_all_campaigns_has_a_row_for_each_and_the_worst_first(
+    fake: FakeProject, campaigns: list[str]
+) -> None:
+    fake.call("run", *campaigns, "nowhere", "--out", "several")
+    rows = all_of(fake.cwd / "several")
+    assert [(row["rank"], Path(str(row["campaign_path"])).name, row["exit_code"]) for row in rows] == [
+        *((1, "broken", 2), (2, "taken", 2), (3, "nowhere", 2)),
+        *((4, "checked", 3), (5, "first", 0), (6, "last", 0)),
+    ]
+    by_name = {Path(str(row["campaign_path"])).name: row for row in rows}
+    assert_says(str(by_name["broken"]["problem"]), "points.csv", "x_mm", "nan")
+    assert by_name["checked"]["failed_checks"] == "size"
+    assert by_name["first"]["stages_run"] == 8
+    assert by_name["first"]["run_folder"] == "first"
+    again = fake.call("run", *campaigns, "--out", "several")
+    assert again.returncode == 2
+    assert {row["stages_run"] for row in all_of(fake.cwd / "several")} == {0}
+
+
+def test_the_page_of_all_campaigns_links_reports_and_names_faults(fake: FakeProject, campaigns: list[str]) -> None:
+    done = fake.call("run", *campaigns, "--out", "several")
+    page = (fake.cwd / "several" / "campaigns.html").read_text()
+    links = dict(re.findall(r'<a href="([^"#]+)">([^<]+)</a>', page))
+    assert links == {f"{name}/report.html": name for name in ("checked", "first", "last")}
+    assert all((fake.cwd / "several" / link).is_file() for link in links)
+    assert "points.csv, row 3, column x_mm" in page
+    assert_says(done.stdout, "all campaigns", "campaigns.html", "campaigns.parquet")
+
+
+def test_one_campaign_alone_leaves_no_table_of_all(fake: FakeProject, campaigns: list[str]) -> None:
+    fake.call("run", campaigns[0], "--out", "single")
+    assert not list(fake.cwd.rglob("campaigns.*"))
+
+
+@pytest.mark.parametrize("name", ["campaigns.parquet", "campaigns.html", "campaign.toml"])
+def test_a_foreign_file_is_not_overwritten_by_the_table_of_all(
+    name: str, fake: FakeProject, campaigns: list[str]
+) -> None:
+    (fake.cwd / "several").mkdir()
+    (fake.cwd / "several" / name).write_text("measured by hand")
+    done = fake.call("run", campaigns[0], campaigns[4], "--out", "several")
+    assert done.returncode == 2
+    assert_says(done.stderr, "--out", "several")
+    assert [path.name for path in (fake.cwd / "several").iterdir()] == [name]
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="SIGKILL is a signal of POSIX systems")
+@pytest.mark.parametrize("way", WAYS)
+def test_a_worker_killed_while_it_runs_loses_nothing(way: str, fresh: FakeProject) -> None:
+    places = []
+    for number in range(4):
+        places.append(str(fresh.campaign.with_name(f"c{number}")))
+        shutil.copytree(fresh.campaign, places[-1])
+        fresh.edit(Path(places[-1]) / "campaign.toml", '"bench"', f'"c{number}"')
+    fresh.call("run", *places, "--out", "whole")
+    words = fresh.command("run", *places, "--out", "killed", *WAYS[way])
+    with subprocess.Popen(
+        words, cwd=fresh.cwd, env=fresh.environment("pause1"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as call:
+        killed = _kill_a_worker(fresh.cwd / "killed", call)
+        said, problems = call.communicate(timeout=120)
+    assert killed != call.pid
+    assert call.returncode == 0, said + problems
+    assert bytes_of(fresh.cwd / "killed") == bytes_of(fresh.cwd / "whole")
+    assert [row["exit_code"] for row in all_of(fresh.cwd / "killed")] == [0, 0, 0, 0]
+
+
+def _kill_a_worker(out: Path, call: subprocess.Popen[str]) -> int:
+    """Kill, by SIGKILL, the first process that is within the stage ``pose`` of a campaign; returns its number."""
+    until = time.monotonic() + 60
+    while time.monotonic() < until and call.poll() is None:
+        for lock in out.glob(f"*/{PRIVATE}/lock"):
+            waiting = (out.parent / "pausing").exists() and (lock.parent.parent / "qa.parquet").exists()
+            if waiting and (found := re.search(r'"pid": (\d+)', lock.read_text())):
+                os.kill(int(found[1]), signal.SIGKILL)
+                return int(found[1])
+        time.sleep(0.02)
+    raise AssertionError(f"no worker was seen at work: {call.communicate()}")
 
 
 def test_an_invalid_scheduler_address_is_refused_at_once(fake: FakeProject) -> None:

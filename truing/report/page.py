@@ -30,6 +30,7 @@ class Listing:
     held_by: str = ""  # the artifact that holds all rows, where the page shows only some
     csv: str = ""  # the same as CSV, to be copied as a whole
     anchor: str = ""  # rows define their first cell, to which cells under this head lead
+    links: tuple[str, ...] = ()  # per row, the page to which its first cell leads; empty where there is none
     by_leg: bool = False  # its first cells name the leg; choosing legs in the view selects their rows
 
     @property

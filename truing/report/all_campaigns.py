@@ -1,0 +1,90 @@
+"""Page of all campaigns of one call, the worst first."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from truing.belonging.relation import RelationState
+from truing.report.numbers import count, listed
+from truing.report.page import Listing, PageHead, ReportSection, Verdict
+from truing.report.rendering.render import render_page
+
+Row = Mapping[str, Any]  # of the table ``campaigns``
+
+_NAMED = 5
+_NONE = "no verdict"
+_MARKS = {
+    RelationState.FAILS: "fail",
+    RelationState.ATTENTION: "warn",
+    RelationState.OK: "pass",
+    RelationState.NOT_TESTED: "none",
+    _NONE: "fail",
+}
+_SAID = {
+    _NONE: "without a verdict",
+    RelationState.FAILS: "with a verdict that fails",
+    RelationState.ATTENTION: "with a verdict that needs attention",
+    RelationState.NOT_TESTED: "that could not be tested",
+    RelationState.OK: "without objection",
+}
+_HEADS = ("campaign", "verdict", "decided by", "reason", "failed checks", "exit code", "stages run", "processor time")
+
+
+def campaigns_page(rows: Sequence[Row], links: Sequence[str]) -> str:
+    """Return the page; ``rows``: of the table ``campaigns``, the worst first; ``links``: address of each report."""
+    states = Counter(map(_state, rows))
+    tiles = (("campaigns", f"{len(rows):,}"), *((state, f"{states[state]:,}") for state in _SAID if states[state]))
+    head = PageHead(count(len(rows), "campaign"), tuple(_verdicts(rows)), tiles)
+    return render_page(head, [_campaigns(rows, links), _deciding(rows)])
+
+
+def _state(row: Row) -> str:
+    return row["campaign_state"] or _NONE
+
+
+def _verdicts(rows: Sequence[Row]) -> Iterator[Verdict]:
+    """Yield one sentence per state that occurs, with the names of its first campaigns."""
+    for state, said in _SAID.items():
+        names = [row["campaign"] for row in rows if _state(row) == state]
+        if names:
+            yield _MARKS[state], f"{count(len(names), 'campaign')} {said}: {listed(names, _NAMED)}."
+
+
+def _campaigns(rows: Sequence[Row], links: Sequence[str]) -> ReportSection:
+    listing = Listing(
+        _HEADS,
+        tuple(map(_cells, rows)),
+        tuple(_MARKS[_state(row)] for row in rows),
+        held_by="campaigns.parquet",
+        links=tuple(links),
+    )
+    lead = "The worst first; a name leads to its report. A click on a head sorts by it."
+    return ReportSection("campaigns", "Campaigns", lead, listings=(listing,))
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    return (
+        row["campaign"],
+        _state(row),
+        row["decided_by"] or "",
+        row["explanation"] or _problem(row),
+        row["failed_checks"] or "",
+        str(row["exit_code"]),
+        str(row["stages_run"]),
+        f"{row['processor_s']:.2f} s",
+    )
+
+
+def _problem(row: Row) -> str:
+    more = row["problems"] - 1
+    return (row["problem"] or "") + (f" (and {count(more, 'more problem')})" if more > 0 else "")
+
+
+def _deciding(rows: Sequence[Row]) -> ReportSection:
+    """How many campaigns each section of the report decides."""
+    decided = Counter((_state(row), row["decided_by"] or "") for row in rows)
+    cells = [(state, section, f"{number:,}") for (state, section), number in decided.most_common()]
+    listing = Listing(("verdict", "decided by", "campaigns"), tuple(cells), tuple(_MARKS[state] for state, *_ in cells))
+    return ReportSection("deciding", "What decides", "The section that decides each verdict.", listings=(listing,))
