@@ -42,6 +42,12 @@ _SECONDS_TO_LEAVE = 10.0
 _SECONDS_BETWEEN_LOOKS = 0.5
 
 _SECONDS_TO_ANSWER = 30.0
+# The scheduler's limit counts the tries after the first. A worker keeps the profile of every second: megabytes each.
+_DASK = {
+    "distributed.scheduler.allowed-failures": TRIES - 1,
+    "distributed.admin.tick.limit": "1h",
+    "distributed.worker.profile.enabled": False,
+}
 _AHEAD = 4  # pieces submitted per thread of the workers
 
 
@@ -301,9 +307,7 @@ def _client(workforce: Workforce) -> Iterator[Client]:
     from distributed import Client
 
     with ExitStack() as stack:
-        # The scheduler's limit counts the tries after the first.
-        quiet = {"distributed.scheduler.allowed-failures": TRIES - 1, "distributed.admin.tick.limit": "1h"}
-        stack.enter_context(dask.config.set(quiet))
+        stack.enter_context(dask.config.set(_DASK))
         address = workforce.scheduler
         if address == LOCAL:
             address = stack.enter_context(_local_cluster(workforce.workers))

@@ -124,6 +124,8 @@ def power_campaign(place: Path, options: PowerOptions, workforce: Workforce, out
     pieces = trials(asked, plan, options.draws, _NOTHING_PER_DRAW * options.draws, options.seed)
     if pieces:
         _show_theory(asked, len(pieces), console)
+        if not file.exists():  # results of an earlier call are worth more until a round is complete
+            console.line(f"first page: {_left(campaign, asked, (), (file, beside))[-1]}")
     answers: list[Answer] = []
     try:
         for given in _trial_answers(plan, settings, pieces, workforce, console):

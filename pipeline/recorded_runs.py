@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from truing import __version__
+from truing.pipeline.all_campaigns import PAGE as CAMPAIGNS_PAGE
 from truing.pipeline.artifacts import Stamp, write_table
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.console import RunConsole
@@ -43,6 +44,7 @@ _EXPORTS = "exports"
 _FILE = "campaign.toml"
 
 _COMPARISON, PAGE = "comparison", "comparison.html"
+_OF_SEVERAL_RUNS = (_COMPARISON, ARTIFACTS["campaigns"].file, CAMPAIGNS_PAGE)
 _MEASURED = ("observations", "readings")
 # Artifacts that the page uses besides the compared numbers.
 _SHOWN = ("qa", "diagnosis", "model_choice", "requirements", "error_classes")
@@ -191,6 +193,7 @@ def _faults(document: Certificate, temperature_known: bool) -> Iterator[Fault]:
 
 def compare_runs(folders: Sequence[Path], out: Path | None, console: RunConsole) -> ExitCode:
     """Write the table and the page of a comparison, and print the changes. Raises CampaignFaults."""
+    folders = [folder for folder in folders if not _is_of_several_runs(folder)]
     _distinct(folders)
     place = folders[0].parent / _COMPARISON if out is None else out
     check_folder(place)
@@ -218,6 +221,11 @@ def compare_runs(folders: Sequence[Path], out: Path | None, console: RunConsole)
     return ExitCode.DONE
 
 
+def _is_of_several_runs(path: Path) -> bool:
+    """True for what truing itself writes next to run folders, which the pattern runs/* names too."""
+    return path.name in _OF_SEVERAL_RUNS and (path.is_file() or (path / PAGE).is_file())
+
+
 def _leave_table(path: Path, found: SideBySide, runs: Sequence[Run]) -> None:
     digest = _digest([run.origin("qa")["digest"] for run in runs])
     campaigns = ", ".join(dict.fromkeys(run.campaign for run in runs))
@@ -228,7 +236,7 @@ def _leave_table(path: Path, found: SideBySide, runs: Sequence[Run]) -> None:
 def _distinct(folders: Sequence[Path]) -> None:
     """Raise for fewer than two runs, or a run named twice."""
     if len(folders) < 2:
-        raise CampaignFaults([Fault("RUN", "two runs or more", value=str(folders[0]))])
+        raise CampaignFaults([Fault("RUN", "two runs or more", value=", ".join(map(str, folders)) or None)])
     twice = [place for place, times in Counter(os.path.realpath(folder) for folder in folders).items() if times > 1]
     if twice:
         raise CampaignFaults(Fault(place, "each run once") for place in twice)

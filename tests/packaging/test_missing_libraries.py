@@ -42,9 +42,16 @@ def test_points_are_analysed_without_them(workplace: Path, tmp_path: Path) -> No
 
 def test_a_cluster_names_its_extra(workplace: Path, tmp_path: Path) -> None:
     campaign = str(workplace / "sample_data" / "telescope")
-    done = _truing(tmp_path, "run", campaign, "--scheduler", "local", "--out", str(tmp_path / "run"))
+    done = _truing(tmp_path, "run", campaign, "--scheduler", "tcp://127.0.0.1:8786", "--out", str(tmp_path / "run"))
     assert done.returncode == ExitCode.ENVIRONMENT
     assert 'pip install "truing[cluster]"' in done.stderr
+
+
+def test_without_dask_processes_of_this_machine_do_the_work_of_a_local_cluster(tmp_path: Path) -> None:
+    done = _truing(tmp_path, "run", "absent", "missing", "--scheduler", "local", "--workers", "3")
+    assert done.returncode == ExitCode.UNUSABLE_CAMPAIGN
+    assert 'pip install "truing[cluster]"' in done.stderr
+    assert "2 campaigns: 3 processes" in done.stdout
 
 
 def test_photographs_name_their_library(tmp_path: Path) -> None:

@@ -110,6 +110,7 @@ def test_theory_is_told_first_and_the_page_sharpens_with_every_round(
 
     def watched(plan: CampaignPlan, settings: Campaign, trial: Trial) -> Answer:
         rates = tmp_path / "power-rates.parquet"
+        assert out.with_suffix(".html").exists(), "the first page, by theory alone"
         counted.append(sum(row["campaigns"] for row in pq.read_table(rates).to_pylist()) if rates.exists() else 0)
         return told_at_once(plan, settings, trial)
 
@@ -119,6 +120,7 @@ def test_theory_is_told_first_and_the_page_sharpens_with_every_round(
     assert counted == [0] * 10 + [10] * 10 + [20] * 10
     before, _, after = said.partition("By theory alone; 30 simulated campaigns follow.")
     assert "platform deformation matrix" in before
+    assert f"first page: {out.with_suffix('.html')}" in after
     assert "after 1 of 3 draws" in after
     assert "after 3 of 3 draws" not in after
 

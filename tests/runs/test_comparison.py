@@ -152,6 +152,18 @@ def test_runs_that_cannot_be_compared_are_a_fault(runs: Path, names: tuple[str, 
     assert told in errors
 
 
+def test_what_truing_leaves_next_to_runs_is_not_compared(runs: Path) -> None:
+    """The pattern runs/* names the last comparison, and table and page of all campaigns, too."""
+    called(runs, "spring", "summer")
+    places = [runs / name for name in ("campaigns.html", "campaigns.parquet")]
+    for place in places:
+        place.touch()
+    code, _, errors = called(runs, "spring", "summer", "comparison", *(place.name for place in places))
+    for place in places:
+        place.unlink()
+    assert code == ExitCode.DONE, errors
+
+
 def test_a_survey_that_both_rest_on_is_counted_once(texts: dict[str, str]) -> None:
     mended, again = (read_model(texts[name]) for name in ("mended", "again"))
     elsewhere = replace(again.model.known, shape=again.model.known.shape + 1e-6 * np.eye(3)[0])
