@@ -1,7 +1,7 @@
 """All benchmarks one after the other, and one table of all: python -m benchmarks [NAME ...] [--smallest] [--write].
 
 The table gives ours, the best peer, their ratio, the limit, date and machine. A peer that is not installed is
-unmeasured: the limit of such a row stays open. --write adds the rows to docs/experiments/benchmarks.jsonl in place of
+unmeasured: the limit of such a row stays open. --write adds the rows to docs/experiments/benchmark_rows.jsonl in place of
 older ones of the same benchmarks, and makes docs/benchmarks.md from it.
 """
 
@@ -20,13 +20,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(BENCHMARKS)}; absent: all")
     parser.add_argument("--smallest", action="store_true", help="the smallest sizes, as the tests run them")
+    parser.add_argument("--processor-time", action="store_true", help="for a busy machine: one thread, processor time")
     parser.add_argument("--write", action="store_true", help="make docs/benchmarks.md anew")
     asked = parser.parse_args()
     if unknown := [name for name in asked.names if name not in BENCHMARKS]:
         parser.error(f"no benchmark of the table: {', '.join(unknown)}")
     if asked.write and asked.smallest:
         parser.error("--write: the page holds full sizes alone")
-    found = [collected(name, smallest=asked.smallest) for name in asked.names or BENCHMARKS]
+    found = [
+        collected(name, smallest=asked.smallest, processor_time=asked.processor_time)
+        for name in asked.names or BENCHMARKS
+    ]
     print(f"\n{table([record for one in found for record in one.records])}")
     failed = _failures(found)
     if asked.write:

@@ -19,12 +19,13 @@ import numpy as np
 from benchmarks.bundle_peers import PEERS, Solver
 from benchmarks.bundle_problem import Problem, draw, sum_of_squares
 from benchmarks.rows import leave, timed_row
-from benchmarks.timing import interleaved, pin, run_pinned
+from benchmarks.timing import interleaved, pin, run_pinned, seconds_now, thread_counts
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.network import NetworkState
 
 _OURS = "truing with covariance"
 _OWN = "truing"
+_WITH_COVARIANCE = (_OURS, "pycolmap with covariance")
 SMALLEST = ("--repeats", "1", "--threads", "1", "--images", "4")
 
 
@@ -61,8 +62,14 @@ def compare(images: int, threads: int, repeats: int, clock: Callable[[], float])
     seconds = interleaved(tasks, repeats, clock)
     missed = [name for name, cost in reached.items() if not cost <= (1 + 1e-6) * min(reached.values())]
     unmeasured = [name for name in PEERS if name not in found]
-    what = f"bundle adjustment of {images} images with all covariances, {threads} thread(s)"
-    leave(timed_row(what, seconds, _OURS, own=[_OWN], missed=missed, unmeasured=unmeasured, least_ratio=5.0))
+    alone = [name for name in seconds if name not in _WITH_COVARIANCE]
+    what = f"bundle adjustment of {images} images, {threads} thread(s)"
+    for title, name, others, limit in (
+        (f"{what}, with all covariances", _OURS, (*alone, _OWN), 5.0),
+        (f"{what}, without covariance", _OWN, _WITH_COVARIANCE, 3.0),
+    ):
+        absent = [peer for peer in unmeasured if (peer in _WITH_COVARIANCE) == (name == _OURS)]
+        leave(timed_row(title, seconds, name, own=others, missed=missed, unmeasured=absent, least_ratio=limit))
     for name, s in seconds.items():
         excess = reached[name] / min(reached.values()) - 1
         print(f"{name:32} {_spread(s)}  {_verdict(name, excess, s / seconds[_OURS])}", flush=True)
@@ -101,13 +108,13 @@ def main() -> None:
     asked = parser.parse_args()
     if asked.threads is None:
         further = ["--processor-time"] if asked.processor_time else []
-        for threads in (1, 2):
+        for threads in thread_counts():
             run_pinned(
                 "benchmarks.bundle", ["--repeats", str(asked.repeats), "--images", str(asked.images), *further], threads
             )
         return
     pin(asked.threads)
-    clock = time.process_time if asked.processor_time else time.perf_counter
+    clock = time.process_time if asked.processor_time else seconds_now
     compare(asked.images, asked.threads, asked.repeats, clock)
     campaign(max(2, round(asked.images * 46 / 60)), asked.threads, asked.repeats, clock)
 

@@ -15,6 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from benchmarks.rows import FILE, Row
+from benchmarks.timing import PROCESSOR_TIME
 
 # They take hours and have pages of their own; the table of all leaves them out.
 STUDIES = ("blind", "power_agreement")
@@ -37,6 +38,7 @@ class Record:
     date: str
     machine: str
     load: float
+    clock: str  # what times are of: wall, or processor
     row: Row
 
 
@@ -55,7 +57,9 @@ def smallest_words(name: str) -> tuple[str, ...]:
     return words
 
 
-def collected(name: str, *, smallest: bool = False, words: Sequence[str] = ()) -> Collected:
+def collected(
+    name: str, *, smallest: bool = False, words: Sequence[str] = (), processor_time: bool = False
+) -> Collected:
     """Run a benchmark in a process of its own, with its output shown."""
     print(f"\n=== {name} ===", flush=True)
     load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
@@ -63,13 +67,15 @@ def collected(name: str, *, smallest: bool = False, words: Sequence[str] = ()) -
         file = Path(folder) / "rows.jsonl"
         given = (*(smallest_words(name) if smallest else ()), *words)
         command = [sys.executable, "-m", f"benchmarks.{name}", *given]
-        code = subprocess.run(command, env={**os.environ, FILE: str(file)}, check=False).returncode
+        further = {FILE: str(file), **({PROCESSOR_TIME: "1"} if processor_time else {})}
+        code = subprocess.run(command, env={**os.environ, **further}, check=False).returncode
         lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
+    clock = "processor" if processor_time else "wall"
     date = datetime.now(UTC).date().isoformat()
     rows = [Row.read(json.loads(line)) for line in lines]
     if smallest:
         rows = [replace(row, least_ratio=None, limit=None) for row in rows]  # limits are those of full sizes
-    return Collected(name, code, tuple(Record(name, date, machine(), round(load, 1), row) for row in rows))
+    return Collected(name, code, tuple(Record(name, date, machine(), round(load, 1), clock, row) for row in rows))
 
 
 def machine() -> str:

@@ -25,7 +25,7 @@ from benchmarks.errors_in_variables_problem import (
     draw,
 )
 from benchmarks.rows import leave, timed_row
-from benchmarks.timing import interleaved, pin, run_pinned
+from benchmarks.timing import interleaved, pin, run_pinned, thread_counts
 from truing.estimation.errors_in_variables.fit import Constraint, Prior, fit_errors_in_variables
 from truing.simulation.mechanisms.calibration_problem import CalibrationProblem
 from truing.simulation.mechanisms.parameters import LegParameter, ParameterSet
@@ -114,7 +114,7 @@ def main() -> None:
     )
     asked = parser.parse_args()
     if asked.threads is None:
-        for threads in (1, 2):
+        for threads in thread_counts():
             run_pinned(
                 "benchmarks.errors_in_variables",
                 ["--poses", str(asked.poses), "--repeats", str(asked.repeats)],

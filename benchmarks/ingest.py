@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.rows import Row, leave, timed_row
+from benchmarks.timing import PROCESSOR_TIME, thread_counts
 
 SMALLEST = ("--rows", "600", "--repeats", "1")
 _OURS = "truing ingest"
@@ -120,7 +121,8 @@ def _pinned(threads: int) -> str:
 def compare(folder: Path, rows: int, repeats: int, threads: int) -> None:
     """Interleaved runs of all, printed with medians and ranges, and the ratio to the fastest peer."""
     runs = [{name: measure(name, folder, threads) for name in _PROGRAMS} for _ in range(repeats)]
-    seconds = {name: np.array([run[name][0] for run in runs]) for name in _PROGRAMS}
+    spent = 1 if os.environ.get(PROCESSOR_TIME) else 0
+    seconds = {name: np.array([run[name][spent] for run in runs]) for name in _PROGRAMS}
     missed = {name for run in runs for name in _PROGRAMS if run[name][3] != rows}
     what = f"ingest of {rows:,} points, {threads} thread(s)"
     leave(timed_row(what, seconds, _OURS, missed=missed, unit="s", least_ratio=0.9))
@@ -150,7 +152,7 @@ def main() -> None:
         folder = given.folder or Path(temporary)
         folder.mkdir(exist_ok=True)
         rows = make_campaign(folder, given.rows)
-        for threads in (2, 1):
+        for threads in reversed(thread_counts()):
             compare(folder, rows, given.repeats, threads)
 
 

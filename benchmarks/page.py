@@ -12,9 +12,9 @@ from benchmarks.rows import Row
 from docs.experiments import marked_tables
 
 _PROJECT = Path(__file__).resolve().parents[1]
-KEPT = _PROJECT / "docs" / "experiments" / "benchmarks.jsonl"
+KEPT = _PROJECT / "docs" / "experiments" / "benchmark_rows.jsonl"
 PAGE = _PROJECT / "docs" / "benchmarks.md"
-_HEADS = ["what", "ours", "best peer", "ratio", "limit", "holds", "unmeasured", "date", "machine"]
+_HEADS = ["what", "ours", "best peer", "ratio", "limit", "holds", "unmeasured", "time", "date", "machine"]
 _NONE = "–"
 
 
@@ -22,7 +22,10 @@ def table(records: Sequence[Record]) -> str:
     """The table in Markdown, with its machines below."""
     machines = list(dict.fromkeys(record.machine for record in records))
     rows = [
-        [*_cells(record.row), record.date, f"{machines.index(record.machine) + 1}, load {record.load:g}"]
+        [
+            *_cells(record.row),
+            *(record.clock, record.date, f"{machines.index(record.machine) + 1}, load {record.load:g}"),
+        ]
         for record in records
     ]
     legend = [f"{number}. {machine}" for number, machine in enumerate(machines, start=1)]
@@ -72,9 +75,16 @@ def renewed(before: Iterable[Record], found: Iterable[Collected]) -> list[Record
     return sorted(records, key=lambda record: BENCHMARKS.index(record.benchmark))
 
 
+def whole(records: Sequence[Record]) -> str:
+    """The table of the page, and the benchmarks that it lacks."""
+    absent = [name for name in BENCHMARKS if name not in {record.benchmark for record in records}]
+    note = f"\n\nNot measured for this page yet: {', '.join(absent)}." if absent else ""
+    return table(records) + note
+
+
 def write_page(before: Iterable[Record], found: Iterable[Collected]) -> None:
     """Keep new rows, and make the table of the page anew."""
     records = renewed(before, found)
     lines = (json.dumps(asdict(record), ensure_ascii=False) + "\n" for record in records)
     KEPT.write_text("".join(lines), encoding="utf-8")
-    marked_tables.renew(PAGE, {"benchmarks": lambda: table(records)})
+    marked_tables.renew(PAGE, {"benchmarks": lambda: whole(records)})

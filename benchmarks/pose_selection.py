@@ -10,7 +10,6 @@ does not reach a share prints none; times include everything but loading. One th
 from __future__ import annotations
 
 import argparse
-import time
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.rows import Peer, Row, leave
-from benchmarks.timing import interleaved, pin, run_pinned
+from benchmarks.timing import interleaved, pin, run_pinned, seconds_now
 
 POSES = 40
 SHARES = (0.95, 0.97, 0.99)
@@ -89,14 +88,14 @@ def slsqp(telescope: Telescope, exact: bool, seed: int, iterations: int) -> list
 
     start = np.random.default_rng(seed).uniform(-1, 1, 6 * POSES)
     history: list[tuple[float, float]] = []
-    begun = time.perf_counter()
+    begun = seconds_now()
     spent = 0.0
 
     def note(levels: np.ndarray) -> None:
         nonlocal spent
-        now = time.perf_counter()
+        now = seconds_now()
         history.append((now - begun - spent, telescope.share(telescope.log_det(levels))))
-        spent += time.perf_counter() - now
+        spent += seconds_now() - now
 
     minimize(
         lambda levels: -telescope.log_det(levels),

@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks.rows import leave, timed_row
-from benchmarks.timing import interleaved, pin, run_pinned, spread
+from benchmarks.timing import interleaved, pin, run_pinned, spread, thread_counts
 from truing.estimation.rotation import exp_so3, left_jacobian_so3
 from truing.simulation.bench.six_upur.geometry import JointCentres, joint_centres, outward
 from truing.simulation.bench.six_upur.influence import influence_matrix
@@ -129,7 +129,7 @@ def main() -> None:
         pin(options.threads)
         measure(options.samples, options.threads, options.repeats)
         return
-    for threads in (1, 2):
+    for threads in thread_counts():
         passed_on = ["--samples", str(options.samples), "--repeats", str(options.repeats)]
         run_pinned("benchmarks.tolerances", passed_on, threads)
 

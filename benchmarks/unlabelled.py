@@ -6,13 +6,14 @@ python -m benchmarks.unlabelled [--trials 400]
 from __future__ import annotations
 
 import argparse
+import os
 import time
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.rows import Row, leave
-from benchmarks.timing import interleaved, pin, run_pinned
+from benchmarks.timing import PROCESSOR_TIME, interleaved, pin, run_pinned, thread_counts
 from truing.estimation.labels.labelling import label_bodies, label_points
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.estimation.scans.registration import refine_scan, register_scan
@@ -68,7 +69,8 @@ def _registration(most: int) -> None:
         wall, cpu = time.perf_counter(), time.process_time()
         fit = register_scan(scan, reference)
         wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-        leave(Row(f"registration of a scan of {n:,} points", wall, "s"))
+        spent = cpu if os.environ.get(PROCESSOR_TIME) else wall
+        leave(Row(f"registration of a scan of {n:,} points", spent, "s"))
         sigma = 1e6 * np.sqrt(fit.covariance[0, 0]) if fit.covariance is not None else np.nan
         print(f"  {n:>9,} reference, {len(scan):>9,} scan points: {fit.status}, {wall:6.1f} s, {cpu:6.1f} CPU s, "
               f"sigma_x {sigma:.2f} um, peak {_peak_mb():.0f} MB")  # fmt: skip
@@ -107,7 +109,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int)
     arguments = parser.parse_args()
     if arguments.threads is None:
-        for threads in (1, 2):
+        for threads in thread_counts():
             words = ["--trials", str(arguments.trials), "--points", str(arguments.points)]
             run_pinned("benchmarks.unlabelled", words, threads)
         return

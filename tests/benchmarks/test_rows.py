@@ -68,12 +68,12 @@ def test_rows_are_left_in_the_named_file_alone(tmp_path, monkeypatch) -> None:  
 
 
 def _record(benchmark: str, what: str) -> Record:
-    return Record(benchmark, "2026-01-02", "2 × a processor", 0.5, Row(what, 2000.0, "ms", limit=3000.0))
+    return Record(benchmark, "2026-01-02", "2 × a processor", 0.5, "wall", Row(what, 2000.0, "ms", limit=3000.0))
 
 
 def test_the_table_shows_value_limit_date_and_machine() -> None:
     *_, shown, _, _, _, machine = table([_record("pose", "a fit")]).splitlines()
-    assert shown == "| a fit | 2,000 ms | – | – | ≤ 3,000 ms | yes | – | 2026-01-02 | 1, load 0.5 |"
+    assert shown == "| a fit | 2,000 ms | – | – | ≤ 3,000 ms | yes | – | wall | 2026-01-02 | 1, load 0.5 |"
     assert machine == "1. 2 × a processor"
 
 
