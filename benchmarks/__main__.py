@@ -1,8 +1,8 @@
 """All benchmarks one after the other, and one table of all: python -m benchmarks [NAME ...] [--smallest] [--write].
 
 The table gives ours, the best peer, their ratio, the limit, date and machine. A peer that is not installed is
-unmeasured: the limit of such a row stays open. --write adds the rows to docs/experiments/benchmark_rows.jsonl in place of
-older ones of the same benchmarks, and makes docs/benchmarks.md from it.
+unmeasured: the limit of such a row stays open. --write adds the rows to docs/experiments/benchmark_rows.jsonl in place
+of older ones of the same benchmarks, and makes docs/benchmarks.md from it.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.rows import Peer, Row, leave
+from benchmarks.rows import Peer, PeerState, Row, leave
 from benchmarks.timing import interleaved, pin, run_pinned, seconds_now
 
 POSES = 40
@@ -151,8 +151,8 @@ def _peer(name: str, histories: list[list[tuple[float, float]]], ours: np.ndarra
     times = [next((s for s, found in history if found >= SHARES[-1]), None) for history in histories]
     reached = [s for s in times if s is not None]
     if not reached:
-        return Peer(name, 1e3 * min(history[-1][0] for history in histories), why="missed the solution")
-    return Peer(name, 1e3 * min(reached), min(reached) / float(np.median(ours)), "")
+        return Peer(name, 1e3 * min(history[-1][0] for history in histories), state=PeerState.MISSED)
+    return Peer(name, 1e3 * min(reached), min(reached) / float(np.median(ours)), PeerState.MEASURED)
 
 
 def verdict(histories: list[list[tuple[float, float]]], ours: np.ndarray, share: float) -> str:

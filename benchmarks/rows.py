@@ -30,14 +30,22 @@ class Holds(StrEnum):
     NO_LIMIT = "no limit"
 
 
+class PeerState(StrEnum):
+    """Whether a peer was measured."""
+
+    MEASURED = "measured"
+    UNMEASURED = "unmeasured"  # not installed here
+    MISSED = "missed"  # did not solve the problem, so that there is no ratio
+
+
 @dataclass(frozen=True)
 class Peer:
-    """Another library: its value, and how many times better ours is (median over repeats); None with the reason why."""
+    """Another library: its value, how many times better ours is (median over repeats), and whether it was measured."""
 
     name: str
     value: float | None = None
     ratio: float | None = None
-    why: str = "unmeasured"
+    state: PeerState = PeerState.UNMEASURED
 
 
 @dataclass(frozen=True)
@@ -63,7 +71,7 @@ class Row:
     @property
     def unmeasured(self) -> tuple[str, ...]:
         """Names of peers that were not measured, which are neither beaten nor better."""
-        return tuple(peer.name for peer in self.peers if peer.value is None and peer.why == "unmeasured")
+        return tuple(peer.name for peer in self.peers if peer.state == PeerState.UNMEASURED)
 
     @property
     def holds(self) -> Holds:
@@ -120,9 +128,9 @@ def timed_row(
         raise ValueError(f"{what}: ours missed the solution")
     missed, skipped, times = set(missed), {ours, *own}, _PER_SECOND[unit]
     others = [
-        Peer(name, times * float(np.median(s)), why="missed the solution")
+        Peer(name, times * float(np.median(s)), state=PeerState.MISSED)
         if name in missed
-        else Peer(name, times * float(np.median(s)), float(np.median(s / seconds[ours])), "")
+        else Peer(name, times * float(np.median(s)), float(np.median(s / seconds[ours])), PeerState.MEASURED)
         for name, s in seconds.items()
         if name not in skipped
     ]

@@ -10,14 +10,14 @@ import pytest
 
 from benchmarks.collection import Collected, Record
 from benchmarks.page import renewed, table
-from benchmarks.rows import Holds, Peer, Row, leave, timed_row
+from benchmarks.rows import Holds, Peer, PeerState, Row, leave, timed_row
 
 SECONDS = {"ours": np.array([1.0, 1.0, 2.0]), "fast": np.array([3.0, 3.0, 9.0]), "slow": np.array([8.0, 8.0, 8.0])}
 
 
 def test_ratios_are_taken_repeat_by_repeat_and_the_best_peer_has_the_smallest() -> None:
     row = timed_row("a fit", SECONDS, "ours", unit="s", least_ratio=3.0)
-    assert (row.value, row.best) == (1.0, Peer("fast", 3.0, 3.0, ""))
+    assert (row.value, row.best) == (1.0, Peer("fast", 3.0, 3.0, PeerState.MEASURED))
     assert row.holds is Holds.YES
 
 
