@@ -28,6 +28,8 @@ from truing.pipeline.init_entries import (
     scanned_body,
 )
 from truing.pipeline.init_questions import Answers, Ask, names_a_body, parsed_answers
+from truing.pipeline.init_robot import SUFFIX, Robot, guess_of_description, named_as_joints, robot_of
+from truing.pipeline.init_survey import with_lost_points, with_survey
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.starter import guess_lines
@@ -52,6 +54,7 @@ _AXES, _LONGER = 3, 4
 _MOST_FILES = 5000
 _SHOWN_COLUMNS = 40
 _FEW = 6
+_LISTED = 20  # columns, on the screen
 _LONGEST_NOTE = 240
 _MOST_LINES = 32  # of entries in a starter file
 _NOT_RAW = {".toml", ".md", ".html", ".pdf", ".yaml", ".yml", ".json"}
@@ -80,15 +83,18 @@ def init_campaign(
     target = folder / FILE
     if not folder.is_dir():
         raise CampaignFaults([Fault(str(folder), "a folder that exists, with raw files in it")])
-    guesses = _joined_groups([(group, _guess(group)) for group in _raw_groups(folder)])
+    robot = robot_of(folder, list(_files(folder)))
+    guesses = _joined_groups([(group, _guess(group, robot)) for group in _raw_groups(folder)])
     guesses = network_tables(_with_surfaces(_separate_tables(_separate_globs(guesses)))) + _photographs(folder)
     if os.path.lexists(target):
         raise CampaignFaults([_never_overwritten(target)])
     said = Answers(given) if ask is None else Answers(given, ask)
     console = RunConsole(quiet=False)
-    guesses = _settled(folder, _with_keys_of_names(guesses), said, console)
+    guesses = with_survey(folder, with_lost_points(folder, _with_keys_of_names(guesses)))
+    guesses = _settled(folder, guesses, said, console)
     said.raise_faults()
-    _write_new(target, (campaign_text if every_key else _starter)(folder.resolve().name, guesses))
+    name = folder.resolve().name
+    _write_new(target, campaign_text(name, guesses) if every_key else _starter(name, guesses, robot))
     console.line(f"wrote {target}; complete it, then: truing check {folder}")
     if said.used:
         console.line(f"the same answers again: {said.command(folder, every_key=every_key)}")
@@ -201,13 +207,15 @@ def _files(folder: Path) -> Iterator[Path]:
             yield path
 
 
-def _guess(group: RawGroup) -> Guess:
+def _guess(group: RawGroup, robot: Robot | None) -> Guess:
     from truing.formats.guess import Guess
     from truing.formats.sniff import sniff_file
 
     if not _is_text(group.glob):
         return Guess(notes=("its name is not UTF-8 text, as campaign.toml requires: rename it",))
-    guess = sniff_file(group.example)
+    if group.example.suffix.lower() == SUFFIX:
+        return guess_of_description(group.example, robot)
+    guess = named_as_joints(sniff_file(group.example, () if robot is None else robot.joints), robot)
     if guess.table is None and group.glob in [f"{table}.csv" for table in OF_IMAGES]:
         return replace(guess, mapping={}, table=group.example.stem)
     # A survey is one file: many of them, told apart by a number, are poses.
@@ -265,8 +273,10 @@ def _summary(group: RawGroup, guess: Guess) -> str:
     many = f"{group.count} files, " if group.count > 1 else ""
     if guess.known:
         return _printable(f"{many}{guess.notes[0]}")
+    if guess.table is None and guess.notes and not guess.columns:
+        return _printable(f"{many}not recognised: {guess.notes[0]}")
     what = guess.table or "not recognised"
-    return _printable(f"{many}{what}; columns {_listed(guess.columns)}")
+    return _printable(f"{many}{what}; columns {_listed(guess.columns, _LISTED)}")
 
 
 def _listed(columns: tuple[str, ...], most: int = _SHOWN_COLUMNS) -> str:
@@ -303,13 +313,13 @@ def campaign_text(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
     return re.sub("|".join(parts), lambda match: parts[match[0]], _TEMPLATE.read_text(encoding="utf-8"))
 
 
-def _starter(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
+def _starter(name: str, guesses: list[tuple[RawGroup, Guess]], robot: Robot | None) -> str:
     """Text of a campaign.toml with the keys that this campaign needs."""
     from truing.pipeline.starter import starter_text
 
     tables = Counter(guess.table for _, guess in guesses)
     read = [(group, guess) for group, guess in guesses if guess.table is not None]
-    left = [(group, guess) for group, guess in guesses if guess.table is None]
+    left = [(group, guess) for group, guess in guesses if guess.table is None and group.example.suffix != SUFFIX]
     entries = [(g, guess, list(_file_lines(g, guess, alone=tables[guess.table] == 1, most=0))) for g, guess in read]
     kept, more = _shortened_entries(entries, _MOST_LINES)
     files = [line for _, _, lines in kept for line in lines]
@@ -322,7 +332,7 @@ def _starter(name: str, guesses: list[tuple[RawGroup, Guess]]) -> str:
         ]
     files += _listing("Also found; truing init --all writes their entries:", [_found_words(*one[:2]) for one in more])
     files += _listing("Not read:", [_left_words(group, guess) for group, guess in left])
-    return starter_text(_name(name), _kind(tables), [guess for _, guess in read], files)
+    return starter_text(_name(name), _kind(tables), [guess for _, guess in read], files, robot)
 
 
 def _shortened_entries(entries: list[_Entry], most: int) -> tuple[list[_Entry], list[_Entry]]:

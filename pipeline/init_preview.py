@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,19 +39,24 @@ class Preview:
 
 def preview(folder: Path, example: Path, table: str, kind: str, mapping: dict[str, Any]) -> Preview | None:
     """First rows of a file by its mapping, in a campaign of a kind; None for a table without such rows."""
-    shape = _SHAPES.get(table)
-    if shape is None:
+    if table not in _SHAPES:
         return None
-    entry = {**mapping, "path": glob.escape(example.relative_to(folder).as_posix())}
     log = FaultLog()
     try:
-        campaign = read_campaign({"campaign": {"name": "preview", "kind": kind}, "files": {table: entry}})
-        first = next(read_table(CampaignFiles(folder, campaign), shape, log), None)
+        batch = first_rows(folder, example, table, kind, mapping, log)
     except CampaignFaults as error:
         return Preview(fault=str(error.faults[0]))
-    if first is None or not first[1].rows:
-        return Preview(fault=str(next(iter(log.faults()), "no row")))
-    return _shown(first[1])
+    return Preview(fault=str(next(iter(log.faults()), "no row"))) if batch is None else _shown(batch)
+
+
+def first_rows(
+    folder: Path, example: Path, table: str, kind: str, mapping: Mapping[str, Any], log: FaultLog | None = None
+) -> TableBatch | None:
+    """First batch of a file's rows by its mapping; None without rows. Raises CampaignFaults for an invalid mapping."""
+    entry = {**mapping, "path": glob.escape(example.relative_to(folder).as_posix())}
+    campaign = read_campaign({"campaign": {"name": "preview", "kind": kind}, "files": {table: entry}})
+    found = next(read_table(CampaignFiles(folder, campaign), _SHAPES[table], log or FaultLog()), None)
+    return None if found is None or not found[1].rows else found[1]
 
 
 def _shown(batch: TableBatch) -> Preview:

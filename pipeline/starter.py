@@ -7,11 +7,13 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
+from truing.pipeline.init_robot import mechanism_of
 from truing.schemas.columns import find_column
 
 if TYPE_CHECKING:
     from truing.formats.guess import Guess
-
+from truing.pipeline.init_robot import Robot
 
 _AT = 33  # column of remarks
 _WITH_SIGMAS = ("vstars", "aicon", "colmap", "photomodeler")
@@ -47,12 +49,17 @@ _LEGS = (
     ("a_mm = 0.5", "and b_mm, u, length_mm"),
 )
 
+_OF_JOINTS = ("joint_deg = 0.0005", "one standard deviation of a joint's reading; absent: exact")
+_DEVIATIONS = ("deviation_deg", "deviation_mm")
 _WHOLE_UNITS = {"metashape": "m", "vstars": "mm", "aicon": "mm", "tracker": "mm"}  # formats that name no unit
 _SHOWN = 8
 
 
-def starter_text(name: str, kind: str, guesses: Sequence[Guess], files: Sequence[str]) -> str:
-    """Text of the whole file; name and kind as TOML, files: the lines of [files]."""
+def starter_text(
+    name: str, kind: str, guesses: Sequence[Guess], files: Sequence[str], robot: Robot | None = None
+) -> str:
+    """Text of the whole file; name and kind as TOML, files: the lines of [files], robot: of a description."""
+    chain = list(mechanism_of(robot, guesses))
     tables = {guess.table for guess in guesses if guess.table}
     lines = [
         '# Settings of a measurement campaign. Complete the lines marked "needed", then run:  truing check .',
@@ -64,9 +71,10 @@ def starter_text(name: str, kind: str, guesses: Sequence[Guess], files: Sequence
         "[campaign]",
         f"name = {name}",
         _remark(f'kind = "{kind}"', _KINDS[kind]),
-        *_drives(guesses, tables),
+        *([] if chain else _drives(guesses, tables)),
         *_with_head("[noise]", [_commented_line(line, remark) for line, remark in _noise(guesses, tables, kind)]),
-        *_sections(guesses, tables),
+        *([_commented_line(*_OF_JOINTS)] if chain else []),
+        *_sections(guesses, tables, chain),
         *files,
     ]
     return "\n".join(lines).rstrip() + "\n"
@@ -97,7 +105,9 @@ def _drives(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
 
 def _axis_columns(guesses: Sequence[Guess]) -> list[str]:
     """Columns of a single axis by name: a command and its encoders; empty if there is no axis."""
-    names = [name for guess in guesses if guess.table == "configurations" for name in guess.columns]
+    own = [guess for guess in guesses if guess.table == "configurations"]
+    names = [name for guess in own for name in (*guess.columns, *guess.mapping.get("columns", {}))]
+    names = ["measured" + name.removeprefix("deviation") if name in _DEVIATIONS else name for name in names]
     for unit in ("deg", "mm"):
         if f"command_{unit}" in names:
             return [c for what in ("command", "motor", "load", "measured") if (c := f"{what}_{unit}") in names]
@@ -150,15 +160,17 @@ def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tu
             done.add(line)
 
 
-def _sections(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
-    """Sections other than [noise], each after an empty line."""
-    if "poses" in tables:
+def _sections(guesses: Sequence[Guess], tables: set[str], chain: Sequence[tuple[str, str]]) -> Iterator[str]:
+    """Sections other than [noise], each after an empty line; ``chain``: lines and remarks of its [mechanism]."""
+    if "poses" in tables or chain:
         yield from ("", "[measurement]")
         yield _commented_line('frame = "campaign"', "the instrument did not move; absent: every pose has its own frame")
     if any("euler_a_deg" in guess.mapping.get("columns", {}) for guess in guesses):
         yield from ("", "[poses]")
         yield _commented_line('euler = "XYZ"', "needed: the order; capitals for rotating axes, xyz for fixed axes")
-    if _any_file_has(guesses, "rho"):
+    if chain:
+        yield from ("", *(_remark(line, remark) for line, remark in chain))
+    elif _any_file_has(guesses, "rho"):
         yield ""
         yield from (_commented_line(line, remark) for line, remark in _LEGS)
     elif columns := _axis_columns(guesses):
@@ -182,7 +194,12 @@ def _sections(guesses: Sequence[Guess], tables: set[str]) -> Iterator[str]:
 def guess_lines(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
     """Yield one marked remark with all guessed keys of an entry; none if nothing is guessed."""
     constants = {key: value for key, value in mapping.get("constants", {}).items() if key not in guess.answered}
-    statements = (*_of_constants(constants), *_of_units(mapping, guess), *_of_rows(mapping, guess.answered))
+    statements = (
+        *guess.doubts,
+        *_of_constants(constants),
+        *_of_units(mapping, guess),
+        *_of_rows(mapping, guess.answered),
+    )
     if statements:
         yield f"{MARK} {'; '.join(statements)}"
 
@@ -221,7 +238,11 @@ def _of_units(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
         yield f'no unit is given; coordinates are assumed to be in {whole} (else: unit = "in")'
     elif by_unit:
         words = ", ".join(f"{unit} for {_span(names)}" for unit, names in by_unit.items())
-        yield f'no unit is given; assumed are {words} (else: units = {{ dx_mm = "in" }})'
+        assumed = [column for column, raw in mapping.get("columns", {}).items() if _taken_unit(column, raw, mapping)]
+        cure = (
+            'unit = "in"' if set(assumed) <= {*COORDINATES, *COORDINATE_SIGMAS} else f"units = {{ {assumed[0]} = ... }}"
+        )
+        yield f"no unit is given; assumed are {words} (else: {cure})"
 
 
 def assumed_unit(column: str, guess: Guess) -> str | None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from truing.formats.faultlog import FaultLog
 from truing.formats.row_collection import CollectedRows, collect_rows
@@ -29,6 +31,7 @@ from truing.stages.ingestion.tables import (
 ROWS = TableShape(
     "configurations", ("pose",), ("role", "time_s", "temperature_c", "repeat_of", "event"), covariates=True
 )
+DEVIATION = "deviation"
 _OTHER = {"deg": "mm", "mm": "deg"}
 
 
@@ -41,6 +44,7 @@ def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
         log.raise_faults()
         raise AssertionError("a table that cannot be read is a fault")
     check_unique_keys(found, log, "pose")
+    found = _with_deviations(found, settings.mechanism.columns["command"], log)
     columns = AxisColumns.of(settings.mechanism, found.table.column_names)
     _check_columns(found, columns, settings, log)
     table = with_role_and_time(found.table)
@@ -52,6 +56,21 @@ def ingest(settings: Any, source: CampaignFiles, log: FaultLog) -> Outcome:
         left_out=left_out_words(found.left_out),
         figure=f"command {columns.command}; recorded by {', '.join(columns.encoders.values())}",
     )
+
+
+def _with_deviations(found: CollectedRows, command: str, log: FaultLog) -> CollectedRows:
+    """Return rows with the places by an instrument that gives deviations from the command: command + deviation."""
+    for unit in _OTHER:
+        given, made = f"{DEVIATION}_{unit}", f"{MEASURED}_{unit}"
+        if given not in found.table.column_names:
+            continue
+        if made in found.table.column_names or command not in found.table.column_names or not command.endswith(unit):
+            expected = f"deviations from a command in {unit}, without a column {made} beside them"
+            log.add(Fault(found.first_file, expected, column=given))
+            continue
+        place = pa.array(numbers(found, command) + numbers(found, given))
+        found = replace(found, table=found.table.drop_columns([given]).append_column(made, place))
+    return found
 
 
 def _check_columns(found: CollectedRows, columns: AxisColumns, settings: Any, log: FaultLog) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import pyarrow as pa
 from truing.arrays import Array
 from truing.estimation.interferometry.recorded_steps import CHANNELS, LOADS
 from truing.formats.faultlog import FaultLog
+from truing.formats.file_search import words_on_unread_files
 from truing.formats.row_collection import CollectedRows, collect_rows
 from truing.formats.shapes import POSITIONING, WRENCH
 from truing.formats.source import CampaignFiles, RawFile
@@ -181,7 +182,7 @@ def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> 
         expected = (
             "this file, displacement.csv or signals.csv (or .parquet), or [files.interferometer] in campaign.toml"
         )
-        log.add(Fault("interferometer.csv", expected))
+        log.add(Fault("interferometer.csv", expected + words_on_unread_files(source.folder)))
     readings = read_readings(source, settings, log)
     signals = read_signals(source, settings, None if readings is None else readings.table, log)
     loaded = [found.table for found in (readings, signals) if found is not None]
@@ -247,8 +248,11 @@ def read_positions(source: CampaignFiles, settings: Any, log: FaultLog) -> Posit
     if found is None:
         return None
     check_unique_keys(found, log, "run", "target_mm", "direction", "cycle")
+    found = _with_positions(found, log)
     if not log:
         _check_complete(found, log)
+    if log:
+        return None
     read = numbers(found, "position_mm")
     found, corrections = positions_at_reference(found, settings.interferometer, log)
     if log:
@@ -259,6 +263,22 @@ def read_positions(source: CampaignFiles, settings: Any, log: FaultLog) -> Posit
         table = table.append_column("position_read_mm", pa.array(read))
     order = np.lexsort((numbers(found, "cycle"), way, numbers(found, "target_mm"), numbered(found, "run")))
     return PositionTable(as_artifact("positions", table.take(order)), dict(found.left_out), corrections)
+
+
+def _with_positions(found: CollectedRows, log: FaultLog) -> CollectedRows:
+    """Return approaches with positions, mm, computed from targets and deviations where a file gives these."""
+    given = [name for name in ("position_mm", "deviation_um") if name in found.table.column_names]
+    if len(given) != 1:
+        expected = "a column position_mm, or deviation_um (position minus target)" + ("; not both" if given else "")
+        log.add(Fault(found.first_file, expected, column="position_mm"))
+        return found
+    if not log:
+        found.fault(log, np.isnan(numbers(found, given[0])), given[0], "a number for every approach")
+    if given == ["position_mm"]:
+        return found
+    position = numbers(found, "target_mm") + 1e-3 * numbers(found, "deviation_um")
+    table = found.table.drop_columns(["deviation_um"]).append_column("position_mm", pa.array(position))
+    return replace(found, table=table)
 
 
 def _check_complete(found: CollectedRows, log: FaultLog) -> None:

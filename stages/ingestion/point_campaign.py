@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 
 from truing.formats.faultlog import FaultLog
+from truing.formats.file_search import words_on_unread_files
 from truing.formats.source import CampaignFiles, skipped_files
 from truing.report.numbers import count
 from truing.schemas.artifacts import ARTIFACTS
@@ -168,7 +169,8 @@ def _check_any_points(source: CampaignFiles, log: FaultLog) -> None:
     """Raise CampaignFaults where there is nothing to read, with the files that are no photographs."""
     if any(source.entries(table) for table in ("points", "poses", "scans", "distances")):
         return
-    log.add(Fault("points.csv", "this file (or points.parquet, poses.csv), or [files.points] in campaign.toml"))
+    expected = "this file (or points.parquet, poses.csv), or [files.points] in campaign.toml"
+    log.add(Fault("points.csv", expected + words_on_unread_files(source.folder)))
     for one in skipped_files(source.folder, source.folders_of_photographs, ()):
         if one.is_fault:
             log.add(Fault(one.name, one.why))

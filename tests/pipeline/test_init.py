@@ -458,7 +458,7 @@ def test_loads_are_what_acted_and_not_what_a_sensor_shows(tmp_path: Path, header
 
 
 def test_columns_of_numbers_without_names_are_no_coordinates_where_there_are_six(tmp_path: Path) -> None:
-    text, document = starter(tmp_path, {"joints.txt": rows(*NUMBERS.uniform(-90, 90, (6, 8)).round(3))})
+    text, document = starter(tmp_path, {"readings.txt": rows(*NUMBERS.uniform(-90, 90, (6, 8)).round(3))})
     assert "files" not in document
     assert "6 columns of numbers without names" in text
 

@@ -29,6 +29,10 @@ class TooManyEntries(Exception):
     )
 
 
+_NO_DATA = {".toml", ".md", ".html", ".pdf", ".yaml", ".yml", ".json"}
+_NAMED = 4
+
+
 def find_files(folder: Path, pattern: str) -> list[str]:
     """Return the files of a path or glob, as reached from ``folder``: ``pose2`` before ``pose10``.
 
@@ -51,6 +55,14 @@ def find_files(folder: Path, pattern: str) -> list[str]:
     except re.error:
         return []
     return sorted((name for name in names if is_raw_file(folder / name)), key=_natural)
+
+
+def words_on_unread_files(folder: Path) -> str:
+    """Return a hint that names the files at the top of a folder that no entry reads; empty if there are none."""
+    names = sorted(path.name for path in folder.iterdir() if not path.name.startswith(".") and is_raw_file(path))
+    unread = [name for name in names if Path(name).suffix.lower() not in _NO_DATA and name.isprintable()]
+    more = f" and {len(unread) - _NAMED} more" if len(unread) > _NAMED else ""
+    return f"; no entry reads {', '.join(unread[:_NAMED])}{more}" if unread else ""
 
 
 def is_raw_file(path: Path) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,6 +20,10 @@ _NO_POINTS = re.compile(
     r"(?:^|[ _])q[wxyz]\b",
     re.I,
 )
+_OF_AXES = re.compile(  # positions in a robot's program: KUKA's E6AXIS, ABB's jointtarget
+    r"E6AXIS\s+(?P<kuka>\w+)\s*=\s*\{\s*A1|jointtarget\s+(?P<abb>\w+)\s*:?=\s*\[\[", re.IGNORECASE
+)
+_ANGLE = r"[-+\d.eE]+"
 _RAYS = ("image", "camera", "point", "x_px", "y_px")
 _CAMERA = ("camera", "width_px", "height_px", "focal_px", "x0_px", "y0_px", "A1", "A2", "A3", "B1", "B2", "C1", "C2")
 _POINT = ("target", "x", "y", "z")
@@ -37,6 +41,7 @@ class Guess:
     others: other tables read with the same keys. known: no table of the file is needed; the first note gives the
     reason. beside: other tables in the file, each with its own keys. otherwise: a number of the file and the guess by
     its other notation, if both are possible. answered: keys that are no guesses, because somebody has given them.
+    doubts: statements to confirm, beside those that the keys imply.
     """
 
     mapping: dict[str, Any] = field(default_factory=dict)
@@ -48,6 +53,7 @@ class Guess:
     beside: tuple[Guess, ...] = ()
     otherwise: tuple[str, Guess] | None = field(default=None, compare=False, repr=False)
     answered: frozenset[str] = frozenset()
+    doubts: tuple[str, ...] = ()
 
 
 def metashape(lines: Sequence[str]) -> Guess | None:
@@ -124,18 +130,25 @@ def wide_template(names: Sequence[str]) -> tuple[str, str | None] | None:
                 count = _targets_of(template, names)
                 unit = _UNIT_BEHIND.search(ending)
                 best = max(best, (count, -rank, template, unit[1] if unit else None), key=lambda one: one[:2])
-    return best[2:] if best[0] >= _FEWEST and not _NO_POINTS.search(" ".join(names)) else None
+    if best[0] < _FEWEST or _NO_POINTS.search(" ".join(names)):
+        return None
+    with_bodies = best[2].replace("{target}", "{body}:{target}")  # Vicon's subject:marker
+    return (with_bodies if _targets_of(with_bodies, names) == best[0] else best[2]), best[3]
 
 
 def _targets_of(template: str, names: Sequence[str]) -> int:
     """Return the number of targets with all three coordinates by a template."""
     pattern = (
-        re.escape(template).replace(r"\{target\}", r"(?P<target>\w.*?)").replace(r"\{axis\}", "(?P<axis>[xyzXYZ])")
+        re.escape(template)
+        .replace(r"\{target\}", r"(?P<target>\w.*?)")
+        .replace(r"\{body\}", r"(?P<body>\w[^:]*)")
+        .replace(r"\{axis\}", "(?P<axis>[xyzXYZ])")
     )
     axes: dict[str, set[str]] = {}
     for name in names:
         if match := re.fullmatch(pattern, name):
-            axes.setdefault(match["target"], set()).add(match["axis"].lower())
+            whole = f"{match.groupdict().get('body', '')}:{match['target']}"
+            axes.setdefault(whole, set()).add(match["axis"].lower())
     return sum(len(found) == 3 for found in axes.values())
 
 
@@ -167,9 +180,28 @@ def guess_by_first_lines(lines: Sequence[str]) -> Guess | None:
         note = f"PhotoModeler: marks with sigmas, cameras, points; {_ONE_POSE}"
         mapping = {"format": "photomodeler", "constants": {"pose": 1}}
         return Guess(mapping, _RAYS, "image_points", (note,), ("cameras",))
+    if (axes := next((m for line in lines if (m := _OF_AXES.search(line))), None)) is not None:
+        return _positions_of_program(axes)
     if re.match(r"\*?1[01]\d{4}[+-]\S{8}", head) and re.search(r"\b81....[+-]\d{8}", head):
         return Guess({"format": "gsi", "constants": {"body": "body"}}, _POINT, "points", (_OF_GSI,))
     return None
+
+
+def _positions_of_program(found: re.Match[str]) -> Guess:
+    """Return a guess for the positions in a robot's program, in degrees: a pose per line, named as the position."""
+    joints = [f"joint{number}" for number in range(1, 7)]
+    values = [rf"(?P<{joint}_deg>{_ANGLE})" for joint in joints]
+    if found["kuka"] is not None:
+        inner = r"\s*,\s*".join(rf"A{number}\s+{value}" for number, value in enumerate(values, start=1))
+        pattern, kept = rf".*E6AXIS\s+(?P<pose>\w+)\s*=\s*\{{\s*{inner}.*", "E6AXIS"
+    else:
+        inner = r"\s*,\s*".join(values)
+        pattern, kept = rf".*jointtarget\s+(?P<pose>\w+)\s*:?=\s*\[\[\s*{inner}.*", "jointtarget"
+    pattern = pattern.replace("(?P<pose>\\w+)", r"\w*?(?P<pose>\d+)")
+    keys = {"separator": "|", "quote": "", "header": False, "names": ["line"], "keep_lines": kept}
+    note = "positions of a robot's program, in degrees"
+    doubt = "the numbers of the positions are assumed to be the poses"
+    return Guess({**keys, "split": {"line": pattern}}, tuple(joints), "configurations", (note,), doubts=(doubt,))
 
 
 def is_rig_file(name: str, head: str = "") -> bool:
@@ -193,3 +225,22 @@ def _is_photomodeler(lines: Sequence[str]) -> bool:
     counts = [len(line.split()) for line in lines[1:5]]
     numbers = all(re.fullmatch(r"[-+.\deE\s]+", line) for line in lines[1:5])
     return len(lines) > 6 and numbers and counts == [4, 9, 10, 10] and re.match(r"\s*\d+ \S", lines[5]) is not None
+
+
+def parts_of_names(targets: Sequence[str], raw: str, known: Collection[str]) -> dict[str, Any]:
+    """Return a ``split`` for names of targets in parts, such as ``A::base::P1``; empty if they have no parts.
+
+    The last part is the target, the part before it the body, unless a column names it. A first part that differs is
+    the pose.
+    """
+    parts = [name.split("::") for name in targets]
+    count = len(parts[0])
+    if count < 2 or any(len(own) != count or not all(own) for own in parts):
+        return {}
+    groups = ["target"]
+    groups.insert(0, "body" if "body" not in known else "group")
+    if count > 2:
+        differs = len({own[0] for own in parts}) > 1 and "pose" not in known
+        groups = ["pose" if differs else "collection", *(f"part{i}" for i in range(count - 3)), *groups]
+    pattern = "::".join(f"(?P<{group}>.+)" if i == count - 1 else f"(?P<{group}>.+?)" for i, group in enumerate(groups))
+    return {"split": {raw: pattern}}

@@ -43,6 +43,7 @@ _RAW: tuple[Column, ...] = (
     Column("reading", "real", "what the channel read, um or arcsec", nullable=True),
     *(Column(f"shown_f{a}_n", "real", f"force along {a} as the sensor itself shows it", "N") for a in "xyz"),
     *(Column(f"shown_m{a}_nm", "real", f"torque about {a} as the sensor itself shows it", "N m") for a in "xyz"),
+    Column("deviation_um", "real", "position minus target, where a file gives no position", "um", nullable=True),
     Column("c_mm", "real", "principal distance", "mm", minimum=0.0, nullable=True),
     Column("focal_px", "real", "principal distance", "px", minimum=0.0, nullable=True),
     *(Column(f"{a}0_px", "real", "principal point from the middle of the format", "px", nullable=True) for a in "xy"),
@@ -185,7 +186,9 @@ QUADRATURE = TableShape(
     ("time_s", "signal_x", "signal_y", "phase_deg", "radius", "sigma", *_LOADED, *_SURROUNDINGS),
     covariates=True,
 )
-POSITIONING = TableShape("positioning", ("run", "target_mm", "direction", "cycle", "position_mm"), _SURROUNDINGS)
+POSITIONING = TableShape(
+    "positioning", ("run", "target_mm", "direction", "cycle"), ("position_mm", "deviation_um", *_SURROUNDINGS)
+)
 PUBLISHED = TableShape(
     "published",
     ("load_axis", "load", "channel"),

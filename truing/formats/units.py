@@ -55,6 +55,7 @@ _UNITS: dict[str, tuple[str, float, float]] = {
     "1": ("share", 1.0, 0.0),
     "%": ("share", 1e-2, 0.0),
     "s": ("time", 1.0, 0.0),
+    "ns": ("time", 1e-9, 0.0),
     "ms": ("time", 1e-3, 0.0),
     "us": ("time", 1e-6, 0.0),
     "min": ("time", 60.0, 0.0),
@@ -68,7 +69,7 @@ _NUMBER = re.compile(r"\d+(\.\d*)?([eE][-+]?\d+)?")
 _SPELT = {"µm": "um", "μm": "um", "°": "deg", '"': "in", "inch": "in", "°C": "degC", "°F": "degF", "Nm": "N m"}
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[({]\s*(?P<unit>[^\[\](){}]+?)\s*[\])}]$")
 _BEHIND = re.compile(
-    r"^(?P<name>.*?)(?:\s*/\s*|[\s_]+)(?P<unit>mm|cm|um|µm|μm|nm|m|in|deg|rad|mrad|urad|s|ms|K|degC|°C|°)$"
+    r"^(?P<name>.*?)(?:\s*/\s*|[\s_]+)(?P<unit>mm|cm|um|µm|μm|nm|m|in|deg|rad|mrad|urad|arcsec|arcmin|s|ms|K|degC|°C|°)$"
 )
 _SPELT_OUT = {
     "meter": "m",
@@ -83,6 +84,15 @@ _SPELT_OUT = {
     "radian": "rad",
     "radians": "rad",
     "celsius": "degC",
+    "inches": "in",
+    "feet": "ft",
+    "foot": "ft",
+    "millimeters": "mm",
+    "millimetres": "mm",
+    "micrometer": "um",
+    "micrometers": "um",
+    "seconds": "s",
+    "minutes": "min",
     "nmm": "N mm",
     "n·mm": "N mm",
     "n*mm": "N mm",
@@ -168,7 +178,7 @@ def known_unit(text: str) -> str | None:
         conversion(unit, unit)
     except UnknownUnit:
         return None
-    return unit
+    return _SPELT.get(unit, unit)
 
 
 def may_be(unit: str | None, column: Column | None) -> bool:

@@ -92,14 +92,14 @@ def rows_of_records(path: Path, entry: FileMapping, records: Sequence[int]) -> l
     return found
 
 
-def first_rows(path: Path, count: int) -> dict[str, list[Row]]:
-    """Return the first non-empty rows of every visible sheet that has any."""
-    found: dict[str, list[Row]] = {}
+def first_rows(path: Path, count: int) -> dict[str, list[tuple[int, Row]]]:
+    """Return the first non-empty rows of every visible sheet that has any, with their numbers from 1."""
+    found: dict[str, list[tuple[int, Row]]] = {}
     with _opened(path) as book:
         for name in _visible(book):
-            rows: list[Row] = []
+            rows: list[tuple[int, Row]] = []
             for record in _records(path, book, name, FileMapping(path=path.name)):
-                rows.append(record.cells)
+                rows.append((record.row, record.cells))
                 if len(rows) == count:
                     break
             if rows:
@@ -258,7 +258,7 @@ def _names(heading: Row, entry: FileMapping) -> tuple[str, ...]:
     if entry.header is not False:
         return tuple(" ".join(text_of(cell).split()) for cell in heading)
     positions = [str(position + 1) for position in range(len(heading))]
-    return (*entry.names[: len(heading)], *positions[len(entry.names) :])
+    return (*entry.names, *positions[len(entry.names) :])  # the last cells of the first row may be empty
 
 
 def _batch(records: list[_Record], kinds: Mapping[int, Kind], names: tuple[str, ...], done: int, mark: str) -> RawBatch:

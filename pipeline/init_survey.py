@@ -1,0 +1,161 @@
+"""Evidence in rows for `truing init`: bodies and unit of points by a survey, and lost targets."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from truing.formats.units import conversion
+from truing.pipeline.init_preview import first_rows
+from truing.pipeline.init_questions import names_a_body
+from truing.pipeline.starter import assumed_unit
+from truing.schemas.faults import CampaignFaults
+
+if TYPE_CHECKING:
+    from truing.arrays import Array
+    from truing.formats.guess import Guess
+    from truing.pipeline.init_campaign import RawGroup
+
+_UNITS = ("mm", "m", "cm", "um", "in", "ft")
+_WITHIN = 0.02  # of the ratio of distances
+_MOST_ROWS, _MOST_PAIRS, _FEWEST_PAIRS = 400, 200, 3
+_LOST, _MOST_LOOKED_AT = "0 0 0", 100_000
+_MOST_FILES = 20
+_PLACE = ("x_mm", "y_mm", "z_mm")
+
+
+@dataclass(frozen=True)
+class Survey:
+    """Targets of a survey: the body of each, and its place, mm; no places if their unit is a guess."""
+
+    name: str
+    bodies: Mapping[str, str]
+    places: Mapping[str, Array]
+
+
+def with_survey(folder: Path, guesses: Sequence[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
+    """Complete guesses of points by the only survey of the folder: the body of each target, and the unit."""
+    surveys = [(group, guess) for group, guess in guesses if guess.table == "targets"]
+    if len(surveys) != 1 or (survey := _survey(folder, *surveys[0])) is None:
+        return list(guesses)
+    return [(group, _completed(folder, group, guess, survey)) for group, guess in guesses]
+
+
+def _survey(folder: Path, group: RawGroup, guess: Guess) -> Survey | None:
+    rows = _rows(folder, group, guess, {})
+    if rows is None or len(set(rows.targets)) < len(rows.targets):
+        return None
+    is_sure = assumed_unit("x_mm", guess) is None
+    bodies = dict(zip(rows.targets, rows.bodies, strict=True)) if names_a_body(guess) else {}
+    return Survey(group.glob, bodies, dict(zip(rows.targets, rows.places, strict=True)) if is_sure else {})
+
+
+def _completed(folder: Path, group: RawGroup, guess: Guess, survey: Survey) -> Guess:
+    if guess.table != "points" or guess.known:
+        return guess
+    lacks_body = not names_a_body(guess)
+    rows = _rows(folder, group, guess, {"body": "body"} if lacks_body else {})
+    if rows is None:
+        return guess
+    if lacks_body and (keys := _keys_of_bodies(guess, rows.targets, survey.bodies)):
+        note = f"bodies by {survey.name}"
+        answered = guess.answered | {"body"}
+        guess = replace(guess, mapping={**guess.mapping, **keys}, notes=(*guess.notes, note), answered=answered)
+    if assumed_unit("x_mm", guess) is None or (unit := _unit(rows, survey.places)) is None:
+        return guess
+    note = f"unit {unit}: distances between targets are then those of {survey.name}"
+    return replace(
+        guess, mapping={**guess.mapping, "unit": unit}, notes=(*guess.notes, note), answered=guess.answered | {"unit"}
+    )
+
+
+def _keys_of_bodies(guess: Guess, targets: Sequence[str], bodies: Mapping[str, str]) -> dict[str, Any]:
+    """Return keys that give each target the body of the survey; empty if one of them is not in it."""
+    present = list(dict.fromkeys(targets))
+    if not present or not all(target in bodies for target in present):
+        return {}
+    constants, columns = guess.mapping.get("constants", {}), guess.mapping.get("columns", {})
+    if len({bodies[target] for target in present}) == 1:
+        return {"constants": {**constants, "body": bodies[present[0]]}}
+    if "target" not in columns:
+        return {}
+    by_name = {re.escape(target): body for target, body in bodies.items()}
+    renames = {**guess.mapping.get("rename", {}), "body": by_name}
+    return {"columns": {**columns, "body": columns["target"]}, "rename": renames}
+
+
+def _unit(rows: _Rows, places: Mapping[str, Array]) -> str | None:
+    """Return the unit by which distances within poses are those between surveyed targets; None if none fits."""
+    by_pose: dict[str, list[int]] = {}
+    for row, (pose, target) in enumerate(zip(rows.poses, rows.targets, strict=True)):
+        if target in places:
+            by_pose.setdefault(pose, []).append(row)
+    ratios = []
+    for own in by_pose.values():
+        for i, j in combinations(own, 2):
+            if rows.bodies[i] != rows.bodies[j]:
+                continue
+            read = float(np.linalg.norm(rows.places[i] - rows.places[j]))
+            known = float(np.linalg.norm(places[rows.targets[i]] - places[rows.targets[j]]))
+            if read > 0.0 and known > 0.0:
+                ratios.append(known / read)
+        if len(ratios) >= _MOST_PAIRS:
+            break
+    if len(ratios) < _FEWEST_PAIRS:
+        return None
+    ratio = float(np.median(ratios))
+    close = [unit for unit in _UNITS if abs(ratio / conversion(unit, "mm")[0] - 1.0) < _WITHIN]
+    return close[0] if close else None
+
+
+def with_lost_points(folder: Path, guesses: Sequence[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
+    """Declare ``0 0 0`` as missing in points in which an instrument wrote it, probably for a lost target."""
+    return [(group, _without_zeros(folder, group, guess)) for group, guess in guesses]
+
+
+def _without_zeros(folder: Path, group: RawGroup, guess: Guess) -> Guess:
+    if guess.table != "points" or guess.known or "missing" in guess.mapping or "format" in guess.mapping:
+        return guess
+    constants = {} if names_a_body(guess) else {"body": "body"}
+    examples = [group.example.parent / name for name in group.names[:_MOST_FILES]] or [group.example]
+    files = (_rows(folder, replace(group, example=one), guess, constants, most=_MOST_LOOKED_AT) for one in examples)
+    if not any(rows is not None and (rows.places == 0.0).all(axis=1).any() for rows in files):
+        return guess
+    doubt = "rows with coordinates 0 0 0 are assumed to be lost targets"
+    return replace(guess, mapping={**guess.mapping, "missing": [_LOST]}, doubts=(*guess.doubts, doubt))
+
+
+@dataclass(frozen=True)
+class _Rows:
+    poses: list[str]
+    bodies: list[str]
+    targets: list[str]
+    places: Array
+
+
+def _rows(
+    folder: Path, group: RawGroup, guess: Guess, constants: Mapping[str, str], most: int = _MOST_ROWS
+) -> _Rows | None:
+    """Return the first rows of a file by a guess; None if it cannot be read so."""
+    added = {**guess.mapping.get("constants", {}), **constants}
+    mapping = {**guess.mapping, "constants": added} if added else guess.mapping
+    try:
+        batch = first_rows(folder, group.example, str(guess.table), "photogrammetry", mapping)
+    except CampaignFaults:
+        return None
+    names = {} if batch is None else batch.columns
+    if not {"target", *_PLACE} <= set(names):
+        return None
+    count = min(batch.rows, most) if batch is not None else 0
+    texts = {
+        name: [str(value) for value in names[name].slice(0, count).to_pylist()] if name in names else [""] * count
+        for name in ("pose", "body", "target")
+    }
+    columns = [np.array(names[name].slice(0, count).to_pylist(), dtype=float) for name in _PLACE]
+    return _Rows(texts["pose"], texts["body"], texts["target"], np.column_stack(columns))

@@ -1,0 +1,124 @@
+"""Names of the columns of an unknown table: in one row, in several rows with units below, or in a comment."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from truing.formats.units import known_unit
+
+_MOST_ROWS = 8  # of a heading
+_NO_UNIT = {"", "-", "--", "[-]", "[]"}
+_UNIT_LINE = re.compile(r"\bunits?\s*[:=;,]?\s*[\"'\[(]?(?P<unit>[A-Za-zµμ]+)", re.IGNORECASE)
+_SERIAL_NUMBER = re.compile(r"[\dA-Fa-f-]{8,}|\d+")
+Row = Sequence[str]
+
+
+@dataclass(frozen=True)
+class Heading:
+    """Names of the columns, and the number of rows above the first row of data.
+
+    ``is_row``: the row above the data alone holds the names; otherwise they are composed, or in a comment.
+    """
+
+    names: tuple[str, ...]
+    rows: int
+    is_row: bool = False
+
+
+def heading_of(records: Sequence[Row], is_number: Callable[[str], bool], comments: Sequence[Row] = ()) -> Heading:
+    """Return the names of records of equally many cells; positions from 1 if no row and no comment holds names."""
+    rows = _rows_of_names(records, is_number)
+    if rows > 1 and (names := _composed(records[:rows], is_number)) is not None:
+        return Heading(names, rows)
+    if rows:
+        return Heading(tuple(records[0]), 1, is_row=True)
+    if (named := _names_in_comment(len(records[0]), is_number, comments)) is not None:
+        return Heading(named, 0)
+    return Heading(tuple(str(number + 1) for number in range(len(records[0]))), 0)
+
+
+def unit_in_words(lines: Sequence[str]) -> str | None:
+    """Return the unit that lines such as ``Units: Inches`` state; None without one, or if they differ."""
+    found = {known_unit(match["unit"]) for line in lines if (match := _UNIT_LINE.search(line))} - {None}
+    return found.pop() if len(found) == 1 else None
+
+
+def _rows_of_names(records: Sequence[Row], is_number: Callable[[str], bool]) -> int:
+    """Return the number of rows before the first row of data: 0 if the first row holds numbers, and a row follows."""
+    if len(records) < 2 or any(map(is_number, records[0])):
+        return 0
+    numbers = [sum(map(is_number, record)) for record in records]
+    usual = max(Counter(numbers[len(numbers) // 2 :]).items(), key=lambda one: (one[1], one[0]))[0]
+    data = next((i for i, count in enumerate(numbers) if 0 < usual <= 2 * count and _is_data(records[i], is_number)), 1)
+    return data if 1 <= data <= _MOST_ROWS and data < len(records) else 1
+
+
+def _is_data(record: Row, is_number: Callable[[str], bool]) -> bool:
+    """True unless all cells with numbers are serial numbers in a row whose other cells are empty or texts."""
+    return not all(_SERIAL_NUMBER.fullmatch(cell.strip()) for cell in record if is_number(cell)) or is_number(record[0])
+
+
+def _composed(rows: Sequence[Row], is_number: Callable[[str], bool]) -> tuple[str, ...] | None:
+    """Return names composed from rows: units of the last row, and words of the others if needed to tell columns."""
+    if any(any(map(is_number, row)) and not _is_serial(row) for row in rows):
+        return None
+    *above, last = [[cell.strip() for cell in row] for row in rows]
+    units = last if _are_units(last) else None
+    if units is None:
+        above.append(last)
+    if not above or (units is None and len(above) < 2):
+        return None
+    *others, base = above
+    telling = [_filled(row) for row in others if _tells(row)] if _repeats(base) else []
+    names = [".".join(dict.fromkeys(filter(None, cells))) for cells in zip(*telling, base, strict=True)]
+    if units is not None:
+        bare = [cell.strip("[]() ") for cell in units]
+        names = [
+            f"{name} [{unit}]" if name and unit not in _NO_UNIT else name
+            for name, unit in zip(names, bare, strict=True)
+        ]
+    named = [name for name in names if name]
+    if len(set(named)) < len(named):
+        return None
+    return tuple(name or str(number) for number, name in enumerate(names, start=1))
+
+
+def _are_units(row: Sequence[str]) -> bool:
+    cells = [cell for cell in row if cell not in _NO_UNIT]
+    return bool(cells) and all(known_unit(cell.strip("[]() ")) is not None for cell in cells)
+
+
+def _repeats(names: Sequence[str]) -> bool:
+    named = [name for name in names if name]
+    return len(set(named)) < len(named) or len(named) < len(names)
+
+
+def _tells(row: Sequence[str]) -> bool:
+    """True if a row names groups of columns: several words that are no serial numbers."""
+    words = {cell for cell in row if cell}
+    return len(words) > 1 and not _is_serial(row)
+
+
+def _is_serial(row: Row) -> bool:
+    return all(_SERIAL_NUMBER.fullmatch(cell.strip()) for cell in row if cell.strip())
+
+
+def _filled(row: Sequence[str]) -> list[str]:
+    """Return a row whose empty cells hold the text before them, as merged cells are exported."""
+    held, found = "", []
+    for cell in row:
+        held = cell or held
+        found.append(held)
+    return found
+
+
+def _names_in_comment(width: int, is_number: Callable[[str], bool], comments: Sequence[Row]) -> tuple[str, ...] | None:
+    """Return the cells of the last comment that has a name for each column."""
+    for cells in reversed(comments):
+        named = [cell.strip() for cell in cells]
+        if len(named) == width and all(named) and len(set(named)) == width and not any(map(is_number, named)):
+            return tuple(named)
+    return None

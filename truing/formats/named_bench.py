@@ -1,0 +1,200 @@
+"""Recognition of columns of benches by names: readings under a load, positions of an axis, and axes with encoders."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from truing.arrays import Array
+from truing.formats.units import bare_and_unit, conversion, may_be
+from truing.schemas.columns import find_column
+
+_LOADED = {
+    "run": r"run([ _]?(nr|no|id))?|lauf|versuch|test([ _]?(nr|no|id))?|essai",
+    "step": r"step([ _]?(nr|no|id))?|(last)?stufe|schritt|load[ _]?step|palier",
+    "time_s": r"t|time|zeit|temps|timestamp",
+    "load_axis": r"load[ _]?(axis|direction)|axis|lastachse|lastrichtung|achse|axe",
+    "load": r"(applied[ _]?)?(load|force)|(auf)?last|kraft|charge",
+    "channel": r"channel|kanal|voie",
+    "reading": r"reading|anzeige|messwert|indication|lecture",
+    "air_temperature_c": r"(air|luft)[ _-]?temp(erature?|eratur)?",
+    "air_pressure_hpa": r"(air|luft)[ _-]?(pressure|druck)|pressure|druck",
+    "relative_humidity_pct": r"(relative[ _]?)?humidity|(luft)?feuchte",
+    "material_temperature_c": r"(material|werkstück)[ _-]?temp(erature?|eratur)?",
+}
+_MOTION = ("dx", "dy", "dz", "rx", "ry", "rz")
+_TARGET = r"(target|nominal|soll|ziel|command(ed)?)([ _-]?(position|pos|wert))?|position[ _]?nominale"
+_DEVIATION = r"deviation|error|abweichung|(positioning|positions)[ _-]?(error|abweichung)|fehler|erreur"
+_ACTUAL = r"(actual|measured|ist|reference)([ _-]?(position|pos|wert))?|istposition|istwert|position"
+_DIRECTION = r"direction|dir|(verfahr)?richtung|approach|anfahrrichtung|sens"
+_CYCLE = r"cycle|zyklus|run([ _]?(nr|no))?|lauf|pass|repeat|wiederholung"
+_DIRECTIONS = {
+    "forward": ("+", "+1", "1", "forward", "fwd", "up", "vorwärts", "vor", "plus", "pos", "positive", "↑"),
+    "backward": (
+        "-",
+        "-1",
+        "0",
+        "backward",
+        "bwd",
+        "back",
+        "down",
+        "rückwärts",
+        "rück",
+        "minus",
+        "neg",
+        "negative",
+        "↓",
+    ),
+}
+_COMMAND = (
+    r"(command(ed)?|target|nominal|soll|ziel|set)([ _-]?(angle|position|pos|winkel|wert))?"
+    r"|setpoint|angle|winkel|position"
+)
+_MOTOR = r"motor([ _-]?(encoder|angle|position|winkel))?|encoder|geber|messsystem|resolver"
+_LOAD_SIDE = r"(load|second|direct|output)([ _-]?(encoder|angle|position|winkel))|abtrieb"
+_OUTSIDE = (
+    r"(reference|measured|autocollimator|autokollimator|akf|interferometer|laser|polygon|ist|error|deviation|abweichung)"
+    r".*"
+)
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A table, keys of its [files.<table>], what it is, and statements to confirm."""
+
+    table: str
+    mapping: dict[str, Any]
+    note: str
+    doubts: tuple[str, ...] = ()
+
+
+def readings_under_load(names: Sequence[str]) -> Proposal | None:
+    """Return readings of an interferometer under loads: a row per channel, or channels side by side."""
+    columns = _meanings(names, _LOADED)
+    side_by_side = {bare_and_unit(name)[0].lower(): name for name in names}
+    channels = {axis: side_by_side[axis] for axis in _MOTION if axis in side_by_side}
+    is_long = {"channel", "reading"} <= set(columns)
+    if not {"load_axis", "load"} <= set(columns) or not (is_long or channels):
+        return None
+    constants = {} if "run" in columns else {"constants": {"run": "1"}}
+    numbered = {} if "step" in columns else {"number_rows": {"step": 1}}
+    columns = {key: name for key, name in columns.items() if is_long or key not in ("channel", "reading")}
+    values = channels.values() if not is_long else [columns["reading"]]
+    units = _units(columns) | _unit_of_readings(values)
+    wide = {} if is_long else {"channels": channels}
+    mapping = {**wide, "columns": columns, **({"units": units} if units else {}), **constants, **numbered}
+    return Proposal("interferometer", mapping, "readings under loads")
+
+
+def _meanings(names: Sequence[str], words: Mapping[str, str]) -> dict[str, str]:
+    """Return the raw name of each column that a name means, first come first served."""
+    found: dict[str, str] = {}
+    for name in names:
+        bare = bare_and_unit(name)[0].casefold()
+        column = next((c for c, pattern in words.items() if re.fullmatch(pattern, bare)), None)
+        if column is not None:
+            found.setdefault(column, name)
+    return found
+
+
+def _units(columns: Mapping[str, str]) -> dict[str, str]:
+    """Return units by names of columns other than the reading, if they differ from the column's own."""
+    own = {"time_s": "s", "load": "N", "air_pressure_hpa": "hPa", "relative_humidity_pct": "%"}
+    given = {column: bare_and_unit(name)[1] for column, name in columns.items() if column != "reading"}
+    return {column: unit for column, unit in given.items() if unit is not None and unit != own.get(column, "degC")}
+
+
+def _unit_of_readings(names: Iterable[str]) -> dict[str, str]:
+    """Return the common unit of lengths among readings; arc seconds of angles are taken as they are."""
+    units = {bare_and_unit(name)[1] for name in names} - {None, "arcsec"}
+    return {"reading": next(iter(units))} if len(units) == 1 and units != {"um"} else {}
+
+
+def positions_of_axis(names: Sequence[str], data: Sequence[Sequence[str]], values: Array) -> Proposal | None:
+    """Return approaches of an axis to its targets, a row each, with the direction and the deviation or position."""
+    found = _meanings(
+        names, {"target_mm": _TARGET, "direction": _DIRECTION, "off": _DEVIATION, "at": _ACTUAL, "cycle": _CYCLE}
+    )
+    if "target_mm" not in found or "direction" not in found or not {"off", "at"} & set(found):
+        return None
+    cells = {row[list(names).index(found["direction"])].strip() for row in data}
+    renames = {cell: _direction(cell) for cell in sorted(cells)}
+    if not all(renames.values()):
+        return None
+    place = ("position_mm", "at") if "at" in found else ("deviation_um", "off")
+    columns = {"target_mm": found["target_mm"], "direction": found["direction"], place[0]: found[place[1]]}
+    columns |= {"cycle": found["cycle"]} if "cycle" in found else {}
+    units = {column: bare_and_unit(columns[column])[1] for column in ("target_mm", place[0])}
+    given = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
+    words = {raw: word for raw, word in renames.items() if raw != word}
+    mapping = {"columns": columns, **({"units": given} if given else {}), "constants": {"run": "1"}}
+    mapping |= {"rename": {"direction": {re.escape(raw): word for raw, word in words.items()}}} if words else {}
+    return Proposal("positioning", mapping, "approaches of an axis to its targets")
+
+
+def _direction(cell: str) -> str | None:
+    return next((word for word, names in _DIRECTIONS.items() if cell.casefold() in names), None)
+
+
+def axis_rows(names: Sequence[str], values: Array) -> Proposal | None:
+    """Return commands of a single axis beside its encoders and an outside instrument, as configurations."""
+    command = _first(names, _COMMAND, ())
+    if command is None:
+        return None
+    motor, load = _first(names, _MOTOR, (command,)), _first(names, _LOAD_SIDE, (command,))
+    outside = _first(names, _OUTSIDE, (command, motor, load))
+    if outside is None and (motor is None or load is None):
+        return None
+    kinds = {_kind(name) for name in (command, motor, load, outside) if name is not None} - {None}
+    if len(kinds) != 1:
+        return None
+    unit = "deg" if kinds == {"angle"} else "mm"
+    columns = {f"command_{unit}": command}
+    columns |= {f"{what}_{unit}": name for what, name in (("motor", motor), ("load", load)) if name is not None}
+    doubts: tuple[str, ...] = ()
+    if outside is not None:
+        what = "deviation" if _is_deviation(names, values, command, outside) else "measured"
+        columns[f"{what}_{unit}"] = outside
+        meaning = "the deviation from the command" if what == "deviation" else "the measured place of the axis"
+        doubts = (f"{outside} is assumed to be {meaning}",)
+    units = {column: given for column, name in columns.items() if (given := bare_and_unit(name)[1]) not in (None, unit)}
+    mapping = {"columns": columns, **({"units": units} if units else {})}
+    return Proposal("configurations", mapping, "commands of an axis, and what recorded them", doubts)
+
+
+def _first(names: Sequence[str], pattern: str, taken: Sequence[str | None]) -> str | None:
+    """Return the first free name with such words and a unit of length or angle, or without a unit."""
+    return next(
+        (n for n in names if n not in taken and re.fullmatch(pattern, bare_and_unit(n)[0].casefold()) and _kind(n)),
+        None,
+    )
+
+
+def _kind(name: str) -> str | None:
+    unit = bare_and_unit(name)[1]
+    return (
+        None
+        if unit is None
+        else "angle"
+        if may_be(unit, find_column("command_deg"))
+        else "length"
+        if may_be(unit, find_column("x_mm"))
+        else None
+    )
+
+
+def _is_deviation(names: Sequence[str], values: Array, command: str, outside: str) -> bool:
+    """True if an instrument's numbers span less than a hundredth of the commands', in the units of their names."""
+    spans = []
+    for name in (command, outside):
+        column = values[:, list(names).index(name)]
+        unit = bare_and_unit(name)[1] or ""
+        spans.append(
+            float(np.nanmax(column) - np.nanmin(column))
+            * conversion(unit, "deg" if _kind(name) == "angle" else "mm")[0]
+        )
+    return spans[1] < 0.01 * spans[0]

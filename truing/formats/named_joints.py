@@ -1,0 +1,188 @@
+"""Recognition of a robot's joint readings: columns named as joints, or numbered families such as A1 to A6."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from truing.arrays import Array
+from truing.formats.units import bare_and_unit
+
+_NOT_POSITIONS = re.compile(
+    r"veloc|speed|effort|torque|current|accel|moment|target|command|cmd|goal|desired|soll|set[ _]?point|tcp|force|temp",
+    re.IGNORECASE,
+)
+_NUMBERED = re.compile(
+    r"(?P<family>.*?(?:actual_?q|joint\w*?|axis\w*?|achse|(?<![a-z])a|(?<![a-z])j|(?<![a-z])q|position)[ _.\[(-]*)"
+    r"(?P<number>\d+)(?P<rest>[\])]?.*)",
+    re.IGNORECASE,
+)
+_LINEAR = ("m", "mm", "cm", "um", "in", "nm")
+_FEWEST, _MOST = 3, 9
+_LARGEST_RAD = 2.0 * np.pi + 0.1
+_MOMENTS = 1e8  # seconds since 1970 and larger: a date
+_CONTRACT = ("pose", "role", "time_s", "temperature_c", "series", "payload_kg", "since_motion_s", "repeat_of")
+_PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
+
+
+@dataclass(frozen=True)
+class Joints:
+    """Columns of joints in order: name of the joint, raw name, and unit; whether the unit is a guess."""
+
+    names: tuple[str, ...]
+    raw: tuple[str, ...]
+    units: tuple[str, ...]
+    is_guess: bool
+
+    def columns(self) -> dict[str, str]:
+        """Return the columns of configurations by their raw names."""
+        return {
+            f"{name}_{_suffix(unit)}": raw for name, raw, unit in zip(self.names, self.raw, self.units, strict=True)
+        }
+
+    def other_units(self) -> dict[str, str]:
+        """Return units that differ from those in the names of the columns."""
+        return {
+            f"{name}_{_suffix(unit)}": unit
+            for name, unit in zip(self.names, self.units, strict=True)
+            if unit != _suffix(unit)
+        }
+
+
+def _suffix(unit: str) -> str:
+    return unit if unit in ("rad", "deg", "mm") else "mm" if unit in _LINEAR else "rad"
+
+
+def joint_columns(
+    names: Sequence[str], data: Sequence[Sequence[str]], values: Array, joints: Sequence[str] = ()
+) -> Joints | None:
+    """Return the joints in a table of cells (N, W) and their numbers, by a robot's joints or by numbered names.
+
+    joints: names of the robot's joints from the base on; empty if no description is known.
+    """
+    raw = _by_name(names, joints) or _by_cells(names, data, joints) or _by_number(names, len(joints))
+    named = tuple(joints) or tuple(f"joint{number}" for number in range(1, len(raw or ()) + 1))
+    if raw is None and not joints:
+        raw = _called_joints(names)
+        named = tuple(bare_and_unit(name)[0] for name in raw or ())
+    if raw is None:
+        return None
+    stated = [bare_and_unit(name)[1] for name in raw]
+    columns = values[:, [list(names).index(name) for name in raw]]
+    if not np.isfinite(columns).any(axis=0).all():
+        return None
+    assumed = "rad" if np.nanmax(np.abs(columns)) <= _LARGEST_RAD else "deg"
+    units = tuple(unit or assumed for unit in stated)
+    return Joints(named, raw, units, None in stated)
+
+
+def _by_name(names: Sequence[str], joints: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the columns whose names contain the joints as whole words, one for each joint."""
+    free = [name for name in names if not _NOT_POSITIONS.search(name)]
+    found = [_holding(free, joint) for joint in joints]
+    return tuple(found) if found and all(found) and len(set(found)) == len(found) else None  # type: ignore[arg-type]
+
+
+def _holding(names: Sequence[str], joint: str) -> str | None:
+    pattern = re.compile(rf"(?:^|[^A-Za-z0-9]){re.escape(joint)}(?:$|[^A-Za-z0-9])", re.IGNORECASE)
+    own = [name for name in names if pattern.search(f" {name} ")]
+    return min(own, key=len) if own else None
+
+
+def _by_cells(names: Sequence[str], data: Sequence[Sequence[str]], joints: Sequence[str]) -> tuple[str, ...] | None:
+    """Return columns ``position0 ..`` next to columns ``name0 ..`` whose cells name the joints."""
+    said = {}
+    for place, name in enumerate(names):
+        cells = {row[place].strip() for row in data}
+        if (number := re.search(r"name\D?(\d+)\D*$", name)) and len(cells) == 1:
+            said[cells.pop()] = number[1]
+    at = {number: name for name in names if (m := re.search(r"position\D?(\d+)\D*$", name)) and (number := m[1])}
+    found = [at.get(said.get(joint, "")) for joint in joints]
+    return tuple(found) if found and all(found) else None  # type: ignore[arg-type]
+
+
+def _by_number(names: Sequence[str], count: int) -> tuple[str, ...] | None:
+    """Return the first family of names that differ in a number alone, as many as there are joints."""
+    families: dict[tuple[str, str], dict[int, str]] = {}
+    for name in names:
+        if _NOT_POSITIONS.search(name) or not (match := _NUMBERED.fullmatch(name.strip())):
+            continue
+        families.setdefault((match["family"].casefold(), match["rest"].casefold()), {})[int(match["number"])] = name
+    for own in families.values():
+        numbers = sorted(own)
+        steady = numbers == list(range(numbers[0], numbers[0] + len(numbers))) and numbers[0] in (0, 1)
+        size = len(numbers)
+        if steady and (size == count or (count == 0 and _FEWEST <= size <= _MOST)):
+            return tuple(own[number] for number in numbers)
+    return None
+
+
+def _called_joints(names: Sequence[str]) -> tuple[str, ...] | None:
+    """Return the columns whose names end in ``_joint``, as robots of ROS have them."""
+    found = [n for n in names if not _NOT_POSITIONS.search(n) and re.fullmatch(r"\w+_joint", bare_and_unit(n)[0])]
+    return tuple(found) if _FEWEST <= len(found) <= _MOST else None
+
+
+@dataclass(frozen=True)
+class JointReadings:
+    """Keys of [files.configurations] for joint readings, what they are, and statements to confirm."""
+
+    mapping: dict[str, Any]
+    note: str
+    doubts: tuple[str, ...] = ()
+
+
+def configurations_of_joints(
+    names: Sequence[str], data: Sequence[Sequence[str]], values: Array, meant: Mapping[str, Any], joints: Sequence[str]
+) -> JointReadings | None:
+    """Return keys of [files.configurations] for joint readings; None without joints."""
+    found = joint_columns(names, data, values, joints)
+    if found is None:
+        return None
+    own = {key: raw for key, raw in meant.items() if key in ("pose", "role", "time_s", "temperature_c")}
+    own |= _temperature(names, own)
+    units = found.other_units()
+    if "time_s" in own:
+        time = values[:, list(names).index(own["time_s"])]
+        if not np.isfinite(time).all() or len(set(time.tolist())) < len(time):
+            own.pop("time_s")  # texts, or repeated times that define no order
+        elif (unit := _unit_of_moments(float(np.nanmax(time)))) is not None:
+            units["time_s"] = unit
+    columns = {column: raw for column, raw in {**own, **found.columns()}.items() if column != raw}
+    if not columns and not units:
+        return None  # named by the contract
+    taken = {*own.values(), *found.raw}
+    ignore = "|".join(re.escape(name).replace("\\ ", " ") for name in names if name not in (*taken, *_CONTRACT))
+    mapping: dict[str, Any] = {"columns": columns, **({"units": units} if units else {})}
+    mapping |= {} if "pose" in own or "pose" in names else {"number_rows": {"pose": 1}}
+    mapping |= {"ignore": ignore} if ignore else {}
+    doubts = (_doubt(found.units[0]),) if found.is_guess else ()
+    return JointReadings(mapping, f"joint readings of {', '.join(found.names)}", doubts)
+
+
+def _doubt(unit: str) -> str:
+    return f"no unit is given; joint readings are assumed to be in {unit}"
+
+
+def _temperature(names: Sequence[str], own: Mapping[str, str]) -> dict[str, str]:
+    """Return the column that a word of its name calls a temperature, if no column is known to be one."""
+    known = "temperature_c" in own or "temperature_c" in names
+    warm = None if known else next((name for name in names if re.search(r"temperatur", name, re.IGNORECASE)), None)
+    return {} if warm is None else {"temperature_c": warm}
+
+
+def _unit_of_moments(largest: float) -> str | None:
+    """Return the unit of times since 1970 by their size; None for seconds."""
+    return next((unit for unit, factor in _PER_SECOND.items() if largest > _MOMENTS * factor), None)
+
+
+def bare_joints(values: Array, joints: Sequence[str]) -> JointReadings:
+    """Return keys of [files.configurations] for numbers (N, W) without names, one column per joint."""
+    unit = "rad" if np.abs(values).max() <= _LARGEST_RAD else "deg"
+    columns = {f"{name}_{unit}": number for number, name in enumerate(joints, start=1)}
+    note = f"numbers without names, as many as joints: {', '.join(joints)}"
+    return JointReadings({"columns": columns, "number_rows": {"pose": 1}}, note, (_doubt(unit),))

@@ -1,0 +1,420 @@
+"""Proposals for a table of cells: meaning, units and notation of its columns."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from truing.arrays import Array
+from truing.formats.guess import (
+    Guess,
+    adjusted_points,
+    is_id,
+    parts_of_names,
+    tracker,
+    wide_template,
+)
+from truing.formats.heading import heading_of
+from truing.formats.named_bench import axis_rows, positions_of_axis, readings_under_load
+from truing.formats.named_columns import Loads, PoseMapping, bare_poses, is_one_motion, load_columns, pose_columns
+from truing.formats.named_joints import JointReadings, bare_joints, configurations_of_joints
+from truing.formats.numbers import Notation
+from truing.formats.shapes import COORDINATES
+from truing.formats.units import bare_and_unit, expanded, may_be
+from truing.schemas.columns import find_column
+from truing.schemas.mapping import is_uncertainty
+
+_ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no measurement; it is not read"
+_OF_COORDINATES = ("points", "targets", "poses", "scans", "surfaces")
+_DATE = "%Y%m%d%H%M%S"
+_LONGEST_NAME = 200  # the search for meanings in names tries many ways to split them
+_AXES = 3
+_COMMA_DECIMAL, _COMMA_THOUSANDS = Notation(",", None), Notation(".", ",")
+_OPEN_COMMA = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
+_NOTATIONS = (
+    Notation(".", None),
+    _COMMA_DECIMAL,
+    _COMMA_THOUSANDS,
+    Notation(",", "."),
+    Notation(".", "'"),
+    Notation(",", " "),
+)
+_SIGNS = (
+    ("interferometer", {"channel", "reading"}),
+    ("quadrature", {"signal_x", "signal_y"}),
+    ("quadrature", {"phase_deg", "radius"}),
+    ("positioning", {"target_mm", "position_mm"}),
+    ("published", {"theoretical_maximum"}),
+    ("published", {"measured_positive", "measured_negative"}),
+    ("displacement", {"dx_mm", "dy_mm", "dz_mm"}),
+    ("signals", {"v1_mv"}),
+    ("configurations", {"pose", "time_s"}),
+    ("configurations", {"rho1_mm"}),
+    ("poses", {"pose", "x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz"}),
+    ("poses", {"pose", "x_mm", "y_mm", "z_mm", "rx_rad", "ry_rad", "rz_rad"}),
+    ("poses", {"pose", "x_mm", "y_mm", "z_mm", "euler_a_deg", "euler_b_deg", "euler_c_deg"}),
+    ("points", {"pose", "x_mm", "y_mm", "z_mm"}),
+    ("targets", {"target", "x_mm", "y_mm", "z_mm"}),
+    ("points", {"x_mm", "y_mm", "z_mm"}),
+)
+_KNOWN = {
+    "pose": r"pose|frame|(pose?|position|measurement|meas|shot)[ _]?(nr|no|id|number|name|index)|measurement|epoche?"
+    r"|station|aufnahme|messung|stellung",
+    "role": r"role|rolle",
+    "body": r"body|rigid[ _]?body|k(ö|oe)rper|corps|(point[ _]?)?group",
+    "target": r"(target|marker|point)([ _]?(id|name|no|nr))?|label|(mess)?punkt([ _]?(nr|nummer|name))?|(ziel)?marke"
+    r"|ziel(punkt)?|nom|cible|smr|reflector|reflektor|nest",
+    "x_mm": r"x",
+    "y_mm": r"y",
+    "z_mm": r"z",
+    "sigma_x_mm": r"(sigma|s|std|sd|mx)[ _]?x|u[ _]?x|u[ _]?\(?95\)?[ _]?x|[23][ _]?(σ|sigma)[ _]?x",
+    "sigma_y_mm": r"(sigma|s|std|sd|my)[ _]?y|u[ _]?y|u[ _]?\(?95\)?[ _]?y|[23][ _]?(σ|sigma)[ _]?y",
+    "sigma_z_mm": r"(sigma|s|std|sd|mz)[ _]?z|u[ _]?z|u[ _]?\(?95\)?[ _]?z|[23][ _]?(σ|sigma)[ _]?z",
+    "time_s": r"t|%?_*time([ _]?stamp)?|zeit(stempel)?|temps|timestamp|(field\.)?header\.stamp",
+    "temperature_c": r"temp(erature?|eratur)?",
+    "leg": r"leg|bein|jambe",
+    "phase_deg": r"phase",
+    "radius": r"radius",
+    "signal_x": r"signal[ _]?x|cos(ine|inus)?",
+    "signal_y": r"signal[ _]?y|sin(e|us)?",
+}
+_READING = re.compile(r"(?:rho|actuator|aktor|st(?:ö|oe)(?:ß|ss)el|v(?:é|e)rin)[ _]?([1-9]\d*)")
+
+
+def sniff_cells(
+    records: list[list[str]],
+    mapping: dict[str, Any],
+    separator: str = ",",
+    *,
+    first_lines: Sequence[int] = (),
+    comments: Sequence[Sequence[str]] = (),
+    unit: str | None = None,
+    joints: Sequence[str] = (),
+    is_of_joints: bool = False,
+) -> Guess:
+    """Return a proposal for records of equally many cells, the first of which may be a header.
+
+    first_lines: number of lines before each record; absent: records follow each other from the first line on. comments:
+    cells of lines that are no records. unit: of all coordinates, by words of the file. joints: as in `sniff_file`.
+    is_of_joints: whether the file's name says that it holds joint readings.
+    """
+    lines = tuple(first_lines) or tuple(range(len(records)))
+    if is_of_joints and not joints:
+        joints = [f"joint{number}" for number in range(1, len(records[0]) + 1)]
+    about = _Surroundings(lines, tuple(comments), unit, tuple(joints))
+    notation = _notation(records[1:] or records)
+    guess = _by_notation(records, dict(mapping), separator, notation, about)
+    if notation != _COMMA_DECIMAL or (cell := _open_cell(records)) is None:
+        return guess
+    return replace(guess, otherwise=(cell, _by_notation(records, dict(mapping), separator, _COMMA_THOUSANDS, about)))
+
+
+@dataclass(frozen=True)
+class _Surroundings:
+    """Lines before each record, cells of comments, unit of coordinates by words of the file, and a robot's joints."""
+
+    first_lines: tuple[int, ...]
+    comments: tuple[Sequence[str], ...]
+    unit: str | None
+    joints: tuple[str, ...]
+
+
+def _open_cell(records: list[list[str]]) -> str | None:
+    """Return a number whose comma may separate thousands as well; None if another cell decides."""
+    commas = [cell for record in records[1:] or records for cell in record if "," in cell]
+    return commas[0] if all(_OPEN_COMMA.fullmatch(cell.strip()) for cell in commas) else None
+
+
+def _by_notation(
+    records: list[list[str]], mapping: dict[str, Any], separator: str, notation: Notation, about: _Surroundings
+) -> Guess:
+    """Return a proposal for records whose numbers are written in a notation."""
+    if any(len(name) > _LONGEST_NAME for name in records[0]):
+        return Guess(mapping, notes=(f"a name of more than {_LONGEST_NAME} characters is none of a column",))
+    heading = heading_of(records, lambda cell: _is_number(cell, notation), about.comments)
+    names, data = heading.names, records[heading.rows :]
+    has_header = heading.is_row or heading.names[0] != "1"
+    known = tracker(names, notation.thousands) if has_header else None
+    known = known or (None if has_header else adjusted_points(records, lambda cell: _is_number(cell, notation)))
+    if known is not None:
+        return _with_parts_of_points(replace(known, mapping={**mapping, **known.mapping}), records)
+    mapping |= {"separator": separator} if separator != "," else {}
+    mapping |= {"header": False} if not heading.is_row else {}
+    if has_header and not heading.is_row:
+        mapping |= {"names": list(names)} | ({"skip_lines": about.first_lines[heading.rows]} if heading.rows else {})
+    mapping |= {"decimal": notation.decimal} if notation.decimal != "." else {}
+    mapping |= {"thousands": notation.thousands} if notation.thousands else {}
+    values = notation.matrix(data)
+    if not has_header:
+        return _with_unit_in_words(_without_names(names, data, values, mapping, notation, about), about.unit)
+    return _with_unit_in_words(_by_names(names, data, values, mapping, about.joints), about.unit)
+
+
+def _with_parts_of_points(guess: Guess, records: list[list[str]]) -> Guess:
+    """Return a proposal for points whose names, in the first column, may have parts that name the body."""
+    if guess.mapping.get("format") != "vstars" or not (keys := parts_of_names([r[0] for r in records], "id", ())):
+        return guess
+    return replace(guess, mapping={key: value for key, value in guess.mapping.items() if key != "constants"} | keys)
+
+
+def _with_unit_in_words(guess: Guess, unit: str | None) -> Guess:
+    """Return a proposal with the unit that words of the file state, if no name states one."""
+    if unit is None or guess.table not in _OF_COORDINATES or "unit" in guess.mapping:
+        return guess
+    raw = [name for name in guess.mapping.get("columns", {}).values() if isinstance(name, str)]
+    if any(bare_and_unit(name)[1] is not None for name in raw) or not may_be(unit, find_column("x_mm")):
+        return guess
+    note = f"the file's words give the unit of coordinates: {unit}"
+    return replace(guess, mapping={**guess.mapping, "unit": unit}, notes=(*guess.notes, note))
+
+
+def _without_names(
+    names: tuple[str, ...],
+    data: list[list[str]],
+    values: Array,
+    mapping: dict[str, Any],
+    notation: Notation,
+    about: _Surroundings,
+) -> Guess:
+    """Return a proposal for rows of cells (N, W) and their numbers, without names of columns."""
+    if (poses := bare_poses(values)) is not None:
+        return _poses(poses, names, mapping, data, values, about.joints)
+    if is_one_motion(values):
+        return Guess(mapping, names, None, (_ONE_MOTION,), known=True)
+    if values.shape[1] == len(about.joints) and np.isfinite(values).all():
+        return _of_joints(bare_joints(values, about.joints), mapping, names)
+    found, notes = _positions(data, notation)
+    return Guess(mapping | found, names, table_of({*names, *found.get("columns", {})}), tuple(notes))
+
+
+def _by_names(
+    names: tuple[str, ...], data: list[list[str]], values: Array, mapping: dict[str, Any], joints: Sequence[str]
+) -> Guess:
+    """Return a proposal for rows of cells (N, W) and their numbers, by the names of the columns."""
+    if (poses := pose_columns(names, values)) is not None:
+        return _poses(poses, names, mapping, data, values, joints)
+    found, notes = columns_by_names(names)
+    table = table_of({*names, *found.get("columns", {})})
+    if table == "targets" and _repeats_targets(names, data, found):
+        table = "points"  # a survey has every target once
+    if table == "quadrature" and "phase_deg" in found.get("columns", {}):
+        steps = {"constants": {"run": "1", "channel": "dz", "load_axis": "fz", "load": 0}, "number_rows": {"step": 1}}
+        notes = [*notes, "phases of one channel, a step per row"]
+        return Guess(mapping | found | steps, names, table, tuple(notes))
+    if table not in (None, "configurations", "signals"):
+        return Guess(mapping | _with_parts_of_names(names, data, found), names, table, tuple(notes))
+    loads = load_columns(names) if table != "signals" else None
+    meant = found.get("columns", {})
+    for proposal in (readings_under_load(names), positions_of_axis(names, data, values)):
+        if proposal is not None and table is None:
+            empty = {"missing": [""]} if any(not cell.strip() for row in data for cell in row) else {}
+            return Guess(mapping | proposal.mapping | empty, names, proposal.table, (proposal.note,))
+    if loads is None and table != "signals":
+        if (read := configurations_of_joints(names, data, values, meant, joints)) is not None:
+            return _of_joints(read, mapping, names)
+        if table is None and (axis := axis_rows(names, values)) is not None:
+            more = {key: raw for key, raw in meant.items() if key in ("pose", "role", "temperature_c")}
+            numbered = {} if "pose" in more or "pose" in names else {"number_rows": {"pose": 1}}
+            keys = {**axis.mapping, "columns": {**more, **axis.mapping["columns"]}, **numbered}
+            return Guess(mapping | keys, names, axis.table, (axis.note,), doubts=axis.doubts)
+    if loads is not None:
+        return proposal_of_loads(loads, names, mapping, found)
+    if table != "signals" and (template := wide_template(names)) is not None:
+        return _side_by_side(template, names, mapping | found)
+    return Guess(mapping | found, names, table, tuple(notes))
+
+
+def _of_joints(read: JointReadings, mapping: dict[str, Any], names: tuple[str, ...], **more: Any) -> Guess:
+    return Guess({**mapping, **read.mapping, **more}, names, "configurations", (read.note,), doubts=read.doubts)
+
+
+def _repeats_targets(names: tuple[str, ...], data: list[list[str]], found: Mapping[str, Any]) -> bool:
+    columns = found.get("columns", {})
+    places = [names.index(columns.get(name, name)) for name in ("body", "target") if columns.get(name, name) in names]
+    rows = [tuple(row[place] for place in places) for row in data]
+    return len(set(rows)) < len(rows)
+
+
+def _with_parts_of_names(names: tuple[str, ...], data: list[list[str]], found: dict[str, Any]) -> dict[str, Any]:
+    """Add keys that take names such as ``Pose01::base::P1`` apart, if all targets have as many parts."""
+    raw = found.get("columns", {}).get("target")
+    if raw is None:
+        return found
+    return found | parts_of_names([row[names.index(raw)] for row in data], raw, {*names, *found["columns"]})
+
+
+def _poses(
+    poses: PoseMapping,
+    names: tuple[str, ...],
+    mapping: dict[str, Any],
+    records: list[list[str]],
+    values: Array,
+    joints: Sequence[str],
+) -> Guess:
+    """Return a proposal for poses, and for the configurations that other columns of the same rows form."""
+    keys = dict(poses.mapping)
+    others = tuple(name for name in names if poses.taken and name not in poses.taken)
+    meant = columns_by_names(others)[0].get("columns", {})
+    reported = {key: raw for key, raw in meant.items() if key in ("pose", "time_s", "temperature_c")}
+    number = {"pose": reported["pose"]} if "pose" in reported else _counted(others, names, values)
+    if number or "pose" in names:
+        keys["columns"] = {**number, **keys["columns"]}
+    elif poses.taken:
+        keys["number_rows"] = {"pose": 1}
+    own = [name for name in others if name not in number.values() and np.isfinite(values[:, names.index(name)]).any()]
+    if not own:
+        return Guess({**mapping, **keys}, names, "poses", poses.notes)
+    time = [record[names.index(reported["time_s"])] for record in records] if "time_s" in reported else []
+    lost = [reported.pop("time_s")] if len(set(time)) < len(time) else []  # repeated times define no order
+    dates = {"time_format": _DATE} if time and all(re.fullmatch(r"(19|20)\d{12}", cell) for cell in time) else {}
+    numbered = {key: keys[key] for key in ("number_rows",) if key in keys}
+    ignore = "|".join(re.escape(name).replace("\\ ", " ") for name in (*poses.taken, *lost))
+    entry = {**mapping, **({"columns": reported} if reported else {}), **dates, **numbered, "ignore": ignore}
+    if (
+        read := configurations_of_joints(others, *_of_columns(names, others, records, values), meant, joints)
+    ) is not None:
+        skipped = "|".join(filter(None, [ignore, read.mapping.get("ignore")]))
+        beside = _of_joints(read, mapping, names, ignore=skipped)
+        return Guess({**mapping, **keys}, names, "poses", poses.notes, beside=(beside,))
+    text = f"what else there is, pose by pose: {', '.join(own[:8])}{', ...' if len(own) > 8 else ''}"
+    return Guess(
+        {**mapping, **keys}, names, "poses", poses.notes, beside=(Guess(entry, names, "configurations", (text,)),)
+    )
+
+
+def _counted(others: Sequence[str], names: Sequence[str], values: Array) -> dict[str, str]:
+    """Return the column that numbers the rows from its own start, by its name and its numbers."""
+    for name in others:
+        column = values[:, names.index(name)]
+        if re.fullmatch(r"no|nr|index|#|id|i", name.strip(" .").casefold()) and np.array_equal(
+            np.diff(column), np.ones(len(column) - 1)
+        ):
+            return {"pose": name}
+    return {}
+
+
+def _of_columns(
+    names: Sequence[str], some: Sequence[str], records: list[list[str]], values: Array
+) -> tuple[list[list[str]], Array]:
+    """Return the cells and numbers of some columns."""
+    places = [names.index(name) for name in some]
+    return [[record[place] for place in places] for record in records], values[:, places]
+
+
+def proposal_of_loads(loads: Loads, names: tuple[str, ...], mapping: dict[str, Any], meant: dict[str, Any]) -> Guess:
+    """Return a proposal for a table of loads, ordered by a column that seems to be time, if any."""
+    table, keys, note = loads
+    time = {key: name for key, name in meant.get("columns", {}).items() if key == "time_s"}
+    return Guess({**mapping, **keys, "columns": {**time, **keys["columns"]}}, names, table, (note,))
+
+
+def _side_by_side(template: tuple[str, str | None], names: tuple[str, ...], mapping: dict[str, Any]) -> Guess:
+    """Return a proposal for a table with coordinates of several targets in every row: points, one row per pose."""
+    wide, unit = template
+    numbered = {} if "pose" in {*names, *mapping.get("columns", {})} else {"number_rows": {"pose": 1}}
+    bodies = {} if "{body}" in wide else {"constants": {"body": "body"}}
+    more = {"wide": wide, **({} if unit in (None, "mm") else {"unit": unit}), **bodies, **numbered}
+    note = "several targets side by side"
+    note += "" if not bodies else ": say in wide which part of the names is the body, or name it under constants"
+    own = {"columns": {"pose": mapping["columns"]["pose"]}} if "pose" in mapping.get("columns", {}) else {}
+    kept = {key: value for key, value in mapping.items() if key not in ("columns", "units")}
+    return Guess({**kept, **own, **more}, names, "points", (note,))
+
+
+def _notation(records: list[list[str]]) -> Notation:
+    """Return the notation that reads most cells; the simplest among equals."""
+    cells = [cell for record in records for cell in record]
+    return max(_NOTATIONS, key=lambda notation: sum(_is_number(cell, notation) for cell in cells))
+
+
+def _is_number(cell: str, notation: Notation) -> bool:
+    return re.match(notation.pattern, cell.strip()) is not None
+
+
+def columns_by_names(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
+    """Return the probable meaning and unit of each column whose name is not the contract's."""
+    columns: dict[str, str] = {}
+    units: dict[str, str] = {}
+    taken: list[str] = []
+    for name in names:
+        bare, unit = bare_and_unit(name)
+        if unit is not None and find_column(name) is not None:
+            continue  # has the contract's name: target_mm is no target
+        known = _probable_column(bare) or _probable_column(name)
+        if known is None or name == known or known in columns or known in names or not may_be(unit, find_column(known)):
+            continue
+        columns[known] = name
+        if unit is not None and unit not in ("s", "degC"):
+            units[known] = unit
+        taken.append(f"{name} is taken for {known}" + (f", in {unit}" if unit else ""))
+    notes = ["; ".join(taken)] if taken else []
+    mapping: dict[str, Any] = {"columns": columns} if columns else {}
+    text = {
+        raw: one for column, raw in columns.items() if is_uncertainty(column) and (one := expanded(raw)) is not None
+    }
+    if text:
+        factor = next(iter(text.values())).coverage
+        mapping["coverage"] = factor
+        notes.append(f"{', '.join(text)}: expanded uncertainties, k = {factor:g} is taken; coverage = 1 for one sigma")
+    own = {units.get(name) for name in COORDINATES}
+    whole = own.pop() if len(own) == 1 and not any(name in names for name in COORDINATES) else None
+    if whole not in (None, "mm"):
+        mapping["unit"] = whole  # of all coordinates, and of uncertainties without their own unit
+    else:
+        whole = None
+    left = {
+        name: unit
+        for name, unit in units.items()
+        if unit != (whole if whole and name.endswith("_mm") else _unit_suffix(name))
+    }
+    return mapping | ({"units": left} if left else {}), notes
+
+
+def _unit_suffix(column: str) -> str | None:
+    """Return the unit at the end of a column's name."""
+    return column.rsplit("_", 1)[-1] if "_" in column else None
+
+
+def _probable_column(bare: str) -> str | None:
+    """Return the contract's column that a name without its unit seems to mean."""
+    if reading := _READING.fullmatch(bare.lower()):
+        return f"rho{reading[1]}_mm"
+    return next((column for column, pattern in _KNOWN.items() if re.fullmatch(pattern, bare.casefold())), None)
+
+
+def _positions(records: list[list[str]], notation: Notation) -> tuple[dict[str, Any], list[str]]:
+    """Return the coordinates of a file without header: the first three columns of numbers, after a name if any."""
+    width = len(records[0])
+    numbers = [all(_is_number(record[i], notation) for record in records) for i in range(width)]
+    if numbers[0] and width > _AXES and (is_id(records) or _counts(records)):
+        numbers[0] = False  # numbers of targets, or of rows
+    first = next((i for i in range(len(numbers) - 2) if all(numbers[i : i + 3])), None)
+    if first is None:
+        return {}, ["three columns of numbers side by side were not found"]
+    if sum(numbers) > _AXES:
+        text = f"{sum(numbers)} columns of numbers without names: not taken for coordinates"
+        return {}, [f"{text}; columns = {{ x_mm = {first + 1}, ... }} where they are"]
+    columns: dict[str, Any] = {name: first + 1 + i for i, name in enumerate(COORDINATES)}
+    if first > 0:
+        columns = {"target": first, **columns}
+    shown = [[record[i] for i in range(first, first + 3)] for record in records]
+    place = notation.matrix(shown)
+    low, high = float(place.min()), float(place.max())
+    return {"columns": columns}, [f"columns {first + 1} to {first + 3} are taken for x, y, z ({low:.4g} to {high:.4g})"]
+
+
+def _counts(records: list[list[str]]) -> bool:
+    """True if the first column counts: 1, 2, 3, ... or other successive integers."""
+    first = [record[0].strip() for record in records]
+    return all(cell.isdigit() for cell in first) and all(
+        int(after) == int(before) + 1 for before, after in itertools.pairwise(first)
+    )
+
+
+def table_of(names: set[str]) -> str | None:
+    return next((table for table, wanted in _SIGNS if wanted <= names), None)
