@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from truing.pipeline.executor import Workforce
 
 
+COMPLETE = "_TRUING_COMPLETE"  # set by the shell that asks for completions
 # Help without rich, because rich would delay it by a third of a second.
 app = typer.Typer(
     name="truing",
@@ -69,16 +70,34 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+def _print_completion(shell: option.Shell | None) -> None:
+    if shell is not None:
+        from typer.completion import get_completion_script
+
+        typer.echo(get_completion_script(prog_name="truing", complete_var=COMPLETE, shell=shell.value))
+        raise typer.Exit
+
+
 @app.callback()
 def truing(
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
+    completion: Annotated[
+        option.Shell | None,
+        typer.Option(
+            "--completion",
+            callback=_print_completion,
+            is_eager=True,
+            metavar="SHELL",
+            help="Print the completion for bash, zsh or fish, and exit.",
+        ),
+    ] = None,
 ) -> None:
     """Find out what the simulation of a mechanism gets wrong, from measured points and readings."""
 
 
-@app.command()
+@app.command(short_help="Run all stages that are not up to date; write the report.")
 def run(
     campaigns: option.Campaigns,
     out: option.RunFolder = None,
@@ -123,7 +142,7 @@ def run(
     raise typer.Exit(run_campaigns(campaigns, out, options, console, workforce=workforce(workers, scheduler)))
 
 
-@app.command()
+@app.command(short_help="Run a campaign again whenever its files change.")
 def watch(
     campaign: option.OneCampaign,
     out: option.RunFolder = None,
@@ -151,7 +170,7 @@ def watch(
     _end(act, console=console)
 
 
-@app.command()
+@app.command(short_help="Show whether each stage is fresh, stale or never run.")
 def stages(
     campaign: option.StagesCampaign = None,
     out: option.RunFolder = None,
@@ -173,7 +192,7 @@ def stages(
         _end(lambda: show_status(campaign, out, console, distrust=check), console=console)
 
 
-@app.command()
+@app.command(short_help="Report all faults of campaigns without running them.")
 def check(campaigns: option.Campaigns, quiet: option.Quiet = False, json: option.Json = False) -> None:
     """Validate campaigns without running them: report all faults of campaign.toml and of the raw files.
 
@@ -187,7 +206,7 @@ def check(campaigns: option.Campaigns, quiet: option.Quiet = False, json: option
     _end(*(lambda place=place: report_check(place, console) for place in campaigns), console=console)
 
 
-@app.command()
+@app.command(short_help="Write a campaign.toml for the raw files of a folder.")
 def init(
     folder: option.InitFolder,
     every_key: option.InitEveryKey = False,
@@ -209,7 +228,7 @@ def init(
     _end(lambda: init_campaign(folder, every_key=every_key, answers=answer or (), ask=asked))
 
 
-@app.command()
+@app.command(short_help="Predict poses or readings with the extended model.")
 def predict(
     model: option.PredictModel,
     inputs: option.PredictInputs,
@@ -241,7 +260,7 @@ def predict(
     _end(act, console=console)
 
 
-@app.command()
+@app.command(short_help="Choose configurations that give the most information.")
 def design(
     campaign: option.OneCampaign,
     poses: option.DesignPoses = 40,
@@ -293,7 +312,7 @@ def design(
     _end(act)
 
 
-@app.command()
+@app.command(short_help="Report the size of each effect that would be found.")
 def power(
     campaign: option.OneCampaign,
     causes: option.PowerCauses = "",
@@ -322,7 +341,7 @@ def power(
     _end(act)
 
 
-@app.command()
+@app.command(short_help="Choose camera stations; predict targets' deviations.")
 def plan(
     campaign: option.OneCampaign,
     stations: option.PlanStations = 12,
@@ -359,7 +378,7 @@ def plan(
     _end(act)
 
 
-@app.command()
+@app.command(short_help="Write the results of a run in other file formats.")
 def export(
     run: option.ExportRun,
     to: option.ExportTo = "",
@@ -384,7 +403,7 @@ def export(
     _end(act)
 
 
-@app.command()
+@app.command(short_help="Show the verdict and the page of a run; print a PDF.")
 def report(
     run: option.ExportRun,
     pdf: option.ReportPdf = False,
@@ -410,7 +429,7 @@ def report(
     _end(act, console=console)
 
 
-@app.command()
+@app.command(short_help="Report which parameters of one machine have changed.")
 def compare(
     runs: option.CompareRuns,
     out: option.CompareOut = None,

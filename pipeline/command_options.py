@@ -14,6 +14,14 @@ class QaGate(StrEnum):
     FAIL = "fail"
 
 
+class Shell(StrEnum):
+    """Shells whose completion is offered."""
+
+    BASH = "bash"
+    ZSH = "zsh"
+    FISH = "fish"
+
+
 class SearchMethod(StrEnum):
     """Search method of `design`."""
 

@@ -43,8 +43,12 @@ def _call() -> None:
     # Matrices are small: threads within one product are slower, and change its last bits.
     for library in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
         os.environ.setdefault(library, "1")  # numpy reads these at its first import, later
-    from truing.pipeline.command_line import app
+    from truing.pipeline.command_line import COMPLETE, app
 
+    if COMPLETE in os.environ:
+        from typer.completion import completion_init
+
+        completion_init()
     app()
 
 

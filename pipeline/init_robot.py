@@ -7,10 +7,10 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from truing.formats.guess import Guess
-from truing.formats.raw import Unusable
-from truing.formats.urdf import read_urdf
+if TYPE_CHECKING:
+    from truing.formats.guess import Guess
 
 SUFFIX = ".urdf"
 _NUMBERED = re.compile(r"joint(\d+)_deg")
@@ -27,6 +27,9 @@ class Robot:
 
 def robot_of(folder: Path, files: Sequence[Path]) -> Robot | None:
     """Return the longest chain of the only robot described among files; None without one that can be read."""
+    from truing.formats.raw import Unusable
+    from truing.formats.urdf import read_urdf
+
     found = [path for path in files if path.suffix.lower() == SUFFIX]
     if len(found) != 1:
         return None
@@ -45,6 +48,10 @@ def robot_of(folder: Path, files: Sequence[Path]) -> Robot | None:
 
 def guess_of_description(path: Path, robot: Robot | None) -> Guess:
     """Return what is said of a robot's description, which is no table."""
+    from truing.formats.guess import Guess
+    from truing.formats.raw import Unusable
+    from truing.formats.urdf import read_urdf
+
     if robot is not None:
         joints = f"joints {', '.join(robot.joints)}, tip {robot.tip}"
         return Guess(notes=(f"description of a robot, for [mechanism]: {joints}",), known=True)

@@ -7,13 +7,12 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
 from truing.pipeline.init_robot import mechanism_of
 from truing.schemas.columns import find_column
 
 if TYPE_CHECKING:
     from truing.formats.guess import Guess
-from truing.pipeline.init_robot import Robot
+    from truing.pipeline.init_robot import Robot
 
 _AT = 33  # column of remarks
 _WITH_SIGMAS = ("vstars", "aicon", "colmap", "photomodeler")
@@ -229,6 +228,8 @@ def _of_constants(constants: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _of_units(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
+    from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
+
     by_unit: dict[str, list[str]] = {}
     for column, raw in mapping.get("columns", {}).items():
         if unit := _taken_unit(column, raw, mapping):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from truing.report.numbers import listed
-from truing.schemas.near_names import similar_names
+from truing.schemas.near_names import did_you_mean, similar_names
 from truing.stages.ingestion.tables import FITTED
 from truing.stages.prospects import CampaignContents
 
@@ -20,6 +20,7 @@ _GIVE_SCALE = {"scale_bars", "known_points", "image_targets"}
 _KEYS_OF_READINGS = {"d": "linear_um", "r": "angular_arcsec"}
 _KEYS_OF_MOTION = {"d": "displacement_mm", "r": "rotation_rad"}
 _COSTS = "their measured scatter is used instead and is not tested"
+_JOINT = re.compile(r"(?:joint\d+|\w+_joint)_(?:rad|deg|mm)")
 _READING = re.compile(r"rho\d+_mm")
 
 
@@ -31,6 +32,7 @@ def attention(settings: Campaign, found: CampaignContents) -> Iterator[str]:
         yield from _of_bodies(found)
         yield from _of_machine(settings, found)
         yield from _of_scale(settings, found)
+        yield from _of_decisions(settings, found)
     else:
         yield from _of_noise(settings, found)
     yield from _of_names(found)
@@ -79,6 +81,27 @@ def _of_machine(settings: Campaign, found: CampaignContents) -> Iterator[str]:
             f"configurations has the actuators' readings {readings[0]} to {readings[-1]}, and no [mechanism] says of "
             "which machine: nothing is calibrated"
         )
+    joints = [name for name in names if _JOINT.fullmatch(name)]
+    if len(joints) > 1 and settings.mechanism.type == "none":
+        yield (
+            f'configurations has joint readings {joints[0]} to {joints[-1]}, and no [mechanism] type = "chain" '
+            "describes the arm: joints and links are not diagnosed"
+        )
+
+
+def _of_decisions(settings: Campaign, found: CampaignContents) -> Iterator[str]:
+    """Bodies and targets of [[exclude]] and [[keep]] that nobody measured."""
+    if not found.names:
+        return
+    for key, rules in (("exclude", settings.exclude), ("keep", settings.keep)):
+        for number, rule in enumerate(rules, 1):
+            if rule.body is not None and rule.body not in found.names:
+                yield f"{key}.{number}: no point is of body {rule.body}{did_you_mean(rule.body, found.names)}"
+                continue
+            bodies = found.names if rule.body is None else (rule.body,)
+            targets = dict.fromkeys(target for body in bodies for target in found.names[body])
+            if rule.target is not None and rule.target not in targets:
+                yield f"{key}.{number}: no point is called {rule.target}{did_you_mean(rule.target, targets)}"
 
 
 def _of_scale(settings: Campaign, found: CampaignContents) -> Iterator[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from truing.report.numbers import count
 from truing.report.sections import tables_read
 from truing.stages.declaration import Outcome, Progress, Stage
 
@@ -54,7 +55,10 @@ def run(
     progress(1, 2, "figures")
     page = render_page(head, sections)
     drawn = sum(len(section.figures) for section in all_of(sections))
-    read, size = f"{len(tables)} artifacts", f"{len(sections)} sections, {drawn} figures, {len(page) / 1e6:.1f} MB"
+    read, size = (
+        f"{len(tables)} artifacts",
+        f"{count(len(sections), 'section')}, {count(drawn, 'figure')}, {len(page) / 1e6:.1f} MB",
+    )
     left = {**made, "verdict": verdict, "next_measurements": next_measurements_table(reported), "report": page}
     return Outcome(left, read, "nothing", size, tuple(gates(verdict.to_pylist())))
 

@@ -191,3 +191,27 @@ def test_verbose_says_why_a_stage_runs_or_not(ran: FakeProject) -> None:
 
 def test_a_stage_that_is_nearly_one_is_suggested(fake: FakeProject) -> None:
     assert "did you mean pose?" in fake.call("run", str(fake.campaign), "--only", "poes").stderr
+
+
+@pytest.mark.parametrize(
+    ("shell", "asked", "environment"),
+    [
+        ("bash", "complete_bash", {"COMP_WORDS": "truing re", "COMP_CWORD": "1"}),
+        ("zsh", "complete_zsh", {"_TYPER_COMPLETE_ARGS": "truing re"}),
+        ("fish", "complete_fish", {"_TYPER_COMPLETE_FISH_ACTION": "get-args", "_TYPER_COMPLETE_ARGS": "truing re"}),
+    ],
+)
+def test_each_shell_gets_a_script_and_its_completions(shell: str, asked: str, environment: dict[str, str]) -> None:
+    script = CliRunner().invoke(app, ["--completion", shell])
+    assert script.exit_code == 0
+    assert asked in script.output
+    code = "from truing.pipeline.entry import main; import sys; sys.argv = ['truing']; main()"
+    given = {**os.environ, **environment, "_TRUING_COMPLETE": asked}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=given)
+    assert "report" in done.stdout
+    assert "design" not in done.stdout
+
+
+def test_lines_of_the_list_of_commands_are_whole() -> None:
+    shown = CliRunner().invoke(app, ["--help"], env={"COLUMNS": "80"}).output
+    assert "..." not in shown.partition("Commands:")[2]

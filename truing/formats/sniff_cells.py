@@ -24,7 +24,7 @@ from truing.formats.named_bench import axis_rows, positions_of_axis, readings_un
 from truing.formats.named_columns import Loads, PoseMapping, bare_poses, is_one_motion, load_columns, pose_columns
 from truing.formats.named_joints import JointReadings, bare_joints, configurations_of_joints
 from truing.formats.numbers import Notation
-from truing.formats.shapes import COORDINATES
+from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
 from truing.formats.units import bare_and_unit, expanded, may_be
 from truing.schemas.columns import find_column
 from truing.schemas.mapping import is_uncertainty
@@ -83,6 +83,7 @@ _KNOWN = {
     "signal_x": r"signal[ _]?x|cos(ine|inus)?",
     "signal_y": r"signal[ _]?y|sin(e|us)?",
 }
+_OF_ALL_AXES = r"(mess|punkt)?unsicherheit|(coordinate |point )?uncertainty|incertitude|std(dev| dev)?|sigma|precision"
 _READING = re.compile(r"(?:rho|actuator|aktor|st(?:ö|oe)(?:ß|ss)el|v(?:é|e)rin)[ _]?([1-9]\d*)")
 
 
@@ -352,6 +353,12 @@ def columns_by_names(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]
         if unit is not None and unit not in ("s", "degC"):
             units[known] = unit
         taken.append(f"{name} is taken for {known}" + (f", in {unit}" if unit else ""))
+    if set(COORDINATES) <= {*names, *columns} and not any(map(is_uncertainty, (*names, *columns))):
+        alike = next((name for name in names if _is_of_all_axes(name)), None)
+        spread = {} if alike is None else dict.fromkeys(COORDINATE_SIGMAS, alike)
+        columns |= spread
+        units |= {column: unit for column in spread if (unit := bare_and_unit(alike or "")[1]) is not None}
+        taken += [f"{alike} is taken for the uncertainty of each coordinate"] if spread else []
     notes = ["; ".join(taken)] if taken else []
     mapping: dict[str, Any] = {"columns": columns} if columns else {}
     text = {
@@ -373,6 +380,13 @@ def columns_by_names(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]
         if unit != (whole if whole and name.endswith("_mm") else _unit_suffix(name))
     }
     return mapping | ({"units": left} if left else {}), notes
+
+
+def _is_of_all_axes(name: str) -> bool:
+    """True if a name means one uncertainty for all three coordinates, in a unit of length."""
+    bare, unit = bare_and_unit(name)
+    bare = re.sub(r"\(.*?\)|\bU\b", "", bare).strip(" _.,-").casefold()
+    return unit is not None and may_be(unit, find_column("x_mm")) and re.fullmatch(_OF_ALL_AXES, bare) is not None
 
 
 def _unit_suffix(column: str) -> str | None:

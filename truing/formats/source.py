@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
 from truing.formats.file_search import TooManyEntries, companion_files, find_files, format_suffix
+from truing.schemas.near_names import did_you_mean
 from truing.schemas.settings_text import NOTHING_SPECIAL
 
 if TYPE_CHECKING:
@@ -121,7 +122,11 @@ class CampaignFiles:
         except TooManyEntries as error:
             return error.expected
         is_there = "\0" not in pattern and os.path.lexists(self.folder / pattern)
-        return f"a regular file: {NOTHING_SPECIAL}" if is_there else "an existing file"
+        if is_there:
+            return f"a regular file: {NOTHING_SPECIAL}"
+        folder = (self.folder / pattern).parent if "\0" not in pattern else self.folder
+        names = sorted(os.listdir(folder)) if folder.is_dir() and folder.is_relative_to(self.folder) else []
+        return f"an existing file{did_you_mean(Path(pattern).name, names)}"
 
     def is_outside(self, raw: RawFile) -> bool:
         """True if a file is outside the campaign's folder, also through a link."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from datetime import UTC, datetime
 
 import numpy as np
 
@@ -22,7 +23,8 @@ _LINKS = (
     ("next", "What to do next"),
     ("stop", "Can I stop measuring?"),
 )
-_NO_DATE = "no date given: [certificate] begin and end"
+_NO_DATE = "date not given ([certificate] begin, end)"
+_DATES = (1.0e9, 4.0e9)  # seconds since 1970 that are dates of measurements: 2001 to 2096
 
 
 def first_screen(tables: Tables, about: CampaignFacts) -> FirstScreen:
@@ -80,8 +82,18 @@ def _instrument(tables: Tables, about: CampaignFacts) -> str:
 
 def _when(tables: Tables, about: CampaignFacts) -> str:
     """Return first and last day of the measurement, and how long it took."""
-    days = " to ".join(dict.fromkeys(about.measured))
-    return ", ".join(filter(None, (days or _NO_DATE, campaign_span(tables))))
+    days, span = " to ".join(dict.fromkeys(about.measured or _days(tables))), campaign_span(tables)
+    return ", ".join(filter(None, (days, span))) if days else "; ".join(filter(None, (span, _NO_DATE)))
+
+
+def _days(tables: Tables) -> tuple[str, ...]:
+    """Return first and last day (UTC) of times that are seconds since 1970; empty for other times."""
+    configurations = table_or_none(tables, "configurations")
+    table = load_steps(tables) if configurations is None else configurations
+    times = table["time_s"].dropna().to_numpy(dtype=float) if "time_s" in table else np.zeros(0)
+    if not len(times) or times.min() < _DATES[0] or times.max() > _DATES[1]:
+        return ()
+    return tuple(f"{datetime.fromtimestamp(float(t), UTC):%Y-%m-%d}" for t in (times.min(), times.max()))
 
 
 def counts(tables: Tables) -> str:

@@ -474,3 +474,27 @@ def test_a_given_compliance_is_checked_cell_by_cell(tmp_path):
     negative = [",".join(map(str, row)) for row in good * np.where(np.eye(6) == 0, 1.0, [1, 1, -1, 1, 1, 1])]
     fault = faults(tmp_path, {**files, "c.csv": negative}, sections)[0]
     assert_says(str(fault), "negative eigenvalue")
+
+
+def deviating(cell="0.5"):
+    grid = [f"x,{target},{way},{cycle}" for target in (0, 10) for way in ("forward", "backward") for cycle in (1, 2)]
+    return ["run,target_mm,direction,cycle,deviation_um", *(f"{row},{cell}" for row in grid)]
+
+
+def test_deviations_from_targets_become_positions(tmp_path):
+    found = artifacts(tmp_path, {"positioning.csv": deviating("2.5")})["positions"]
+    target, position = (np.array(found.column(name).to_pylist()) for name in ("target_mm", "position_mm"))
+    assert_close(position - target, 0.0025 * np.ones(8), atol=1e-15, what="deviation, mm")
+
+
+def test_an_approach_needs_a_position_or_a_deviation_and_not_both(tmp_path):
+    rows = deviating()
+    without = [row.rsplit(",", 1)[0] for row in rows]
+    both = [
+        "run,target_mm,direction,cycle,deviation_um,position_mm",
+        *(f"{row},{row.split(',')[1]}" for row in rows[1:]),
+    ]
+    for lines in (without, both):
+        assert_fault(faults(tmp_path, {"positioning.csv": lines}), file="positioning.csv", column="position_mm")
+    empty = [*rows[:-1], rows[-1].rsplit(",", 1)[0] + ","]
+    assert_fault(faults(tmp_path, {"positioning.csv": empty}), file="positioning.csv", row=9, column="deviation_um")
