@@ -110,8 +110,8 @@ def _units(columns: Mapping[str, str]) -> dict[str, str]:
 
 def _unit_of_readings(names: Iterable[str]) -> dict[str, str]:
     """Return the common unit of lengths among readings; arc seconds of angles are taken as they are."""
-    units = {bare_and_unit(name)[1] for name in names} - {None, "arcsec"}
-    return {"reading": next(iter(units))} if len(units) == 1 and units != {"um"} else {}
+    units = {unit for name in names if (unit := bare_and_unit(name)[1]) not in (None, "arcsec")}
+    return {"reading": str(units.pop())} if len(units) == 1 and units != {"um"} else {}
 
 
 def positions_of_axis(names: Sequence[str], data: Sequence[Sequence[str]], values: Array) -> Proposal | None:
@@ -131,7 +131,7 @@ def positions_of_axis(names: Sequence[str], data: Sequence[Sequence[str]], value
     units = {column: bare_and_unit(columns[column])[1] for column in ("target_mm", place[0])}
     given = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
     words = {raw: word for raw, word in renames.items() if raw != word}
-    mapping = {"columns": columns, **({"units": given} if given else {}), "constants": {"run": "1"}}
+    mapping: dict[str, Any] = {"columns": columns, "constants": {"run": "1"}, **({"units": given} if given else {})}
     mapping |= {"rename": {"direction": {re.escape(raw): word for raw, word in words.items()}}} if words else {}
     return Proposal("positioning", mapping, "approaches of an axis to its targets")
 

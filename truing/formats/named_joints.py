@@ -100,7 +100,7 @@ def _by_cells(names: Sequence[str], data: Sequence[Sequence[str]], joints: Seque
         cells = {row[place].strip() for row in data}
         if (number := re.search(r"name\D?(\d+)\D*$", name)) and len(cells) == 1:
             said[cells.pop()] = number[1]
-    at = {number: name for name in names if (m := re.search(r"position\D?(\d+)\D*$", name)) and (number := m[1])}
+    at = {match[1]: name for name in names if (match := re.search(r"position\D?(\d+)\D*$", name))}
     found = [at.get(said.get(joint, "")) for joint in joints]
     return tuple(found) if found and all(found) else None  # type: ignore[arg-type]
 
