@@ -15,7 +15,8 @@ author = "The truing authors"
 copyright = "The truing authors, BSD 3-Clause"
 version = release = truing.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "equations", "tree_of_lists", "docstrings", "notebooks"]
+extensions = ["myst_parser", "sphinx.ext.autodoc"]
+extensions += ["equations", "tree_of_lists", "docstrings", "notebooks", "search_excerpts"]  # in docs/site
 exclude_patterns = ["experiments", "site"]
 source_suffix = {".md": "markdown"}
 
@@ -43,7 +44,7 @@ html_static_path = ["site/static"]
 html_css_files = ["pages.css"]
 html_copy_source = False
 html_show_sphinx = False
-html_show_search_summary = False  # a page opened from a file may not fetch others
+html_show_search_summary = False  # it fetches pages, which a file may not: search_excerpts has their texts
 pygments_style = "friendly"
 pygments_dark_style = "monokai"
 

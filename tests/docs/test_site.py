@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -54,3 +55,15 @@ def test_every_public_name_has_its_place_in_the_reference() -> None:
 def test_public_names_are_explained(site: Path) -> None:
     text = "".join((site / page.removeprefix("docs/")).with_suffix(".html").read_text("utf-8") for page in PYTHON_PAGES)
     assert [name for name in truing.__all__ if f'id="truing.{name}"' not in text] == []
+
+
+def test_results_of_a_search_have_the_text_of_every_page_at_hand(site: Path) -> None:
+    """A page opened from a file may fetch no other, so the texts come as a script, for the page of results alone."""
+    script = (site / "_static" / "page_texts.js").read_text(encoding="utf-8")
+    texts = json.loads(script.removeprefix("const PAGE_TEXTS = ").removesuffix(";\n"))
+    assert {page.removeprefix("docs/").removesuffix(".md") for page in pages() if page.startswith("docs/")} <= set(
+        texts
+    )
+    assert "How do I read Excel workbooks?" in texts["how-to/excel"]
+    users = [page.name for page in site.rglob("*.html") if "page_texts.js" in page.read_text(encoding="utf-8")]
+    assert users == ["search.html"]

@@ -1,0 +1,35 @@
+"use strict";
+// Sphinx fetches each page for its excerpt, which a browser refuses for files; here the texts are at hand.
+const WORDS_AROUND = 160;
+
+const searched = () =>
+  (new URLSearchParams(window.location.search).get("q") || "").toLowerCase().split(/[^\p{L}\p{N}_]+/u).filter(Boolean);
+
+const pageOf = (link) => link.getAttribute("href").split("#")[0].replace(/\.html$/, "");
+
+function excerpt(text, words) {
+  const low = text.toLowerCase();
+  const at = words.map((word) => low.indexOf(word)).find((place) => place >= 0) ?? 0;
+  const start = Math.max(at - WORDS_AROUND / 2, 0);
+  const end = Math.min(start + 2 * WORDS_AROUND, text.length);
+  return (start > 0 ? "… " : "") + text.slice(start, end).trim() + (end < text.length ? " …" : "");
+}
+
+function addExcerpt(item) {
+  const link = item.querySelector("a");
+  const text = link && PAGE_TEXTS[pageOf(link)];
+  if (!text || item.querySelector("p.excerpt")) return;
+  const shown = document.createElement("p");
+  shown.className = "excerpt";
+  shown.textContent = excerpt(text, searched());
+  item.appendChild(shown);
+}
+
+document.addEventListener("DOMContentLoaded", () => {
+  const results = document.getElementById("search-results");
+  if (!results) return;
+  new MutationObserver(() => results.querySelectorAll("ul.search > li").forEach(addExcerpt)).observe(results, {
+    childList: true,
+    subtree: true,
+  });
+});
