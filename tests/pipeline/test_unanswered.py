@@ -109,3 +109,34 @@ def test_positioning_runs_as_the_contract_has_them_need_no_entry(tmp_path: Path)
     checked = check_campaign(open_campaign(tmp_path))
     assert_says(checked.read, "16 approaches", "axis")
     assert checked.attention == ()
+
+
+@pytest.mark.parametrize(
+    ("rule", "expected"),
+    [
+        ('body = "base"\ntarget = "P11"', ("exclude.1", "P11", "did you mean P1?")),
+        ('body = "bsae"', ("exclude.1", "bsae", "did you mean base?")),
+        ('body = "base"\ntarget = "P1"', ()),
+    ],
+)
+def test_a_decision_on_a_body_or_target_that_nobody_measured_is_named(
+    tmp_path: Path, rule: str, expected: tuple[str, ...]
+) -> None:
+    rows = "".join(f"{pose},base,P{k},{k},{k * k},{k + pose}\n" for pose in (1, 2) for k in (1, 2, 3))
+    (tmp_path / "points.csv").write_text(f"pose,body,target,x_mm,y_mm,z_mm\n{rows}")
+    decision = f'[[exclude]]\n{rule}\nby = "Ann"\nreason = "moved"\n'
+    head = '[campaign]\nname = "c"\nkind = "photogrammetry"\n[noise]\npoint_mm = 0.01\n'
+    (tmp_path / "campaign.toml").write_text(head + decision)
+    named = [one for one in check_campaign(open_campaign(tmp_path)).attention if one.startswith("exclude")]
+    assert len(named) == bool(expected)
+    assert all(words in named[0] for words in expected)
+
+
+def test_joint_readings_without_an_arm_are_named(tmp_path: Path) -> None:
+    rows = "".join(f"{pose},base,P{k},{k},{k * k},{k + pose}\n" for pose in (1, 2) for k in (1, 2, 3))
+    (tmp_path / "points.csv").write_text(f"pose,body,target,x_mm,y_mm,z_mm\n{rows}")
+    (tmp_path / "configurations.csv").write_text("pose,joint1_deg,joint2_deg\n1,10,20\n2,30,40\n")
+    head = '[campaign]\nname = "c"\nkind = "photogrammetry"\n[noise]\npoint_mm = 0.01\n'
+    (tmp_path / "campaign.toml").write_text(head)
+    (told,) = (one for one in check_campaign(open_campaign(tmp_path)).attention if "joint" in one)
+    assert_says(told, "joint1_deg", "joint2_deg", "chain")
