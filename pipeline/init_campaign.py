@@ -9,7 +9,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from truing.formats.source import OF_IMAGES
 from truing.pipeline.campaign_folder import FILE, is_safe_name
 from truing.pipeline.console import RunConsole
 from truing.pipeline.init_entries import (
+    RawGroup,
     bodies_and_targets,
     common_glob,
     distinguishing_pattern,
@@ -58,17 +59,6 @@ _LISTED = 20  # columns, on the screen
 _LONGEST_NOTE = 240
 _MOST_LINES = 32  # of entries in a starter file
 _NOT_RAW = {".toml", ".md", ".html", ".pdf", ".yaml", ".yml", ".json"}
-
-
-@dataclass(frozen=True)
-class RawGroup:
-    """Raw files with the same mapping: glob, an example, number, names, and glob without other files."""
-
-    glob: str
-    example: Path
-    count: int
-    names: tuple[str, ...] = ()
-    path: str | list[str] = ""
 
 
 def init_campaign(

@@ -6,7 +6,7 @@ import fnmatch
 import glob
 import re
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -46,6 +46,17 @@ _Group = TypeVar("_Group")
 
 _ADJUSTED = ("aicon", "colmap", "photomodeler")
 _INSTEAD = "not read, because the rays in the same folder give these points with their full covariance"
+
+
+@dataclass(frozen=True)
+class RawGroup:
+    """Raw files with the same mapping: glob, an example, number, names, and glob without other files."""
+
+    glob: str
+    example: Path
+    count: int
+    names: tuple[str, ...] = ()
+    path: str | list[str] = ""
 
 
 def common_glob(names: Sequence[str]) -> str:

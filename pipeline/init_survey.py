@@ -20,7 +20,7 @@ from truing.schemas.faults import CampaignFaults
 if TYPE_CHECKING:
     from truing.arrays import Array
     from truing.formats.guess import Guess
-    from truing.pipeline.init_campaign import RawGroup
+    from truing.pipeline.init_entries import RawGroup
 
 _UNITS = ("mm", "m", "cm", "um", "in", "ft")
 _WITHIN = 0.02  # of the ratio of distances

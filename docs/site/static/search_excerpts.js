@@ -12,7 +12,10 @@ function excerpt(text, words) {
   const at = words.map((word) => low.indexOf(word)).find((place) => place >= 0) ?? 0;
   const start = Math.max(at - WORDS_AROUND / 2, 0);
   const end = Math.min(start + 2 * WORDS_AROUND, text.length);
-  return (start > 0 ? "… " : "") + text.slice(start, end).trim() + (end < text.length ? " …" : "");
+  const before = start > 0 ? "… " : "";
+  const after = end < text.length ? " …" : "";
+  const part = text.slice(start, end);
+  return before + part.slice(start > 0 ? part.indexOf(" ") + 1 : 0, after ? part.lastIndexOf(" ") : undefined) + after;
 }
 
 function addExcerpt(item) {
