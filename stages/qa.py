@@ -33,6 +33,7 @@ DECLARATION = Stage(
             "mechanism.height_mm",
             "mechanism.tolerance",
             "mechanism.elements",
+            "mechanism.dh",
             "mechanism.platform",
             "mechanism.base",
             *COLUMNS_OF_AXES,

@@ -4,18 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
-from truing.simulation.mechanisms.chains.start_values import StartValues, start_values
+from truing.simulation.mechanisms.chains.start_values import StartValues, errors_at, start_values
 from truing.simulation.mechanisms.chains.tree import Tree
 from truing.stages.common.chain_measurements import MeasuredLinks, pose_frames, reference_link
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+
+
+class StartOf(Protocol):
+    """Fit of places to some poses."""
+
+    def __call__(self, chosen: Mask, given: ChainConditions, other: Array | None = None) -> StartValues:
+        """Places fitted to poses ``chosen`` (B,), under conditions of all poses; ``other`` replaces the values."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -24,15 +32,20 @@ class NominalFit:
 
     Without such a link (``reference`` None) the instrument stood still.
 
-    ``start_of`` fits places to some poses, a mask (B,), under given conditions of all poses. ``is_base_known``: the
-    reference link is the base, with surveyed targets.
+    ``start_of`` fits places to some poses, a mask (B,), under given conditions of all poses, and to other values
+    (B, K, 3) if given. ``errors_at``: errors (B, K, 3) of all poses at such places. ``is_base_known``: the reference
+    link is the base, with surveyed targets. ``values`` (B, K, 3) are the channels in the frames of the poses,
+    ``is_position`` (K,) those in m.
     """
 
     R: Array
     t: Array
     reference: Index | None
     is_base_known: bool
-    start_of: Callable[[Mask, ChainConditions], StartValues]
+    start_of: StartOf
+    errors_at: Callable[[StartValues, ChainConditions, Array], Array]
+    values: Array
+    is_position: Mask
 
 
 def nominal_fit(
@@ -51,8 +64,11 @@ def nominal_fit(
         if channels.node[reference[0]] == 0 and np.isfinite(surveyed[reference]).all():
             base = np.eye(3)[None], np.zeros((1, 3))
 
-    def start_of(chosen: Mask, given: ChainConditions) -> StartValues:
-        own = fitted & chosen
-        return start_values(tree, channels, given.subset(own), values[own], measured.seen[own], surveyed, base)
+    def start_of(chosen: Mask, given: ChainConditions, other: Array | None = None) -> StartValues:
+        own, of = fitted & chosen, values if other is None else other
+        return start_values(tree, channels, given.subset(own), of[own], measured.seen[own], surveyed, base)
 
-    return NominalFit(R, t, reference, base is not None, start_of)
+    def errors(places: StartValues, given: ChainConditions, of: Array) -> Array:
+        return errors_at(tree, channels, given, of, measured.seen, places)
+
+    return NominalFit(R, t, reference, base is not None, start_of, errors, values, measured.is_position)

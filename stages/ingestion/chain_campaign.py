@@ -28,12 +28,12 @@ from truing.simulation.mechanisms.chains.closed_tree import (
 )
 from truing.simulation.mechanisms.chains.joint_table import ANGLES, LENGTHS, joint_column
 from truing.simulation.mechanisms.chains.notations import (
-    DenavitHartenberg,
     Screw,
     tree_of_rows,
     tree_of_screws,
 )
 from truing.simulation.mechanisms.chains.tree import JointKind, Node, Tree
+from truing.stages.common.chain_description import rows_of
 from truing.stages.common.chain_tables import joint_readings, tree_table
 from truing.stages.declaration import Outcome, Progress
 from truing.stages.ingestion.distance_table import read_distances
@@ -112,18 +112,7 @@ def read_chain(settings: Any, source: CampaignFiles) -> tuple[Tree, Limits]:
 
 
 def _of_rows(section: Any) -> Tree:
-    rows = [
-        DenavitHartenberg(
-            row.a_mm * _MM,
-            row.alpha_deg * _DEG,
-            row.d_mm * _MM,
-            row.theta_deg * _DEG,
-            JointKind(row.kind),
-            row.convention,
-        )
-        for row in section.dh
-    ]
-    tree = tree_of_rows(rows, section.joint_names, section.base or "base", section.tip or "tip")
+    tree = tree_of_rows(rows_of(section), section.joint_names, section.base or "base", section.tip or "tip")
     return _with_masses(tree, section.dh)
 
 

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pyarrow as pa
 
-from truing.arrays import Mask
+from truing.arrays import Array, Mask
+from truing.belonging.joint_rows import ChainComparison, slips_in_poses, units_and_mirror
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
 from truing.simulation.mechanisms.chains.column_slips import (
     ColumnSlip,
@@ -19,10 +20,18 @@ from truing.simulation.mechanisms.chains.column_slips import (
     foreign_share,
     likely_slip,
 )
+from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import Tree
-from truing.stages.common.chain_measurements import chain_conditions, is_framed, measured_links, reference_link
-from truing.stages.common.chain_start import nominal_fit
+from truing.stages.common.chain_description import described_otherwise
+from truing.stages.common.chain_measurements import (
+    MeasuredLinks,
+    chain_conditions,
+    is_framed,
+    measured_links,
+    reference_link,
+)
+from truing.stages.common.chain_start import NominalFit, nominal_fit
 from truing.stages.common.chain_tables import joint_columns, joint_readings, tree_of
 from truing.stages.common.point_arrays import pose_ids
 from truing.stages.quality import point_checks
@@ -39,6 +48,8 @@ _MM = 1e-3
 # Poses that miss by so many times the median are left out, if at least so large a share remains.
 _FAR, _MOST = 5.0, 0.9
 _RADIANS = 180.0 / np.pi
+# Slips whose misfit is at most so many times that of the best explain the data as well.
+_AS_LIKELY = 2.0
 
 
 def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
@@ -71,31 +82,119 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         conditions = chain_conditions(
             tree, table, settings, measured.reference, np.nan_to_num(readings), usable, measured.coupling
         )
-        start_of = nominal_fit(tree, settings, measured, conditions, usable).start_of
-        start = start_of(usable, conditions)
+        fit = nominal_fit(tree, settings, measured, conditions, usable)
+        start = fit.start_of(usable, conditions)
+        in_poses = slips_in_poses(_comparison(fit, tree, table, measured, conditions, usable, start))
+        everything = start
         usable = _without_lone_errors(start, usable)
-        start = start_of(usable, conditions)
+        start = fit.start_of(usable, conditions)
     except ValueError:
         return RelationTest(JOINTS, RelationState.NOT_TESTED, "no-frame")
-    misfit, limit = start.rms / _MM, foreign_share(start) / _MM
+    tested = RelationTest(
+        JOINTS, RelationState.OK, "agrees", misfit=everything.rms / _MM, limit=foreign_share(start) / _MM, unit="mm"
+    )
+    if in_poses is not None and in_poses.is_explained:
+        return _failed(tested, in_poses.slips, in_poses.after)
     if not does_not_belong(start):
-        return RelationTest(JOINTS, RelationState.OK, "agrees", misfit=misfit, limit=limit, unit="mm")
-    slip = likely_slip(conditions, tree.is_revolute, start_of)
+        # The diagnosis keeps poses that miss as a whole.
+        if in_poses is not None and does_not_belong(everything):
+            return _failed(tested, in_poses.slips, None)
+        return replace(tested, misfit=start.rms / _MM)
+    whole = sorted(
+        [*_of_measured(fit, conditions, usable), *_of_description(tree, settings, measured, conditions, usable)]
+    )
+    if whole:
+        rivals = tuple(one.slip for one in whole[1:] if one.share < _AS_LIKELY * whole[0].share)
+        return replace(_failed(tested, (whole[0].slip,), whole[0].after), rivals=rivals)
+    slip = likely_slip(conditions, tree.is_revolute, fit.start_of)
     if slip is None:
-        return RelationTest(JOINTS, RelationState.FAILS, "no-slip", misfit=misfit, limit=limit, unit="mm")
+        return _failed(tested, () if in_poses is None else in_poses.slips, None)
     # The diagnosis corrects an exchange and zeros, as findings; no other slip.
     corrected = slip.kind in (ColumnSlipKind.EXCHANGED, ColumnSlipKind.ZEROS)
     state = RelationState.ATTENTION if corrected else RelationState.FAILS
-    return RelationTest(
-        JOINTS,
-        state,
-        "no-slip" if state is RelationState.FAILS else "departs",
-        misfit=misfit,
+    return replace(
+        tested,
+        state=state,
+        reason="no-slip" if state is RelationState.FAILS else "departs",
         misfit_explained=slip.after / _MM,
-        limit=limit,
-        unit="mm",
         slips=tuple(_recorded(slip, tree, table.schema.names)),
     )
+
+
+def _failed(tested: RelationTest, slips: tuple[RecordSlip, ...], after: float | None) -> RelationTest:
+    """The test with slips that explain it, and the misfit, m, after their correction."""
+    left = None if after is None else after / _MM
+    return replace(tested, state=RelationState.FAILS, reason="no-slip", slips=slips, misfit_explained=left)
+
+
+def _comparison(
+    fit: NominalFit,
+    tree: Tree,
+    table: pa.Table,
+    measured: MeasuredLinks,
+    conditions: ChainConditions,
+    usable: Mask,
+    start: StartValues,
+) -> ChainComparison:
+    """Readings and measured positions of the usable poses, for slips in some of them."""
+    is_position, links, names = measured.is_position, measured.channels.links, measured.channels.names
+
+    def errors_at(chosen: Mask) -> Callable[[Array, Array], Array]:
+        fitted = np.zeros(len(usable), bool)
+        fitted[usable] = chosen
+        places = fit.start_of(fitted, conditions)
+        if len(places.base_t) <= conditions.series.max():
+            raise ValueError("a frame of the measurement without poses")
+
+        def errors(readings: Array, values: Array) -> Array:
+            own, of = conditions.readings.copy(), fit.values.copy()
+            own[usable] = readings
+            of[np.ix_(usable, is_position)] = values
+            return fit.errors_at(places, replace(conditions, readings=own), of)[np.ix_(usable, is_position)]
+
+        return errors
+
+    return ChainComparison(
+        conditions.readings[usable],
+        fit.values[np.ix_(usable, is_position)],
+        tree.is_revolute,
+        [column.name for column in joint_columns(tree, table.schema.names)],
+        [pair for pair, own in zip(zip(links, names, strict=True), is_position, strict=True) if own],
+        [str(pose) for pose, own in zip(conditions.poses, usable, strict=True) if own],
+        foreign_share(start),
+        errors_at,
+    )
+
+
+@dataclass(frozen=True, order=True)
+class _Whole:
+    """A slip of all positions, or of the description: the misfit after it is undone, over the positions' spread and
+    in m."""
+
+    share: float
+    slip: RecordSlip = field(compare=False)
+    after: float = field(compare=False)
+
+
+def _whole(slip: RecordSlip, after: StartValues) -> Iterator[_Whole]:
+    if not does_not_belong(after):
+        yield _Whole(after.rms / after.spread, slip, after.rms)
+
+
+def _of_measured(fit: NominalFit, conditions: ChainConditions, usable: Mask) -> Iterator[_Whole]:
+    """Yield units and mirror images of all measured positions that explain the misfit."""
+    for one in units_and_mirror():
+        values = np.where(fit.is_position[:, None], fit.values @ one.matrix, fit.values)
+        yield from _whole(one.slip, fit.start_of(usable, conditions, values))
+
+
+def _of_description(
+    tree: Tree, settings: Campaign, measured: MeasuredLinks, conditions: ChainConditions, usable: Mask
+) -> Iterator[_Whole]:
+    """Yield units of the chain's lengths, and the other convention of its rows, if they explain the misfit."""
+    for slip, other in described_otherwise(tree, settings.mechanism):
+        fit = nominal_fit(other, settings, measured, conditions, usable)
+        yield from _whole(slip, fit.start_of(usable, conditions))
 
 
 def _recorded(slip: ColumnSlip, tree: Tree, names: list[str]) -> Iterator[RecordSlip]:

@@ -37,6 +37,7 @@ class SlipKind(StrEnum):
     ROUNDED = "rounded"  # written down in steps far above the noise
     FRINGES = "counted-in-fringes"  # numbers of fringes in place of lengths; multiplied by factor they are right
     MISLABELLED = "mislabelled"  # one part bears the label of another
+    CONVENTION = "convention"  # rows of a chain in the other convention of Denavit and Hartenberg
     REVERSED = "rows-reversed"  # from the last to the first
 
 

@@ -127,6 +127,10 @@ def _joint(element: ElementTree.Element, lines: Lines) -> UrdfJoint:
     if mimic is not None:
         mimics = _attribute(mimic, "joint", lines)
         factor, shift = _number(mimic, "multiplier", 1.0, lines), _number(mimic, "offset", 0.0, lines)
+    turn = _numbers(origin, "rpy", _XYZ, lines)
+    if max(map(abs, turn)) > 2.0 * np.pi:
+        found = " ".join(f"{angle:g}" for angle in turn)
+        raise Unusable(f"rpy of joint {name} in rad, within a turn (degrees?)", row=line, value=found)
     limit = element.find("limit")
     limits = None
     if kind != "continuous" and limit is not None and {"lower", "upper"} <= set(limit.keys()):
@@ -137,7 +141,7 @@ def _joint(element: ElementTree.Element, lines: Lines) -> UrdfJoint:
         _of_link(element, "parent", lines),
         _of_link(element, "child", lines),
         _numbers(origin, "xyz", _XYZ, lines),
-        _numbers(origin, "rpy", _XYZ, lines),
+        turn,
         tuple(x / length for x in along) if length else along,
         line,
         mimics,

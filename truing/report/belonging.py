@@ -226,5 +226,6 @@ _WORDS = {
     SlipKind.COPIED: _copied,
     SlipKind.FRINGES: lambda slip: f"{_slip_subject(slip)} counted in fringes: multiply by {slip.factor:.7g} µm",
     SlipKind.MISLABELLED: lambda slip: f"{slip.quantity} recorded: {listed(slip.subjects)}",
+    SlipKind.CONVENTION: lambda slip: f'{slip.quantity} in the other convention: convention = "{slip.subjects[0]}"',
     SlipKind.REVERSED: lambda slip: f"{_slip_subject(slip)} in reversed order, the last row first",
 }

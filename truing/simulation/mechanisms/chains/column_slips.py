@@ -83,13 +83,14 @@ def likely_slip(
     count = len(conditions.readings)
     few = np.zeros(count, bool)
     few[np.unique(np.linspace(0, count - 1, min(count, _MOST_POSES)).round().astype(int))] = True
-    before = start_of(few, conditions).rms
+    recorded = start_of(few, conditions)
+    before = recorded.rms
     found = []
-    for kind, own, readings in _corrected(conditions.readings, is_revolute):
+    for kind, own, readings in corrected_columns(conditions.readings, is_revolute):
         after = start_of(few, replace(conditions, readings=readings)).rms
         found.append(ColumnSlip(kind, own, before, after))
     best = min(found, key=lambda slip: slip.after, default=None)
-    if best is not None and best.after < _EXPLAINED * before:
+    if best is not None and best.after < _EXPLAINED * min(before, recorded.spread):
         return best
     return _zeros(conditions, partial(start_of, few))
 
@@ -134,7 +135,9 @@ def _with_zeros(
     )
 
 
-def _corrected(readings: NDArray, is_revolute: NDArray) -> Iterator[tuple[ColumnSlipKind, tuple[int, ...], NDArray]]:
+def corrected_columns(
+    readings: NDArray, is_revolute: NDArray
+) -> Iterator[tuple[ColumnSlipKind, tuple[int, ...], NDArray]]:
     """Yield every slip with the readings (B, n) after its correction; units of all angles together are one slip."""
     every = tuple(range(readings.shape[1]))
     for a, b in combinations(every, 2):

@@ -60,6 +60,20 @@ def start_values(
     return problem.refined(_Places(R, t, shape, tool))
 
 
+def errors_at(
+    tree: Tree,
+    channels: MeasuredChannels,
+    conditions: ChainConditions,
+    values: NDArray,
+    seen: Mask,
+    places: StartValues,
+) -> Array:
+    """Errors (B, K, 3), m and rad, of channels at places that were fitted to other poses; NaN where not seen."""
+    own = _Places(places.base_R, places.base_t, places.shape, places.tool)
+    problem = _Problem(tree, channels, conditions, values, seen, np.arange(0), False)
+    return problem.refined(own).errors
+
+
 @dataclass(frozen=True)
 class _Places:
     """Places of the base R (S, 3, 3), t (S, 3), of the channels (K, 3), and tools' orientations (K, 3, 3)."""

@@ -1,0 +1,265 @@
+"""Slips in some poses of an open chain while the other poses are right as recorded.
+
+The places of base, tools and targets are fitted to the largest set of poses that agree. The other poses are then
+compared at these places, with each slip undone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations, product
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.arrays import Array, Index, Mask
+from truing.belonging.assignment import cheapest_columns
+from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
+from truing.belonging.slips_in_rows import Agreement, row_places, slipped_rows
+from truing.simulation.mechanisms.chains.column_slips import ColumnSlipKind, corrected_columns
+
+_WINDOWS, _FEWEST = 12, 6  # stretches of poses that places are fitted to, and the fewest poses of one
+_FEWEST_APART = 3  # fewest poses of a slip that is no exchange of rows
+_LEAST_SHARE = 0.2  # least share of the poses that agree; fewer may do so by chance
+_FAR = 5.0  # typical misfits of poses that agree, beyond which a pose does not
+_LEFT = 0.2  # share of the misfit that may remain where rows are exchanged
+_MOST_EXCHANGED = 200  # most poses among which an exchange is sought
+_SHIFTS = (1, -1, 2, -2, 3, -3)
+_AXES = ("x", "y", "z")
+_MEASURED = "measured positions"
+
+
+# Errors (B, K, 3) at readings (B, n) and values (B, K, 3), with the places of the chain as fitted.
+ErrorsAt: TypeAlias = Callable[[NDArray, NDArray], Array]
+
+
+@dataclass(frozen=True)
+class ChainComparison:
+    """A chain and its measured positions: readings (B, n), rad or m, values (B, K, 3), m.
+
+    ``errors_at`` gives the errors (B, K, 3), NaN where not seen, at readings and values, with the places of the chain
+    fitted to some poses, a mask (B,). ``limit``: misfit, m, above which poses do not belong to their readings.
+    ``targets`` (K,): link and name of each position.
+    """
+
+    readings: NDArray
+    values: NDArray
+    is_revolute: Mask
+    columns: Sequence[str]
+    targets: Sequence[tuple[str, str]]
+    poses: Sequence[str]
+    limit: float
+    errors_at: Callable[[Mask], ErrorsAt]
+
+
+@dataclass(frozen=True)
+class RowSlips:
+    """Slips in some poses, and the misfit, m, of these poses with their correction; None where that is unknown."""
+
+    slips: tuple[RecordSlip, ...]
+    after: float | None = None
+
+    @property
+    def is_explained(self) -> bool:
+        """True unless the poses are only known to disagree."""
+        return all(slip.kind is not SlipKind.STRAY for slip in self.slips)
+
+
+@dataclass(frozen=True)
+class _Trial:
+    slip: RecordSlip
+    readings: NDArray
+    values: NDArray
+
+
+def slips_in_poses(compared: ChainComparison) -> RowSlips | None:
+    """Return the slips that explain the poses that disagree with most; stray poses where nothing does; None where all
+    agree, or where too few agree with one another."""
+    found = _agreement(compared)
+    if found is None:
+        return None
+    errors_at, agreed = found
+    labels = _exchanged_names(compared, errors_at, agreed)
+    if labels is not None:
+        return labels
+    if not len(agreed.apart):
+        return None
+    return (
+        _frozen(compared, agreed)
+        or _exchanged(compared, errors_at, agreed)
+        or _changed(compared, errors_at, agreed)
+        or RowSlips((RecordSlip(SlipKind.STRAY, "readings of", _names(compared, agreed.apart)),))
+    )
+
+
+def _names(compared: ChainComparison, rows: Index) -> tuple[str, ...]:
+    return tuple(f"pose {compared.poses[row]}" for row in rows.tolist())
+
+
+def _agreement(compared: ChainComparison) -> tuple[ErrorsAt, Agreement] | None:
+    """Return the errors at places fitted to the largest set of agreeing poses, and that set."""
+    count = len(compared.readings)
+    best: Mask = np.zeros(count, bool)
+    for window in _windows(count):
+        near = _near(compared, window)
+        best = near if near.sum() > best.sum() else best
+    best = _near(compared, best) if best.any() else best
+    if best.sum() < max(_FEWEST, _LEAST_SHARE * count):
+        return None
+    errors_at = compared.errors_at(best)
+    distance = _size(errors_at(compared.readings, compared.values))
+    typical = float(np.median(distance[best]))
+    found = Agreement(np.zeros(1), distance, max(_FAR * typical, compared.limit), typical)
+    return errors_at, found
+
+
+def _windows(count: int) -> Iterator[Mask]:
+    """Yield all poses, and stretches of them, as masks (B,)."""
+    yield np.ones(count, bool)
+    length = max(_FEWEST, count // 5)
+    for first in np.unique(np.linspace(0, max(count - length, 0), _WINDOWS).astype(int)).tolist():
+        window = np.zeros(count, bool)
+        window[first : first + length] = True
+        yield window
+
+
+def _near(compared: ChainComparison, fitted: Mask) -> Mask:
+    """Return the poses (B,) that agree with places fitted to some of them."""
+    try:
+        errors = compared.errors_at(fitted)(compared.readings, compared.values)
+    except ValueError:
+        return np.zeros(len(fitted), bool)
+    return np.asarray(_size(errors) <= compared.limit)
+
+
+def _size(errors: NDArray) -> Array:
+    """Return the typical error (B,) of a pose per coordinate, m: the median over its positions, so that a single
+    wrong target does not count."""
+    return np.asarray(np.nanmedian(np.sqrt(np.mean(errors**2, axis=-1)), axis=-1))
+
+
+def _rms(values: NDArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _exchanged_names(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agreement) -> RowSlips | None:
+    """Return two targets of a link with each other's name in some poses."""
+    before = errors_at(compared.readings, compared.values)
+    for i, j in combinations(range(len(compared.targets)), 2):
+        if compared.targets[i][0] != compared.targets[j][0]:
+            continue
+        values = compared.values.copy()
+        values[:, [i, j]] = compared.values[:, [j, i]]
+        own, other = (
+            np.sqrt(np.mean(e[:, [i, j]] ** 2, axis=(1, 2))) for e in (before, errors_at(compared.readings, values))
+        )
+        rows = (own > agreed.limit) & (other < np.minimum(_LEFT * own, agreed.limit))
+        if rows.sum() >= _FEWEST_APART:
+            names = tuple(compared.targets[k][1] for k in (i, j))
+            where = row_places(rows, ~rows, compared.poses, ())
+            slip = RecordSlip(SlipKind.PARTS_EXCHANGED, "names of targets", (*names, *where))
+            return RowSlips((slip,), _rms(other[rows]))
+    return None
+
+
+def _frozen(compared: ChainComparison, agreed: Agreement) -> RowSlips | None:
+    """Return the column whose value stays the same, in every digit, through the poses that disagree."""
+    for k, name in enumerate(compared.columns):
+        same = np.diff(compared.readings[:, k]) == 0.0
+        still = np.append(same, False) | np.append(False, same)
+        if len(agreed.apart) >= _FEWEST_APART and still[agreed.apart].all() and not still.all():
+            slip = RecordSlip(SlipKind.FROZEN, "readings", (name, *row_places(still, ~still, compared.poses, ())))
+            return RowSlips((slip,))
+    return None
+
+
+def _changed(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agreement) -> RowSlips | None:
+    """Return the change of readings or of measured positions that explains the poses that disagree best."""
+    found = []
+    for trial in _trials(compared):
+        after = _size(errors_at(trial.readings, trial.values))
+        rows = slipped_rows(after[:, None], np.zeros((len(after), 1)), agreed)
+        if rows is not None:
+            found.append((_rms(after[rows[0]]), trial, rows))
+    if not found:
+        return None
+    left, trial, rows = min(found, key=lambda one: one[0])
+    where = row_places(*rows, compared.poses, ())
+    return RowSlips((replace(trial.slip, subjects=(*trial.slip.subjects, *where)),), left)
+
+
+def _exchanged(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agreement) -> RowSlips | None:
+    """Return poses whose readings stand in each other's rows, if that explains every pose that disagrees."""
+    apart = agreed.apart
+    if not 1 < len(apart) <= _MOST_EXCHANGED:
+        return None
+    rows = np.arange(len(apart))
+    cost = np.empty((len(apart), len(apart)))
+    for at in rows:
+        readings = compared.readings.copy()
+        readings[apart] = compared.readings[np.roll(apart, -at)]
+        cost[rows, (rows + at) % len(apart)] = _size(errors_at(readings, compared.values))[apart]
+    columns = cheapest_columns(np.log1p((cost / agreed.limit) ** 2))
+    after = cost[rows, columns]
+    if _rms(after) > _LEFT * _rms(agreed.distance[apart]) or after.max() > agreed.limit or _is_shift(apart, columns):
+        return None
+    return RowSlips((RecordSlip(SlipKind.ROWS_EXCHANGED, "readings", _names(compared, apart)),), _rms(after))
+
+
+def _is_shift(apart: Index, columns: Index) -> bool:
+    """Return True where most rows took that of a neighbour: rows that are shifted, and not exchanged."""
+    moved = np.abs(apart[columns] - apart)
+    return bool(len(apart) > 3 * max(_SHIFTS) and np.median(moved) <= max(_SHIFTS))
+
+
+def _trials(compared: ChainComparison) -> Iterator[_Trial]:
+    """Yield every slip with readings and values after its correction in all poses."""
+    readings, values = compared.readings, compared.values
+    for kind, own, corrected in corrected_columns(readings, compared.is_revolute):
+        if kind not in (ColumnSlipKind.DOWN, ColumnSlipKind.UP):
+            yield _Trial(_column_slip(kind, [compared.columns[k] for k in own]), corrected, values)
+    for shift in _SHIFTS:
+        yield _Trial(
+            RecordSlip(SlipKind.ROWS_SHIFTED, "readings", shift=shift), np.roll(readings, -shift, axis=0), values
+        )
+    for trial in _changes_of_axes():
+        yield _Trial(trial.slip, readings, values @ trial.matrix)
+
+
+def _column_slip(kind: ColumnSlipKind, names: Sequence[str]) -> RecordSlip:
+    if kind is ColumnSlipKind.EXCHANGED:
+        return RecordSlip(SlipKind.COLUMNS, "columns of readings", tuple(names))
+    if kind is ColumnSlipKind.REVERSED:
+        return RecordSlip(SlipKind.SIGN, "readings", tuple(names))
+    factor = 180.0 / np.pi if kind is ColumnSlipKind.RADIANS else np.pi / 180.0
+    return RecordSlip(SlipKind.UNIT, "readings", tuple(names), factor=factor, dimension="angle")
+
+
+@dataclass(frozen=True)
+class MeasuredSlip:
+    """A slip of measured positions: right = recorded @ matrix (3, 3)."""
+
+    slip: RecordSlip
+    matrix: Array
+
+
+def units_and_mirror() -> Iterator[MeasuredSlip]:
+    """Yield other units and a mirror image: what shows in measured positions whose frame is unknown."""
+    for factor in both_ways(LENGTH_FACTORS):
+        yield MeasuredSlip(RecordSlip(SlipKind.UNIT, _MEASURED, factor=factor), factor * np.eye(3))
+    yield MeasuredSlip(RecordSlip(SlipKind.MIRRORED, _MEASURED), np.diag([-1.0, 1.0, 1.0]))
+
+
+def _changes_of_axes() -> Iterator[MeasuredSlip]:
+    """Yield other units, reversed and exchanged axes of measured positions: what shows where the frame is known."""
+    yield from (one for one in units_and_mirror() if one.slip.kind is SlipKind.UNIT)
+    for signs in product((1.0, -1.0), repeat=3):
+        changed = " and ".join(name for name, sign in zip(_AXES, signs, strict=True) if sign < 0.0)
+        if changed:
+            yield MeasuredSlip(RecordSlip(SlipKind.SIGN, f"{changed} of {_MEASURED}"), np.diag(signs))
+    for order in permutations(range(3)):
+        moved = tuple(_AXES[axis] for axis in range(3) if order[axis] != axis)
+        if moved:
+            yield MeasuredSlip(RecordSlip(SlipKind.COLUMNS, f"axes of {_MEASURED}", moved), np.eye(3)[:, list(order)])
