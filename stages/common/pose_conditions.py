@@ -7,7 +7,17 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.schemas.covariates import column_alias
-from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER, approach, fading_sum, order_in_time
+from truing.simulation.inputs import (
+    APPROACH,
+    LAST_STEP,
+    MEMORY,
+    ORDER,
+    STOPPED,
+    approach,
+    fading_sum,
+    histories,
+    order_in_time,
+)
 from truing.simulation.mechanisms.recording import Conditions
 from truing.stages.common.point_arrays import number_column, number_columns, positions
 
@@ -40,6 +50,7 @@ def pose_conditions(
         covariates[APPROACH] = approach(readings, covariates["time_s"], _MOVED * reading_sigma)
         covariates[LAST_STEP] = fading_sum(readings, covariates["time_s"], 0.0)
         covariates[MEMORY] = fading_sum(readings, covariates["time_s"], _KEPT)
+        covariates |= dict(zip(STOPPED, np.moveaxis(histories(readings, covariates[ORDER]), -1, 0), strict=True))
     return Conditions(readings, covariates, poses, _span(covariates.get("time_s")))
 
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from truing.arrays import Array
 from truing.estimation.design.rival_design import Fitted, PointInstrument, PoseCandidates, candidates
 from truing.schemas.faults import CampaignFaults
-from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER, TEMPERATURE, TIME
-from truing.simulation.mechanisms.chains.conditions import STOPS, ChainConditions
+from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY, ORDER, STOPS, TEMPERATURE, TIME
+from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.stages.common.chain_candidates import (
     JointRanges,

@@ -13,7 +13,7 @@ from truing.estimation.design.rival_design import Fitted, PointInstrument, PoseC
 from truing.report.numbers import duration
 from truing.schemas.covariates import own_name
 from truing.simulation.bodies.causes.terms import CAME_FROM
-from truing.simulation.inputs import APPROACH, GRAVITY_IN, LAST_STEP, LOOKING_BACK, ORDER, TEMPERATURE, TIME
+from truing.simulation.inputs import APPROACH, GRAVITY_IN, LAST_STEP, LOOKING_BACK, ORDER, STOPPED, TEMPERATURE, TIME
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
@@ -263,9 +263,10 @@ def _movement(steps: NDArray | None, finest: float) -> float:
 
 def _movements(name: str, legs: int, step: float) -> list[Level]:
     """Return possible movements to a pose by ``step``, m; none if the actuators never moved so far."""
-    if not step and name != APPROACH:
+    is_state = name in (APPROACH, *STOPPED)
+    if not step and not is_state:
         return [Level(np.zeros(legs))]
-    size = 1.0 if name == APPROACH else step
+    size = 1.0 if is_state else step
     turns = np.where(np.arange(legs) % 2 == 0, 1.0, -1.0)
     ways = {
         "growing readings of all legs": np.ones(legs),

@@ -377,7 +377,7 @@ class _Largest:
 
 
 def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
-    """Return the largest parameter, or the least known; None if no parameter is measured."""
+    """Return the largest parameter that is fitted, or the least known one; None if there is none."""
     part, legs = fitted.model.layout[cause.key], fitted.model.part_count
     scale = fitted.model.effect_sigma(cause)
     values, covariance = fitted.shared[part] * scale, fitted.covariance[part, part] * np.outer(scale, scale)
@@ -386,13 +386,17 @@ def _largest(cause: Any, fitted: Fitted, least_known: bool) -> _Largest | None:
     alike = [k for k in measured if reported[k].unit == reported[measured[0]].unit]
     if not alike:
         return None
-    best = max(alike, key=lambda k: reported[k].sigma if least_known else abs(reported[k].value))
-    direction = np.zeros(len(fitted.shared))
-    for place, step in enumerate(_STEP * np.sqrt(np.diag(covariance))):
-        nudge = step * (np.arange(len(values)) == place)
-        ahead, behind = (cause.reported(values + sign * nudge, covariance, legs)[best].value for sign in (1.0, -1.0))
-        direction[part.start + place] = (ahead - behind) / (2.0 * step) * scale[place]
-    return _Largest(cause, reported[best], direction)
+    for best in sorted(alike, key=lambda k: -(reported[k].sigma if least_known else abs(reported[k].value))):
+        direction = np.zeros(len(fitted.shared))
+        for place, step in enumerate(_STEP * np.sqrt(np.diag(covariance))):
+            nudge = step * (np.arange(len(values)) == place)
+            ahead, behind = (
+                cause.reported(values + sign * nudge, covariance, legs)[best].value for sign in (1.0, -1.0)
+            )
+            direction[part.start + place] = (ahead - behind) / (2.0 * step) * scale[place]
+        if direction.any():  # a pitch that the readings leave open depends on no unknown
+            return _Largest(cause, reported[best], direction)
+    return None
 
 
 def _name(cause: Any, legs: int) -> str:

@@ -23,6 +23,7 @@ _COLUMNS = {
     "approach": "the direction from which each actuator came",
     "last step": "the last movement of each actuator",
     "memory": "the recent movements of each actuator",
+    "stop 1": "the displacement of each leg's own actuator",
     "command": "the command",
     "direction of approach": "the direction of approach",
     "travel since the turn": "the travel of the axis since it reversed",

@@ -25,6 +25,7 @@ from truing.simulation.inputs import (
     ORDER,
     OWN_DRIVE,
     PER_ACTUATOR,
+    STOPPED,
     TEMPERATURE,
     TIME,
     drive_of,
@@ -43,7 +44,7 @@ from truing.simulation.nonparametric import (
     dependence,
 )
 
-ALL_DRIVES = "all drives"
+ALL_DRIVES, HISTORY = "all drives", "history"
 _SMOOTH = 3  # degree of the polynomials that represent a smooth dependence
 _WAVES = 6  # half periods of slow waves over a campaign
 _FEWEST_SEEN = 6
@@ -79,7 +80,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
     Inputs are columns of the configurations, and movements of the actuators. ``rho3_mm`` is the displacement of
     actuator 3, m, and ``own drive`` that of each leg's own actuator. ``approach`` and ``last step`` are direction and
     size of its last movement, ``memory`` is the fading sum of all. The form ``all drives`` is linear in the
-    displacements of all actuators.
+    displacements of all actuators; ``history`` is a sum of stop operators of each own drive: friction with memory.
 
     Several targets move by smooth patterns over the body if ``places`` gives two coordinates of each, from -1 to 1;
     otherwise one by one.
@@ -94,7 +95,7 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
     places: tuple[float, ...] = ()
 
     reads = frozenset({"indicated"})
-    letters: ClassVar[dict[str, str]] = {**NonparametricEffect.letters, ALL_DRIVES: "drive"}
+    letters: ClassVar[dict[str, str]] = {**NonparametricEffect.letters, ALL_DRIVES: "drive", HISTORY: "stop"}
 
     def __post_init__(self) -> None:
         """Raise ValueError for an unknown quantity."""
@@ -114,8 +115,9 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
 
     @property
     def is_persistent(self) -> bool:
-        """True if the effect stays with the machine; False if it depends on time or concerns targets."""
-        return super().is_persistent and self.quantity != Quantity.TARGETS
+        """True if the effect stays with the machine; False if it depends on time or on poses before, or concerns
+        targets."""
+        return super().is_persistent and self.quantity != Quantity.TARGETS and self.form != HISTORY
 
     def candidates(self, scene: PointScene) -> Sequence[NonparametricMechanismEffect]:
         """Return all dependences of legs, bodies and the scale that a campaign could show."""
@@ -176,6 +178,8 @@ class NonparametricMechanismEffect(NonparametricEffect[PointScene], PointCause):
         moved = state.indicated - state.legs.rho0
         if self.form == ALL_DRIVES:
             return np.asarray((moved / self.half_ranges[0])[:, None, :])
+        if self.form == HISTORY:
+            return np.stack([state.covariates[column] for column in self.columns], -1)
         return self.basis(lambda column: _value(column, moved, state.covariates))
 
     def change(self, state: State, values: NDArray) -> Change:
@@ -373,7 +377,10 @@ class _Inputs:
         yield from (self._dependence(OWN_DRIVE, name) for name in self._columns)
 
     def _previous_movements(self) -> Iterator[Dependence]:
-        """Yield the last step and the memory of each actuator; its direction alone is backlash."""
+        """Yield the last step, the memory and the friction of each actuator; its direction alone is backlash."""
+        stops = self._scene.covariates.get(STOPPED[0])
+        if stops is not None and np.ptp(stops) > 0 and len(stops) >= PER_FUNCTION * len(STOPPED):
+            yield dependence(STOPPED, lambda _: (0.0, 1.0), HISTORY, len(STOPPED))
         for name in (LAST_STEP, MEMORY):
             steps = self._scene.covariates.get(name)
             if steps is not None and np.ptp(steps) > 0:

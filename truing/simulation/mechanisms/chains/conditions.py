@@ -9,14 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
-from truing.simulation.inputs import LAST_STEP, MEMORY, ORDER, TEMPERATURE, TIME, approach
+from truing.simulation.inputs import LAST_STEP, MEMORY, ORDER, TEMPERATURE, TIME, approach, histories
 from truing.simulation.mechanisms.chains.tree import Tree
 
 APPROACH = "approach"
 # Seconds since a joint stopped: (B,) as the campaign has it, and (B, n) by the times of the poses.
 SINCE_MOTION, BETWEEN = "since_motion_s", "time since the pose before the last movement"
-# Thresholds of stop operators, relative to the range of a reading.
-STOPS = (0.08, 0.2, 0.4)
 # Share of the poses beyond either end of the usual range of an input.
 _BEYOND = 0.01
 
@@ -178,7 +176,7 @@ def movements(readings: NDArray, covariates: Mapping[str, NDArray], least: NDArr
     order, time = covariates[ORDER], covariates.get(TIME)
     read = np.flatnonzero(np.isfinite(readings).all(1))
     found = {APPROACH: np.ones(readings.shape), LAST_STEP: np.zeros(readings.shape)}
-    found[MEMORY] = np.zeros((*readings.shape, len(STOPS)))
+    found[MEMORY] = histories(readings, order)
     if time is not None:
         found[BETWEEN] = np.full(readings.shape, np.inf)
     own = read[np.argsort(order[read], kind="stable")]
@@ -189,22 +187,7 @@ def movements(readings: NDArray, covariates: Mapping[str, NDArray], least: NDArr
     steps = np.diff(readings[own], axis=0, prepend=readings[own][:1])
     numbers = np.arange(len(own))[:, None]
     last = np.maximum.accumulate(np.where(np.abs(steps) > least, numbers, 0), axis=0)
-    found[MEMORY][own] = _stops(steps, np.ptp(readings[own], axis=0))
     found[LAST_STEP][own] = np.where(last > 0, np.take_along_axis(steps, last, 0), 0.0)
     if time is not None:
         found[BETWEEN][own] = np.where(last > 0, time[own][:, None] - time[own][np.maximum(last - 1, 0)], np.inf)
-    return found
-
-
-def _stops(steps: NDArray, extent: NDArray) -> Array:
-    """Return states (B, n, 3) in -1 .. 1 of stop operators after steps (B, n) in order; ``extent`` (n,) of readings.
-
-    A stop follows the reading within its threshold, as friction does; sums of them are any rate-independent hysteresis
-    (Visintin, Differential models of hysteresis, 1994, chapter III).
-    """
-    reach = np.maximum(extent[:, None] * np.array(STOPS), 1e-300)
-    state, found = np.zeros_like(reach), np.empty((len(steps), *reach.shape))
-    for place, step in enumerate(steps):
-        state = np.clip(state + step[:, None] / reach, -1.0, 1.0)
-        found[place] = state
     return found

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.simulation.cause import Parameter, Step
-from truing.simulation.inputs import MEMORY, ORDER, TEMPERATURE, TIME, middle_and_half, varying_columns
+from truing.simulation.inputs import MEMORY, ORDER, STOPS, TEMPERATURE, TIME, middle_and_half, varying_columns
 from truing.simulation.mechanisms.chains.causes import ChainCause, ChainScene
-from truing.simulation.mechanisms.chains.conditions import STOPS, ChainInputs, usual_range
+from truing.simulation.mechanisms.chains.conditions import ChainInputs, usual_range
 from truing.simulation.nonparametric import (
     PER_FUNCTION,
     POLYNOMIAL,
