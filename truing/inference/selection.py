@@ -31,6 +31,7 @@ from truing.inference.rounds import RIVAL_FACTOR, Round, score_round, share_expl
 from truing.inference.scatter import FoundScatter
 from truing.inference.search import CauseCandidate, Search
 from truing.inference.search_end import EndOfSearch, FurtherCauses
+from truing.inference.several_names import several_for_one
 from truing.inference.shape_uncertainty import shape_covariance_factors
 from truing.inference.verdicts import (
     FOUND,
@@ -197,6 +198,7 @@ class CauseSelection(Generic[CauseT]):
         fewest = 1 if scatters else _SEVERAL_PERIODS
         is_named = all(own.catalogued for own in final.causes) and periods < fewest
         outdone = {step.cause.key for step in searched.kept if step.is_outdone or self._is_incomplete(step, searched)}
+        outdone |= several_for_one([(s.cause, s.candidate, s.round) for s in searched.kept], searched.rounds[-1])
         is_clear = holds and is_named and not outdone and all(verdict.verdict != SUSPECTED for verdict in verdicts)
         attributions = () if is_clear and searched.kept else self._attributed(searched, holds=holds)
         # What inputs predict is no scatter, though it may pass for one.

@@ -34,11 +34,12 @@ from truing.simulation.axis.rows import (
     AxisRows,
 )
 from truing.simulation.cause import Parameter, Step
-from truing.simulation.inputs import ORDER, TIME, middle_and_half, varying_columns
+from truing.simulation.inputs import ORDER, STOPS, TIME, middle_and_half, varying_columns
 from truing.simulation.nonparametric import PER_FUNCTION, POLYNOMIAL, WAVES, NonparametricEffect, chebyshev, dependence
 
-# Forms: a curve over the travel since the axis turned, times the direction of approach; an offset during a period.
-LOOP, STRETCH = "loop", "stretch"
+# Forms: a curve over the travel since the axis turned, times the direction of approach; an offset during a period; a
+# sum of stop operators of the command: friction with memory.
+LOOP, STRETCH, HISTORY = "loop", "stretch", "history"
 # Plausible amplitude, in standard deviations of a reading.
 _PLAUSIBLE_SIGMAS = 4.0
 _SMOOTH = (1, 2, 3)
@@ -58,16 +59,26 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
     inputs.
 
     Further forms: ``loop``, the direction of approach times Chebyshev polynomials, with the constant, of the travel
-    since the axis turned; ``stretch``, a constant offset during a period of time.
+    since the axis turned; ``stretch``, a constant offset during a period of time; ``history``, a sum of stop operators.
     """
 
     element: str = TRANSMISSION
 
     step = Step.INSTRUMENT
     reach = 100.0
-    letters: ClassVar[dict[str, str]] = {**NonparametricEffect.letters, LOOP: "loop", STRETCH: "offset"}
+    letters: ClassVar[dict[str, str]] = {
+        **NonparametricEffect.letters,
+        LOOP: "loop",
+        STRETCH: "offset",
+        HISTORY: "stop",
+    }
     series: ClassVar[frozenset[str]] = NonparametricEffect.series | {LOOP}
     boundless = frozenset({STRETCH})
+
+    @property
+    def is_persistent(self) -> bool:
+        """True if the effect stays with the machine; False if it depends on time or on the rows before."""
+        return super().is_persistent and self.form != HISTORY
 
     @property
     def subject(self) -> str:
@@ -129,6 +140,8 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
         values = partial(_values_of, rows)
         if self.form == STRETCH:
             return (np.abs(self.scaled(values)[0]) <= 1.0 + _EDGE).astype(float)[:, None]
+        if self.form == HISTORY:
+            return rows.stops
         if self.form != LOOP:
             return self.basis(values)
         direction, travel = self.scaled(values)
@@ -184,6 +197,7 @@ def _dependences(rows: AxisRows) -> Iterator[tuple[tuple[str, ...], str, int]]:
         yield (DIRECTION, COMMAND), POLYNOMIAL, 1
         for degree in _LOOPS:
             yield (DIRECTION, SINCE_TURN), LOOP, degree
+        yield (COMMAND,), HISTORY, len(STOPS)
 
 
 def _stretches(rows: AxisRows) -> tuple[Index, Index]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Mask
-from truing.simulation.inputs import ORDER, TIME
+from truing.simulation.inputs import ORDER, TIME, histories
 
 MOTOR, LOAD, MEASURED = "motor", "load", "measured"
 ENCODERS = (MOTOR, LOAD, MEASURED)
@@ -55,7 +55,8 @@ class AxisRows:
 
     ``order`` is the rank in time over the whole campaign, ``direction`` -1 or 1. ``events`` are the campaign's: (name,
     time of the first row after it). ``since_turn`` (B,) is the travel since the last reversal, ``travelled`` (B,) the
-    path since the first row, rad or m. ``others`` (B,) are all other columns.
+    path since the first row, rad or m. ``stops`` (B, 3) are states of stop operators, by friction with memory. ``others``
+    (B,) are all other columns.
     """
 
     poses: tuple[int | str, ...]
@@ -65,6 +66,7 @@ class AxisRows:
     since_turn: NDArray
     travelled: NDArray
     order: NDArray
+    stops: NDArray
     events: tuple[tuple[str, float], ...] = ()
     others: Mapping[str, NDArray] = field(default_factory=dict)
 
@@ -82,7 +84,8 @@ class AxisRows:
         order = np.argsort(np.argsort(time_s, kind="stable")).astype(float)
         direction, since_turn = approaches(command, order, least_move)
         path = path_travelled(command, order)
-        return cls(tuple(poses), time_s, command, direction, since_turn, path, order, events, others or {})
+        stops = histories(command[:, None], order)[:, 0]
+        return cls(tuple(poses), time_s, command, direction, since_turn, path, order, stops, events, others or {})
 
     @property
     def covariates(self) -> dict[str, NDArray]:
@@ -105,6 +108,7 @@ class AxisRows:
             self.since_turn[rows],
             self.travelled[rows],
             self.order[rows],
+            self.stops[rows],
             self.events,
             {name: values[rows] for name, values in self.others.items()},
         )

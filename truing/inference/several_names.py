@@ -1,0 +1,43 @@
+"""Several accepted names for what may be a single effect without a name."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+
+from truing.inference.model import CauseT
+from truing.inference.rounds import RIVAL_FACTOR, Round
+from truing.inference.search import CauseCandidate
+
+# An accepted cause, its candidate, and the round that accepted it.
+AcceptedCause: TypeAlias = tuple[CauseT, CauseCandidate[CauseT], Round[CauseT]]
+
+
+def several_for_one(accepted: Sequence[AcceptedCause[CauseT]], last: Round[CauseT]) -> set[str]:
+    """Return the keys of accepted causes that share a subject and may be a single effect without a name.
+
+    Together they are not clearly more probable than one nonparametric effect of their subject, among the candidates of
+    the ``last`` round. Or they are of one kind: a course has several steps.
+    """
+    named = [one for one in accepted if one[0].catalogued]
+    kinds = Counter((cause.subject, cause.id) for cause, _, _ in named if cause.subject)
+    found = {cause.key for cause, _, _ in named if kinds[cause.subject, cause.id] > 1}
+    for subject in {cause.subject for cause, _, _ in named}:
+        own = [one for one in named if one[0].subject == subject]
+        if len(own) > 1 and _odds_of_one(own, last) > -np.log(RIVAL_FACTOR):
+            found |= {cause.key for cause, _, _ in own}
+    return found
+
+
+def _odds_of_one(accepted: Sequence[AcceptedCause[CauseT]], last: Round[CauseT]) -> float:
+    """Return the log odds of the best nonparametric effect of a subject against its accepted causes together.
+
+    Both are against the model before the first of them; by the chain rule the odds of the causes multiply.
+    """
+    subject, before = accepted[0][0].subject, accepted[0][2].scores
+    unnamed = [one for one in last.candidates if not one.cause.catalogued and one.cause.subject == subject]
+    best = max((before[one.key].log_posterior for one in unnamed if one.key in before), default=-np.inf)
+    return float(best - sum(own.posterior(candidate) for _, candidate, own in accepted))
