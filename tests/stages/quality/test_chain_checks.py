@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -68,8 +69,72 @@ def three_wrong_rows(table: pd.DataFrame) -> None:
     table.loc[[4, 20, 41], "turn_deg"] += 90.0
 
 
-def test_a_few_poses_far_off_say_nothing_of_the_others(tmp_path: Path) -> None:
-    assert checked(tmp_path, three_wrong_rows)[:2] == (0, "pass")
+def test_a_few_poses_far_off_fail_and_are_listed(tmp_path: Path) -> None:
+    """The diagnosis would keep them: their targets agree with one another."""
+    code, verdict, message = checked(tmp_path, three_wrong_rows)
+    assert (code, verdict) == (3, "fail")
+    assert "pose 5, pose 21, pose 42 far from the pose" in message
+
+
+def exchanged_rows(table: pd.DataFrame) -> None:
+    joints = [name for name in table if name.endswith("_deg")]
+    table.loc[[8, 17], joints] = table.loc[[17, 8], joints].to_numpy()
+
+
+def later_sign(table: pd.DataFrame) -> None:
+    table.loc[40:, "bend_deg"] *= -1.0
+
+
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [(exchanged_rows, "exchanged rows: pose 9, pose 18?"), (later_sign, "bend_deg, from pose 41 on with the opposite")],
+)
+def test_a_slip_in_some_rows_fails_and_is_named(
+    tmp_path: Path, changed: Callable[[pd.DataFrame], None], named: str
+) -> None:
+    code, verdict, message = checked(tmp_path, changed)
+    assert (code, verdict) == (3, "fail")
+    assert named in message
+
+
+def in_metres(campaign: Path) -> None:
+    table = pd.read_csv(campaign / "points.csv")
+    table[["x_mm", "y_mm", "z_mm"]] /= 1000.0
+    table.to_csv(campaign / "points.csv", index=False)
+
+
+def mirrored(campaign: Path) -> None:
+    table = pd.read_csv(campaign / "points.csv")
+    table["y_mm"] *= -1.0
+    table.to_csv(campaign / "points.csv", index=False)
+
+
+def lengths_in_mm(campaign: Path) -> None:
+    def times_1000(found: re.Match[str]) -> str:
+        return 'xyz="' + " ".join(f"{1000.0 * float(number):g}" for number in found[1].split()) + '" rpy'
+
+    text = (campaign / "robot.urdf").read_text(encoding="utf-8")
+    (campaign / "robot.urdf").write_text(re.sub(r'xyz="([^"]*)" rpy', times_1000, text), encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [
+        (in_metres, "measured positions in another unit: multiply by 1000"),
+        (mirrored, "measured positions mirrored"),
+        (lengths_in_mm, "lengths of the chain's description in another unit: multiply by 0.001"),
+    ],
+)
+def test_a_slip_of_all_positions_or_of_the_description_is_named(
+    tmp_path: Path, changed: Callable[[Path], None], named: str
+) -> None:
+    campaign = shutil.copytree(ROBOT, tmp_path / "robot")
+    changed(campaign)
+    done = CliRunner().invoke(app, ["run", str(campaign), "--out", str(tmp_path / "run"), "--only", "qa", "--quiet"])
+    rows = pq.read_table(tmp_path / "run" / "qa.parquet").to_pylist()
+    (message,) = [row["message"] for row in rows if row["check"] == "joints-against-links"]
+    assert done.exit_code == 3
+    assert named in message
 
 
 @pytest.mark.parametrize(

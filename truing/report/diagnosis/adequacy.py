@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,10 +16,15 @@ from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, cell, table_or_none
 from truing.report.wordings.catalogue import cause_words
 from truing.report.wordings.nonparametric_wordings import columns_words
+from truing.schemas.covariates import names_in
 from truing.schemas.verdict import BY_A_FACTOR, ReasonCode
 
 _TITLE = "Does the model fit as a whole?"
 CAUSES_LEFT = "causes-left"
+# Names of inputs, with blanks, that concern the way to a position or load.
+LOOKS_BACK = re.compile(
+    r"approach.*|last step|memory|direction of .*|travel since the turn|unloading .*|largest so far .*"
+)
 _LOOKED_FOR = {
     "observation-noise": "noise of the measurements",
     "input-noise": "noise of the inputs",
@@ -173,7 +179,13 @@ def _limit_words(row: Any) -> str:
 
 
 def _column_words(row: Any) -> str:
-    return columns_words(tuple(cell(row.along).split(" "))) if cell(row.along) else "–"
+    return columns_words(columns_along(row)) or "–"
+
+
+def columns_along(row: Any) -> tuple[str, ...]:
+    """Return the columns along which a test of the residuals compared neighbours or regions; a name may have blanks."""
+    along = cell(row.along) or ""
+    return (along,) if LOOKS_BACK.fullmatch(along) else names_in(along)
 
 
 def _value(row: Any) -> str:

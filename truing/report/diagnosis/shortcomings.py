@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from typing import Any
 
-from truing.report.diagnosis.adequacy import CAUSES_LEFT, shortcoming_words
+from truing.report.diagnosis.adequacy import CAUSES_LEFT, LOOKS_BACK, columns_along, shortcoming_words
 from truing.report.diagnosis.assessed_causes import FOUND, SUSPECTED, AssessedCause
 from truing.report.section_verdict import verdict_rows
 from truing.report.tables import Tables, cell, table_or_none
 from truing.report.verdict import with_verdict
 from truing.report.wordings.catalogue import WORDINGS, cause_words
 from truing.report.wordings.nonparametric_wordings import OF_TIME, columns_words
-from truing.schemas.covariates import names_in
 from truing.schemas.verdict import ReasonCode, Relation
 
 _MOST, _NOISE = 2, "observation-noise"
@@ -50,9 +48,6 @@ _OF_VERDICT = {
         "Declare the scatter as noise.",
     ),
 }
-_LOOKS_BACK = re.compile(
-    r"approach.*|last step|memory|direction of .*|travel since the turn|unloading .*|largest so far .*"
-)
 
 
 def decisive_measurements(rows: list[AssessedCause], tables: Tables) -> Iterator[tuple[str, str]]:
@@ -85,8 +80,7 @@ def _decisive_measurement(row: Any, epochs: tuple[str, str, str, str]) -> str:
         return f"{anew} {_IF_NOISE}"
     if row.test == "pure-error":  # a mean of repeats depends on the command, whatever the noise
         return f"Measure more {several} near those that were repeated: common errors show the missing effect."
-    along = cell(row.along)
-    return _revealing_measurement((along,) if _LOOKS_BACK.fullmatch(along) else names_in(along), several)
+    return _revealing_measurement(columns_along(row), several)
 
 
 def _of_cause_left(cause: str) -> str:
@@ -104,7 +98,7 @@ def _revealing_measurement(columns: tuple[str, ...], several: str) -> str:
     if set(columns) <= OF_TIME:
         text = f"Repeat five of the first {several} at the end, and measure the others in random order."
         return f"{text} If the repeats differ, something drifts with time. If not, the errors depend on the {several}."
-    if all(_LOOKS_BACK.fullmatch(name) for name in columns):
+    if all(LOOKS_BACK.fullmatch(name) for name in columns):
         return (
             f"Measure five {several} twice from each side. Effects of the direction of approach then show separately."
         )

@@ -210,7 +210,8 @@ def _creep(claim: Claim) -> str:
     tau = claim.size("tau")
     pace = f", with a time constant of {size_in_words(tau)}" if tau is not None else ""
     of = f", by {size} of its deflection" if size else ""
-    return f"the sensor {'creeps on' if more else 'creeps back'} under {_loads(claim)}{of}{pace}"
+    moves = "creeps" if not size else "creeps on" if more else "creeps back"
+    return f"the sensor {moves} under {_loads(claim)}{of}{pace}"
 
 
 def _zero_drift_clause(claim: Claim) -> str:

@@ -27,6 +27,8 @@ def _offset(claim: Claim) -> str:
 
 def _gain(claim: Claim) -> str:
     size, large = largest_of_kind(claim, "gain")
+    if not size:
+        return f"{_whose(claim)} moves by another amount than it reads"
     return f"{_whose(claim)} moves {'farther' if large else 'less far'} than it reads{by_words(size)}"
 
 

@@ -89,7 +89,7 @@ def remainder_explanation(columns: tuple[str, ...], subject: str, share: float, 
 def _column_words(column: str) -> str:
     """Return one column in words: ``the displacement of actuator 3``, ``the load fz``, ``the temperature``."""
     for start, words in _OF_LOAD.items():
-        if column.startswith(start):
+        if column not in _COLUMNS and column.startswith(start):
             return words.format(_column_words(column.removeprefix(start)))
     if drive := re.fullmatch(_DRIVE, column):
         return f"the displacement of actuator {drive[1]}"

@@ -55,8 +55,8 @@ class AxisRows:
 
     ``order`` is the rank in time over the whole campaign, ``direction`` -1 or 1. ``events`` are the campaign's: (name,
     time of the first row after it). ``since_turn`` (B,) is the travel since the last reversal, ``travelled`` (B,) the
-    path since the first row, rad or m. ``stops`` (B, 3) are states of stop operators, by friction with memory. ``others``
-    (B,) are all other columns.
+    path since the first row, rad or m. ``stops`` (B, 3) are states of stop operators. ``others`` (B,) are
+    all other columns.
     """
 
     poses: tuple[int | str, ...]

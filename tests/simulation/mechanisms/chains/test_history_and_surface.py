@@ -7,8 +7,8 @@ from numpy.polynomial import chebyshev
 
 from tests.simulation.mechanisms.chains.made_arms import campaign
 from tests.tolerance import assert_close
-from truing.simulation.inputs import MEMORY
-from truing.simulation.mechanisms.chains.conditions import STOPS, movements
+from truing.simulation.inputs import MEMORY, STOPS
+from truing.simulation.mechanisms.chains.conditions import movements
 from truing.simulation.mechanisms.chains.nonparametric import HISTORY, SURFACE, NonparametricChainEffect
 
 

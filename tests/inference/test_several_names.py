@@ -1,0 +1,64 @@
+"""Several names of one subject are doubted where a single effect without a name explains as much."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+from truing.inference.several_names import several_for_one
+
+
+def cause(name: str, subject: str, *, catalogued: bool = True, onset: int = 0) -> Any:
+    """Stand in for a cause."""
+    return SimpleNamespace(id=name, subject=subject, key=f"{name} {subject} {onset}", catalogued=catalogued)
+
+
+def candidate(own: Any) -> Any:
+    return SimpleNamespace(cause=own, key=own.key, kind=own.id)
+
+
+def scored(odds: dict[str, float]) -> Any:
+    """Stand in for a round, by the log odds of its candidates."""
+    scores = {key: SimpleNamespace(log_posterior=value) for key, value in odds.items()}
+    return SimpleNamespace(scores=scores, posterior=lambda one: odds[one.key])
+
+
+GAIN, GAP = cause("gain", "leg4"), cause("backlash", "leg4")
+FRICTION = cause("unexplained", "leg4", catalogued=False)
+ELSEWHERE = cause("unexplained", "leg2", catalogued=False)
+
+
+def doubted(of_one: float, *, unnamed: Any = FRICTION) -> set[str]:
+    """Doubted names of a gain with log odds of 40, then a gap with 5, next to an effect with log odds ``of_one``."""
+    first, second = scored({GAIN.key: 40.0, GAP.key: 10.0, unnamed.key: of_one}), scored({GAP.key: 5.0})
+    last = SimpleNamespace(candidates=[candidate(unnamed)])
+    return several_for_one([(GAIN, candidate(GAIN), first), (GAP, candidate(GAP), second)], last)
+
+
+def test_two_names_are_doubted_where_one_effect_is_as_probable() -> None:
+    assert doubted(45.0) == {GAIN.key, GAP.key}
+    assert doubted(42.5) == {GAIN.key, GAP.key}, "a factor of 12 against it decides nothing"
+
+
+def test_two_names_stand_where_they_are_clearly_more_probable() -> None:
+    assert doubted(41.0) == set()
+
+
+def test_an_effect_of_another_subject_is_no_rival() -> None:
+    assert doubted(60.0, unnamed=ELSEWHERE) == set()
+
+
+def test_a_single_name_is_not_concerned() -> None:
+    last = SimpleNamespace(candidates=[candidate(FRICTION)])
+    first = scored({GAIN.key: 40.0, FRICTION.key: 60.0})
+    assert several_for_one([(GAIN, candidate(GAIN), first)], last) == set()
+
+
+def test_two_steps_of_one_zero_are_doubted_and_steps_of_two_are_not() -> None:
+    def steps(other: str) -> set[str]:
+        own = [cause("zero-step", "run 4"), cause("zero-step", other, onset=9)]
+        now = scored({one.key: 30.0 for one in own})
+        return several_for_one([(one, candidate(one), now) for one in own], SimpleNamespace(candidates=[]))
+
+    assert len(steps("run 4")) == 2
+    assert steps("run 5") == set()
