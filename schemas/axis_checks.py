@@ -15,6 +15,16 @@ OF_AXES: Checks = {
         "Correct the column's unit in the mapping, counts_per_deg or counts_per_mm, or the name in [mechanism].",
         withholds="models",
     ),
+    "axis-rows": QualityCheck(
+        "Does every reading belong to the command of its row?",
+        "Rows that were exchanged, shifted, copied or written in another unit would appear as errors of the axis.",
+        VerdictRule(
+            "at most a tenth of the rows off by more than 2 % of the travel",
+            "more rows, or rows that an exchange, a shift, another unit or sign explains; a shifted zero is none",
+        ),
+        "Correct the named rows in the export or its mapping, or exclude them.",
+        withholds="models",
+    ),
     "axis-standing-rows": QualityCheck(
         "Does an encoder repeat its reading, to the last digit, while the command moves?",
         "A frozen or copied reading would appear as an error that follows the command.",

@@ -10,6 +10,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from truing.arrays import Array
+from truing.belonging.axis_rows import RowSlipKind, slip_of_rows
 from truing.report.numbers import count, listed
 from truing.stages.common.axis_columns import AxisColumns, columns_of, command_sigma
 from truing.stages.common.point_arrays import number_column
@@ -32,6 +33,8 @@ _SLIPS = {
 }
 _OF_SLIP = 0.01  # how near a ratio lies to that of a slip
 _ODD, _WRONG = 0.1, 2.0
+_SIGNS = (("", 1.0), (" with the opposite sign", -1.0))
+_FEW = 0.1  # share of the rows
 _FEWEST = 3
 # From here on, readings are so coarse that equal rows say nothing.
 _COARSE = 0.5
@@ -54,6 +57,9 @@ def _checks(table: pa.Table, columns: AxisColumns, off: float, limits: CampaignL
     for encoder, column in columns.encoders.items():
         raw = number_column(table, column)[in_time]
         yield _unit(encoder, column, columns, command, columns.si(table, column)[in_time])
+        yield _rows(
+            encoder, columns, command, columns.si(table, column)[in_time], np.array(rows.poses, object)[in_time]
+        )
         yield _repeated_readings(encoder, command, raw, np.array(rows.poses, object)[in_time], off, limits)
     yield _repeated(table, columns, np.array(rows.poses, object), limits)
     yield _approach(rows.direction, limits)
@@ -83,6 +89,34 @@ def _unit(encoder: str, column: str, columns: AxisColumns, command: Array, readi
             "axis-units", encoder, ratio, 1.0, "1", WARN, f"{text}: is its unit or counts_per_{columns.unit} right?"
         )
     return Check("axis-units", encoder, ratio, 1.0, "1", PASS, f"{text}.")
+
+
+def _rows(encoder: str, columns: AxisColumns, command: Array, reading: Array, poses: NDArray[np.object_]) -> Check:
+    """Check that every reading belongs to the command of its own row."""
+    both = np.isfinite(command) & np.isfinite(reading)
+    moves = np.diff(command[both])
+    moved = np.abs(moves) > 1e-3 * np.ptp(command[both]) if both.any() else np.zeros(0, bool)
+    if moved.sum() < _FEWEST:
+        return not_evaluated("too few movements", "axis-rows", encoder, f"the command moves {int(moved.sum())} times")
+    ratio = float(np.median(np.diff(reading[both])[moved] / moves[moved]))
+    if not 1.0 / _WRONG <= ratio <= _WRONG:
+        return not_evaluated("another unit", "axis-rows", encoder, "the encoder moves unlike the command")
+    units = {f"{words}{sign}": factor / at for at, words in _SLIPS[columns.unit].items() for sign, factor in _SIGNS}
+    units |= {f"{columns.unit}{sign}": factor for sign, factor in _SIGNS if factor < 0.0}
+    slip = slip_of_rows(command[both], reading[both], ratio, units)
+    if slip is None:
+        return Check("axis-rows", encoder, 0.0, 0.0, "1", PASS, "Every reading belongs to the command of its row.")
+    named = listed([str(pose) for pose in poses[both][slip.rows]])
+    text = f"Readings of {encoder} do not belong to the commands of {count(len(slip.rows), 'row')}: {named}."
+    meant = {
+        RowSlipKind.EXCHANGED: " Did you mean: readings of these rows exchanged?",
+        RowSlipKind.SHIFTED: f" Did you mean: readings of these rows shifted by {slip.name} rows?",
+        RowSlipKind.UNIT: f" Did you mean: these rows in {slip.name}?",
+        RowSlipKind.COPIED: " They are equal in every digit to those of other rows.",
+        RowSlipKind.STRAY: "",
+    }[slip.kind]
+    verdict = WARN if slip.kind is RowSlipKind.STRAY and len(slip.rows) <= _FEW * both.sum() else FAIL
+    return Check("axis-rows", encoder, float(len(slip.rows)), 0.0, "1", verdict, f"{text}{meant}")
 
 
 def _repeated_readings(

@@ -1,0 +1,70 @@
+"""Readings of an axis in rows of other commands, or in another unit, are told from shifted zeros and from errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truing.belonging.axis_rows import AxisRowSlip, RowSlipKind, slip_of_rows
+
+UNITS = {"radians": 180.0 / np.pi, "deg with the opposite sign": -1.0}
+COUNT = 50
+COMMAND = np.random.default_rng(7).permutation(np.linspace(-100.0, 100.0, COUNT))
+LATE = np.arange(COUNT) >= 29
+
+
+def readings() -> np.ndarray:
+    """An encoder with a zero of 2.9 deg, a scale error of 1 part in 1000, and noise."""
+    return 1.001 * COMMAND + 2.9 + 1e-3 * np.random.default_rng(8).normal(size=COUNT)
+
+
+def found(reading: np.ndarray) -> AxisRowSlip | None:
+    return slip_of_rows(COMMAND, reading, 1.0, UNITS)
+
+
+def test_an_axis_with_small_errors_has_no_slip() -> None:
+    assert found(readings()) is None
+
+
+@pytest.mark.parametrize("shift", [0.5, 7.0, -90.0])
+def test_a_shifted_zero_is_no_slip(shift: float) -> None:
+    assert found(readings() + shift * LATE) is None
+
+
+def test_exchanged_rows_are_named() -> None:
+    own = readings()
+    own[[8, 17]] = own[[17, 8]]
+    slip = found(own)
+    assert slip is not None
+    assert (slip.kind, slip.rows.tolist()) == (RowSlipKind.EXCHANGED, [8, 17])
+
+
+@pytest.mark.parametrize(("factor", "name"), [(np.pi / 180.0, "radians"), (-1.0, "deg with the opposite sign")])
+def test_a_part_in_another_unit_is_named(factor: float, name: str) -> None:
+    slip = found(np.where(LATE, factor * readings(), readings()))
+    assert slip is not None
+    assert (slip.kind, slip.name) == (RowSlipKind.UNIT, name)
+    assert LATE[slip.rows].all()
+
+
+def test_a_lost_row_shifts_later_ones() -> None:
+    own = readings()
+    own[25:-1] = own[26:].copy()
+    slip = found(own)
+    assert slip is not None
+    assert (slip.kind, slip.name) == (RowSlipKind.SHIFTED, "-1")
+
+
+def test_copied_rows_are_told_from_a_misread_digit() -> None:
+    own = readings()
+    own[20:26] = own[10:16]
+    assert found(own).kind is RowSlipKind.COPIED  # type: ignore[union-attr]
+    own = readings()
+    own[4] += 30.0
+    slip = found(own)
+    assert slip is not None
+    assert (slip.kind, slip.rows.tolist()) == (RowSlipKind.STRAY, [4])
+
+
+def test_no_slip_is_named_where_most_rows_disagree() -> None:
+    assert found(np.random.default_rng(9).permutation(readings())) is None

@@ -1,0 +1,90 @@
+"""Rows of an axis whose reading does not belong to their command: exchanged, shifted, in another unit, copied, stray."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from truing.arrays import Array, Index, Mask
+from truing.belonging.assignment import cheapest_columns
+
+_NEAR = 0.02  # distance of a reading from its command, over the travel, up to which it belongs to it
+_LEAST_SHARE = 0.5  # least share of the rows that agree
+_FEWEST = 3  # fewest rows in another unit or shifted
+_MOST = 300  # most rows among which an exchange is sought
+_EXPLAINED = 0.9  # least share of the rows that a slip explains
+_SHIFTS = (1, -1, 2, -2)
+
+
+class RowSlipKind(StrEnum):
+    """Sort of slip."""
+
+    EXCHANGED = "exchanged"
+    SHIFTED = "shifted"
+    UNIT = "unit"
+    COPIED = "copied"
+    STRAY = "stray"
+
+
+@dataclass(frozen=True)
+class AxisRowSlip:
+    """Rows (in order of time) with a slip; ``name`` of the unit, or number of rows by which they are too far down."""
+
+    kind: RowSlipKind
+    rows: Index
+    name: str = ""
+
+
+def slip_of_rows(command: Array, reading: Array, ratio: float, units: Mapping[str, float]) -> AxisRowSlip | None:
+    """Return the slip in some rows of an encoder, N finite commands and readings in order of time; None if all agree.
+
+    ``ratio`` is the movement of the encoder over that of the command; ``units``: factor by name with which numbers in
+    another unit are right. An offset that is the same in all later rows is a shifted zero, and no slip.
+    """
+    expected = ratio * command
+    limit = _NEAR * float(np.ptp(expected))
+    zero, near = _zero(reading - expected, limit)
+    apart = np.flatnonzero(~near)
+    if near.mean() < _LEAST_SHARE or not len(apart) or _is_zero_shift((reading - expected)[apart], limit):
+        return None
+    off = reading - zero
+    if 1 < len(apart) <= _MOST and _are_exchanged(off[apart], expected[apart], limit):
+        return AxisRowSlip(RowSlipKind.EXCHANGED, apart)
+    for shift in _SHIFTS:
+        rows = apart[(apart + shift >= 0) & (apart + shift < len(off))]
+        if _explains(np.abs(off[rows + shift] - expected[rows]) <= limit):
+            return AxisRowSlip(RowSlipKind.SHIFTED, apart, str(shift))
+    for name, factor in units.items():
+        if _explains(np.abs(factor * reading[apart] - zero - expected[apart]) <= limit):
+            return AxisRowSlip(RowSlipKind.UNIT, apart, name)
+    are_copies = len(apart) >= _FEWEST and all(np.sum(reading == reading[row]) > 1 for row in apart)
+    return AxisRowSlip(RowSlipKind.COPIED if are_copies else RowSlipKind.STRAY, apart)
+
+
+def _zero(difference: Array, limit: float) -> tuple[float, Mask]:
+    """Return the zero with which most rows agree, and these rows."""
+    centres = difference[:: -(-len(difference) // _MOST)]
+    counts = [int(np.sum(np.abs(difference - centre) <= limit)) for centre in centres]
+    first = np.abs(difference - centres[int(np.argmax(counts))]) <= limit
+    zero = float(np.median(difference[first]))
+    return zero, np.abs(difference - zero) <= limit
+
+
+def _is_zero_shift(difference: Array, limit: float) -> bool:
+    """Return True where rows have an offset in common."""
+    return len(difference) >= _FEWEST and float(np.ptp(difference)) <= 2.0 * limit
+
+
+def _are_exchanged(reading: Array, expected: Array, limit: float) -> bool:
+    """Return True where the readings of some rows stand in each other's rows."""
+    cost = np.abs(reading[None] - expected[:, None])
+    columns = cheapest_columns(np.log1p((cost / limit) ** 2))
+    is_shift = len(cost) > 2 and float(np.median(np.abs(columns - np.arange(len(cost))))) <= max(_SHIFTS)
+    return bool((cost[np.arange(len(cost)), columns] <= limit).all()) and not is_shift
+
+
+def _explains(within: Mask) -> bool:
+    return len(within) >= _FEWEST and float(within.mean()) >= _EXPLAINED
