@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 
 from tests.tolerance import assert_close
-from truing.simulation.inputs import approach, fading_sum, order_in_time
+from truing.simulation.inputs import STOPPED, STOPS, approach, fading_sum, histories, order_in_time
 from truing.simulation.mechanisms.extended_model import some_of
 from truing.stages.common.pose_conditions import pose_conditions
 
@@ -30,6 +30,26 @@ def test_movements_are_remembered_and_fade() -> None:
     assert_close(fading_sum(READINGS, TIME, 0.5)[:, 0], np.array([1.25, 0.0, 1.0, 0.5]), atol=1e-6, what="lately, m")
 
 
+def dragged(readings: np.ndarray, slack: float) -> np.ndarray:
+    """A sledge with friction behind a spring: it follows a reading as soon as that is ``slack`` ahead of it."""
+    place, found = readings[0], []
+    for reading in readings:
+        place = min(max(place, reading - slack), reading + slack)
+        found.append(place)
+    return np.array(found)
+
+
+def test_friction_with_memory_is_a_sum_of_stops() -> None:
+    rng = np.random.default_rng(4)
+    readings, order = rng.uniform(-1.0, 1.0, (60, 2)), rng.permutation(60).astype(float)
+    in_time = np.argsort(order)
+    for own in range(2):
+        slack = np.array(STOPS) * np.ptp(readings[:, own])
+        for k in range(len(STOPS)):
+            lag = readings[in_time, own] - dragged(readings[in_time, own], slack[k])
+            assert_close(histories(readings, order)[in_time, own, k] * slack[k], lag, atol=1e-12, what="lag")
+
+
 def test_every_numeric_column_is_a_covariate_and_poses_keep_their_names() -> None:
     table = pa.table(
         {
@@ -42,7 +62,7 @@ def test_every_numeric_column_is_a_covariate_and_poses_keep_their_names() -> Non
         }
     )
     found = pose_conditions(table, (7, 8, 9), 1, 1e-6)
-    assert set(found.covariates) == {"time_s", "humidity_pct", "order", "approach", "last step", "memory"}
+    assert set(found.covariates) == {"time_s", "humidity_pct", "order", "approach", "last step", "memory", *STOPPED}
     assert_close(found.readings[:, 0], np.array([0.010, 0.011, 0.009]), atol=1e-12, what="readings, m")
     part = some_of(found, np.array([False, True, True]))
     assert part.poses == (8, 9)

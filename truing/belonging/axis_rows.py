@@ -1,4 +1,4 @@
-"""Rows of an axis whose reading does not belong to their command: exchanged, shifted, in another unit, copied, stray."""
+"""Rows of an axis whose reading does not belong to their command: exchanged, shifted, in another unit, copied."""
 
 from __future__ import annotations
 

@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from tests.tolerance import assert_close
-from truing.simulation.mechanisms.causes.nonparametric import NonparametricMechanismEffect
+from truing.simulation.inputs import STOPPED
+from truing.simulation.mechanisms.causes.nonparametric import HISTORY, NonparametricMechanismEffect
 
 DRIVE = NonparametricMechanismEffect(columns=("rho2_mm",), centres=(10.0,), half_ranges=(2.0,))
 
@@ -27,3 +28,17 @@ def test_a_drive_of_legs_is_their_displacement():
 def test_bodies_without_legs_may_have_a_column_that_is_called_like_one():
     found = DRIVE.functions(state(np.zeros((3, 0)), {"rho2_mm": np.array([8.0, 10.0, 12.0])}))
     assert_close(found[:, 0, 0], [-1.0, 0.0, 1.0], atol=1e-12)
+
+
+def test_friction_of_a_leg_is_the_states_of_its_stops_and_ends_with_its_campaign():
+    rng = np.random.default_rng(2)
+    stops = {name: rng.uniform(-1.0, 1.0, (5, 6)) for name in STOPPED}
+    friction = NonparametricMechanismEffect(
+        columns=STOPPED, centres=(0.0,) * 3, half_ranges=(1.0,) * 3, form=HISTORY, degree=3, legs=(4,)
+    )
+    found = friction.functions(state(np.full((5, 6), 0.01), stops))
+    assert_close(found[:, 3], np.stack([stops[name][:, 3] for name in STOPPED], -1), atol=0.0)
+    assert friction.inputs(6) == ("rho4_mm",)
+    assert friction.needs(6) == ("rho4_mm", "time_s")
+    assert not friction.is_persistent
+    assert [p.name for p in friction.parameters(6)] == ["leg4_stop1", "leg4_stop2", "leg4_stop3"]
