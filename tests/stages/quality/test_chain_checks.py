@@ -97,12 +97,6 @@ def test_a_slip_in_some_rows_fails_and_is_named(
     assert named in message
 
 
-def in_metres(campaign: Path) -> None:
-    table = pd.read_csv(campaign / "points.csv")
-    table[["x_mm", "y_mm", "z_mm"]] /= 1000.0
-    table.to_csv(campaign / "points.csv", index=False)
-
-
 def mirrored(campaign: Path) -> None:
     table = pd.read_csv(campaign / "points.csv")
     table["y_mm"] *= -1.0
@@ -120,7 +114,6 @@ def lengths_in_mm(campaign: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "named"),
     [
-        (in_metres, "measured positions in another unit: multiply by 1000"),
         (mirrored, "measured positions mirrored"),
         (lengths_in_mm, "lengths of the chain's description in another unit: multiply by 0.001"),
     ],
