@@ -53,41 +53,50 @@ def block_gain(whitened: Whitened, own: slice, value: Array, possible: Sequence[
     ``own``: places of the cause among the shared unknowns; ``value`` (P,): its linear parameters as fitted, in prior
     sigmas, zero for parameters of its shape.
     """
-    rows, height = whitened.rows, whitened.local_basis.shape[1]
-    kept = np.ones(rows.shape[1], bool)
-    kept[own] = False
-    epochs = np.arange(len(whitened.local_basis) * height).reshape(-1, height)
-    effect = rows[:, own] @ value
-    effect[len(rows) - len(kept) :] = 0.0
-    start = whitened.residual + effect
-    start[len(rows) - len(kept) :][~kept] = 0.0  # parameters that are left out have no prior row
     gram = whitened.normal_matrix
-    left = start - rows[:, kept] @ np.linalg.solve(gram[np.ix_(kept, kept)], rows[:, kept].T @ start)
+    kept = np.ones(len(gram), bool)
+    kept[own] = False
+    priors = slice(len(whitened.residual) - len(kept), None)
+    effect = whitened.moved(_embedded(value, ~kept))
+    effect[priors] = 0.0
+    start = whitened.residual + effect
+    start[priors][~kept] = 0.0  # parameters that are left out have no prior row
+    step = np.linalg.solve(gram[np.ix_(kept, kept)], whitened.of_columns(start)[kept])
+    left = start - whitened.moved(_embedded(step, kept))
+    shape = whitened.own.shape[:2]
+    by_epoch = [each[: shape[0] * shape[1]].reshape(shape) for each in (whitened.rest, left, effect)]
     for blocks in possible:
-        each = (epochs[blocks.numbers == number].ravel() for number in range(blocks.count))
-        gains = [_gain_of(rows, gram, (whitened.rest, left), effect, kept, block) for block in each]
+        each = (np.flatnonzero(blocks.numbers == number) for number in range(blocks.count))
+        gains = [_gain_of(whitened, gram, by_epoch, kept, block) for block in each]
         informative = [gain for gain in gains if gain is not None]
         if len(informative) >= FEWEST_TELLING:
             return BlockGain(blocks.kind, len(informative), float(np.sum(informative)))
     return None
 
 
-def _gain_of(
-    rows: Array, gram: Array, rest: tuple[Array, Array], effect: Array, kept: Mask, block: Integers
-) -> float | None:
-    """Return the gain in one block, rows (n,) of all; None where the block is not informative. ``rest``: residuals (N,)
-    of fits to everything, with the cause and without; ``kept`` (G,): unknowns except the cause's."""
-    own = rows[block]
+def _embedded(values: Array, places: Mask) -> Array:
+    """Return values (n,) at n places (G,) that are True, and zero elsewhere."""
+    found = np.zeros(len(places))
+    found[places] = values
+    return found
+
+
+def _gain_of(whitened: Whitened, gram: Array, by_epoch: Sequence[Array], kept: Mask, block: Integers) -> float | None:
+    """Return the gain in one block of epochs (b,); None where the block is not informative. ``by_epoch``: residuals
+    (B, H) of fits to everything, with the cause and without, and its effect; ``kept`` (G,): unknowns except the
+    cause's."""
+    rest, left, effect = (each[block].ravel() for each in by_epoch)
+    own = whitened.rows_at(block).reshape(len(effect), len(kept))
     others = gram - own.T @ own
-    size = float(np.sum(effect[block] ** 2))
+    size = float(np.sum(effect**2))
     if size < _LEAST_EFFECT:
         return None
     uncertain = np.linalg.inv(others)[np.ix_(~kept, ~kept)]
     if float(np.sum((own[:, ~kept] @ uncertain) * own[:, ~kept])) > size:
         return None
     within = np.ix_(kept, kept)
-    without = _log_density(own[:, kept], gram[within], others[within], rest[1][block])
-    return _log_density(own, gram, others, rest[0][block]) - without
+    without = _log_density(own[:, kept], gram[within], others[within], left)
+    return _log_density(own, gram, others, rest) - without
 
 
 def _log_density(rows: Array, gram: Array, others: Array, rest: Array) -> float:

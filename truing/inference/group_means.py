@@ -53,14 +53,15 @@ def epoch_residuals(whitened: Whitened, measured: Observations, frames: Frames, 
     turn = _rotations(measured.whitener @ frames.R[:, None])
     rest = whitened.rest[rows].reshape(epochs, height, 1)
     present = whitened.present[rows].reshape(epochs, height)
-    basis = whitened.basis[rows].reshape(epochs, height, -1)
     local = np.sum((_rotated_rows(turn, whitened.local_basis, inputs, count * size)) ** 2, -1)
     seen = _observed_and_inputs(present, inputs, count * size)
+    basis = _rotated_rows(turn, whitened.basis_at(slice(None)), inputs, count * size)
+    basis *= seen[..., None]
     return EpochResiduals(
         np.where(seen, _rotated_rows(turn, rest, inputs, count * size)[..., 0], 0.0),
         seen,
         np.where(seen, 1.0 - local, 0.0),
-        np.where(seen[..., None], _rotated_rows(turn, basis, inputs, count * size), 0.0),
+        basis,
     )
 
 

@@ -95,7 +95,7 @@ def _residuals(whitened: Whitened, epochs: int, observed: int, chosen: Integers)
     rest = whitened.rest[rows].reshape(epochs, height)[chosen, :observed]
     seen: Mask = whitened.present[rows].reshape(epochs, height)[chosen, :observed]
     local = whitened.local_basis[chosen, :observed]
-    shared = whitened.basis[rows].reshape(epochs, height, -1)[chosen, :observed]
+    shared = whitened.basis_at(chosen)[:, :observed]
     projection = np.eye(observed) - local @ np.swapaxes(local, 1, 2) - shared @ np.swapaxes(shared, 1, 2)
     return np.where(seen, rest, 0.0), projection * (seen[:, :, None] & seen[:, None])
 

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from truing.inference.arrays import Array, Integers, Mask
+from truing.inference.shared_rows import SharedRows
 
 # Zero rows of missing observations are left out of products if fewer than this share of all rows is present.
 _FEW_MISSING = 0.9
@@ -74,19 +75,26 @@ class Whitened:
 
     whole: Array | None = None  # (N, G) all rows, unless the problem is compact
 
-    @cached_property
-    def rows(self) -> Array:
-        """Derivatives (N, G) of all rows by the shared unknowns."""
-        return _stacked(self.problem, self._spread) if self.whole is None else self.whole
-
     @property
-    def _spread(self) -> Array:
-        """Derivatives (B, M + H, G) in the rows of epochs, expanded from the compact form."""
+    def rows(self) -> Array:
+        """Derivatives (N, G) of all rows by the shared unknowns; expanded at each call if the problem is compact."""
+        return self.compact.mapped(np.eye(self.compact.size)) if self.whole is None else self.whole
+
+    @cached_property
+    def compact(self) -> SharedRows:
+        """The same derivatives of a compact problem, as stored."""
         assert self.problem.columns is not None
-        size = len(self.problem.shared_value)
-        wide = np.zeros((len(self.own), self.own.shape[1], size + 1))
-        np.put_along_axis(wide, self.problem.columns[:, None], self.own, 2)
-        return wide[..., :size]
+        return SharedRows(self.own, self.problem.extra_by_shared, self.problem.columns, self.problem.common)
+
+    def rows_at(self, epochs: Integers | slice) -> Array:
+        """Return the derivatives (b, M + H, G) in the rows of some epochs."""
+        return self.own[epochs] if self.whole is not None else self.compact.at(epochs)
+
+    def basis_at(self, epochs: Integers | slice) -> Array:
+        """Return the rows (b, M + H, G) of the basis that belong to some epochs."""
+        if self.whole is None:
+            return self.compact.at(epochs) @ self._inverse
+        return self.basis[: self.own.shape[0] * self.own.shape[1]].reshape(self.own.shape)[epochs]
 
     @cached_property
     def _factor(self) -> Array:
@@ -102,20 +110,9 @@ class Whitened:
     @cached_property
     def _gram(self) -> Array:
         """Products (G, G) of the rows' columns; columns of few epochs are multiplied only there."""
-        problem, columns = self.problem, self.problem.columns
-        if columns is None:
-            return np.asarray(self._informative_rows.T @ self._informative_rows)
-        found = problem.extra_by_shared.T @ problem.extra_by_shared
-        found[np.diag_indices(len(found))] += 1.0  # the priors
-        common, size = columns[0, : problem.common], len(found)
-        wide = self.own[..., : problem.common].reshape(self.own.shape[0] * self.own.shape[1], problem.common)
-        of_few = np.swapaxes(self.own[..., problem.common :], 1, 2) @ self.own
-        whole = np.zeros((size + 1, size + 1))
-        np.add.at(whole, (columns[:, problem.common :, None], columns[:, None]), of_few)
-        whole[np.ix_(common, common)] = wide.T @ wide
-        others = np.delete(np.arange(size), common)
-        whole[np.ix_(common, others)] = whole[np.ix_(others, common)].T
-        return np.asarray(found + whole[:size, :size])
+        if self.whole is None:
+            return self.compact.gram
+        return np.asarray(self._informative_rows.T @ self._informative_rows)
 
     @property
     def normal_matrix(self) -> Array:
@@ -125,22 +122,22 @@ class Whitened:
     @cached_property
     def _basis_components(self) -> Array:
         """Parts (G,) of the residual along the basis."""
-        return _solved(self._factor, self._of_columns(self.residual), transposed=True)
+        return _solved(self._factor, self.of_columns(self.residual), transposed=True)
 
-    def _of_columns(self, residual: Array) -> Array:
-        """Return the products (G,) of the rows' columns with a residual (N,)."""
-        problem, (epochs, tall, _) = self.problem, self.own.shape
-        if problem.columns is None:
-            return np.asarray(self.rows.T @ residual)
-        extra, size = problem.extra_by_shared.shape
-        ends = epochs * tall, epochs * tall + extra
-        found = problem.extra_by_shared.T @ residual[slice(*ends)] + residual[ends[1] :]
-        each = residual[: ends[0]].reshape(epochs, 1, tall) @ self.own
-        return np.asarray(found + np.bincount(problem.columns.ravel(), each.ravel(), size + 1)[:size])
+    def moved(self, shared: Array) -> Array:
+        """Return the change (N,) of all rows by shared unknowns (G,)."""
+        return self.whole @ shared if self.whole is not None else self.compact.times(shared)
+
+    def of_columns(self, residual: Array) -> Array:
+        """Return the products (G, ...) of the rows' columns with residuals (N, ...)."""
+        return np.asarray(self.rows.T @ residual) if self.whole is not None else self.compact.products(residual)
 
     @cached_property
     def basis(self) -> Array:
-        """Orthonormal basis (N, G) of the space that the shared unknowns explain."""
+        """Orthonormal basis (N, G) of the space that the shared unknowns explain.
+
+        It is large, so nothing keeps that of a compact problem: `basis_at`, `rest` and `leverage` do without.
+        """
         nearly = _times_upper(self._informative_rows, self._inverse)
         orthonormal = _times_upper(nearly, _inverse_of(np.linalg.cholesky(nearly.T @ nearly).T))
         if len(orthonormal) == len(self.rows):
@@ -162,10 +159,43 @@ class Whitened:
         informative[: len(own)] = own
         return informative
 
+    def rough_basis(self) -> Array:
+        """Return the basis (N, G) in single precision."""
+        if self.whole is None:
+            return self.compact.mapped(self._inverse, np.float32)
+        return self.basis.astype(np.float32)
+
+    def along_basis(self, parts: Array) -> Array:
+        """Return rows (N, ...) from their parts (G, ...) along the basis."""
+        return self.basis @ parts if self.whole is not None else self.compact.mapped(self._inverse @ parts)
+
+    def onto_basis(self, products: Array) -> Array:
+        """Return the parts (G, P) along the basis, from products (G, P) of a compact problem's columns."""
+        return np.asarray(self._inverse.T @ products)
+
     @cached_property
     def rest(self) -> Array:
         """Residual (N,) after the fit of all unknowns."""
-        return self.residual - self.basis @ (self.basis.T @ self.residual)
+        return self.without_shared(self.residual)
+
+    def without_shared(self, rows: Array) -> Array:
+        """Return rows (N,) without their projection on the space that the shared unknowns explain."""
+        if self.whole is not None:
+            return rows - self.basis @ (self.basis.T @ rows)
+        for _ in range(2):  # the second projection removes what rounding left of the first
+            rows = rows - self.compact.times(self._inverse @ (self._inverse.T @ self.compact.products(rows)))
+        return rows
+
+    def taken(self, rows: slice) -> Array:
+        """Return the part (B, n, n) of some rows of each epoch that all unknowns follow: products of their
+        projections."""
+        local = self.local_basis[:, rows]
+        if self.whole is None:
+            shared = self.compact.followed(self.covariance(), rows)
+        else:
+            basis = self.basis_at(slice(None))[:, rows]
+            shared = basis @ np.swapaxes(basis, 1, 2)
+        return np.asarray(local @ np.swapaxes(local, 1, 2) + shared)
 
     @cached_property
     def explained(self) -> float:
@@ -175,13 +205,32 @@ class Whitened:
         )
         return float(np.sum(local**2) + np.sum(self._basis_components**2))
 
+    def taken_in_blocks(self, count: int, size: int) -> Array:
+        """Return the same (B, count, size, size) for blocks of neighbouring rows, from the first row of an epoch on."""
+        if self.whole is None:
+            each = np.arange(count)
+            whole = self.taken(slice(0, count * size)).reshape(-1, count, size, count, size)
+            return np.moveaxis(whole[:, each, :, each], 0, 1)
+        rows = (self.local_basis, self.basis_at(slice(None)))
+        parts = (own[:, : count * size].reshape(len(own), count, size, -1) for own in rows)
+        return np.asarray(sum(part @ np.swapaxes(part, -1, -2) for part in parts))
+
     @cached_property
     def leverage(self) -> Array:
         """Share (N,) of each row that the unknowns follow; 1 where nothing is left to test."""
         local = np.sum(self.local_basis**2, -1).ravel()
-        shared = np.sum(self.basis**2, -1)
+        shared = np.sum(self.basis**2, -1) if self.whole is not None else self._leverage_of_shared
         shared[: len(local)] += local
         return np.asarray(np.minimum(shared, 1.0))
+
+    @property
+    def _leverage_of_shared(self) -> Array:
+        """Share (N,) of each row of a compact problem that the shared unknowns follow."""
+        covariance = self.covariance()
+        of_epochs = np.diagonal(self.compact.followed(covariance, slice(None)), axis1=1, axis2=2)
+        extra = self.problem.extra_by_shared
+        of_extra = np.sum((extra @ covariance) * extra, -1)
+        return np.concatenate([of_epochs.ravel(), of_extra, np.diagonal(covariance)])
 
     @cached_property
     def present(self) -> Mask:
@@ -213,7 +262,7 @@ class Whitened:
 
     def fitted(self, rows: Array) -> Array:
         """Return the shared unknowns (G, ...), in prior sigmas, that fit rows (N, ...) best."""
-        return self._inverse @ (self._inverse.T @ (self.rows.T @ rows))
+        return self._inverse @ (self._inverse.T @ self.of_columns(rows))
 
     def from_basis(self, parts: Array) -> Array:
         """Return the shared unknowns (G, ...), in prior sigmas, whose rows are the basis times parts (G, ...)."""
@@ -228,7 +277,8 @@ class Whitened:
 
         Rows have independent errors of unit variance; if the groups hold every row once, they sum to `covariance`.
         """
-        follows = (self._inverse[place] @ self._inverse.T) @ self.rows.T
+        steps = self._inverse @ self._inverse[place].T
+        follows = (self.rows @ steps if self.whole is not None else self.compact.mapped(steps)).T
         return {name: follows[:, own] @ follows[:, own].T for name, own in rows.items()}
 
     def without_local(self, columns: Array) -> Array:
@@ -254,23 +304,14 @@ def whiten(problem: LinearisedModel) -> Whitened:
 
 
 def _shared_rows(problem: LinearisedModel, basis: Array) -> Array:
-    """Return the derivatives (N, G) by the shared unknowns without their projection on the local ones. This is the
-    largest array of all, so each part is written directly into its place."""
-    rows = _stacked(problem, None)
+    """Return the derivatives (N, G) of all rows by the shared unknowns, without their projection on the local ones.
+    This is the largest array of all, so each part is written directly into its place."""
     (epochs, height, size), tall = problem.by_shared.shape, basis.shape[1]
-    own = rows[: epochs * tall].reshape(epochs, tall, size)
+    first, extra = epochs * tall, len(problem.extra_by_shared)
+    rows = np.empty((first + extra + size, size))
+    own = rows[:first].reshape(epochs, tall, size)
     np.matmul(-basis, np.swapaxes(basis[:, :height], 1, 2) @ problem.by_shared, out=own)
     own[:, :height] += problem.by_shared
-    return rows
-
-
-def _stacked(problem: LinearisedModel, own: Array | None) -> Array:
-    """Return rows (N, G): epochs (B, M + H, G), uninitialised if None, then extra rows, then priors."""
-    extra, size = problem.extra_by_shared.shape
-    first = problem.residual.size + problem.local_value.size
-    rows = np.empty((first + extra + size, size))
-    if own is not None:
-        rows[:first] = own.reshape(first, size)
     rows[first : first + extra] = problem.extra_by_shared
     rows[first + extra :] = np.eye(size)
     return rows
@@ -341,7 +382,7 @@ def rows_by_source(whitened: Whitened, layout: Mapping[str, slice], causes: Set[
     epochs, height = problem.residual.shape
     tall = height + problem.local_value.shape[1]
     first, extra = epochs * tall, len(problem.extra_residual)
-    places = np.arange(len(whitened.rows))
+    places = np.arange(len(whitened.residual))
     within, of_epoch = places % tall, places < first
     shared = places - first - extra
     # An error that the measurements of an epoch share counts as theirs, though it has an unknown of its own.

@@ -136,16 +136,9 @@ def rescaled_noise(whitened: Whitened, measured: Observations, groups: Integers)
 def informative_residuals(whitened: Whitened, shape: tuple[int, int, int]) -> tuple[Array, Array]:
     """Return the observations' whitened residuals (B, K, d) and their redundancy matrices (B, K, d, d)."""
     epochs, count, size = shape
-    height, width = size * count + whitened.problem.local_value.shape[1], whitened.basis.shape[1]
-
-    def of_observations(rows: Array, width: int) -> Array:
-        own = rows[: epochs * height].reshape(epochs, height, width)[:, : size * count]
-        return own.reshape(epochs, count, size, width)
-
-    basis = of_observations(whitened.basis, width)
-    local = whitened.local_basis[:, : size * count].reshape(*shape, whitened.local_basis.shape[-1])
-    redundancy = np.eye(size) - local @ np.swapaxes(local, -1, -2) - basis @ np.swapaxes(basis, -1, -2)
-    return of_observations(whitened.rest, 1)[..., 0], redundancy
+    height = size * count + whitened.problem.local_value.shape[1]
+    rest = whitened.rest[: epochs * height].reshape(epochs, height)[:, : size * count].reshape(shape)
+    return rest, np.eye(size) - whitened.taken_in_blocks(count, size)
 
 
 def _scatter(rest: Array, redundancy: Array, prior: Array) -> Array:

@@ -253,7 +253,7 @@ def _without_zeros(rows: Array, weight: Array, zero_groups: Integers) -> Array:
 def _shared_error(whitened: Whitened, noise: Array, prior: Array, rng: np.random.Generator) -> Array:
     """Return the errors (G, D) of the shared unknowns caused by noise (B, M, D) and prior noise (B, H, D)."""
     own = whitened.without_local(np.concatenate([noise, prior], 1)).reshape(-1, noise.shape[-1])
-    others = rng.standard_normal((len(whitened.rows) - len(own), noise.shape[-1]))
+    others = rng.standard_normal((len(whitened.residual) - len(own), noise.shape[-1]))
     others *= whitened.present[len(own) :, None]
     return whitened.fitted(np.concatenate([own, others]))
 

@@ -87,10 +87,7 @@ def input_residuals(whitened: Whitened, observed: int, inputs: slice) -> InputRe
     epochs, height = len(whitened.problem.residual), observed + whitened.problem.local_value.shape[1]
     rows = np.s_[observed + inputs.start : observed + inputs.stop]
     rest = whitened.rest[: epochs * height].reshape(epochs, height)[:, rows]
-    basis = whitened.basis[: epochs * height].reshape(epochs, height, -1)[:, rows]
-    local = whitened.local_basis[:, rows]
-    taken = local @ np.swapaxes(local, 1, 2) + basis @ np.swapaxes(basis, 1, 2)
-    return InputResiduals(rest, np.eye(rest.shape[1]) - taken)
+    return InputResiduals(rest, np.eye(rest.shape[1]) - whitened.taken(rows))
 
 
 def drivers_of(candidates: Sequence[ScatterCandidate[CauseT]]) -> list[Driver]:

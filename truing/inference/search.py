@@ -191,6 +191,7 @@ class Search(Generic[CauseT]):
             flipped.append(self._flipped(count))
         for needed_no_more in ("_banks", "_standard", "_best_rows"):
             self.__dict__.pop(needed_no_more, None)
+        self.pathways.without_draws()
         return NullDistribution(self.groups, self.noise, self.shares, np.concatenate(drawn), np.concatenate(flipped))
 
     def _drawn(self, count: int, height: int) -> Array:

@@ -41,7 +41,8 @@ class _Part:
 class Pathways:
     """All pathways of a fit side by side, whitened; ``columns`` (B, M + H, C) are free of local unknowns.
 
-    ``shared`` (B, C, G) is the part that the shared unknowns explain, None if it is too large to keep; ``gram``
+    ``shared`` (B, C, G) is the part that the shared unknowns explain, None if it is too large to keep. For a compact
+    problem it holds the products (B, C, c) with the stored columns instead, before they are made orthonormal. ``gram``
     (B, C, C) are the products epoch by epoch, ``input_gram`` their part in the rows of the inputs' priors.
     """
 
@@ -53,13 +54,22 @@ class Pathways:
     input_gram: Array
 
     def explained(self, index: Integers, during: slice = slice(None)) -> Array:
-        """Return the part (B, n, G) of some pathways that the shared unknowns explain, at some epochs."""
+        """Return ``shared`` (B, n, G or c) for some pathways, at some epochs."""
         if self.shared is not None:
             return self.shared[during][:, index]
         return np.swapaxes(self.columns[during][:, :, index], 1, 2) @ self._basis[during]
 
+    @property
+    def is_compact(self) -> bool:
+        """True if the problem is stored compactly."""
+        return self.whitened.whole is None
+
     def explained_by_design(self, index: Integers, design: Array, during: slice) -> Array:
         """Return the part (G, P) of designs (B, n, P) over some pathways that the shared unknowns explain."""
+        if self.is_compact:
+            return self.whitened.onto_basis(
+                self.whitened.compact.combined(self.explained(index, during), design, during)
+            )
         size, (_, height, _) = design.shape[-1], self.columns.shape
         # The order of the products that needs fewer operations.
         if self.shared is None and height * size < len(index) * (height + size):
@@ -75,20 +85,24 @@ class Pathways:
         return self.whitened.basis[: epochs * height].reshape(epochs, height, -1)
 
     def along(self, rows: Array) -> Array:
-        """Return the parts (D, B, C) of residuals (D, N) along the pathways, in the precision of the residuals."""
-        columns, basis = self._of_precision(rows.dtype)
+        """Return the parts (D, B, C) of residuals (D, N) along the pathways, in the precision of the residuals. Single
+        precision is enough for draws, in half the time."""
+        if rows.dtype == np.float64:
+            columns, own = self.columns, np.stack([self.whitened.without_shared(row) for row in rows])
+        else:
+            columns, basis = self._rough
+            own = rows - (rows @ basis) @ basis.T
         epochs, height, _ = columns.shape
-        own = rows - (rows @ basis) @ basis.T
         own = own[:, : epochs * height].reshape(len(rows), epochs, height)
         return np.asarray(np.matmul(own.transpose(1, 0, 2), columns).transpose(1, 0, 2))
 
-    def _of_precision(self, kind: np.dtype[np.generic]) -> tuple[Array, Array]:
-        """Return columns and basis in double or single precision; single is enough for draws, in half the time."""
-        return (self.columns, self.whitened.basis) if kind == np.float64 else self._rough
-
     @cached_property
     def _rough(self) -> tuple[Array, Array]:
-        return self.columns.astype(np.float32), self.whitened.basis.astype(np.float32)
+        return self.columns.astype(np.float32), self.whitened.rough_basis()
+
+    def without_draws(self) -> None:
+        """Free the arrays that only draws need."""
+        self.__dict__.pop("_rough", None)
 
     def index(self, names: tuple[str, ...]) -> Integers:
         """Return the indices of the named pathways, in that order."""
@@ -137,8 +151,11 @@ def pathways_of(
     columns = -local @ by_local
     columns[:, :height] += error_groups
     moved = error_groups[..., : places[OBSERVED].start]
-    is_kept = error_groups.shape[0] * error_groups.shape[2] * whitened.basis.shape[1] <= _MOST_KEPT
-    shared = _shared_products(whitened, moved, each) if is_kept else None
+    if whitened.whole is None:
+        shared: Array | None = np.swapaxes(columns, 1, 2) @ whitened.own
+    else:
+        is_kept = error_groups.shape[0] * error_groups.shape[2] * whitened.whole.shape[1] <= _MOST_KEPT
+        shared = _shared_products(whitened, moved, each) if is_kept else None
     gram = _gram(moved, each)
     gram -= np.swapaxes(by_local, 1, 2) @ by_local
     first = height + input_rows.start
@@ -223,7 +240,7 @@ class Signature:
         own = pathways.columns[:, :, self.index] @ self.unit_design.reshape(epochs, len(self.index), -1)
         full = np.zeros((len(pathways.whitened.rest), self.rank))
         full[: own.shape[0] * own.shape[1]] = own.reshape(-1, self.rank)
-        return full - pathways.whitened.basis @ (self.explained @ (self.loadings / self.strengths))
+        return full - pathways.whitened.along_basis(self.explained @ (self.loadings / self.strengths))
 
     def share_on(self, pathways: Pathways, other: Signature) -> float:
         """Return the share of its squared changes that lies where another candidate acts too."""
@@ -352,13 +369,24 @@ class RotatedChannels:
 
     With patterns: of T sets of n channels that move together, along the q patterns of each (for a single channel its
     axes: n = 1, q = d). ``rotations`` (B, T, n d, q) convert these to the axes of the pathway; ``shared`` (B, T, q, G)
-    is the part that the shared unknowns explain, ``gram`` (B, T, q, q) are their products.
+    is the part that the shared unknowns explain as in `Pathways`, ``gram`` (B, T, q, q) are their products.
     """
 
     channels: Integers  # (T, n)
     rotations: Array
     shared: Array
     gram: Array
+    whitened: Whitened
+
+    def explained(self, weights: Array) -> Array:
+        """Return the part (W, T, q, G) of the channels that the shared unknowns explain, summed with weights (W, B)."""
+        epochs, channels, size, _ = self.shared.shape
+        if self.whitened.whole is not None:
+            return (weights @ self.shared.reshape(epochs, -1)).reshape(len(weights), channels, size, -1)
+        found = self.whitened.compact.weighted(self.shared.reshape(epochs, channels * size, -1), weights)
+        return self.whitened.onto_basis(found.reshape(-1, found.shape[-1]).T).T.reshape(
+            len(weights), channels, size, -1
+        )
 
     def along(self, parts: Array) -> Array:
         """Return the parts (B, T, q, D) of residuals along these axes, from those along the pathway (D, B, C)."""
@@ -387,7 +415,7 @@ def rotated_channels(
     rows = (members[..., None] * size + np.arange(size)).reshape(len(members), height)
     shared = pathways.explained(np.arange(place.start, place.stop))[:, rows]
     blocks = pathways.gram[:, place, place][:, rows[:, :, None], rows[:, None, :]]
-    return RotatedChannels(members, own, back @ shared, back @ blocks @ own)
+    return RotatedChannels(members, own, back @ shared, back @ blocks @ own, pathways.whitened)
 
 
 @dataclass(frozen=True)
@@ -439,7 +467,7 @@ def channel_signatures(rotated: RotatedChannels, values: Array, usable: Mask) ->
     """
     epochs, channels, size = rotated.shared.shape[:3]
     shapes, count = values.shape[0], values.shape[2]
-    explained = values.transpose(0, 2, 1).reshape(-1, epochs) @ rotated.shared.reshape(epochs, -1)
+    explained = rotated.explained(values.transpose(0, 2, 1).reshape(-1, epochs))
     explained = explained.reshape(shapes, count, channels, size, -1).swapaxes(1, 2)
     explained = explained.reshape(shapes, channels, size * count, -1)
     pairs = values[..., :, None] * values[..., None, :]

@@ -1,0 +1,158 @@
+"""Derivatives of a whitened problem's rows by its shared unknowns, stored once where columns act in few epochs each.
+
+Rows are those of epochs, then extra rows, then priors, which are rows of the identity. Nothing here expands all of
+them: with many runs the full matrix is the largest array of a fit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from truing.inference.arrays import Array, Integers
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+# Epochs whose products are formed at a time.
+_AT_ONCE = 64
+
+
+@dataclass(frozen=True)
+class SharedRows:
+    """Rows of epochs ``own`` (B, H, C), whose columns belong to the unknowns ``columns`` (B, C), and rows ``extra``
+    (E, G).
+
+    The first ``common`` columns are the same in all epochs; the number G marks an empty column.
+    """
+
+    own: Array
+    extra: Array
+    columns: Integers
+    common: int
+
+    @property
+    def size(self) -> int:
+        """Number G of shared unknowns."""
+        return int(self.extra.shape[1])
+
+    @property
+    def of_epochs(self) -> int:
+        """Number of rows of epochs."""
+        return int(self.own.shape[0] * self.own.shape[1])
+
+    @property
+    def count(self) -> int:
+        """Number N of all rows."""
+        return self.of_epochs + len(self.extra) + self.size
+
+    def at(self, epochs: Integers | slice) -> Array:
+        """Rows (b, H, G) of some epochs, with all columns."""
+        own = self.own[epochs]
+        wide = np.zeros((*own.shape[:2], self.size + 1))
+        np.put_along_axis(wide, self.columns[epochs][:, None], own, 2)
+        return wide[..., : self.size]
+
+    def picked(self, values: Array) -> Array:
+        """Values (B, C, ...) of each epoch's own columns, from those of all unknowns (G, ...)."""
+        return np.concatenate([values, np.zeros((1, *values.shape[1:]))])[self.columns]
+
+    def times(self, shared: Array) -> Array:
+        """Products (N, ...) of the rows with shared unknowns (G, ...)."""
+        if shared.ndim == 1:
+            epochs = np.matmul(self.own, self.picked(shared)[..., None])[..., 0]
+        else:
+            epochs = np.matmul(self.own, self.picked(shared))
+        return np.concatenate([epochs.reshape(-1, *shared.shape[1:]), self.extra @ shared, shared])
+
+    def products(self, rows: Array) -> Array:
+        """Products (G, ...) of the columns with rows (N, ...)."""
+        first, extra = self.of_epochs, self.of_epochs + len(self.extra)
+        epochs = rows[:first].reshape(*self.own.shape[:2], -1)
+        found = self.of_epoch_rows(epochs).reshape(-1, *rows.shape[1:])
+        return np.asarray(found + self.extra.T @ rows[first:extra] + rows[extra:])
+
+    def of_epoch_rows(self, rows: Array) -> Array:
+        """Products (G, P) of the columns with rows (B, H, P) of epochs, zero in all other rows."""
+        return self.combined(self.own, rows)
+
+    def combined(self, products: Array, designs: Array, during: slice = slice(None)) -> Array:
+        """Sums (G, P) over some epochs of products (b, n, C) with each epoch's own columns, weighted by designs
+        (b, n, P)."""
+        epochs, count, size = designs.shape
+        found = np.zeros((self.size + 1, size))
+        wide = products[..., : self.common].reshape(epochs * count, self.common)
+        found[self.columns[0, : self.common]] = wide.T @ designs.reshape(-1, size)
+        few = self.columns[during, self.common :]
+        if few.size:
+            of_few = np.swapaxes(products[..., self.common :], 1, 2) @ designs
+            found += self._sums_of_few(few, of_few)
+        return found[: self.size]
+
+    def weighted(self, products: Array, weights: Array) -> Array:
+        """Sums (W, n, G) over epochs of products (B, n, C) with each epoch's own columns, weighted by (W, B)."""
+        epochs, count, _ = products.shape
+        found = np.zeros((len(weights), count, self.size + 1))
+        common = weights @ products[..., : self.common].reshape(epochs, count * self.common)
+        found[..., self.columns[0, : self.common]] = common.reshape(len(weights), count, self.common)
+        few = self.columns[:, self.common :]
+        for number in range(count if few.size else 0):
+            own = self._few_by_epoch(few, products[:, number, self.common :])
+            found[:, number] += (own @ weights.T).T
+        return found[..., : self.size]
+
+    def _sums_of_few(self, few: Integers, values: Array) -> Array:
+        """Sums (G + 1, P) of values (b, c, P) of the columns (b, c)."""
+        from scipy.sparse import csr_array
+
+        places = few.ravel(), np.arange(few.size)
+        ones = csr_array((np.ones(few.size), places), shape=(self.size + 1, few.size))
+        return np.asarray(ones @ values.reshape(few.size, -1))
+
+    def _few_by_epoch(self, few: Integers, values: Array) -> csr_array:
+        """Sparse matrix (G + 1, b) of values (b, c) of the columns (b, c)."""
+        from scipy.sparse import csr_array
+
+        places = few.ravel(), np.repeat(np.arange(len(few)), few.shape[1])
+        return csr_array((values.ravel(), places), shape=(self.size + 1, len(few)))
+
+    @cached_property
+    def gram(self) -> Array:
+        """Products (G, G) of the columns with each other, priors included; columns of few epochs are multiplied only
+        there."""
+        found = self.extra.T @ self.extra
+        found[np.diag_indices(len(found))] += 1.0  # the priors
+        common, size = self.columns[0, : self.common], len(found)
+        wide = self.own[..., : self.common].reshape(self.of_epochs, self.common)
+        of_few = np.swapaxes(self.own[..., self.common :], 1, 2) @ self.own
+        whole = np.zeros((size + 1, size + 1))
+        np.add.at(whole, (self.columns[:, self.common :, None], self.columns[:, None]), of_few)
+        whole[np.ix_(common, common)] = wide.T @ wide
+        others = np.delete(np.arange(size), common)
+        whole[np.ix_(common, others)] = whole[np.ix_(others, common)].T
+        return np.asarray(found + whole[:size, :size])
+
+    def followed(self, covariance: Array, rows: slice) -> Array:
+        """Covariance (B, n, n) of some rows of each epoch, by a covariance (G, G) of the shared unknowns."""
+        wide = np.zeros((self.size + 1, self.size + 1))
+        wide[: self.size, : self.size] = covariance
+        found = []
+        for first in range(0, len(self.own), _AT_ONCE):
+            own, columns = self.own[first : first + _AT_ONCE, rows], self.columns[first : first + _AT_ONCE]
+            found.append(own @ wide[columns[:, :, None], columns[:, None]] @ np.swapaxes(own, 1, 2))
+        return np.concatenate(found)
+
+    def mapped(self, matrix: Array, kind: type[np.floating] = np.float64) -> Array:
+        """Products (N, P) of all rows with a matrix (G, P), in a given precision; formed for some epochs at a time."""
+        found = np.empty((self.count, matrix.shape[1]), kind)
+        wide = np.concatenate([matrix, np.zeros((1, matrix.shape[1]))])
+        epochs = found[: self.of_epochs].reshape(*self.own.shape[:2], -1)
+        for first in range(0, len(self.own), _AT_ONCE):
+            chosen = np.s_[first : first + _AT_ONCE]
+            common = self.own[chosen, :, : self.common] @ wide[self.columns[0, : self.common]]
+            epochs[chosen] = common + self.own[chosen, :, self.common :] @ wide[self.columns[chosen, self.common :]]
+        found[self.of_epochs :] = np.concatenate([self.extra @ matrix, matrix])
+        return found
