@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import gc
 import os
 import signal
 import sys
@@ -43,6 +44,9 @@ def _call() -> None:
     # Matrices are small: threads within one product are slower, and change its last bits.
     for library in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
         os.environ.setdefault(library, "1")  # numpy reads these at its first import, later
+    # Imports, tables and figures make millions of objects that live to the end: looking for garbage among them at the
+    # default thresholds takes several percent of a run.
+    gc.set_threshold(50_000, 20, 50)
     from truing.pipeline.command_line import COMPLETE, app
 
     if COMPLETE in os.environ:

@@ -100,11 +100,11 @@ def means_against_scatter(residuals: EpochResiduals, groups: Integers, fewest: f
         weight = np.where(count > 1, 1.0 / np.maximum(count, 1), 0.0)  # sum of squares of a mean over the squared sum
         of_mean = weight * residuals.values[own].sum(0) ** 2
         whole = np.where(count > 1, residuals.values[own] ** 2, 0.0).sum()
-        explained = weight[:, None] * residuals.basis[own].sum(0) ** 2
-        basis = np.where((count > 1)[:, None], residuals.basis[own] ** 2, 0.0).sum()
+        basis = residuals.basis[own][:, count > 1]  # no second copy: it is large
+        explained = weight[count > 1, None] * basis.sum(0) ** 2
         squares += of_mean.sum(), whole - of_mean.sum()
         own_freedom = (weight * redundancy).sum() - explained.sum()
-        freedom += own_freedom, redundancy.sum() - basis - own_freedom
+        freedom += own_freedom, redundancy.sum() - np.vdot(basis, basis) - own_freedom
         beyond += len(own) - 1
     if beyond < fewest or not (freedom > 1.0).all():
         return None

@@ -16,7 +16,7 @@ import numpy as np
 
 from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.fit import Fit, linearise
-from truing.inference.linear_problem import Whitened
+from truing.inference.linear_problem import LinearisedModel, Whitened
 from truing.inference.model import CauseT, Model
 from truing.inference.observations import Frames, Observations
 
@@ -58,13 +58,13 @@ class PredictionError(Generic[CauseT]):
         return self.model.design_matrix(self.shared, self.local)
 
     @cached_property
-    def by_shared(self) -> Array:
-        """Whitened derivatives (B, M, G) by the shared unknowns; few predictions need this large array."""
-        return linearise(self.model.predict, self.measured, self.frames, self.shared, self.local).by_shared
+    def linearised(self) -> LinearisedModel:
+        """Model linearised at the prediction; few predictions need it, and it is large."""
+        return linearise(self.model.predict, self.measured, self.frames, self.shared, self.local, compact=True)
 
     def release(self) -> None:
         """Free what few predictions need."""
-        for name in ("by_shared", "pathways", "design_matrix"):
+        for name in ("linearised", "pathways", "design_matrix"):
             self.__dict__.pop(name, None)
 
     @property

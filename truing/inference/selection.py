@@ -402,15 +402,24 @@ class CauseSelection(Generic[CauseT]):
             if predicts_worse(current.fitted.held_out, after.held_out, covered):
                 worse.append(first_order(current, chosen.candidate, REJECTED, self._fitter.held_out, Reason.HELD_OUT))
                 continue
+            outdone = is_outdone(current, chosen.candidate, refused)
+            if not chosen.of_two:  # accepted: two rounds at once need twice the memory
+                current, chosen = self._closed(rounds), chosen.light()
             next_round = self._round(after, kinds, len(rounds))
             pairs = not chosen.of_two or confirmed(current, chosen, next_round, self._settings.level, refused)
             if not pairs:
                 continue
-            rounds[-1] = current.closed()
-            outdone = is_outdone(current, chosen.candidate, refused)
-            found.append(_Accepted(chosen.light(), rounds[-1], cause, current.fitted, after, outdone))
+            closed = self._closed(rounds)
+            found.append(_Accepted(chosen.light(), closed, cause, closed.fitted, after, outdone))
             rounds.append(next_round)
-            current.fitted.release()
+
+    @staticmethod
+    def _closed(rounds: list[Round[CauseT]]) -> Round[CauseT]:
+        """Close the last round and release its fit; return the closed round."""
+        if rounds[-1].search is not None:
+            rounds[-1] = rounds[-1].closed()
+            rounds[-1].fitted.release()
+        return rounds[-1]
 
     def _fitted(
         self, chosen: CandidateChoice[CauseT], current: Round[CauseT]

@@ -212,7 +212,7 @@ def _shifted_error(
 ) -> PredictionError[CauseT]:
     motion = _motion(error, cause) @ values
     columns = whitened_columns(measured, error.frames, motion[..., None])[..., 0]
-    return error.after_step(columns + error.by_shared @ step)
+    return error.after_step(columns + error.linearised.moved(step))
 
 
 def _motion(error: PredictionError[CauseT], cause: CauseT) -> Array:

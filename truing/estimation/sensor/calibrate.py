@@ -331,18 +331,24 @@ def weighted_fit(columns: NDArray, response: NDArray, cov: NDArray, prior: Prior
     rows, width = response.shape
     if prior is None and cov.ndim == 2:
         return least_squares_fit(columns, response, cov)
-    factor = np.linalg.inv(np.linalg.cholesky(np.broadcast_to(cov, (rows, width, width))))
-    whole = np.einsum("nwi,nq->nwiq", factor, columns).reshape(rows * width, -1)
-    target = np.einsum("nwi,ni->nw", factor, response).ravel()
+    # With equal weights, all that the rows tell is the triangular factor, and the response along its basis.
+    basis, told = np.linalg.qr(columns) if cov.ndim == 2 else (None, columns)
+    along = response if basis is None else basis.T @ response
+    factor = np.linalg.inv(np.linalg.cholesky(np.broadcast_to(cov, (len(told), width, width))))
+    whole = np.einsum("nwi,nq->nwiq", factor, told).reshape(len(told) * width, -1)
+    target = np.einsum("nwi,ni->nw", factor, along).ravel()
+    beyond = 0.0 if basis is None else float(np.sum(((response - basis @ along) @ factor[0].T) ** 2))
+    own = rows * width
     if prior is not None:
         root = _root(prior.information)
         whole, target = np.concatenate([whole, root]), np.concatenate([target, root @ prior.mean])
+        own += len(root)
     covariance, solve = _scaled_inverse(whole)
     values = solve @ target
     matrix = values.reshape(width, -1)
     residual = response - columns @ matrix.T
-    squares = float(np.sum((target - whole @ values) ** 2))
-    dof = float(len(target) - len(values))
+    squares = float(np.sum((target - whole @ values) ** 2)) + beyond
+    dof = float(own - len(values))
     return LinearFit(matrix, covariance, residual.T @ residual / max(dof / width, 1.0), squares, dof)
 
 
