@@ -8,6 +8,7 @@ comes from the same search on simulated residuals and on sign-flipped ones.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic
@@ -167,8 +168,8 @@ class Search(Generic[CauseT]):
             found.setdefault((candidate.kind, candidate.signature.rank), []).append(number)
         return list(found.values())
 
-    def by_kind(self, maxima: Array, noise: tuple[Array, Array]) -> Array:
-        """Return the smallest uncorrected p of every kind, (D, kinds), at noise levels (D,) of observations
+    def by_kind(self, maxima: Array, noise: tuple[Array | float, Array | float]) -> Array:
+        """Return the smallest uncorrected p of every kind, (D, kinds), at noise levels (D,), or one, of observations
         and inputs."""
         kinds = kinds_of(self.groups)
         found = np.ones((len(maxima), len(kinds)))
@@ -185,25 +186,46 @@ class Search(Generic[CauseT]):
         drawn, flipped = [], []
         height = len(self.pathways.whitened.rest)
         block = max(_BLOCK // height, 1)
-        for first in range(0, self.draws, block):
-            count = min(block, self.draws - first)
-            drawn.append(self._drawn(count, height))
-            flipped.append(self._flipped(count))
-        for needed_no_more in ("_banks", "_standard", "_best_rows"):
+        self._prepare()
+        # Products of large matrices leave the interpreter free, so both searches run at once; numbers are drawn here.
+        with ThreadPoolExecutor(1) as beside:
+            for first in range(0, self.draws, block):
+                count = min(block, self.draws - first)
+                rows, levels = self._drawn(count, height), self._drawn_levels(count)
+                later = beside.submit(self._smallest, self._flipped(count), (self._flipped_level,) * 2)
+                drawn.append(self._smallest(rows, levels))
+                flipped.append(later.result())
+        for needed_no_more in ("_banks", "_standard", "_best_rows", "_flipped_level"):
             self.__dict__.pop(needed_no_more, None)
         self.pathways.without_draws()
         return NullDistribution(self.groups, self.noise, self.shares, np.concatenate(drawn), np.concatenate(flipped))
 
+    def _prepare(self) -> None:
+        """Form what both searches share, before they run at once."""
+        _ = self._standard, self._flipped_level, self._members, self._banks, self.pathways._rough
+        for family in self.families:
+            _ = family.signatures.inverse
+
+    def _smallest(self, rows: Array, noise: tuple[Array | float, Array | float]) -> Array:
+        """Return the smallest uncorrected p of every kind (D, kinds) on residuals (D, N), at noise levels."""
+        return self.by_kind(self.maxima(self.pathways.along(rows)), noise)
+
     def _drawn(self, count: int, height: int) -> Array:
+        """Return simulated residuals (D, N)."""
         rows = self.rng.standard_normal((count, height), np.float32)
         rows *= self.pathways.whitened.present
-        levels = tuple(self.rng.chisquare(nu, count) / nu for nu in (self.noise.observed, self.noise.inputs))
-        return self.by_kind(self.maxima(self.pathways.along(rows)), (levels[0], levels[1]))
+        return rows
+
+    def _drawn_levels(self, count: int) -> tuple[Array, Array]:
+        """Return noise levels (D,) of observations and inputs as estimates of them scatter."""
+        noise = self.noise
+        return self.rng.chisquare(noise.observed, count) / noise.observed, self.rng.chisquare(
+            noise.inputs, count
+        ) / noise.inputs
 
     def _flipped(self, count: int) -> Array:
-        rows = _signs(self.rng, count, len(self._standard)) * self._standard.astype(np.float32)
-        level = np.full(count, self._flipped_level)
-        return self.by_kind(self.maxima(self.pathways.along(rows)), (level, level))
+        """Return sign-flipped residuals (D, N)."""
+        return _signs(self.rng, count, len(self._standard)) * self._standard.astype(np.float32)
 
     @cached_property
     def _standard(self) -> Array:

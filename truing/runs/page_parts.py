@@ -100,7 +100,8 @@ def _frames(tables: Mapping[str, pa.Table]) -> dict[str, pd.DataFrame]:
 
     frames = {name: table.to_pandas() for name, table in tables.items()}
     for name, frame in frames.items():  # only the reason, because pandas copies attributes with every step
-        frame.attrs[WHY_NOT] = provenance_of(tables[name].schema).get(WHY_NOT, "")
+        if why := provenance_of(tables[name].schema).get(WHY_NOT, ""):
+            frame.attrs[WHY_NOT] = why
     return frames
 
 

@@ -116,15 +116,26 @@ class PoseCandidates:
 
     def sight(self, unknowns: NDArray, covariance: NDArray) -> CandidateSensitivity:
         """Return the sensitivity to some unknowns (G',) of covariance (G', G')."""
-        rows, size = self.rows[..., unknowns], self.rows.shape[1]
+        directions, along = self._seen_along(self.rows[..., unknowns], covariance)
+        return CandidateSensitivity(self.without_pose_unknowns(along), directions)
+
+    def information(self, covariance: NDArray) -> tuple[NDArray, NDArray]:
+        """Return the information (C, R, R) of each candidate relative to the present one, on all unknowns of covariance
+        (G, G), and its directions (G, R)."""
+        directions, along = self._seen_along(self.rows, covariance)
+        taken = np.swapaxes(self.basis[:, : along.shape[1]], 1, 2) @ along
+        return np.swapaxes(along, 1, 2) @ along - np.swapaxes(taken, 1, 2) @ taken, directions
+
+    def _seen_along(self, rows: NDArray, covariance: NDArray) -> tuple[NDArray, NDArray]:
+        """Return the directions (G', R) of unknowns of covariance (G', G') that the candidates see by rows (C, M, G'),
+        per standard deviation, and the rows (C, M, R) along them."""
+        size, width = rows.shape[1:]
         factor = np.linalg.cholesky(covariance)
-        own = (np.swapaxes(self.basis[:, :size], 1, 2) @ rows).reshape(-1, len(unknowns))
-        flat = rows.reshape(-1, len(unknowns))
+        own = (np.swapaxes(self.basis[:, :size], 1, 2) @ rows).reshape(-1, width)
+        flat = rows.reshape(-1, width)
         values, vectors = np.linalg.eigh(factor.T @ (flat.T @ flat - own.T @ own) @ factor)
         directions = factor @ vectors[:, values > _UNSEEN]
-        return CandidateSensitivity(
-            self.without_pose_unknowns((flat @ directions).reshape(self.count, size, -1)), directions
-        )
+        return directions, (flat @ directions).reshape(self.count, size, -1)
 
 
 @dataclass(frozen=True)
@@ -211,11 +222,11 @@ def narrowed(seen: PoseCandidates, direction: NDArray, factor: float, most: int)
     Values are uncertainties relative to the present one.
     """
     covariance = seen.fitted.covariance
-    sight = seen.sight(np.arange(len(covariance)), covariance)
+    information, directions = seen.information(covariance)
     now = float(direction @ covariance @ direction)
-    along = direction @ sight.directions
+    along = direction @ directions
     aim = _Sharpness(along, now - float(along @ along), now)
-    return search([sight.information], aim, -factor, most).with_values(lambda value: -value)
+    return search([information], aim, -factor, most).with_values(lambda value: -value)
 
 
 @dataclass(frozen=True)
