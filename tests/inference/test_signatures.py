@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from tests.inference import toy_campaign as toy
 from tests.tolerance import assert_close
-from truing.inference.signatures import channel_signatures, joint, rotated_channels, signature, signatures_of
+from truing.inference.channel_signatures import channel_signatures, rotated_channels
+from truing.inference.signatures import joint, signature, signatures_of
 
 RNG = np.random.default_rng(3)
 FOUND = toy.measured(RNG)

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.inference.channel_signatures import channel_signatures, rotated_channels
 from truing.inference.linear_problem import LinearisedModel, Whitened, whiten
 from truing.inference.noise import components
 from truing.inference.observations import Frames, Observations
 from truing.inference.search import CauseCandidate, ChannelFamily, Search
-from truing.inference.signatures import Pathways, channel_signatures, pathways_of, rotated_channels, signature
+from truing.inference.signatures import Pathways, pathways_of, signature
 
 POSES, POINTS, SHARED, DRIVES = 24, 6, 5, 3
 FRAME = 6  # unknowns of each pose before its readings

@@ -63,33 +63,33 @@ def probabilities(log_evidence: Mapping[str, float]) -> dict[str, float]:
 
 def like_sized_log_evidence(
     scores: Array, gram: Array, alike: Sequence[int], total: float, freedom: float, stretch: float = 1.0
-) -> float:
-    """Return the log ratio of marginal likelihoods with and without an effect whose parameters have like size.
+) -> Array:
+    """Return the log ratio (...) of marginal likelihoods with and without an effect whose parameters have like size.
 
-    scores (P,): products of the parameters' columns with the residual; gram (P, P): products with each other, in
-    plausible scales; ``alike``: positions of the parameters of like size, the others are N(0, size^2). ``total``,
+    scores (..., P): products of the parameters' columns with the residual; gram (..., P, P): products with each other,
+    in plausible scales; ``alike``: positions of the parameters of like size, the others are N(0, size^2). ``total``,
     ``freedom`` and ``stretch`` as in `log_evidence`.
     """
     sizes, places = stretch * np.array(_SIZES), list(alike)
     signs, weights = _patterns(len(alike))
-    spreads = np.ones((len(_SPREADS), len(scores)))
+    spreads = np.ones((len(_SPREADS), scores.shape[-1]))
     spreads[:, places] = np.array(_SPREADS)[:, None]
-    values, vectors = np.linalg.eigh(spreads[:, :, None] * gram * spreads[:, None])
-    power = np.multiply.outer(sizes**2, np.maximum(values, 0.0))  # (S, 2, P), for both spreads
+    values, vectors = np.linalg.eigh(spreads[:, :, None] * gram[..., None, :, :] * spreads[:, None])
+    power = np.maximum(values, 0.0)[..., None] * sizes**2  # (..., 2, P, S), for both spreads
     # Reduction of squares by a mean m (size times a pattern): 2 g.m - m'Am; then by the rest along the spread.
-    pulled = signs @ gram[places]  # (N, P)
-    linear, square = signs @ scores[places], np.sum(pulled[:, places] * signs, 1)
-    of_scores = np.einsum("p,zp,zpq->zq", scores, spreads, vectors)
-    of_patterns = (pulled * spreads[:, None]) @ vectors  # (2, N, P)
-    held = (sizes[:, None, None] ** 2 / (1 + power)).transpose(1, 2, 0)  # (2, P, S)
-    gained = of_scores[:, None] ** 2 @ held + of_patterns**2 @ (held * sizes**2)
-    gained -= 2 * ((of_scores[:, None] * of_patterns) @ (held * sizes))
-    gained += 2 * np.outer(linear, sizes) - np.outer(square, sizes**2)  # (2, N, S)
+    pulled = signs @ gram[..., places, :]  # (..., N, P)
+    linear, square = scores[..., places] @ signs.T, np.sum(pulled[..., places] * signs, -1)
+    of_scores = ((scores[..., None, :] * spreads)[..., None, :] @ vectors)[..., 0, :]  # (..., 2, P)
+    of_patterns = (pulled[..., None, :, :] * spreads[:, None]) @ vectors  # (..., 2, N, P)
+    held = sizes**2 / (1 + power)
+    gained = of_scores[..., None, :] ** 2 @ held + of_patterns**2 @ (held * sizes**2)
+    gained -= 2 * ((of_scores[..., None, :] * of_patterns) @ (held * sizes))
+    gained += (2 * linear[..., None] * sizes - square[..., None] * sizes**2)[..., None, :, :]  # (..., 2, N, S)
     after = np.maximum(total - gained, 1e-9 * total)
-    logs = -0.5 * np.sum(np.log1p(power), -1).T[:, None] - freedom / 2 * np.log(after / total)
+    logs = -0.5 * np.sum(np.log1p(power), -2)[..., None, :] - freedom / 2 * np.log(after / total)
     logs += np.log(weights / (len(sizes) * len(_SPREADS)))[:, None]
-    largest = logs.max()
-    return float(largest + np.log(np.sum(np.exp(logs - largest))))
+    largest = logs.max((-3, -2, -1), keepdims=True)
+    return np.asarray(largest[..., 0, 0, 0] + np.log(np.sum(np.exp(logs - largest), (-3, -2, -1))))
 
 
 @lru_cache(maxsize=64)

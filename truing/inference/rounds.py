@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
-from typing import Generic
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -26,6 +26,8 @@ from truing.inference.search import (
     total_of,
 )
 from truing.inference.signatures import Pathways, Signature, joint, signature
+
+Key = TypeVar("Key")
 
 # Number of the most probable candidates that are tried in pairs, and of those of one kind.
 _PAIRED = 20
@@ -250,9 +252,8 @@ class Round(Generic[CauseT]):
         """Return the score of a candidate, also of one that is not yet proposed."""
         if candidate.key in self.scores or self.search is None:
             return self.scores[candidate.key]
-        pathways = self.search.pathways
-        along = pathways.along(self.fitted.fit.whitened.rest[None])[0]
-        return score_of(candidate, self.fitted, pathways, along)
+        along = self.search.pathways.along(self.fitted.fit.whitened.rest[None])[0]
+        return scores_of([candidate], self.fitted, along)[0]
 
     @cached_property
     def _paired(self) -> list[CauseCandidate[CauseT]]:
@@ -319,8 +320,9 @@ def score_round(
 def scored(fitted: FittedModel[CauseT], search: Search[CauseT]) -> Round[CauseT]:
     """Return the round of a fitted model with the candidates of a search."""
     along = search.pathways.along(fitted.fit.whitened.rest[None])[0]
-    scores = {c.key: score_of(c, fitted, search.pathways, along) for c in search.candidates}
-    return Round(fitted, search.null, tuple(search.candidates), scores, len(search.candidates), search)
+    scores = scores_of(search.candidates, fitted, along)
+    by_key = {candidate.key: score for candidate, score in zip(search.candidates, scores, strict=True)}
+    return Round(fitted, search.null, tuple(search.candidates), by_key, len(search.candidates), search)
 
 
 @dataclass(frozen=True)
@@ -339,14 +341,24 @@ class Score:
         return float(np.sqrt(self.squares))
 
 
-def score_of(candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], pathways: Pathways, along: Array) -> Score:
-    own = candidate.signature
+def scores_of(candidates: Sequence[CauseCandidate[CauseT]], fitted: FittedModel[CauseT], along: Array) -> list[Score]:
+    """Return the scores of candidates, from the parts (B, C) of the residual along the pathways."""
+    parts = [_parts_of(candidate.signature, along) for candidate in candidates]
+    evidence = log_evidences_of(candidates, fitted, parts)
+    found = []
+    for candidate, own, log_odds in zip(candidates, parts, evidence, strict=True):
+        prior = float(np.log(max(candidate.prior, 1e-300)))
+        signs = signs_of(candidate, fitted, own) if len(own) else 0.0
+        odds = log_odds + signs
+        found.append(Score(float(own @ own), odds, odds + prior, own, signs))
+    return found
+
+
+def _parts_of(own: Signature, along: Array) -> Array:
+    """Return the parts (r,) of a residual along a candidate's unit directions, from those along the pathways (B, C)."""
     if not own.rank:
-        return Score(0.0, 0.0, float(np.log(candidate.prior)), np.zeros(0))
-    parts = along[:, own.index].ravel() @ own.unit_design
-    signs = signs_of(candidate, fitted, parts)
-    odds = log_evidence_of(candidate, fitted, parts) + signs
-    return Score(float(parts @ parts), odds, odds + float(np.log(max(candidate.prior, 1e-300))), parts, signs)
+        return np.zeros(0)
+    return np.asarray((along[:, own.index].ravel() @ own.design) @ (own.loadings / own.strengths))
 
 
 def signs_of(candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], parts: Array) -> float:
@@ -362,17 +374,47 @@ def signs_of(candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], par
 def log_evidence_of(
     candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], parts: Array, stretch: float = 1.0
 ) -> float:
-    """Return a candidate's log evidence, averaged over parameters of like size, where it has such, and independent
-    ones."""
-    own, (total, freedom) = candidate.signature, total_of(fitted)
-    independent = float(log_evidence(parts, own.strengths, total, freedom, stretch))
-    members = candidate.cause.like_sized(fitted.model.part_count)
-    if not members:
-        return independent
-    scores = own.loadings @ (parts * own.strengths)
-    gram = (own.loadings * own.strengths**2) @ own.loadings.T
-    alike = like_sized_log_evidence(scores, gram, members, total, freedom, stretch)
-    return float(np.logaddexp(np.log(_ALIKE) + alike, np.log(1 - _ALIKE) + independent))
+    """Return a candidate's log evidence, as `log_evidences_of`."""
+    return log_evidences_of([candidate], fitted, [parts], stretch)[0]
+
+
+def log_evidences_of(
+    candidates: Sequence[CauseCandidate[CauseT]],
+    fitted: FittedModel[CauseT],
+    parts: Sequence[Array],
+    stretch: float = 1.0,
+) -> list[float]:
+    """Return the log evidence of candidates from the parts (r,) of the residual along each.
+
+    It is averaged over parameters of like size, where a candidate has such, and independent ones. Candidates of the
+    same rank, and of the same parameters of like size, are computed at once.
+    """
+    total, freedom = total_of(fitted)
+    own = [candidate.signature for candidate in candidates]
+    found = np.zeros(len(candidates))
+    for places in _grouped([len(one.strengths) for one in own]).values():
+        if len(own[places[0]].strengths):
+            strengths = np.stack([own[place].strengths for place in places])
+            along = np.stack([parts[place] for place in places])
+            found[places] = log_evidence(along, strengths, total, freedom, stretch)
+    members = [tuple(candidate.cause.like_sized(fitted.model.part_count)) for candidate in candidates]
+    sizes = [len(one.loadings) if len(one.strengths) else 0 for one in own]
+    keys = [(alike, size) if size and alike else None for alike, size in zip(members, sizes, strict=True)]
+    for key, places in _grouped(keys).items():
+        if key is not None:
+            scores = np.stack([own[place].loadings @ (parts[place] * own[place].strengths) for place in places])
+            gram = np.stack([(own[p].loadings * own[p].strengths ** 2) @ own[p].loadings.T for p in places])
+            alike = like_sized_log_evidence(scores, gram, key[0], total, freedom, stretch)
+            found[places] = np.logaddexp(np.log(_ALIKE) + alike, np.log(1 - _ALIKE) + found[places])
+    return [float(value) for value in found]
+
+
+def _grouped(keys: Sequence[Key]) -> dict[Key, list[int]]:
+    """Return the places of each key."""
+    found: dict[Key, list[int]] = {}
+    for place, key in enumerate(keys):
+        found.setdefault(key, []).append(place)
+    return found
 
 
 def raw_scores(own: Signature, score: Score) -> Array:

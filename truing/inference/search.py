@@ -16,17 +16,19 @@ from typing import Generic
 import numpy as np
 
 from truing.inference.arrays import Array, Integers
+from truing.inference.channel_signatures import (
+    ChannelSignatures,
+    RotatedChannels,
+    channel_signatures,
+    rotated_channels,
+)
 from truing.inference.evidence import log_evidence
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import OBSERVED, CauseT, ChannelCandidates
 from truing.inference.noise import NoiseComponents
 from truing.inference.signatures import (
-    ChannelSignatures,
     Pathways,
-    RotatedChannels,
     Signature,
-    channel_signatures,
-    rotated_channels,
     signature,
     signatures_of,
 )
@@ -187,12 +189,13 @@ class Search(Generic[CauseT]):
         height = len(self.pathways.whitened.rest)
         block = max(_BLOCK // height, 1)
         self._prepare()
+        level = self._flipped_level
         # Products of large matrices leave the interpreter free, so both searches run at once; numbers are drawn here.
         with ThreadPoolExecutor(1) as beside:
             for first in range(0, self.draws, block):
                 count = min(block, self.draws - first)
                 rows, levels = self._drawn(count, height), self._drawn_levels(count)
-                later = beside.submit(self._smallest, self._flipped(count), (self._flipped_level,) * 2)
+                later = beside.submit(self._smallest, self._flipped(count), (level, level))
                 drawn.append(self._smallest(rows, levels))
                 flipped.append(later.result())
         for needed_no_more in ("_banks", "_standard", "_best_rows", "_flipped_level"):
@@ -218,10 +221,8 @@ class Search(Generic[CauseT]):
 
     def _drawn_levels(self, count: int) -> tuple[Array, Array]:
         """Return noise levels (D,) of observations and inputs as estimates of them scatter."""
-        noise = self.noise
-        return self.rng.chisquare(noise.observed, count) / noise.observed, self.rng.chisquare(
-            noise.inputs, count
-        ) / noise.inputs
+        observed, inputs = (self.rng.chisquare(nu, count) / nu for nu in (self.noise.observed, self.noise.inputs))
+        return observed, inputs
 
     def _flipped(self, count: int) -> Array:
         """Return sign-flipped residuals (D, N)."""

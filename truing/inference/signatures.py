@@ -13,17 +13,19 @@ from functools import cached_property
 
 import numpy as np
 
-from truing.inference.arrays import Array, Integers, Mask
+from truing.inference.arrays import Array, Integers
 from truing.inference.linear_problem import Whitened
 from truing.inference.model import OBSERVED
 from truing.inference.observations import Frames, Observations, whitened_columns
 
 # Directions in which a plausible effect stays below this many sigma are not tested.
-_INFORMATIVE = 0.3
+INFORMATIVE = 0.3
 # An effect acts where its squared change is above this share of its largest one.
 _MOVED = 1e-3
 # Number of candidates on the same pathways that are projected by one product.
 _AT_ONCE = 32
+# Candidates are no batch if the epochs of all are so many times those during which each acts.
+_MOSTLY_IDLE = 3
 # Most values of the products of all pathways with all shared unknowns that are kept; otherwise they are formed for some
 # pathways at a time.
 _MOST_KEPT = 2**23
@@ -52,6 +54,11 @@ class Pathways:
     shared: Array | None
     gram: Array
     input_gram: Array
+
+    @property
+    def has_inputs(self) -> bool:
+        """True if any evidence rests on inputs."""
+        return bool(self.input_gram.strides[0])
 
     def explained(self, index: Integers, during: slice = slice(None)) -> Array:
         """Return ``shared`` (B, n, G or c) for some pathways, at some epochs."""
@@ -293,9 +300,10 @@ def signatures_of(pathways: Pathways, designs: Iterable[Mapping[str, Array]]) ->
     for members in alike.values():
         for first in range(0, len(members), _AT_ONCE):
             chunk = members[first : first + _AT_ONCE]
-            explained = _explained(pathways, [own for _, own in chunk])
-            for (number, own), part in zip(chunk, explained, strict=True):
-                found[number] = _signature(pathways, own, part)
+            own = [one for _, one in chunk]
+            made = _signatures(pathways, own, _explained(pathways, own))
+            for (number, _), signed in zip(chunk, made, strict=True):
+                found[number] = signed
     return found
 
 
@@ -314,36 +322,75 @@ def _acting(pathways: Pathways, designs: Mapping[str, Array]) -> _Acting | None:
 def _explained(pathways: Pathways, alike: Sequence[_Acting]) -> list[Array]:
     """Return the part (G, P) of each candidate on the same pathways that the shared unknowns explain, by one product
     for all."""
-    first = min((own.during.start for own in alike if own.during.stop), default=0)
-    during = slice(first, max(own.during.stop for own in alike))
+    during = _union(alike)
     wide = np.concatenate([own.design[during] for own in alike], -1)
     found = pathways.explained_by_design(alike[0].index, wide, during)
     return np.split(found, np.cumsum([own.size for own in alike])[:-1], 1)
 
 
-def _signature(pathways: Pathways, acting: _Acting, explained: Array) -> Signature:
-    part, own = pathways.part(acting.index), acting.design[acting.during]
-    moved = part.gram[acting.during] @ own
-    whole = own.reshape(-1, acting.size).T @ moved.reshape(-1, acting.size)
-    gram = whole - explained.T @ explained
-    values, vectors = np.linalg.eigh((gram + gram.T) / 2)
-    kept = values > np.maximum(_INFORMATIVE**2, 1e-9 * np.trace(whole))
-    share = float(np.sum(own * (part.input_gram[acting.during] @ own)) / max(np.trace(whole), 1e-300))
-    return Signature(
-        acting.index,
-        acting.design.reshape(-1, acting.size),
-        explained,
-        gram,
-        np.sqrt(values[kept]),
-        vectors[:, kept],
-        min(max(share, 0.0), 1.0),
-    )
+def _signatures(pathways: Pathways, alike: Sequence[_Acting], explained: Sequence[Array]) -> list[Signature]:
+    """Return the signatures of candidates on the same pathways, of which each explains a part (G, P) with the shared
+    unknowns. Those with as many parameters are one batch, unless most of them act in few epochs."""
+    batches: dict[int, list[int]] = {}
+    for place, own in enumerate(alike):
+        batches.setdefault(own.size, []).append(place)
+    found: dict[int, Signature] = {}
+    for places in batches.values():
+        lengths = [alike[place].during.stop - alike[place].during.start for place in places]
+        during = _union([alike[place] for place in places])
+        sparse = (during.stop - during.start) * len(places) > _MOSTLY_IDLE * sum(lengths)
+        for batch in ([place] for place in places) if sparse else (places,):
+            those = [alike[place] for place in batch]
+            made = _batch(pathways, those, np.stack([explained[place] for place in batch]))
+            found |= zip(batch, made, strict=True)
+    return [found[place] for place in range(len(alike))]
+
+
+def _union(alike: Sequence[_Acting]) -> slice:
+    """Return the epochs during which any of some candidates acts."""
+    first = min((own.during.start for own in alike if own.during.stop), default=0)
+    return slice(first, max(own.during.stop for own in alike))
+
+
+def _batch(pathways: Pathways, alike: Sequence[_Acting], explained: Array) -> list[Signature]:
+    """Return the signatures of k candidates with P parameters on the same pathways; ``explained`` (k, G, P)."""
+    during, part, index = _union(alike), pathways.part(alike[0].index), alike[0].index
+    designs = np.stack([own.design[during] for own in alike], 2)  # (b, n, k, P)
+    whole = _of_each(designs, part.gram[during])
+    gram = whole - np.swapaxes(explained, 1, 2) @ explained
+    values, vectors = np.linalg.eigh((gram + np.swapaxes(gram, 1, 2)) / 2)
+    traces = np.trace(whole, axis1=1, axis2=2)
+    kept = values > np.maximum(INFORMATIVE**2, 1e-9 * traces)[:, None]
+    shares = np.zeros(len(alike))
+    if pathways.has_inputs:
+        of_inputs = np.trace(_of_each(designs, part.input_gram[during]), axis1=1, axis2=2)
+        shares = np.clip(of_inputs / np.maximum(traces, 1e-300), 0.0, 1.0)
+    return [
+        Signature(
+            index,
+            own.design.reshape(-1, own.size),
+            explained[k],
+            gram[k],
+            np.sqrt(values[k, kept[k]]),
+            vectors[k][:, kept[k]],
+            float(shares[k]),
+        )
+        for k, own in enumerate(alike)
+    ]
+
+
+def _of_each(designs: Array, gram: Array) -> Array:
+    """Return the products (k, P, P) of designs (b, n, k, P) with themselves, by products (b, n, n) of pathways."""
+    epochs, height, count, size = designs.shape
+    moved = gram @ designs.reshape(epochs, height, count * size)
+    left = designs.reshape(-1, count, size).transpose(1, 2, 0)
+    return np.asarray(left @ moved.reshape(-1, count, size).transpose(1, 0, 2))
 
 
 def _extent(acting: Array) -> slice:
     """Return the slice from the first to the last epoch at which a candidate acts; many act only from some epoch on."""
     epochs = np.flatnonzero(acting)
-    return slice(epochs[0], epochs[-1] + 1) if len(epochs) else slice(0)
+    return slice(int(epochs[0]), int(epochs[-1]) + 1) if len(epochs) else slice(0, 0)
 
 
 def joint(pathways: Pathways, first: Signature, second: Signature) -> tuple[Array, Array]:
@@ -351,7 +398,7 @@ def joint(pathways: Pathways, first: Signature, second: Signature) -> tuple[Arra
     cross = _cross(pathways, first, second) - first.explained.T @ second.explained
     gram = np.block([[first.gram, cross], [cross.T, second.gram]])
     values, vectors = np.linalg.eigh(gram)
-    kept = values > np.maximum(_INFORMATIVE**2, 1e-9 * np.trace(gram))
+    kept = values > np.maximum(INFORMATIVE**2, 1e-9 * np.trace(gram))
     return np.sqrt(values[kept]), vectors[:, kept]
 
 
@@ -361,117 +408,3 @@ def _cross(pathways: Pathways, first: Signature, second: Signature) -> Array:
     left = first.design.reshape(epochs, -1, first.design.shape[-1])
     right = second.design.reshape(epochs, -1, second.design.shape[-1])
     return np.tensordot(left, pathways.gram[grid] @ right, axes=([0, 1], [0, 1]))
-
-
-@dataclass(frozen=True)
-class RotatedChannels:
-    """Pathway of the observations of T channels along the axes of their groups' surveys.
-
-    With patterns: of T sets of n channels that move together, along the q patterns of each (for a single channel its
-    axes: n = 1, q = d). ``rotations`` (B, T, n d, q) convert these to the axes of the pathway; ``shared`` (B, T, q, G)
-    is the part that the shared unknowns explain as in `Pathways`, ``gram`` (B, T, q, q) are their products.
-    """
-
-    channels: Integers  # (T, n)
-    rotations: Array
-    shared: Array
-    gram: Array
-    whitened: Whitened
-
-    def explained(self, weights: Array) -> Array:
-        """Return the part (W, T, q, G) of the channels that the shared unknowns explain, summed with weights (W, B)."""
-        epochs, channels, size, _ = self.shared.shape
-        if self.whitened.whole is not None:
-            return (weights @ self.shared.reshape(epochs, -1)).reshape(len(weights), channels, size, -1)
-        found = self.whitened.compact.weighted(self.shared.reshape(epochs, channels * size, -1), weights)
-        return self.whitened.onto_basis(found.reshape(-1, found.shape[-1]).T).T.reshape(
-            len(weights), channels, size, -1
-        )
-
-    def along(self, parts: Array) -> Array:
-        """Return the parts (B, T, q, D) of residuals along these axes, from those along the pathway (D, B, C)."""
-        (count, members), (height, _) = self.channels.shape, self.rotations.shape[2:]
-        own = parts.reshape(*parts.shape[:2], -1, height // members)[:, :, self.channels]
-        own = own.reshape(*parts.shape[:2], count, height)
-        rotations = self.rotations.astype(parts.dtype, copy=False)  # single precision is enough for draws
-        return np.asarray(np.einsum("dbtx,btxy->btyd", own, rotations, optimize=True))
-
-
-def rotated_channels(
-    pathways: Pathways, channels: Integers, rotations: Array, patterns: Array | None = None
-) -> RotatedChannels:
-    """Return the pathway of the observations of channels (T,), along axes given by rotations (B, K, d, d) of all
-    channels.
-
-    For sets of channels (T, n) that move together, along patterns (T, n, d, q) in these axes.
-    """
-    place = pathways.places[OBSERVED]
-    epochs, size = len(rotations), rotations.shape[2]
-    members = channels.reshape(len(channels), -1)
-    own = rotations[:, members] if patterns is None else rotations[:, members] @ patterns
-    height = members.shape[1] * size
-    own = own.reshape(epochs, len(members), height, -1)
-    back = np.swapaxes(own, -1, -2)
-    rows = (members[..., None] * size + np.arange(size)).reshape(len(members), height)
-    shared = pathways.explained(np.arange(place.start, place.stop))[:, rows]
-    blocks = pathways.gram[:, place, place][:, rows[:, :, None], rows[:, None, :]]
-    return RotatedChannels(members, own, back @ shared, back @ blocks @ own, pathways.whitened)
-
-
-@dataclass(frozen=True)
-class ChannelSignatures:
-    """Signatures of T channels with S shapes of m columns each; ``gram`` (S, T, d m, d m) after nuisances.
-
-    ``values`` (S, B, m) are the shapes over the epochs, per plausible scale.
-    """
-
-    rotated: RotatedChannels
-    values: Array
-    gram: Array
-    usable: Mask  # (S, T) True where the channel was seen often enough
-
-    @property
-    def parameters(self) -> int:
-        """Number of parameters of each candidate."""
-        return int(self.gram.shape[-1])
-
-    @cached_property
-    def seen(self) -> Mask:
-        """True for candidates (S, T) that the campaign sees in all directions."""
-        return np.asarray(np.linalg.eigvalsh(self.gram)[..., 0] > _INFORMATIVE**2) & self.usable
-
-    @cached_property
-    def inverse(self) -> Array:
-        """Inverse of the gram (S, T, d m, d m); zero where a candidate is not seen."""
-        safe = np.where(self.seen[..., None, None], self.gram, np.eye(self.parameters))
-        return np.linalg.inv(safe) * self.seen[..., None, None]
-
-    def scores(self, along: Array) -> Array:
-        """Return the scores (S, T, d m, D) of residuals, from their parts (B, T, d, D) along the observations' axes."""
-        epochs, channels, size, draws = along.shape
-        shapes = self.values.transpose(0, 2, 1).reshape(-1, epochs).astype(along.dtype, copy=False)
-        found = (shapes @ along.reshape(epochs, -1)).reshape(len(self.values), -1, channels, size, draws)
-        return found.transpose(0, 2, 1, 3, 4).reshape(len(self.values), channels, -1, draws)
-
-    def squares(self, along: Array) -> Array:
-        """Return the reduction of the sum of squares by each candidate, (D, S, T); ``along`` as in `scores`."""
-        scores = self.scores(along)
-        inverse = self.inverse.astype(scores.dtype, copy=False)
-        return np.asarray(np.sum(scores * (inverse @ scores), 2).transpose(2, 0, 1))
-
-
-def channel_signatures(rotated: RotatedChannels, values: Array, usable: Mask) -> ChannelSignatures:
-    """Return the signatures of observations with shapes values (S, B, m).
-
-    ``usable`` (S, T) marks channels that were seen often enough for a shape.
-    """
-    epochs, channels, size = rotated.shared.shape[:3]
-    shapes, count = values.shape[0], values.shape[2]
-    explained = rotated.explained(values.transpose(0, 2, 1).reshape(-1, epochs))
-    explained = explained.reshape(shapes, count, channels, size, -1).swapaxes(1, 2)
-    explained = explained.reshape(shapes, channels, size * count, -1)
-    pairs = values[..., :, None] * values[..., None, :]
-    whole = pairs.transpose(0, 2, 3, 1).reshape(-1, epochs) @ rotated.gram.reshape(epochs, -1)
-    whole = whole.reshape(shapes, count, count, channels, size, size).transpose(0, 3, 1, 4, 2, 5)
-    whole = whole.reshape(shapes, channels, size * count, size * count)
-    return ChannelSignatures(rotated, values, whole - explained @ np.swapaxes(explained, -1, -2), usable)

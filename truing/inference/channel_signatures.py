@@ -1,0 +1,127 @@
+"""Signatures of candidates over single channels: many shapes over the epochs at once, for observations of channels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from truing.inference.arrays import Array, Integers, Mask
+from truing.inference.linear_problem import Whitened
+from truing.inference.model import OBSERVED
+from truing.inference.signatures import INFORMATIVE, Pathways
+
+
+@dataclass(frozen=True)
+class RotatedChannels:
+    """Pathway of the observations of T channels along the axes of their groups' surveys.
+
+    With patterns: of T sets of n channels that move together, along the q patterns of each (for a single channel its
+    axes: n = 1, q = d). ``rotations`` (B, T, n d, q) convert these to the axes of the pathway; ``shared`` (B, T, q, G)
+    is the part that the shared unknowns explain as in `Pathways`, ``gram`` (B, T, q, q) are their products.
+    """
+
+    channels: Integers  # (T, n)
+    rotations: Array
+    shared: Array
+    gram: Array
+    whitened: Whitened
+
+    def explained(self, weights: Array) -> Array:
+        """Return the part (W, T, q, G) of the channels that the shared unknowns explain, summed with weights (W, B)."""
+        epochs, channels, size, _ = self.shared.shape
+        if self.whitened.whole is not None:
+            return (weights @ self.shared.reshape(epochs, -1)).reshape(len(weights), channels, size, -1)
+        found = self.whitened.compact.weighted(self.shared.reshape(epochs, channels * size, -1), weights)
+        return self.whitened.onto_basis(found.reshape(-1, found.shape[-1]).T).T.reshape(
+            len(weights), channels, size, -1
+        )
+
+    def along(self, parts: Array) -> Array:
+        """Return the parts (B, T, q, D) of residuals along these axes, from those along the pathway (D, B, C)."""
+        (count, members), (height, _) = self.channels.shape, self.rotations.shape[2:]
+        own = parts.reshape(*parts.shape[:2], -1, height // members)[:, :, self.channels]
+        own = own.reshape(*parts.shape[:2], count, height)
+        rotations = self.rotations.astype(parts.dtype, copy=False)  # single precision is enough for draws
+        return np.asarray(np.einsum("dbtx,btxy->btyd", own, rotations, optimize=True))
+
+
+def rotated_channels(
+    pathways: Pathways, channels: Integers, rotations: Array, patterns: Array | None = None
+) -> RotatedChannels:
+    """Return the pathway of the observations of channels (T,), along axes given by rotations (B, K, d, d) of all
+    channels.
+
+    For sets of channels (T, n) that move together, along patterns (T, n, d, q) in these axes.
+    """
+    place = pathways.places[OBSERVED]
+    epochs, size = len(rotations), rotations.shape[2]
+    members = channels.reshape(len(channels), -1)
+    own = rotations[:, members] if patterns is None else rotations[:, members] @ patterns
+    height = members.shape[1] * size
+    own = own.reshape(epochs, len(members), height, -1)
+    back = np.swapaxes(own, -1, -2)
+    rows = (members[..., None] * size + np.arange(size)).reshape(len(members), height)
+    shared = pathways.explained(np.arange(place.start, place.stop))[:, rows]
+    blocks = pathways.gram[:, place, place][:, rows[:, :, None], rows[:, None, :]]
+    return RotatedChannels(members, own, back @ shared, back @ blocks @ own, pathways.whitened)
+
+
+@dataclass(frozen=True)
+class ChannelSignatures:
+    """Signatures of T channels with S shapes of m columns each; ``gram`` (S, T, d m, d m) after nuisances.
+
+    ``values`` (S, B, m) are the shapes over the epochs, per plausible scale.
+    """
+
+    rotated: RotatedChannels
+    values: Array
+    gram: Array
+    usable: Mask  # (S, T) True where the channel was seen often enough
+
+    @property
+    def parameters(self) -> int:
+        """Number of parameters of each candidate."""
+        return int(self.gram.shape[-1])
+
+    @cached_property
+    def seen(self) -> Mask:
+        """True for candidates (S, T) that the campaign sees in all directions."""
+        return np.asarray(np.linalg.eigvalsh(self.gram)[..., 0] > INFORMATIVE**2) & self.usable
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Inverse of the gram (S, T, d m, d m); zero where a candidate is not seen."""
+        safe = np.where(self.seen[..., None, None], self.gram, np.eye(self.parameters))
+        return np.linalg.inv(safe) * self.seen[..., None, None]
+
+    def scores(self, along: Array) -> Array:
+        """Return the scores (S, T, d m, D) of residuals, from their parts (B, T, d, D) along the observations' axes."""
+        epochs, channels, size, draws = along.shape
+        shapes = self.values.transpose(0, 2, 1).reshape(-1, epochs).astype(along.dtype, copy=False)
+        found = (shapes @ along.reshape(epochs, -1)).reshape(len(self.values), -1, channels, size, draws)
+        return found.transpose(0, 2, 1, 3, 4).reshape(len(self.values), channels, -1, draws)
+
+    def squares(self, along: Array) -> Array:
+        """Return the reduction of the sum of squares by each candidate, (D, S, T); ``along`` as in `scores`."""
+        scores = self.scores(along)
+        inverse = self.inverse.astype(scores.dtype, copy=False)
+        return np.asarray(np.sum(scores * (inverse @ scores), 2).transpose(2, 0, 1))
+
+
+def channel_signatures(rotated: RotatedChannels, values: Array, usable: Mask) -> ChannelSignatures:
+    """Return the signatures of observations with shapes values (S, B, m).
+
+    ``usable`` (S, T) marks channels that were seen often enough for a shape.
+    """
+    epochs, channels, size = rotated.shared.shape[:3]
+    shapes, count = values.shape[0], values.shape[2]
+    explained = rotated.explained(values.transpose(0, 2, 1).reshape(-1, epochs))
+    explained = explained.reshape(shapes, count, channels, size, -1).swapaxes(1, 2)
+    explained = explained.reshape(shapes, channels, size * count, -1)
+    pairs = values[..., :, None] * values[..., None, :]
+    whole = pairs.transpose(0, 2, 3, 1).reshape(-1, epochs) @ rotated.gram.reshape(epochs, -1)
+    whole = whole.reshape(shapes, count, count, channels, size, size).transpose(0, 3, 1, 4, 2, 5)
+    whole = whole.reshape(shapes, channels, size * count, size * count)
+    return ChannelSignatures(rotated, values, whole - explained @ np.swapaxes(explained, -1, -2), usable)
