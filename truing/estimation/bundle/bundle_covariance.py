@@ -13,11 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg.blas import dgemm
-from scipy.linalg.lapack import dpotri
 
-from truing.arrays import Array, Index, Mask
-from truing.estimation.bundle.datum import Freedom, freedoms, into_datum
+from truing.arrays import Array, Index
+from truing.estimation.bundle.datum import Freedom, freedoms
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.elimination import EliminatedPose, Reduced, eliminate_poses, tie_variances, tie_weights
 from truing.estimation.bundle.network import NetworkState, linearise
@@ -28,128 +26,12 @@ from truing.estimation.bundle.normal_equations import (
     normal_equations,
     spread_interior,
 )
+from truing.estimation.bundle.pose_covariance import PoseCovariance, given_common
+from truing.estimation.bundle.row_blocks import coordinates
 from truing.estimation.one_thread import on_one_thread
 
 _SINGULAR = 1e-12  # least share of an unknown's information that the others leave; below it there is only rounding
 _LEAST_DAMPINGS = (1e-11, 1e-9, 1e-7)  # the first one that works gives a solution of a disconnected network
-
-
-@dataclass(frozen=True)
-class PoseCovariance:
-    """Covariance of one pose given the common unknowns.
-
-    Points (3 p, 3 p) in m^2, images with points (6 i, 3 p), each image (i, 6, 6) in the order (centre, theta); and the
-    derivatives of points (3 p, c) and images (6 i, c) by the common unknowns.
-    """
-
-    points: Array
-    image_points: Array
-    images: Array
-    points_by_common: Array
-    images_by_common: Array
-
-
-def given_common(layout: EquationLayout, pose: int, one: EliminatedPose, free: Freedom, held: Array) -> PoseCovariance:
-    """Return the covariance of a pose given the common unknowns, in the datum of the conditions `held`."""
-    from truing.estimation.bundle.kernels import mirror
-
-    blocks = one.blocks
-    b, d, _ = blocks.own.shape
-    k = len(blocks.kept_places)
-    kept = dpotri(one.factor, lower=1)[0].T
-    mirror(kept)
-    if len(one.pinned):
-        kept -= one.by_rows @ np.linalg.solve(one.pinned, one.by_rows.T)
-    kept_by_common = -one.kept[:, :-1]
-    if d == 6:
-        datum = _Datum.of(free, held)
-        kept, kept_by_common = datum.points(kept), datum.by_common(kept_by_common)
-    turned = -one.root.transpose(0, 2, 1)
-    follow = (turned @ one.reduced.reshape(b, d, k)).reshape(b * d, k)
-    own_by_common = one.reduced_sides[:, :-1] + one.reduced @ kept_by_common
-    c = own_by_common.shape[1]
-    own_by_common = (turned @ own_by_common.reshape(b, d, c)).reshape(b * d, c)
-    cross = follow @ kept
-    alone = turned @ one.root
-    if d == 6:
-        images = cross.reshape(b, 6, k) @ follow.reshape(b, 6, k).transpose(0, 2, 1) - alone
-        return PoseCovariance(kept, cross, images, kept_by_common, own_by_common)
-    own = cross @ follow.T
-    own.reshape(b, 3, b, 3)[np.arange(b), :, np.arange(b), :] -= alone
-    by_common = np.empty((len(own) + k, own_by_common.shape[1]))
-    by_common[blocks.kept_places], by_common[blocks.own_places] = kept_by_common, own_by_common
-    return _in_datum(_ordered(layout, pose, one, kept, cross, own, by_common), free, _Datum.of(free, held))
-
-
-def _ordered(
-    layout: EquationLayout, pose: int, one: EliminatedPose, kept: Array, cross: Array, own: Array, by_common: Array
-) -> PoseCovariance:
-    """Return the covariance of a pose with its points sorted, if the points were eliminated."""
-    m = 6 * int(layout.image_start[pose + 1] - layout.image_start[pose])
-    n = len(by_common) - m
-    loose, tied = one.blocks.own_places - m, one.blocks.kept_places[m:] - m
-    points, image_points = np.empty((n, n)), np.empty((m, n))
-    points[np.ix_(loose, loose)] = own
-    points[np.ix_(tied, tied)] = kept[m:, m:]
-    points[np.ix_(loose, tied)] = cross[:, m:]
-    points[np.ix_(tied, loose)] = cross[:, m:].T
-    image_points[:, loose] = cross[:, :m].T
-    image_points[:, tied] = kept[:m, m:]
-    each = np.arange(m // 6)
-    images = kept[:m, :m].reshape(m // 6, 6, m // 6, 6)[each, :, each, :]
-    return PoseCovariance(points, image_points, images, by_common[m:], by_common[:m])
-
-
-@dataclass(frozen=True)
-class _Datum:
-    """Transformation of points into a datum: S = 1 - G F with the freedoms G (3 p, d) and F (d, 3 p). certain (3 p,):
-    coordinates that the datum fixes."""
-
-    freedoms: Array
-    back: Array
-    certain: Mask
-
-    @classmethod
-    def of(cls, free: Freedom, held: Array) -> _Datum:
-        """Return the datum with conditions B (3 p, d)."""
-        # A condition on a single coordinate fixes it.
-        return cls(free.points.reshape(held.shape), into_datum(free, held), np.any(held == 1.0, axis=1))
-
-    def points(self, covariance: Array) -> Array:
-        """Return the covariance (3 p, 3 p) of points in this datum; overwrites the input."""
-        drawn = self.back @ covariance
-        drawn -= (drawn @ self.back.T / 2) @ self.freedoms.T
-        # The transposed matrix, equal by symmetry, is column-major as BLAS needs it.
-        taken = np.hstack([self.freedoms, drawn.T]), np.hstack([drawn.T, self.freedoms])
-        found = dgemm(-1.0, *taken, 1.0, covariance.T, trans_b=1, overwrite_c=1).T
-        found[self.certain] = found[:, self.certain] = 0.0
-        return found
-
-    def by_common(self, by_common: Array) -> Array:
-        """Return the derivatives of points (3 p, c) by the common unknowns in this datum."""
-        found = by_common - self.freedoms @ (self.back @ by_common)
-        found[self.certain] = 0.0
-        return found
-
-
-def _in_datum(one: PoseCovariance, free: Freedom, datum: _Datum) -> PoseCovariance:
-    """Return the covariance of a pose in the datum: images move with their own part of the freedoms."""
-    of_images = free.images.reshape(len(one.image_points), free.count)
-    across = datum.back @ one.image_points.T
-    drawn = datum.back @ one.points
-    spread = drawn @ datum.back.T
-    image_points = one.image_points - of_images @ drawn
-    image_points -= (across.T - of_images @ spread) @ datum.freedoms.T
-    image_points[:, datum.certain] = 0.0
-    mixed = np.einsum("nia,anj->nij", free.images, across.reshape(free.count, len(free.images), 6))
-    images = one.images - mixed - mixed.transpose(0, 2, 1) + free.images @ spread @ free.images.transpose(0, 2, 1)
-    return PoseCovariance(
-        datum.points(one.points),
-        image_points,
-        images,
-        datum.by_common(one.points_by_common),
-        one.images_by_common - of_images @ (datum.back @ one.points_by_common),
-    )
 
 
 @dataclass(frozen=True)
@@ -184,12 +66,24 @@ class BundleCovariance:
 
     def points(self, pose: int) -> Array:
         """Return the joint covariance (3 p, 3 p) in m^2 of all points of a pose."""
+        return self.joint(pose, np.arange(len(self.point_numbers(pose))))
+
+    def joint(self, pose: int, points: Index) -> Array:
+        """Return the joint covariance (3 n, 3 n) in m^2 of some points of a pose (n,), by place in `point_numbers`."""
         own = self._pose(pose)
-        return own.points + own.points_by_common @ self.common @ own.points_by_common.T
+        by_common = own.points_by_common[coordinates(points)]
+        return own.joint(points) + by_common @ self.common @ by_common.T
+
+    def combined(self, pose: int, rows: Array) -> Array:
+        """Return the covariance (w, w) of linear combinations (w, 3 p) of the points of a pose."""
+        own = self._pose(pose)
+        by_common = rows @ own.points_by_common
+        return own.combined(rows) + by_common @ self.common @ by_common.T
 
     def points_given_common(self, pose: int) -> Array:
         """Return the covariance (3 p, 3 p) in m^2 of points without the part of the common unknowns."""
-        return self._pose(pose).points
+        own = self._pose(pose)
+        return own.joint(np.arange(len(own.points_by_common) // 3))
 
     def sensitivities(self, pose: int) -> Array:
         """Return the derivatives of the points of a pose by the common unknowns (3 p, c), m per unit of each."""
@@ -228,10 +122,9 @@ class BundleCovariance:
         blocks = np.full((len(self.observed.network.point_pose), 3, 3), np.nan)
         for pose, own in enumerate(self.poses):
             if own is not None:
-                each = np.arange(len(own.points) // 3)
-                by_common = own.points_by_common.reshape(len(each), 3, -1)
-                given = own.points.reshape(len(each), 3, len(each), 3)[each, :, each, :]
-                blocks[self.point_numbers(pose)] = given + by_common @ self.common @ by_common.transpose(0, 2, 1)
+                numbers = self.point_numbers(pose)
+                by_common = own.points_by_common.reshape(len(numbers), 3, -1)
+                blocks[numbers] = own.blocks() + by_common @ self.common @ by_common.transpose(0, 2, 1)
         return blocks
 
     def computed_px2(self) -> Array:
@@ -262,9 +155,8 @@ class BundleCovariance:
         network = self.observed.network
         at = linearise(network, self.state, network.rays.image[rows], network.rays.point[rows])
         camera = network.image_camera[network.rays.image[rows]]
-        m, n = len(own.images), len(own.points) // 3
-        points = own.points.reshape(n, 3, n, 3)[point, :, point, :]
-        cross = own.image_points.reshape(m, 6, n, 3)[image, :, point, :]
+        m, n = len(own.images), len(own.points_by_common) // 3
+        points, cross = own.blocks()[point], own.with_points(image, point)
         mixed = at.by_image @ cross @ at.by_point.transpose(0, 2, 1)
         total = at.by_image @ own.images[image] @ at.by_image.transpose(0, 2, 1)
         total += at.by_point @ points @ at.by_point.transpose(0, 2, 1) + mixed + mixed.transpose(0, 2, 1)
@@ -292,16 +184,16 @@ class BundleCovariance:
         direction = between / np.linalg.norm(between, axis=-1)[:, None]
         of_distance, of_misclosure = np.zeros(len(between)), np.zeros(len(between))
         for row, pose in enumerate(layout.distance_pose):
-            own, start = self._pose(int(pose)), layout.point_start[pose]
-            a = np.zeros(len(own.points))
-            a[3 * (layout.second[row] - start) :][:3] += direction[row]
-            a[3 * (layout.first[row] - start) :][:3] -= direction[row]
-            by_common = a @ own.points_by_common
-            of_distance[row] = a @ own.points @ a + by_common @ self.common @ by_common
+            own, places = self._pose(int(pose)), np.array([layout.first[row], layout.second[row]])
+            places -= layout.point_start[pose]
+            along = np.concatenate([-direction[row], direction[row]])
+            given = along @ own.joint(places) @ along
+            by_common = along @ own.points_by_common[coordinates(places)]
+            of_distance[row] = given + by_common @ self.common @ by_common
             place = layout.bar[bars.bar[layout.distances[row]]]
             if place >= 0:
                 by_common[place] -= 1.0
-            of_misclosure[row] = a @ own.points @ a + by_common @ self.common @ by_common
+            of_misclosure[row] = given + by_common @ self.common @ by_common
         return of_distance, of_misclosure
 
     def prior_redundancy_numbers(self) -> tuple[Array, Array, Array]:

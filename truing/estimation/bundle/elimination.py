@@ -1,7 +1,8 @@
 """One step of an adjustment: eliminate images or points of each pose, solve for the common unknowns, substitute back.
 
 Of each pose the images or the points are eliminated, whichever leaves the smaller system. The eliminated blocks are
-small and independent; the kept system is dense and decomposed by Cholesky. Ends of bars are always kept, since bars
+small and independent; the kept system is dense and decomposed by Cholesky. In a large pose, points are eliminated ray
+by ray, and nothing is stored for images that do not see them. Ends of bars are always kept, since bars
 couple points. A distance d with variance s^2 enters with a weight r, the smaller of its own information and one
 comparable to that of the points. The rest of its information, with variance t = 1 / (1 / s^2 - r), enters by a
 multiplier k:
@@ -14,16 +15,17 @@ the datum are tied down by a term along nearby directions, which changes nothing
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
-from scipy.linalg.blas import dsyrk
 from scipy.linalg.lapack import dposv, dpotrf, dpotrs
 
 from truing.arrays import Array, Index
 from truing.estimation.bundle.datum import Freedom
+from truing.estimation.bundle.eliminated_rows import DenseRows, RayRows, add_products
 from truing.estimation.bundle.normal_equations import ArrayPool, EquationLayout, NormalEquations, Observed, UnknownsStep
+from truing.estimation.bundle.row_blocks import PointRays, put_tied_rows
 
 # Direct weight of a distance, at most this multiple of the information of its ends; a multiplier takes the rest.
 _DIRECT = 100.0
@@ -50,14 +52,14 @@ class Ties:
 class PoseBlocks:
     """Equations of a pose, split into eliminated and kept unknowns.
 
-    own (b, d, d): independent blocks to eliminate, with own_rows (b d, k) by the kept unknowns and own_sides (b d, c +
+    own (b, d, d): independent blocks to eliminate, with own_rows by the kept unknowns and own_sides (b d, c +
     1): common unknowns and right side. kept (k, k): upper triangle of the kept system, with kept_sides (k, c + 1).
     own_places (b d,) and kept_places (k,): places within the pose's unknowns, images before points. freedoms (k, f):
     directions near the freedoms; rows (q, k): distances.
     """
 
     own: Array
-    own_rows: Array
+    own_rows: DenseRows | RayRows
     own_sides: Array
     kept: Array
     kept_sides: Array
@@ -73,6 +75,8 @@ def blocks_of(
     """Return the equations of a pose, split into eliminated and kept unknowns."""
     i = slice(layout.image_start[pose], layout.image_start[pose + 1])
     p = slice(layout.point_start[pose], layout.point_start[pose + 1])
+    if (rays := layout.rows.by_point[pose]) is not None:
+        return _blocks_by_ray(equations, i, p, pose, rays, near, ties, workspace)
     images, points, between = equations.images[i], equations.points[p], equations.between[pose]
     m, n = between.shape
     of_images, of_points = equations.image_sides[i].reshape(m, -1), equations.point_sides[p].reshape(n, -1)
@@ -83,7 +87,8 @@ def blocks_of(
         kept = workspace.take(("kept", pose), (n, n))
         _put_diagonal(points, kept)
         return PoseBlocks(
-            images, between, of_images, kept, of_points, own, places, freedoms[places], tied_rows[:, places]
+            *(images, DenseRows(between), of_images, kept, of_points),
+            *(own, places, freedoms[places], tied_rows[:, places]),
         )
     ends = np.zeros(len(points), bool)
     ends[ties.first] = ends[ties.second] = True
@@ -98,7 +103,37 @@ def blocks_of(
     beside[:, :m] = between[:, loose].T
     sides = np.concatenate([of_images, of_points[tied]])
     return PoseBlocks(
-        points[~ends], beside, of_points[loose], kept, sides, own, places, freedoms[places], tied_rows[:, places]
+        *(points[~ends], DenseRows(beside), of_points[loose], kept, sides),
+        *(own, places, freedoms[places], tied_rows[:, places]),
+    )
+
+
+def _blocks_by_ray(
+    equations: NormalEquations,
+    i: slice,
+    p: slice,
+    pose: int,
+    rays: PointRays,
+    near: Freedom,
+    ties: Ties,
+    workspace: ArrayPool,
+) -> PoseBlocks:
+    """Return the equations of a large pose, with points eliminated ray by ray; i, p: slots of its images and points."""
+    images, points, between = equations.images[i], equations.points[p], equations.between[pose]
+    m, k = 6 * rays.images, rays.kept
+    kept = workspace.take(("kept", pose), (k, k))
+    kept[:] = 0.0
+    _put_diagonal(images, kept[:m, :m])
+    _put_diagonal(points[rays.tied], kept[m:, m:])
+    put_tied_rows(rays, between, kept)
+    of_points = equations.point_sides[p]
+    width = of_points.shape[-1]
+    sides = np.concatenate([equations.image_sides[i].reshape(m, width), of_points[rays.tied].reshape(k - m, width)])
+    freedoms = near.images.reshape(m, near.count), near.points[rays.tied].reshape(k - m, near.count)
+    local = replace(ties, first=np.searchsorted(rays.tied, ties.first), second=np.searchsorted(rays.tied, ties.second))
+    return PoseBlocks(
+        *(points[rays.loose], RayRows(between, rays), of_points[rays.loose].reshape(-1, width), kept, sides),
+        *(rays.own_places, rays.kept_places, np.concatenate(freedoms), _rows(local, m, k - m)),
     )
 
 
@@ -123,23 +158,19 @@ class EliminatedPose:
     """Unknowns of a pose as a function of the common ones, x = x0 - x1 c, and the reduced equations for these."""
 
     def __init__(self, blocks: PoseBlocks, ties: Ties, damping: float, reduced: Array) -> None:
-        """Eliminate; overwrites the kept system of the blocks. damping: relative increase of the diagonal; reduced (b
-        d, k): output for the reduced rows. Raises LinAlgError if a block has free directions."""
-        from truing.estimation.bundle.kernels import forward
-
-        self.blocks, self.reduced = blocks, reduced
+        """Eliminate; overwrites the kept system of the blocks. damping: relative increase of the diagonal; reduced:
+        output for the reduced rows. Raises LinAlgError if a block has free directions."""
+        self.blocks = blocks
         kept, k = blocks.kept, len(blocks.kept)
         self.kept_diagonal = np.diagonal(kept).copy()
-        self.root, self.reduced_sides = np.empty_like(blocks.own), np.empty_like(blocks.own_sides)
-        eliminated = blocks.own, blocks.own_rows, blocks.own_sides
-        if not forward(*eliminated, damping, self.root, reduced, self.reduced_sides):
-            raise np.linalg.LinAlgError("found a block that is not positive definite")
+        eliminated = blocks.own_rows.eliminate(blocks.own, blocks.own_sides, damping, reduced)
+        self.root, self.reduced, self.reduced_sides = eliminated
         kept.flat[:: k + 1] *= 1 + damping
-        _add_products(kept, reduced, -1.0)
+        self.reduced.subtract_products(kept)
         weighed = ties.weight[:, None] * blocks.rows
-        _add_products(kept, np.concatenate([np.sqrt(ties.weight)[:, None] * blocks.rows, _tied_freedoms(blocks)]), 1.0)
+        add_products(kept, np.concatenate([np.sqrt(ties.weight)[:, None] * blocks.rows, _tied_freedoms(blocks)]), 1.0)
         tie_sides = np.concatenate([ties.by_common, ties.misclosure[:, None]], -1)
-        sides = blocks.kept_sides - reduced.T @ self.reduced_sides + weighed.T @ tie_sides
+        sides = blocks.kept_sides - self.reduced.transposed_times(self.reduced_sides) + weighed.T @ tie_sides
         # LAPACK is column-major: there the upper triangle is the lower one.
         self.factor, fault = dpotrf(kept.T, lower=1, clean=0, overwrite_a=1)
         if fault:
@@ -163,17 +194,11 @@ class EliminatedPose:
         step = np.append(-common, 1.0)
         kept = self.kept @ step
         b, d, _ = self.blocks.own.shape
-        own = (self.reduced_sides @ step - self.reduced @ kept).reshape(b, d)
+        own = (self.reduced_sides @ step - self.reduced.times(kept)).reshape(b, d)
         x = np.empty(len(self.blocks.own_places) + len(kept))
         x[self.blocks.kept_places] = kept
         x[self.blocks.own_places] = np.einsum("bji,bj->bi", self.root, own).ravel()
         return x, self.multipliers @ step
-
-
-def _add_products(whole: Array, rows: Array, factor: float) -> None:
-    """Add the products (w, w) of rows (r, w), times a factor, to the upper triangle."""
-    if len(rows):
-        dsyrk(factor, rows.T, 1.0, whole.T, lower=1, overwrite_c=1)
 
 
 def _tied_freedoms(blocks: PoseBlocks) -> Array:

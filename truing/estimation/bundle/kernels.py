@@ -162,8 +162,7 @@ def accumulate(
     R: NDArray,
     centre: NDArray,
     points: NDArray,
-    column: NDArray,
-    image_row: NDArray,
+    ray_row: NDArray,
     stride: NDArray,
     images: NDArray,
     image_sides: NDArray,
@@ -175,8 +174,8 @@ def accumulate(
     """Fill the normal equations and return the weighted sum of squares, infinite if a point is behind its camera.
 
     Rays (n) are sorted by image, from first_ray (i + 1); roots (n, 3): of their information; camera, R, centre of every
-    image; place (C, 10): interior elements among the common unknowns; column (p,): of a point in its pose's rows;
-    image_row (i,): start of an image's rows in flat; stride (i,): their length.
+    image; place (C, 10): interior elements among the common unknowns; ray_row (n,): first entry of a ray's block in
+    flat; stride (i,): length of the rows of an image.
     """
     most = 0
     for i in range(len(camera)):
@@ -197,7 +196,7 @@ def accumulate(
             turned(row, R[i], points[p], centre[i])
             x, y = image_point(interior[k], radius[k], X)
             put(row, MISCLOSURE, root, xy[n, 0] - format_centre[k, 0] - x, xy[n, 1] - format_centre[k, 1] - y)
-            add_to_point(sums[k, p], row, flat, image_row[i] + column[p], stride[i])
+            add_to_point(sums[k, p], row, flat, ray_row[n], stride[i])
         own = rows[: 2 * (first_ray[i + 1] - start)]
         np.dot(own.T, own, square)
         put_image(square, images[i], image_sides[i], place[k], common)

@@ -16,19 +16,8 @@ from numpy.typing import NDArray
 from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.camera import PARAMETERS
 from truing.estimation.bundle.network import Network, NetworkState, format_centres
+from truing.estimation.bundle.row_blocks import RowBlocks, row_blocks
 from truing.estimation.rotation import exp_so3
-
-
-@dataclass(frozen=True)
-class RowBlocks:
-    """Layout of the image-by-point rows, all poses in sequence: start (S + 1,) and shape per pose; first entry (i,) and
-    length (i,) per image; first column (p,) per point."""
-
-    start: Index
-    shapes: tuple[tuple[int, int], ...]
-    image: Index
-    length: Index
-    column: Index
 
 
 @dataclass(frozen=True)
@@ -78,43 +67,36 @@ def equation_layout(network: Network, used: Mask, known: bool) -> EquationLayout
     interior, bar, common = _common(network, images, distances)
     # A known point without a ray carries no information about other unknowns.
     known_rows = np.flatnonzero(point_slot[network.known.point] >= 0) if known else np.empty(0, np.int64)
+    ray_image, ray_point = image_slot[rays.image[rows]], point_slot[rays.point[rows]]
+    first_ray = np.searchsorted(ray_image, np.arange(len(images) + 1))
+    first, second = point_slot[bars.first[distances]], point_slot[bars.second[distances]]
+    tied = np.zeros(len(points), bool)
+    tied[first] = tied[second] = True
     return EquationLayout(
         rays=rows,
-        ray_image=image_slot[rays.image[rows]],
-        ray_point=point_slot[rays.point[rows]],
-        first_ray=np.searchsorted(image_slot[rays.image[rows]], np.arange(len(images) + 1)),
+        ray_image=ray_image,
+        ray_point=ray_point,
+        first_ray=first_ray,
         images=images,
         points=points,
         image_start=image_start,
         point_start=point_start,
         distances=distances,
-        first=point_slot[bars.first[distances]],
-        second=point_slot[bars.second[distances]],
+        first=first,
+        second=second,
         distance_pose=network.point_pose[bars.first[distances]],
         known=known_rows,
         known_slot=point_slot[network.known.point[known_rows]],
         interior=interior,
         bar=bar,
         common=common,
-        rows=_image_rows(image_start, point_start),
+        rows=row_blocks(image_start, point_start, first_ray, ray_image, ray_point, tied),
     )
 
 
 def _distinct_numbers(numbers: Index) -> Index:
     """Return the distinct numbers in ascending order."""
     return np.flatnonzero(np.bincount(numbers))
-
-
-def _image_rows(image_start: Index, point_start: Index) -> RowBlocks:
-    """Return the layout of the image-by-point rows."""
-    images, points = np.diff(image_start), np.diff(point_start)
-    lengths = 3 * points
-    start = np.concatenate([[0], np.cumsum(6 * images * lengths)])
-    pose = np.repeat(np.arange(len(images)), images)
-    image = start[pose] + 6 * (np.arange(image_start[-1]) - image_start[pose]) * lengths[pose]
-    column = 3 * (np.arange(point_start[-1]) - np.repeat(point_start[:-1], points))
-    shapes = tuple(zip((6 * images).tolist(), lengths.tolist(), strict=True))
-    return RowBlocks(start, shapes, image, lengths[pose], column)
 
 
 def _slots(numbers: Index, pose: Index, poses: int) -> tuple[Index, Index, Index]:
@@ -188,9 +170,9 @@ class Distances:
 class NormalEquations:
     """Blocks of the normal equations.
 
-    Images (i, 6, 6), points (p, 3, 3), images by points per pose (6 i, 3 p); sides of images (i, 6, c + 1), of points
-    (p, 3, c + 1) and of the common unknowns (c, c + 1): the common unknowns, then the right side. chi2: weighted sum of
-    squares without distances.
+    Images (i, 6, 6), points (p, 3, 3), images by points per pose (6 i, 3 p), or by ray (n, 6, 3) in large poses; sides
+    of images (i, 6, c + 1), of points (p, 3, c + 1) and of the common unknowns (c, c + 1): the common unknowns, then
+    the right side. chi2: weighted sum of squares without distances.
     """
 
     images: Array
@@ -301,7 +283,7 @@ def normal_equations(observed: Observed, state: NetworkState, workspace: ArrayPo
     chi2 = accumulate(
         *(observed.xy_px, observed.roots, layout.first_ray, layout.ray_point),
         *(*cameras, layout.interior, *places),
-        *(rows.column, rows.image, rows.length, images, image_sides, points, point_sides, common, flat),
+        *(rows.ray, rows.length, images, image_sides, points, point_sides, common, flat),
     )
     between = tuple(
         flat[a:b].reshape(shape) for a, b, shape in zip(rows.start[:-1], rows.start[1:], rows.shapes, strict=True)

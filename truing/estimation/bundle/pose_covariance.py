@@ -1,0 +1,191 @@
+"""Covariance of one pose given the common unknowns: of all its points jointly, or of those asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from scipy.linalg.blas import dgemm
+from scipy.linalg.lapack import dpotri
+
+from truing.arrays import Array, Index, Mask
+from truing.estimation.bundle.datum import Freedom, into_datum
+from truing.estimation.bundle.eliminated_rows import ReducedRays
+from truing.estimation.bundle.elimination import EliminatedPose
+from truing.estimation.bundle.normal_equations import EquationLayout
+from truing.estimation.bundle.row_blocks import coordinates
+
+
+class PoseCovariance(Protocol):
+    """Covariance of one pose given the common unknowns.
+
+    Each image (i, 6, 6) in the order (centre, theta), and the derivatives of points (3 p, c) and images (6 i, c) by the
+    common unknowns. Points are in m^2.
+    """
+
+    @property
+    def images(self) -> Array: ...
+
+    @property
+    def points_by_common(self) -> Array: ...
+
+    @property
+    def images_by_common(self) -> Array: ...
+
+    def joint(self, points: Index) -> Array:
+        """Return the joint covariance (3 n, 3 n) of points (n,) by number in the pose."""
+
+    def blocks(self) -> Array:
+        """Return the covariance (p, 3, 3) of each point."""
+
+    def with_points(self, image: Index, point: Index) -> Array:
+        """Return the covariance (n, 6, 3) of images (n,) with points (n,) by number in the pose."""
+
+    def combined(self, rows: Array) -> Array:
+        """Return the covariance (w, w) of linear combinations (w, 3 p) of all points."""
+
+
+@dataclass(frozen=True)
+class DensePoseCovariance:
+    """`PoseCovariance` with the joint covariance of all points (3 p, 3 p), and of images with points (6 i, 3 p)."""
+
+    points: Array
+    image_points: Array
+    images: Array
+    points_by_common: Array
+    images_by_common: Array
+
+    def joint(self, points: Index) -> Array:
+        """Return the joint covariance (3 n, 3 n) of points (n,)."""
+        if 3 * len(points) == len(self.points) and bool((np.diff(points) == 1).all()):
+            return self.points
+        places = coordinates(points)
+        return self.points[np.ix_(places, places)]
+
+    def blocks(self) -> Array:
+        """Return the covariance (p, 3, 3) of each point."""
+        each = np.arange(len(self.points) // 3)
+        return self.points.reshape(len(each), 3, len(each), 3)[each, :, each, :]
+
+    def with_points(self, image: Index, point: Index) -> Array:
+        """Return the covariance (n, 6, 3) of images (n,) with points (n,)."""
+        m, n = len(self.images), len(self.points) // 3
+        return self.image_points.reshape(m, 6, n, 3)[image, :, point, :]
+
+    def combined(self, rows: Array) -> Array:
+        """Return the covariance (w, w) of linear combinations (w, 3 p) of all points."""
+        return np.asarray(rows @ self.points @ rows.T)
+
+
+def kept_covariance(one: EliminatedPose) -> Array:
+    """Return the covariance (k, k) of the kept unknowns given the common ones."""
+    from truing.estimation.bundle.kernels import mirror
+
+    kept = np.asarray(dpotri(one.factor, lower=1)[0].T)
+    mirror(kept)
+    if len(one.pinned):
+        kept -= one.by_rows @ np.linalg.solve(one.pinned, one.by_rows.T)
+    return kept
+
+
+def given_common(layout: EquationLayout, pose: int, one: EliminatedPose, free: Freedom, held: Array) -> PoseCovariance:
+    """Return the covariance of a pose given the common unknowns, in the datum of the conditions `held`."""
+    if isinstance(one.reduced, ReducedRays):
+        from truing.estimation.bundle.ray_covariance import by_rays
+
+        return by_rays(one, one.reduced, kept_covariance(one), free, Datum.of(free, held))
+    blocks, reduced = one.blocks, one.reduced.array
+    b, d, _ = blocks.own.shape
+    k = len(blocks.kept_places)
+    kept = kept_covariance(one)
+    kept_by_common = -one.kept[:, :-1]
+    if d == 6:
+        datum = Datum.of(free, held)
+        kept, kept_by_common = datum.points(kept), datum.by_common(kept_by_common)
+    turned = -one.root.transpose(0, 2, 1)
+    follow = (turned @ reduced.reshape(b, d, k)).reshape(b * d, k)
+    own_by_common = one.reduced_sides[:, :-1] + reduced @ kept_by_common
+    c = own_by_common.shape[1]
+    own_by_common = (turned @ own_by_common.reshape(b, d, c)).reshape(b * d, c)
+    cross = follow @ kept
+    alone = turned @ one.root
+    if d == 6:
+        images = cross.reshape(b, 6, k) @ follow.reshape(b, 6, k).transpose(0, 2, 1) - alone
+        return DensePoseCovariance(kept, cross, images, kept_by_common, own_by_common)
+    own = cross @ follow.T
+    own.reshape(b, 3, b, 3)[np.arange(b), :, np.arange(b), :] -= alone
+    by_common = np.empty((len(own) + k, own_by_common.shape[1]))
+    by_common[blocks.kept_places], by_common[blocks.own_places] = kept_by_common, own_by_common
+    return _in_datum(_ordered(layout, pose, one, kept, cross, own, by_common), free, Datum.of(free, held))
+
+
+def _ordered(
+    layout: EquationLayout, pose: int, one: EliminatedPose, kept: Array, cross: Array, own: Array, by_common: Array
+) -> DensePoseCovariance:
+    """Return the covariance of a pose with its points sorted, if the points were eliminated."""
+    m = 6 * int(layout.image_start[pose + 1] - layout.image_start[pose])
+    n = len(by_common) - m
+    loose, tied = one.blocks.own_places - m, one.blocks.kept_places[m:] - m
+    points, image_points = np.empty((n, n)), np.empty((m, n))
+    points[np.ix_(loose, loose)] = own
+    points[np.ix_(tied, tied)] = kept[m:, m:]
+    points[np.ix_(loose, tied)] = cross[:, m:]
+    points[np.ix_(tied, loose)] = cross[:, m:].T
+    image_points[:, loose] = cross[:, :m].T
+    image_points[:, tied] = kept[:m, m:]
+    each = np.arange(m // 6)
+    images = kept[:m, :m].reshape(m // 6, 6, m // 6, 6)[each, :, each, :]
+    return DensePoseCovariance(points, image_points, images, by_common[m:], by_common[:m])
+
+
+@dataclass(frozen=True)
+class Datum:
+    """Transformation of points into a datum: S = 1 - G F with the freedoms G (3 p, d) and F (d, 3 p). certain (3 p,):
+    coordinates that the datum fixes."""
+
+    freedoms: Array
+    back: Array
+    certain: Mask
+
+    @classmethod
+    def of(cls, free: Freedom, held: Array) -> Datum:
+        """Return the datum with conditions B (3 p, d)."""
+        # A condition on a single coordinate fixes it.
+        return cls(free.points.reshape(held.shape), into_datum(free, held), np.any(held == 1.0, axis=1))
+
+    def points(self, covariance: Array) -> Array:
+        """Return the covariance (3 p, 3 p) of points in this datum; overwrites the input."""
+        drawn = self.back @ covariance
+        drawn -= (drawn @ self.back.T / 2) @ self.freedoms.T
+        # The transposed matrix, equal by symmetry, is column-major as BLAS needs it.
+        taken = np.hstack([self.freedoms, drawn.T]), np.hstack([drawn.T, self.freedoms])
+        found = dgemm(-1.0, *taken, 1.0, covariance.T, trans_b=1, overwrite_c=1).T
+        found[self.certain] = found[:, self.certain] = 0.0
+        return found
+
+    def by_common(self, by_common: Array) -> Array:
+        """Return the derivatives of points (3 p, c) by the common unknowns in this datum."""
+        found = by_common - self.freedoms @ (self.back @ by_common)
+        found[self.certain] = 0.0
+        return found
+
+
+def _in_datum(one: DensePoseCovariance, free: Freedom, datum: Datum) -> DensePoseCovariance:
+    """Return the covariance of a pose in the datum: images move with their own part of the freedoms."""
+    of_images = free.images.reshape(len(one.image_points), free.count)
+    across = datum.back @ one.image_points.T
+    drawn = datum.back @ one.points
+    spread = drawn @ datum.back.T
+    image_points = one.image_points - of_images @ drawn
+    image_points -= (across.T - of_images @ spread) @ datum.freedoms.T
+    image_points[:, datum.certain] = 0.0
+    mixed = np.einsum("nia,anj->nij", free.images, across.reshape(free.count, len(free.images), 6))
+    images = one.images - mixed - mixed.transpose(0, 2, 1) + free.images @ spread @ free.images.transpose(0, 2, 1)
+    return DensePoseCovariance(
+        datum.points(one.points),
+        image_points,
+        images,
+        datum.by_common(one.points_by_common),
+        one.images_by_common - of_images @ (datum.back @ one.points_by_common),
+    )

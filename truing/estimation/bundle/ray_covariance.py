@@ -1,0 +1,181 @@
+"""Covariance of a large pose: every point alone, and any of them jointly, without the joint covariance of all.
+
+Given the common unknowns, the kept unknowns (images, and ends of distances) have the covariance K. A point that was
+eliminated with block N and rays W is x = x0 - N^-1 W^T k, so that with the entries f = -N^-1 W^T of its rays
+
+    cov(x_p, x_q) = [p = q] N_p^-1 + f_p K f_q^T,    cov(k, x_p) = K f_p^T.
+
+A kept point has the entry 1 at its own place. The datum is S = 1 - G F as in `Datum`; with D = F C, E = D F^T of the
+covariance C of all points before, the covariance in the datum is C - G D - D^T G^T + G E G^T. Nothing is neglected.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from truing.arrays import Array, Index
+from truing.estimation.bundle.datum import Freedom
+from truing.estimation.bundle.eliminated_rows import Entries, ReducedRays
+from truing.estimation.bundle.elimination import EliminatedPose
+from truing.estimation.bundle.pose_covariance import Datum
+from truing.estimation.bundle.row_blocks import PointRays, coordinates
+
+_ENTRY = 6  # width of an entry
+
+
+@dataclass(frozen=True)
+class RayPoseCovariance:
+    """`PoseCovariance` of a large pose.
+
+    kept (k, k): covariance of the kept unknowns, padded by zeros to the width of an entry; entries of all points (p,),
+    own (p, 3, 3): N^-1, zero for kept points; datum with D (d, 3 p) as drawn, F C of the kept unknowns (d, k) as
+    across, and E (d, d) as spread; movements of images (i, 6, d) and points (p, 3, d) by the freedoms.
+    """
+
+    kept: Array
+    entries: Entries
+    own: Array
+    datum: Datum
+    moved_images: Array
+    moved_points: Array
+    drawn: Array
+    across: Array
+    spread: Array
+    points_by_common: Array
+    images_by_common: Array
+
+    @cached_property
+    def images(self) -> Array:
+        """Covariance (i, 6, 6) of each image."""
+        i, moved = len(self.moved_images), self.moved_images
+        each = np.arange(i)
+        alone = self.kept[: 6 * i, : 6 * i].reshape(i, 6, i, 6)[each, :, each, :]
+        mixed = np.einsum("nia,anj->nij", moved, self.across[:, : 6 * i].reshape(-1, i, 6))
+        turned = moved @ self.spread @ moved.transpose(0, 2, 1)
+        return np.asarray(alone - mixed - mixed.transpose(0, 2, 1) + turned)
+
+    def joint(self, points: Index) -> Array:
+        """Return the joint covariance (3 n, 3 n) of points (n,)."""
+        places, n = coordinates(points), len(points)
+        rows = self.entries.dense(points)
+        found = rows @ self.kept @ rows.T
+        each = np.arange(n)
+        found.reshape(n, 3, n, 3)[each, :, each, :] += self.own[points]
+        moved, drawn = self.datum.freedoms[places], self.drawn[:, places]
+        shift = moved @ (drawn - self.spread @ moved.T / 2)
+        found -= shift + shift.T
+        fixed = self.datum.certain[places]
+        found[fixed] = found[:, fixed] = 0.0
+        return found
+
+    @cached_property
+    def _blocks(self) -> Array:
+        from truing.estimation.bundle.ray_kernels import point_covariances
+
+        found, entries = self.own.copy(), self.entries
+        narrow, wide = entries.narrow_and_wide(len(self.moved_images))
+        point_covariances(*entries.places, narrow, self.kept, found)
+        for points in entries.batches(wide):
+            rows = entries.dense(points)
+            shape = len(points), 3, entries.kept
+            found[points] += (rows @ self.kept).reshape(shape) @ rows.reshape(shape).transpose(0, 2, 1)
+        moved = self.moved_points
+        drawn = self.drawn.reshape(-1, len(found), 3).transpose(1, 0, 2)
+        shift = moved @ (drawn - self.spread @ moved.transpose(0, 2, 1) / 2)
+        found -= shift + shift.transpose(0, 2, 1)
+        fixed = self.datum.certain.reshape(-1, 3)
+        found[np.broadcast_to(fixed[:, :, None] | fixed[:, None], found.shape)] = 0.0
+        return found
+
+    def blocks(self) -> Array:
+        """Return the covariance (p, 3, 3) of each point."""
+        return self._blocks
+
+    def with_points(self, image: Index, point: Index) -> Array:
+        """Return the covariance (n, 6, 3) of images (n,) with points (n,)."""
+        found = self._by_kept(image, point)
+        moved, shifted, i = self.moved_points[point], self.moved_images[image], len(self.moved_images)
+        across = self.across[:, : 6 * i].reshape(-1, i, 6).transpose(1, 2, 0)[image]
+        found -= shifted @ self.drawn.reshape(-1, len(self.own), 3).transpose(1, 0, 2)[point]
+        found -= (across - shifted @ self.spread) @ moved.transpose(0, 2, 1)
+        fixed = self.datum.certain.reshape(-1, 3)[point]
+        found[np.broadcast_to(fixed[:, None], found.shape)] = 0.0
+        return found
+
+    def _by_kept(self, image: Index, point: Index) -> Array:
+        """Return the covariance (n, 6, 3) of images with points before the datum."""
+        from truing.estimation.bundle.ray_kernels import image_covariances
+
+        found, entries, i = np.empty((len(image), 6, 3)), self.entries, len(self.moved_images)
+        wide = entries.narrow_and_wide(i)[1]
+        is_wide = np.zeros(len(self.own), bool)
+        is_wide[wide] = True
+        image_covariances(*entries.places, point, image, np.flatnonzero(~is_wide[point]), self.kept, found)
+        order = np.flatnonzero(is_wide[point])
+        order = order[np.argsort(point[order], kind="stable")]
+        for points in entries.batches(wide):
+            low, high = np.searchsorted(point[order], [points[0], points[-1] + 1])
+            own, place = order[low:high], np.searchsorted(points, point[order[low:high]])
+            by_images = (entries.dense(points) @ self.kept[:, : 6 * i]).reshape(-1, 3, i, 6)
+            found[own] = by_images[place, :, image[own]].transpose(0, 2, 1)
+        return found
+
+    def combined(self, rows: Array) -> Array:
+        """Return the covariance (w, w) of linear combinations (w, 3 p) of all points."""
+        free = np.where(self.datum.certain, 0.0, rows)
+        free = free - (free @ self.datum.freedoms) @ self.datum.back
+        by_point = free.reshape(len(rows), len(self.own), 3)
+        by_kept = self.entries.transposed_times(by_point.transpose(1, 2, 0))
+        own = np.einsum("wpi,pij,vpj->wv", by_point, self.own, by_point, optimize=True)
+        return np.asarray(by_kept.T @ self.kept @ by_kept + own)
+
+
+def by_rays(one: EliminatedPose, reduced: ReducedRays, kept: Array, free: Freedom, datum: Datum) -> RayPoseCovariance:
+    """Return the covariance of a pose whose points were eliminated ray by ray; kept (k, k): that of its kept unknowns
+    given the common ones."""
+    rays = one.blocks.own_rows.rays  # type: ignore[union-attr]
+    turned = -one.root.transpose(0, 2, 1)
+    entries, own = _all_points(rays, turned, one.root, reduced)
+    k, i, p, d = rays.kept, rays.images, len(own), free.count
+    padded = np.zeros((entries.kept, entries.kept))
+    padded[:k, :k] = kept
+    by_common = _by_common(one, reduced, turned)
+    back = datum.back.reshape(d, p, 3)
+    across = padded @ entries.transposed_times(back.transpose(1, 2, 0))
+    drawn = np.einsum("dpi,pij->pjd", back, own) + entries.times(across)
+    drawn = drawn.reshape(3 * p, d).T
+    of_points, of_images = by_common[6 * i :], by_common[: 6 * i]
+    of_images = of_images - free.images.reshape(6 * i, d) @ (datum.back @ of_points)
+    return RayPoseCovariance(
+        *(padded, entries, own, datum, free.images, free.points, drawn, across.T, drawn @ datum.back.T),
+        *(datum.by_common(of_points), of_images),
+    )
+
+
+def _all_points(rays: PointRays, turned: Array, root: Array, reduced: ReducedRays) -> tuple[Entries, Array]:
+    """Return the entries of all points, eliminated and kept, and their own covariance (p, 3, 3)."""
+    n, count = len(rays.rays), len(rays.loose) + len(rays.tied)
+    point = np.repeat(np.arange(len(rays.loose)), np.diff(rays.first))
+    kept = np.zeros((len(rays.tied), 3, _ENTRY))
+    kept[:, :, :3] = np.eye(3)
+    start, stop, own = np.empty(count, np.int64), np.empty(count, np.int64), np.zeros((count, 3, 3))
+    start[rays.loose], stop[rays.loose] = rays.first[:-1], rays.first[1:]
+    start[rays.tied] = n + np.arange(len(rays.tied))
+    stop[rays.tied] = start[rays.tied] + 1
+    own[rays.loose] = -turned @ root
+    blocks = np.concatenate([turned[point] @ reduced.entries.blocks, kept])
+    place = np.concatenate([rays.image_place, 6 * rays.images + 3 * np.arange(len(rays.tied))])
+    return Entries(blocks, place, start, stop, rays.kept + _ENTRY), own
+
+
+def _by_common(one: EliminatedPose, reduced: ReducedRays, turned: Array) -> Array:
+    """Return the derivatives (6 i + 3 p, c) of images and points by the common unknowns, before the datum."""
+    kept = -one.kept[:, :-1]
+    own = one.reduced_sides[:, :-1] + reduced.times(kept)
+    found = np.empty((len(own) + len(kept), own.shape[1]))
+    found[one.blocks.kept_places] = kept
+    found[one.blocks.own_places] = (turned @ own.reshape(len(turned), 3, own.shape[1])).reshape(own.shape)
+    return found

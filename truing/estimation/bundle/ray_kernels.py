@@ -1,0 +1,166 @@
+"""Compiled kernels of large poses: elimination of points ray by ray, and covariances of points from those of images.
+
+Entries (n) are small blocks (3, 6) of a point by the six unknowns of an image, which begin at a place among the kept
+unknowns. The entries of point p are those from start[p] to stop[p]. Own code because sparse libraries order and fill
+in general patterns; here the pattern is known, and the reduced system of the images is small and dense.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.estimation import simd_arithmetic
+from truing.estimation.bundle import kernels
+from truing.estimation.bundle.kernels import invert_lower, lower_root, lower_times
+from truing.estimation.simd_arithmetic import compiled, inner
+
+_SOURCES = (simd_arithmetic.__file__, kernels.__file__, __file__)
+
+
+@compiled(*_SOURCES)
+def forward_rays(
+    own: NDArray,
+    blocks: NDArray,
+    rays: NDArray,
+    first: NDArray,
+    sides: NDArray,
+    damping: float,
+    root: NDArray,
+    reduced: NDArray,
+    reduced_sides: NDArray,
+) -> bool:
+    """Fill in the inverse Cholesky factors (b, 3, 3) of damped blocks of points, and their products with the rays'
+    blocks, (n, 3, 6), and with the sides, (3 b, .).
+
+    blocks (., 6, 3): of all rays; rays (n,): those of the points, from first (b + 1,). Returns whether all blocks are
+    positive definite.
+    """
+    lower = np.zeros((3, 3))
+    for n in range(len(own)):
+        if not lower_root(own[n], damping, lower):
+            return False
+        invert_lower(lower, root[n])
+        at = slice(3 * n, 3 * n + 3)
+        lower_times(root[n], sides[at], reduced_sides[at])
+        for r in range(first[n], first[n + 1]):
+            block = blocks[rays[r]]
+            for a in range(3):
+                for b in range(6):
+                    value = 0.0
+                    for j in range(a + 1):
+                        value += root[n, a, j] * block[b, j]
+                    reduced[r, a, b] = value
+    return True
+
+
+@compiled(*_SOURCES)
+def subtract_products(
+    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, chosen: NDArray, whole: NDArray
+) -> None:
+    """Subtract the products of the entries of each chosen point from the upper blocks of a matrix (k, k)."""
+    for p in chosen:
+        for r in range(start[p], stop[p]):
+            for s in range(start[p], stop[p]):
+                if place[s] >= place[r]:
+                    one, other = entries[r], entries[s]
+                    for a in range(6):
+                        x, y, z = one[0, a], one[1, a], one[2, a]
+                        row = whole[place[r] + a, place[s] : place[s] + 6]
+                        for b in range(6):
+                            row[b] -= x * other[0, b] + y * other[1, b] + z * other[2, b]
+
+
+@compiled(*_SOURCES)
+def times_kept(
+    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, values: NDArray, found: NDArray
+) -> None:
+    """Add the products of the entries with values (k, w) of the kept unknowns to those of the points (p, 3, w)."""
+    for p in range(len(start)):
+        for r in range(start[p], stop[p]):
+            for a in range(3):
+                row = found[p, a]
+                for j in range(6):
+                    f, source = entries[r, a, j], values[place[r] + j]
+                    for b in range(len(row)):
+                        row[b] += f * source[b]
+
+
+@compiled(*_SOURCES)
+def times_points(
+    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, values: NDArray, found: NDArray
+) -> None:
+    """Add the products of the transposed entries with values (p, 3, w) of the points to those of the kept (k, w)."""
+    for p in range(len(start)):
+        for r in range(start[p], stop[p]):
+            for j in range(6):
+                row = found[place[r] + j]
+                for a in range(3):
+                    f, source = entries[r, a, j], values[p, a]
+                    for b in range(len(row)):
+                        row[b] += f * source[b]
+
+
+@compiled(*_SOURCES)
+def spread_entries(
+    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, chosen: NDArray, rows: NDArray
+) -> None:
+    """Add the entries of chosen points to dense rows (3 n, k)."""
+    for n, p in enumerate(chosen):
+        for r in range(start[p], stop[p]):
+            for a in range(3):
+                for j in range(6):
+                    rows[3 * n + a, place[r] + j] += entries[r, a, j]
+
+
+@inner
+def add_times(total: NDArray, block: NDArray, kept: NDArray, row: int, column: int) -> None:
+    """Add block (3, 6) times the block of a matrix at row and column to a total (3, 6)."""
+    for a in range(3):
+        for j in range(6):
+            f, source = block[a, j], kept[row + j, column : column + 6]
+            for b in range(6):
+                total[a, b] += f * source[b]
+
+
+@compiled(*_SOURCES)
+def point_covariances(
+    entries: NDArray, place: NDArray, start: NDArray, stop: NDArray, chosen: NDArray, kept: NDArray, found: NDArray
+) -> None:
+    """Add the covariance that each chosen point has from the kept unknowns, with covariance (k, k), to (p, 3, 3)."""
+    total = np.zeros((3, 6))
+    for p in chosen:
+        for s in range(start[p], stop[p]):
+            total[:] = 0.0
+            for r in range(start[p], stop[p]):
+                add_times(total, entries[r], kept, place[r], place[s])
+            for a in range(3):
+                for b in range(3):
+                    value = 0.0
+                    for j in range(6):
+                        value += total[a, j] * entries[s, b, j]
+                    found[p, a, b] += value
+
+
+@compiled(*_SOURCES)
+def image_covariances(
+    entries: NDArray,
+    place: NDArray,
+    start: NDArray,
+    stop: NDArray,
+    point: NDArray,
+    image: NDArray,
+    chosen: NDArray,
+    kept: NDArray,
+    found: NDArray,
+) -> None:
+    """Fill in the covariance (m, 6, 3) of each chosen pair of an image and a point, from that of the kept unknowns."""
+    total = np.zeros((3, 6))
+    for m in chosen:
+        total[:] = 0.0
+        p = point[m]
+        for r in range(start[p], stop[p]):
+            add_times(total, entries[r], kept, place[r], 6 * image[m])
+        for a in range(3):
+            for b in range(6):
+                found[m, b, a] = total[a, b]

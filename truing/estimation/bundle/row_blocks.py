@@ -1,0 +1,118 @@
+"""Layout of the normal equations' image-by-point blocks: whole rows in small poses, a block per ray in large ones.
+
+A pose of many points would need more memory for the rows of all images over all points than for anything else, and
+nearly all of it would be zero. There only the block of each ray is stored, and points are eliminated ray by ray.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from truing.arrays import Array, Index, Mask
+
+# Points of a pose up to which rows are dense: joint covariance of all of them, 9 doubles a pair, 70 MB here.
+MOST_DENSE_POINTS = 1000
+# Shape of a ray's block: an image by a point.
+_BLOCK = (6, 3)
+
+
+@dataclass(frozen=True)
+class PointRays:
+    """Rays of a large pose, by point.
+
+    loose (b,): points that are eliminated, by number in the pose; their rays (n,) by number in the pose, from
+    first (b + 1,), with the place of each ray's image among the kept unknowns (n,). tied (t,): ends of distances, in
+    ascending order, which are kept; their rays (r,) with the places of image (r,) and point (r,).
+    """
+
+    loose: Index
+    rays: Index
+    first: Index
+    image_place: Index
+    tied: Index
+    tied_rays: Index
+    tied_image_place: Index
+    tied_place: Index
+    images: int
+
+    @property
+    def kept(self) -> int:
+        """Number of kept unknowns: six per image, three per end of a distance."""
+        return 6 * self.images + 3 * len(self.tied)
+
+    @property
+    def own_places(self) -> Index:
+        """Places (3 b,) of the eliminated unknowns among those of the pose."""
+        return 6 * self.images + coordinates(self.loose)
+
+    @property
+    def kept_places(self) -> Index:
+        """Places (k,) of the kept unknowns among those of the pose."""
+        return np.concatenate([np.arange(6 * self.images), 6 * self.images + coordinates(self.tied)])
+
+
+def coordinates(points: Index) -> Index:
+    """Return the places (3 n,) of the coordinates of points (n,)."""
+    return (3 * points[:, None] + np.arange(3)).ravel()
+
+
+@dataclass(frozen=True)
+class RowBlocks:
+    """Places of the image-by-point blocks, all poses in sequence.
+
+    start (S + 1,) and shape per pose: (6 i, 3 p), or (rays, 6, 3) if large; first entry of each ray's block (n,) and
+    length of a row (i,); rays by point of each large pose, else None.
+    """
+
+    start: Index
+    shapes: tuple[tuple[int, ...], ...]
+    ray: Index
+    length: Index
+    by_point: tuple[PointRays | None, ...]
+
+
+def row_blocks(
+    image_start: Index, point_start: Index, first_ray: Index, ray_image: Index, ray_point: Index, tied: Mask
+) -> RowBlocks:
+    """Return the layout of the blocks.
+
+    First slot of images and points of each pose (S + 1,), first ray of each image (i + 1,), image and point slot of
+    each ray (n,); tied (p,): ends of distances.
+    """
+    images, points, first = np.diff(image_start), np.diff(point_start), first_ray[image_start]
+    rays = np.diff(first)
+    # Where points leave the larger system, the images are eliminated, and the covariance of points is found whole.
+    is_large = (points > MOST_DENSE_POINTS) & (points > 2 * images)
+    length = np.where(is_large, _BLOCK[1], 3 * points)
+    start = np.concatenate([[0], np.cumsum(np.where(is_large, 18 * rays, 18 * images * points))])
+    image_pose = np.repeat(np.arange(len(images)), images)
+    pose = image_pose[ray_image]
+    in_rows = 6 * (ray_image - image_start[pose]) * length[pose] + 3 * (ray_point - point_start[pose])
+    place = start[pose] + np.where(is_large[pose], 18 * (np.arange(len(pose)) - first[pose]), in_rows)
+    shapes, by_point = [], []
+    for s, large in enumerate(is_large.tolist()):
+        own, of_points = slice(first[s], first[s + 1]), slice(point_start[s], point_start[s + 1])
+        shapes.append((int(rays[s]), *_BLOCK) if large else (6 * int(images[s]), 3 * int(points[s])))
+        local = ray_image[own] - image_start[s], ray_point[own] - point_start[s]
+        by_point.append(point_rays(*local, tied[of_points], int(images[s])) if large else None)
+    return RowBlocks(start, tuple(shapes), place, length[image_pose], tuple(by_point))
+
+
+def point_rays(image: Index, point: Index, tied: Mask, images: int) -> PointRays:
+    """Return the rays (n,) of a pose by point; image and point (n,) within the pose; tied (p,): ends of distances."""
+    order = np.argsort(point, kind="stable")
+    free = order[~tied[point[order]]]
+    pinned = order[tied[point[order]]]
+    loose, ends = np.flatnonzero(~tied), np.flatnonzero(tied)
+    first = np.searchsorted(point[free], np.append(loose, len(tied)))
+    place = 6 * images + 3 * np.searchsorted(ends, point[pinned])
+    return PointRays(loose, free, first, 6 * image[free], ends, pinned, 6 * image[pinned], place, images)
+
+
+def put_tied_rows(rays: PointRays, blocks: Array, kept: Array) -> None:
+    """Add the blocks (n, 6, 3) of the rays of tied points to the kept system (k, k), whose rows of images they are."""
+    row = rays.tied_image_place[:, None, None] + np.arange(6)[:, None]
+    column = rays.tied_place[:, None, None] + np.arange(3)
+    np.add.at(kept, (row, column), blocks[rays.tied_rays])
