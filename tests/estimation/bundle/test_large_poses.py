@@ -14,6 +14,7 @@ from truing.estimation.bundle import row_blocks
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.determinable import determinable
 from truing.estimation.bundle.network import Bars, KnownPoints
+from truing.estimation.bundle.ray_statistics import ray_statistics
 
 RTOL = 1e-9
 
@@ -148,6 +149,29 @@ def test_ends_of_several_bars_stay_joint(by_ray):
     reference = _all_of(dense, 0)
     for name, value in _all_of(ours, 0).items():
         _same(value, reference[name], name)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("known", [False, True])
+def test_the_information_of_the_rays_is_the_same(monkeypatch, case, known):
+    rng = np.random.default_rng(11)
+    network, truth = draw(rng, 2, 8, 40, **CASES[case])
+    if known:
+        cov = np.tile(1e-10 * np.diag([1.0, 2.0, 3.0]), (4, 1, 1))
+        network = replace(network, known=KnownPoints(np.arange(2, 6), truth.points[2:6] + 1e-6, cov))
+    network, used = _thinned(rng, noisy(rng, uneven(rng, network)), 0.7)
+    dense = adjust(network, truth, "known" if known else "free", used=used)
+    reference = ray_statistics(dense.observed, dense.state)
+    monkeypatch.setattr(row_blocks, "MOST_DENSE_POINTS", 0)
+    ours = adjust(network, dense.state, "known" if known else "free", used=used)
+    found = ray_statistics(ours.observed, dense.state)
+    # A single bar gives the scale and tells nothing of its own strain: less than one sigma per relevant size is rounding.
+    least = np.array([number.scale for number in reference.numbers]) ** -2.0
+    unit = np.maximum(np.einsum("stt->st", reference.information), least) ** -0.5
+    both = unit[:, None] * unit[:, :, None]
+    _same(found.information * both, reference.information * both, "information")
+    np.testing.assert_allclose(found.score * unit, reference.score * unit, rtol=0, atol=1e-6)
+    _same(found.by_point, reference.by_point, "points")
 
 
 def test_free_directions_are_named_alike(by_ray):

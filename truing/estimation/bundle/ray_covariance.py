@@ -142,7 +142,7 @@ def by_rays(one: EliminatedPose, reduced: ReducedRays, kept: Array, free: Freedo
     k, i, p, d = rays.kept, rays.images, len(own), free.count
     padded = np.zeros((entries.kept, entries.kept))
     padded[:k, :k] = kept
-    by_common = _by_common(one, reduced, turned)
+    by_common = unknowns_by_common(one, reduced)
     back = datum.back.reshape(d, p, 3)
     across = padded @ entries.transposed_times(back.transpose(1, 2, 0))
     drawn = np.einsum("dpi,pij->pjd", back, own) + entries.times(across)
@@ -171,9 +171,9 @@ def _all_points(rays: PointRays, turned: Array, root: Array, reduced: ReducedRay
     return Entries(blocks, place, start, stop, rays.kept + _ENTRY), own
 
 
-def _by_common(one: EliminatedPose, reduced: ReducedRays, turned: Array) -> Array:
+def unknowns_by_common(one: EliminatedPose, reduced: ReducedRays) -> Array:
     """Return the derivatives (6 i + 3 p, c) of images and points by the common unknowns, before the datum."""
-    kept = -one.kept[:, :-1]
+    turned, kept = -one.root.transpose(0, 2, 1), -one.kept[:, :-1]
     own = one.reduced_sides[:, :-1] + reduced.times(kept)
     found = np.empty((len(own) + len(kept), own.shape[1]))
     found[one.blocks.kept_places] = kept

@@ -21,6 +21,7 @@ from scipy.linalg import cho_factor, cho_solve
 from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.camera import PARAMETERS, UNITS
 from truing.estimation.bundle.datum import Freedom, freedoms
+from truing.estimation.bundle.large_ray_statistics import distances_as_ties, information_of_pose, shared_sides
 from truing.estimation.bundle.network import LinearisedRays, NetworkState, in_camera_axes, linearise
 from truing.estimation.bundle.normal_equations import Distances, Observed, distances_at
 from truing.estimation.rotation import rigid_motions
@@ -85,12 +86,21 @@ def ray_statistics(observed: Observed, state: NetworkState) -> RayStatistics:
     pose_of_ray = np.searchsorted(layout.image_start, layout.ray_image, side="right") - 1
     information = np.zeros((layout.poses, len(numbers), len(numbers)))
     score, by_point = np.zeros(information.shape[:2]), np.full((len(state.points), 3, len(numbers)), np.nan)
+    by_bars = _distances_by_numbers(observed, numbers)
+    is_large = [one is not None for one in layout.rows.by_point]
+    sides = shared_sides(observed, state, at, rows.left, rows.by_numbers) if any(is_large) else None
     for pose in range(layout.poses):
         own = np.flatnonzero(pose_of_ray == pose)
         if len(own):
             points = layout.points[layout.point_start[pose] : layout.point_start[pose + 1]]
-            found = _of_pose(observed, state, numbers, rows, own, pose, distances, free[pose])
-            information[pose], score[pose], by_point[points] = found
+            if sides is not None and is_large[pose]:
+                blocks = sides.equations.points[layout.point_start[pose] : layout.point_start[pose + 1]]
+                ties = distances_as_ties(observed, pose, distances, by_bars, blocks, _RIGID)
+                found = information_of_pose(sides, observed, pose, free[pose], ties)
+            else:
+                found = _of_pose(observed, state, numbers, rows, own, pose, distances, free[pose], by_bars)
+            information[pose], score[pose], moved = found
+            by_point[points] = _in_own_datum(moved, free[pose])
     return RayStatistics(numbers, information, score, by_point)
 
 
@@ -154,6 +164,7 @@ def _of_pose(
     pose: int,
     distances: Distances,
     free: Freedom,
+    by_bars: Array,
 ) -> tuple[Array, Array, Array]:
     """Return information (T, T), score (T,) and derivatives of the points (p, 3, T) of a pose; own: its rays."""
     layout = observed.layout
@@ -178,7 +189,7 @@ def _of_pose(
     np.add.at(sides, places, weighed @ both)
     whole = np.einsum("ntl,nls->ts", of_numbers, both)
     _add_known(observed, state, pose, normal, sides, 6 * images)
-    whole += _add_distances(observed, numbers, pose, distances, normal, sides, 6 * images)
+    whole += _add_distances(observed, by_bars, pose, distances, normal, sides, 6 * images)
     scale = 1 / np.sqrt(np.diagonal(normal))
     normal *= scale * scale[:, None]
     sides *= scale[:, None]
@@ -190,10 +201,24 @@ def _of_pose(
     reduced = whole - sides[:, :-1].T @ solved
     information = (reduced[:, :-1] + reduced[:, :-1].T) / 2
     moved = -(solved[:, :-1] * scale[:, None])[6 * images :]
-    # Datum of the pose: remove shifts, rotations and scale of all points that the observations leave free.
-    held = _flattened(free.points)
-    moved -= held @ (held.T @ moved)
     return information, reduced[:, -1], moved.reshape(points, 3, -1)
+
+
+def _in_own_datum(moved: Array, free: Freedom) -> Array:
+    """Return derivatives of points (p, 3, T) without shifts, rotations and scale of all points that the observations
+    leave free."""
+    flat, held = moved.reshape(3 * len(moved), moved.shape[-1]), _flattened(free.points)
+    return (flat - held @ (held.T @ flat)).reshape(moved.shape)
+
+
+def _distances_by_numbers(observed: Observed, numbers: tuple[SharedNumber, ...]) -> Array:
+    """Return the derivatives (q, T) of distances minus the lengths of their bars by the shared numbers."""
+    bars, bar = observed.network.bars, observed.network.bars.bar[observed.layout.distances]
+    strain = {number.owner: place for place, number in enumerate(numbers) if number.kind == BAR}
+    found = np.zeros((len(bar), len(numbers)))
+    for row, own in enumerate(bar.tolist()):
+        found[row, strain[own]] = -bars.length_m[own]
+    return found
 
 
 def _add_known(observed: Observed, state: NetworkState, pose: int, normal: Array, sides: Array, first: int) -> None:
@@ -209,7 +234,7 @@ def _add_known(observed: Observed, state: NetworkState, pose: int, normal: Array
 
 def _add_distances(
     observed: Observed,
-    numbers: tuple[SharedNumber, ...],
+    by_bars: Array,
     pose: int,
     distances: Distances,
     normal: Array,
@@ -218,19 +243,16 @@ def _add_distances(
 ) -> Array:
     """Add the distances of a pose to its normal equations; return their contribution (T, T + 1) to those of the
     numbers."""
-    layout, bars = observed.layout, observed.network.bars
-    start, strain = layout.point_start[pose], {n.owner: place for place, n in enumerate(numbers) if n.kind == BAR}
-    added = np.zeros((len(numbers), len(numbers) + 1))
+    layout, start = observed.layout, observed.layout.point_start[pose]
+    added = np.zeros((by_bars.shape[1], by_bars.shape[1] + 1))
     for row in np.flatnonzero(layout.distance_pose == pose):
         ends = np.array([layout.first[row], layout.second[row]]) - start
         own = (first + 3 * ends[:, None] + np.arange(3)).ravel()
         along = np.concatenate([-distances.direction[row], distances.direction[row]])
         most = _RIGID * float(np.sum(np.diagonal(normal)[own])) / len(own)
         weight = min(1 / max(float(observed.distance_variance[row]), 1e-300), most)
-        bar = int(bars.bar[layout.distances[row]])
         # The observation is zero: the distance minus the bar's length.
-        both = np.zeros(len(numbers) + 1)
-        both[strain[bar]], both[-1] = -bars.length_m[bar], distances.misclosure[row]
+        both = np.append(by_bars[row], distances.misclosure[row])
         normal[np.ix_(own, own)] += weight * np.outer(along, along)
         sides[own] += weight * np.outer(along, both)
         added += weight * np.outer(both[:-1], both)
