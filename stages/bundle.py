@@ -58,12 +58,13 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
     choices = Choices(given.datum, given.false_alarm, given.variance_components, given.eccentricity, radius_m)
     try:
         found = adjust_network(named, rays, interior, choices, progress)
-        artifacts = NetworkTables(found, rays).all(bars)
+        survey = surveyed_points(source, frozenset(map(str, found.named.points)), settings)
+        network_tables = NetworkTables(found, rays, frozenset() if survey is None else frozenset(survey.names.tolist()))
+        artifacts = network_tables.all(bars)
     except KnownPointMismatchError as error:
         raise CampaignFaults(faults_of(error)) from None
     except UndeterminedNetworkError as error:
         raise CampaignFaults([undetermined(error, len(rays.point), named.network.rays.count)]) from None
-    survey = surveyed_points(source, frozenset(map(str, found.named.points)), settings)
     artifacts["image_cameras"], of_cameras = statistics.image_cameras(found)
     of_scale = statistics.scale_sources(found, bars, survey)
     artifacts["bundle_statistics"] = statistics.statistics_table(found, [*of_cameras, *of_scale])
@@ -78,4 +79,6 @@ def run(tables: Mapping[str, pa.Table], settings: Any, progress: Progress, sourc
             f"; sizes of markers and boards assumed known to {PRINTED_TO:.1%}, because [noise] point_mm is not declared"
         )
     figure = statistics.main_figure(found)
-    return Outcome(artifacts, read=read, left_out=statistics.left_out(found, unseen), figure=figure)
+    return Outcome(
+        artifacts, read=read, left_out=statistics.left_out(found, [*unseen, *network_tables.unpaired()]), figure=figure
+    )

@@ -19,6 +19,7 @@ from truing.estimation.bundle.network_statistics import intersections
 from truing.estimation.rotation import log_so3
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
+from truing.stages.bundle_adjustment.paired_points import paired_points
 from truing.stages.bundle_adjustment.rays_as_network import bar_ends
 
 _COVARIANCE = [(i, j) for i in range(6) for j in range(i, 6)]
@@ -31,7 +32,8 @@ UNRESOLVED = "contradicts the rays or other known points; which is wrong cannot 
 class NetworkTables:
     """Tables of one adjusted network; covariances are scaled by the residuals."""
 
-    def __init__(self, found: AdjustedNetwork, table: ImagePoints) -> None:
+    def __init__(self, found: AdjustedNetwork, table: ImagePoints, surveyed: frozenset[str] = frozenset()) -> None:
+        """surveyed: names of points whose correlations are wanted first in large poses."""
         self.found, self.table = found, table
         self.adjusted, self.named, self.network = found.adjustment, found.named, found.named.network
         factor = found.screened.covariance_factor
@@ -39,6 +41,10 @@ class NetworkTables:
         self.covariance = self.adjusted.covariance
         self.camera_names = np.array([camera.name for camera in self.network.cameras], dtype=object)
         self.poses = [p for p in range(len(self.named.poses)) if len(self.covariance.point_numbers(p))]
+        self.paired = {}
+        for pose in self.poses:
+            numbers = self.covariance.point_numbers(pose)
+            self.paired[pose] = paired_points(self.named, numbers, self.adjusted.state.points[numbers], surveyed)
         self.common = self.covariance.common * self.factor
         self.common_sigma = np.sqrt(np.diagonal(self.common))
         self.parameters = tuple(self._parameter(*name) for name in self.covariance.names)
@@ -98,20 +104,29 @@ class NetworkTables:
             return np.asarray(np.sqrt(total / (2 * np.bincount(index[used], minlength=count))))
 
     def point_correlations(self) -> pa.Table:
-        """A row per pair of points of a pose."""
+        """A row per pair of points of a pose; in a large pose, pairs of chosen points only."""
         parts: list[dict[str, Any]] = []
         for pose in self.poses:
-            numbers = self.covariance.point_numbers(pose)
-            cov = self.covariance.points(pose)
-            blocks = _sigma_and_correlation(cov)[1].reshape(len(numbers), 3, len(numbers), 3)
-            first, second = np.triu_indices(len(numbers), 1)
+            places = self.paired[pose]
+            cov = self.covariance.joint(pose, places)
+            blocks = _sigma_and_correlation(cov)[1].reshape(len(places), 3, len(places), 3)
+            first, second = np.triu_indices(len(places), 1)
             pairs = {
                 f"corr_{a}_{b}": blocks[first, i, second, j] for i, a in enumerate(_AXES) for j, b in enumerate(_AXES)
             }
-            names = self.named.points[numbers]
+            names = self.named.points[self.covariance.point_numbers(pose)[places]]
             pose_column = self._pose(np.full(len(first), pose))
             parts.append({"pose": pose_column, "point": names[first], "other_point": names[second], **pairs})
         return _joined_table("point_correlations", parts, self.named)
+
+    def unpaired(self) -> list[str]:
+        """Message for each large pose whose pairs are written of some points only."""
+        return [
+            f"correlations of {len(self.covariance.point_numbers(pose)) - len(places):,} of "
+            f"{len(self.covariance.point_numbers(pose)):,} points of pose {self.named.poses[pose]} with others"
+            for pose, places in self.paired.items()
+            if len(places) < len(self.covariance.point_numbers(pose))
+        ]
 
     def point_sensitivities(self) -> pa.Table:
         """One row per point and common parameter: effect of one standard deviation."""
@@ -248,8 +263,7 @@ class NetworkTables:
         """Distance of two points of a pose with its standard deviation, mm."""
         numbers = self.covariance.point_numbers(pose)
         place = np.array([int(np.flatnonzero(numbers == point)[0]) for point in (first, second)])
-        rows = (3 * place[:, None] + np.arange(3)).ravel()
-        cov = self.covariance.points(pose)[np.ix_(rows, rows)] * self.factor
+        cov = self.covariance.joint(pose, place) * self.factor
         apart = self.adjusted.state.points[second] - self.adjusted.state.points[first]
         length = float(np.linalg.norm(apart))
         along = np.concatenate([-apart, apart]) / length

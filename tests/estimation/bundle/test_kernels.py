@@ -17,11 +17,13 @@ from truing.estimation.bundle.normal_equations import (
 )
 
 
-@pytest.fixture(scope="module")
-def observed():
-    """Two poses, two cameras with different free elements each, an eighth of the rays missing."""
+@pytest.fixture(scope="module", params=[2, 5])
+def observed(request):
+    """Two poses, few or many cameras, an eighth of the rays missing."""
     rng = np.random.default_rng(1)
-    network, truth = draw(rng, poses=2, images=5, points=9, cameras=2, free=("c", "x0", "A2", "B1", "C2"), bars=False)
+    network, truth = draw(
+        rng, poses=2, images=5, points=9, cameras=request.param, free=("c", "x0", "A2", "B1", "C2"), bars=False
+    )
     network = noisy(rng, uneven(rng, network))
     count = network.rays.count
     used = np.arange(count) % 8 != 3

@@ -165,7 +165,7 @@ def test_the_information_of_the_rays_is_the_same(monkeypatch, case, known):
     monkeypatch.setattr(row_blocks, "MOST_DENSE_POINTS", 0)
     ours = adjust(network, dense.state, "known" if known else "free", used=used)
     found = ray_statistics(ours.observed, dense.state)
-    # A single bar gives the scale and tells nothing of its own strain: less than one sigma per relevant size is rounding.
+    # A single bar gives the scale and tells nothing of its own strain: below one sigma per relevant size is rounding.
     least = np.array([number.scale for number in reference.numbers]) ** -2.0
     unit = np.maximum(np.einsum("stt->st", reference.information), least) ** -0.5
     both = unit[:, None] * unit[:, :, None]

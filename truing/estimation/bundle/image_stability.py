@@ -236,14 +236,14 @@ def _over_sigma(found: AdjustedNetwork, apart: Adjustment, pose: int, numbers: I
     fit = umeyama(before, after, with_scale=bool(adjusted.defect[pose] == _SIMILARITY))
     shift = after - (fit.scale * before @ fit.R.T + fit.t)
     factor = found.screened.covariance_factor
-    covariance = adjusted.covariance.points(pose) * (factor if np.isfinite(factor) else 1.0)
-    blocks = covariance.reshape(len(numbers), 3, len(numbers), 3)
-    variance = np.einsum("nini->n", blocks)
+    factor = factor if np.isfinite(factor) else 1.0
+    variance = np.einsum("nii->n", adjusted.covariance.point_blocks()[numbers]) * factor
     found_sizes = [float(np.sqrt(np.mean(np.sum(shift**2, -1) / np.maximum(variance, 1e-300))))]
     bodies = found.named.bodies[numbers]
     names = [name for name in dict.fromkeys(bodies.tolist()) if name and (bodies == name).sum() >= _FRAMING]
     for name in names if len(names) > 1 else []:
         own = bodies == name
-        mean, cov = shift[own].mean(0), blocks[own][:, :, own].mean(axis=(0, 2))
+        means = np.einsum("n,ij->inj", own / own.sum(), np.eye(3)).reshape(3, -1)
+        mean, cov = shift[own].mean(0), adjusted.covariance.combined(pose, means) * factor
         found_sizes.append(float(np.sqrt(mean @ np.linalg.solve(cov, mean) / 3.0)))
     return max(found_sizes)

@@ -19,6 +19,7 @@ from truing.estimation.simd_arithmetic import compiled, inner
 
 INTERIOR, MISCLOSURE = 6, 16  # first columns of these parts of a row, after point and rotation
 WIDTH = 17  # columns of a row
+SUMMED_CAMERAS = 4  # up to so many cameras, sums of each point and camera are faster than scattered additions
 
 
 @inner
@@ -114,6 +115,24 @@ def add_to_point(sums: NDArray, row: NDArray, flat: NDArray, at: int, stride: in
 
 
 @inner
+def add_to_sides(
+    block: NDArray, sides: NDArray, row: NDArray, place: NDArray, flat: NDArray, at: int, stride: int
+) -> None:
+    """Do as `add_to_point` and `put_points` for one ray, without sums per camera."""
+    last = sides.shape[1] - 1
+    for a in range(3):
+        f, g = row[0, a], row[1, a]
+        for b in range(3):
+            block[a, b] += f * row[0, b] + g * row[1, b]
+            flat[at + b * stride + a] -= f * row[0, b] + g * row[1, b]
+            flat[at + (3 + b) * stride + a] += f * row[0, 3 + b] + g * row[1, 3 + b]
+        for b in range(10):
+            if place[b] >= 0:
+                sides[a, place[b]] += f * row[0, INTERIOR + b] + g * row[1, INTERIOR + b]
+        sides[a, last] += f * row[0, MISCLOSURE] + g * row[1, MISCLOSURE]
+
+
+@inner
 def put_points(sums: NDArray, place: NDArray, blocks: NDArray, sides: NDArray) -> None:
     """Write the sums (C, p, 3, .) of all cameras into the blocks (p, 3, 3) of the points and their sides."""
     last = sides.shape[2] - 1
@@ -181,7 +200,8 @@ def accumulate(
     for i in range(len(camera)):
         most = max(most, first_ray[i + 1] - first_ray[i])
     rows, square, X = np.zeros((2 * most, WIDTH)), np.zeros((WIDTH, WIDTH)), np.zeros(3)
-    sums = np.zeros((len(interior), len(points), 3, WIDTH))
+    several = len(interior) > SUMMED_CAMERAS
+    sums = np.zeros((0 if several else len(interior), len(points), 3, WIDTH))
     total = 0.0
     for i in range(len(camera)):
         k, start = camera[i], first_ray[i]
@@ -196,7 +216,10 @@ def accumulate(
             turned(row, R[i], points[p], centre[i])
             x, y = image_point(interior[k], radius[k], X)
             put(row, MISCLOSURE, root, xy[n, 0] - format_centre[k, 0] - x, xy[n, 1] - format_centre[k, 1] - y)
-            add_to_point(sums[k, p], row, flat, ray_row[n], stride[i])
+            if several:
+                add_to_sides(blocks[p], sides[p], row, place[k], flat, ray_row[n], stride[i])
+            else:
+                add_to_point(sums[k, p], row, flat, ray_row[n], stride[i])
         own = rows[: 2 * (first_ray[i + 1] - start)]
         np.dot(own.T, own, square)
         put_image(square, images[i], image_sides[i], place[k], common)

@@ -217,9 +217,8 @@ def tested_known(network: Network, loose: ScreenedNetwork) -> KnownTested:
         if len(rows) < _FEWEST or _is_line(network.known.xyz_m[rows]):
             continue
         number = network.known.point[rows]
-        place = [int(np.flatnonzero(covariance.point_numbers(pose) == point)[0]) for point in number]
-        own = (3 * np.array(place)[:, None] + np.arange(3)).ravel()
-        cov = covariance.points(pose)[np.ix_(own, own)] * factor
+        place = np.searchsorted(covariance.point_numbers(pose), number)  # in ascending order
+        cov = covariance.joint(pose, place) * factor
         known = network.known
         tested[pose] = rows
         errors[pose] = known_point_errors(adjusted.state.points[number], cov, known.xyz_m[rows], known.cov_m2[rows])
