@@ -24,7 +24,6 @@ from truing.estimation.bundle.normal_equations import (
     EquationLayout,
     Observed,
     normal_equations,
-    spread_interior,
 )
 from truing.estimation.bundle.pose_covariance import PoseCovariance, given_common
 from truing.estimation.bundle.row_blocks import coordinates
@@ -151,19 +150,19 @@ class BundleCovariance:
         return found
 
     def _computed(self, own: PoseCovariance, rows: Index, image: Index, point: Index) -> Array:
-        """Return the covariance (n, 2, 2) of computed image points of one pose."""
-        network = self.observed.network
+        """Return the covariance (n, 2, 2) of computed image points of one pose; these do not depend on the datum."""
+        from truing.estimation.bundle.ray_kernels import computed_covariances
+
+        network, c, own = self.observed.network, len(self.common), own.for_rays()
         at = linearise(network, self.state, network.rays.image[rows], network.rays.point[rows])
-        camera = network.image_camera[network.rays.image[rows]]
-        m, n = len(own.images), len(own.points_by_common) // 3
-        points, cross = own.blocks()[point], own.with_points(image, point)
-        mixed = at.by_image @ cross @ at.by_point.transpose(0, 2, 1)
-        total = at.by_image @ own.images[image] @ at.by_image.transpose(0, 2, 1)
-        total += at.by_point @ points @ at.by_point.transpose(0, 2, 1) + mixed + mixed.transpose(0, 2, 1)
-        by_common = spread_interior(self._layout, camera, at.by_interior)
-        by_common += at.by_image @ own.images_by_common.reshape(m, 6, -1)[image]
-        by_common += at.by_point @ own.points_by_common.reshape(n, 3, -1)[point]
-        return total + by_common @ self.common @ by_common.transpose(0, 2, 1)
+        place = self._layout.interior[network.image_camera[network.rays.image[rows]]]
+        i, p, found = len(own.images), len(own.points_by_common) // 3, np.empty((len(rows), 2, 2))
+        computed_covariances(
+            *(at.by_image, at.by_point, at.by_interior, place, image, point),
+            *(own.images, own.blocks(), own.with_points(image, point)),
+            *(own.images_by_common.reshape(i, 6, c), own.points_by_common.reshape(p, 3, c), self.common, found),
+        )
+        return found
 
     def redundancy_numbers(self) -> Array:
         """Return the redundancy numbers (N, 2) of the rays' coordinates, the diagonal of Q_vv P; NaN for unused rays.

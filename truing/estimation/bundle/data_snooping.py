@@ -255,8 +255,8 @@ def ray_tests(adjusted: Adjustment, components: VarianceComponents) -> RayTests:
     T, freedom = np.where(checked, squares, 0.0).sum(axis=1), checked.sum(axis=1)
     P = np.linalg.inv(C)
     AP = A @ P
-    blocks = np.where(used[:, None, None], np.eye(2) - AP, np.linalg.inv(np.eye(2) + AP))
-    S = np.where(used[:, None, None], P - P @ AP, np.linalg.inv(C + A))  # P Q_vv P, the same either way
+    blocks, S, out = np.eye(2) - AP, P - P @ AP, ~used
+    blocks[out], S[out] = np.linalg.inv(np.eye(2) + AP[out]), np.linalg.inv(C[out] + A[out])  # P Q_vv P either way
     with np.errstate(divide="ignore", invalid="ignore"):
         w = np.einsum("nij,nj->ni", np.where(used[:, None, None], P, S), v) / np.sqrt(
             np.maximum(np.einsum("nii->ni", S), 0)

@@ -94,23 +94,21 @@ def nearest_points(bundle: Bundle, weight: Array) -> tuple[Array, Array]:
 
 def refine_points(bundle: Bundle, X: Array, weight: Array) -> Array:
     """Return points (P, 3) after Gauss-Newton steps on their rays' image coordinates, weighted (N,)."""
-    for _ in range(_STEPS):
-        seen, R = bundle._in_camera_frame(X)
-        with np.errstate(all="ignore"):
-            a = seen[:, :2] / seen[:, 2:]
-            J = (R[:, :, :2] - R[:, :, 2:] * a[:, None, :]) / seen[:, 2, None, None] * bundle.scale_px[:, None, None]
-        v = (bundle.direction - a) * bundle.scale_px[:, None]
-        sound = np.isfinite(J).all(axis=(1, 2)) & (weight > 0)
-        w = np.where(sound, weight, 0.0)
-        J, v = np.where(sound[:, None, None], J, 0.0), np.where(sound[:, None], v, 0.0)
-        N = sums(bundle.point, np.einsum("nik,njk,n->nij", J, J, w), bundle.points)
-        b = sums(bundle.point, np.einsum("nik,nk,n->ni", J, v, w), bundle.points)
-        size = np.einsum("pii->p", N)
-        solvable = np.linalg.det(N / np.where(size > 0, size, 1.0)[:, None, None]) > 1e-12
-        step = np.zeros_like(X)
-        step[solvable] = np.linalg.solve(N[solvable], b[solvable][..., None])[..., 0]
-        X = X + step
-    return X
+    from truing.estimation.bundle.intersection_kernels import refine_steps
+
+    order = np.argsort(bundle.point, kind="stable")
+    found = np.array(X, float)
+    with np.errstate(all="ignore"):
+        refine_steps(*_by_point(bundle.of(order)), weight[order], _STEPS, found)
+    return found
+
+
+def _by_point(rays: Bundle) -> tuple[Array, Array, Array, Array, Index]:
+    """Return rays, sorted by point, as the compiled kernels need them: direction, scale, R, centre, and the first ray
+    of each point (P + 1,)."""
+    first = np.searchsorted(rays.point, np.arange(rays.points + 1))
+    R, centre = rays.R[rays.image], rays.centre[rays.image]
+    return np.ascontiguousarray(rays.direction), rays.scale_px, R, centre, first
 
 
 def intersect(bundle: Bundle, tolerance_px: float, rng: np.random.Generator) -> tuple[Array, Mask]:
@@ -118,6 +116,8 @@ def intersect(bundle: Bundle, tolerance_px: float, rng: np.random.Generator) -> 
 
     For each point several pairs of rays are tried; the pair that most other rays support within the tolerance wins.
     """
+    from truing.estimation.bundle.intersection_kernels import try_pairs
+
     usable = np.isfinite(bundle.direction).all(axis=1) & np.isfinite(bundle.centre[bundle.image]).all(axis=1)
     numbers = np.flatnonzero(usable)
     order = numbers[np.argsort(bundle.point[numbers], kind="stable")]
@@ -126,18 +126,11 @@ def intersect(bundle: Bundle, tolerance_px: float, rng: np.random.Generator) -> 
     first = np.cumsum(count) - count
     many = np.flatnonzero(count >= 2)
     best, cost = np.full((bundle.points, 3), np.nan), np.full(bundle.points, np.inf)
+    line, sorted_rays = rays.lines(), _by_point(rays)
     for _ in range(_TRIALS if (count > 2).any() else 1):
         a = rng.integers(0, count[many])
         b = (a + 1 + rng.integers(0, count[many] - 1)) % count[many]
-        pair = rays.of(np.concatenate([first[many] + a, first[many] + b]))
-        X, _ = nearest_points(pair, np.ones(2 * len(many)))
-        off, depth = rays.ray_distances(X)
-        with np.errstate(invalid="ignore"):
-            square = np.einsum("ni,ni->n", off, off) / tolerance_px**2
-            square = np.where((depth > 0) & (square < 1), square, 1.0)
-        now = np.bincount(rays.point, square, minlength=bundle.points)
-        better = np.isfinite(X[:, 0]) & (now < cost)
-        best[better], cost[better] = X[better], now[better]
+        try_pairs(line, *sorted_rays, many, first[many] + a, first[many] + b, tolerance_px, best, cost)
     agrees = rays.agreeing_rays(best, tolerance_px)
     for _ in range(2):
         X = refine_points(rays, np.nan_to_num(best), agrees.astype(float))

@@ -33,6 +33,9 @@ class PoseCovariance(Protocol):
     @property
     def images_by_common(self) -> Array: ...
 
+    def for_rays(self) -> PoseCovariance:
+        """Return the covariance in any datum, for quantities that do not depend on it."""
+
     def joint(self, points: Index) -> Array:
         """Return the joint covariance (3 n, 3 n) of points (n,) by number in the pose."""
 
@@ -55,6 +58,10 @@ class DensePoseCovariance:
     images: Array
     points_by_common: Array
     images_by_common: Array
+
+    def for_rays(self) -> DensePoseCovariance:
+        """Return the same covariance."""
+        return self
 
     def joint(self, points: Index) -> Array:
         """Return the joint covariance (3 n, 3 n) of points (n,)."""

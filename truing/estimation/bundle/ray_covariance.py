@@ -46,6 +46,11 @@ class RayPoseCovariance:
     spread: Array
     points_by_common: Array
     images_by_common: Array
+    before_datum: RayPoseCovariance | None = None
+
+    def for_rays(self) -> RayPoseCovariance:
+        """Return the covariance before the datum, for quantities that do not depend on it."""
+        return self.before_datum or self
 
     @cached_property
     def images(self) -> Array:
@@ -97,6 +102,8 @@ class RayPoseCovariance:
     def with_points(self, image: Index, point: Index) -> Array:
         """Return the covariance (n, 6, 3) of images (n,) with points (n,)."""
         found = self._by_kept(image, point)
+        if not self.datum.freedoms.shape[1]:
+            return found
         moved, shifted, i = self.moved_points[point], self.moved_images[image], len(self.moved_images)
         across = self.across[:, : 6 * i].reshape(-1, i, 6).transpose(1, 2, 0)[image]
         found -= shifted @ self.drawn.reshape(-1, len(self.own), 3).transpose(1, 0, 2)[point]
@@ -143,15 +150,31 @@ def by_rays(one: EliminatedPose, reduced: ReducedRays, kept: Array, free: Freedo
     padded = np.zeros((entries.kept, entries.kept))
     padded[:k, :k] = kept
     by_common = unknowns_by_common(one, reduced)
+    of_points, of_images = by_common[6 * i :], by_common[: 6 * i]
+    before = _before_datum(padded, entries, own, of_points, of_images, i)
+    if not d:
+        return before
     back = datum.back.reshape(d, p, 3)
     across = padded @ entries.transposed_times(back.transpose(1, 2, 0))
     drawn = np.einsum("dpi,pij->pjd", back, own) + entries.times(across)
     drawn = drawn.reshape(3 * p, d).T
-    of_points, of_images = by_common[6 * i :], by_common[: 6 * i]
     of_images = of_images - free.images.reshape(6 * i, d) @ (datum.back @ of_points)
     return RayPoseCovariance(
         *(padded, entries, own, datum, free.images, free.points, drawn, across.T, drawn @ datum.back.T),
-        *(datum.by_common(of_points), of_images),
+        *(datum.by_common(of_points), of_images, before),
+    )
+
+
+def _before_datum(
+    kept: Array, entries: Entries, own: Array, of_points: Array, of_images: Array, images: int
+) -> RayPoseCovariance:
+    """Return the covariance without conditions of a datum; the freedoms are held by the ties of the elimination."""
+    p = 3 * len(own)
+    none = Datum(np.zeros((p, 0)), np.zeros((0, p)), np.zeros(p, bool))
+    moved = np.zeros((images, 6, 0)), np.zeros((len(own), 3, 0))
+    return RayPoseCovariance(
+        *(kept, entries, own, none, *moved, np.zeros((0, p)), np.zeros((0, len(kept))), np.zeros((0, 0))),
+        *(of_points, of_images),
     )
 
 

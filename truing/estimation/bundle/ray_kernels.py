@@ -164,3 +164,61 @@ def image_covariances(
         for a in range(3):
             for b in range(6):
                 found[m, b, a] = total[a, b]
+
+
+@compiled(*_SOURCES)
+def computed_covariances(
+    by_image: NDArray,
+    by_point: NDArray,
+    by_interior: NDArray,
+    place: NDArray,
+    image: NDArray,
+    point: NDArray,
+    images: NDArray,
+    points: NDArray,
+    cross: NDArray,
+    images_by_common: NDArray,
+    points_by_common: NDArray,
+    common: NDArray,
+    found: NDArray,
+) -> None:
+    """Fill in the covariance (n, 2, 2) of computed image points of one pose.
+
+    Derivatives by image (n, 2, 6), point (n, 2, 3) and interior (n, 2, 10), whose places among the common unknowns are
+    place (n, 10); covariances of images (i, 6, 6), of points (p, 3, 3), of both (n, 6, 3), all given the common
+    unknowns; derivatives (i, 6, c) and (p, 3, c) by these, with covariance (c, c).
+    """
+    c = len(common)
+    own, both, by_common, spread = np.zeros((2, 9)), np.zeros((9, 9)), np.zeros((2, c)), np.zeros(c)
+    half = np.zeros(9)
+    for n in range(len(image)):
+        i, p = image[n], point[n]
+        own[:, :6], own[:, 6:] = by_image[n], by_point[n]
+        both[:6, :6], both[6:, 6:] = images[i], points[p]
+        for a in range(6):
+            for b in range(3):
+                both[a, 6 + b] = both[6 + b, a] = cross[n, a, b]
+        by_common[:] = 0.0
+        for k in range(2):
+            for a in range(10):
+                if place[n, a] >= 0:
+                    by_common[k, place[n, a]] += by_interior[n, k, a]
+            for a in range(9):
+                row = images_by_common[i, a] if a < 6 else points_by_common[p, a - 6]
+                for b in range(c):
+                    by_common[k, b] += own[k, a] * row[b]
+        for k in range(2):
+            half[:], spread[:] = 0.0, 0.0
+            for a in range(9):
+                for b in range(9):
+                    half[b] += own[k, a] * both[a, b]
+            for a in range(c):
+                for b in range(c):
+                    spread[b] += by_common[k, a] * common[a, b]
+            for q in range(2):
+                value = 0.0
+                for b in range(9):
+                    value += half[b] * own[q, b]
+                for b in range(c):
+                    value += spread[b] * by_common[q, b]
+                found[n, k, q] = value
