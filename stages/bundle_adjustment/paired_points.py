@@ -1,44 +1,71 @@
 """Choice of the points of a large pose whose correlations with each other are written.
 
-All pairs of 26,000 points are 350 million rows. In a pose of more than `MOST_PAIRED` points, pairs are written of the
-points that bodies of the campaign name, or, if these are too many or none, of points spread over each body. Standard
-deviations are those of all points alike, and the fit of poses uses points with correlations only.
+All pairs of 26,000 points are 350 million rows. Of a pose with more than `MOST_PAIRED` points, pairs are written of the
+points that bodies of the campaign name, or, if these are too many or none, of points spread over the object, the same
+in all poses. Standard deviations are those of all points alike; poses are fitted to points with correlations.
 """
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping
+
 import numpy as np
+from numpy.typing import NDArray
 
 from truing.arrays import Array, Index
 from truing.estimation.bundle.network import NamedNetwork
 
 MOST_PAIRED = 1000  # points of a pose of which all pairs are written: 500,000 rows
-SPREAD = 300  # points of a larger pose, over all its bodies, if those asked for are too many or none
+SPREAD = 300  # points of a larger pose, if those that bodies name are too many or none
 _LEAST_OF_BODY = 30
+_IN_POSES = 0.5  # share of the poses that see a point, for it to be preferred
 
 
-def paired_points(named: NamedNetwork, numbers: Index, xyz: Array, surveyed: frozenset[str]) -> Index:
-    """Places (n,) among the points of a pose, by number (p,) with xyz (p, 3) in m, of those whose pairs are written."""
-    if len(numbers) <= MOST_PAIRED:
-        return np.arange(len(numbers))
-    bodies = named.bodies[numbers]
-    asked = np.flatnonzero((bodies != "") | np.array([name in surveyed for name in named.points[numbers]]))
-    if len(asked) and len(asked) <= MOST_PAIRED:
-        return asked
-    asked = asked if len(asked) else np.arange(len(numbers))
-    names = list(dict.fromkeys(bodies[asked].tolist()))
-    most = max(SPREAD // len(names), _LEAST_OF_BODY)
-    return np.sort(np.concatenate([_spread(asked[bodies[asked] == name], xyz, most) for name in names]))
+def paired_points(
+    named: NamedNetwork, numbers: Mapping[int, Index], points: Array, surveyed: frozenset[str]
+) -> dict[int, Index]:
+    """Places (n,) among the adjusted points of each pose of those whose pairs are written.
+
+    numbers: per pose those of its adjusted points (p,); points (P, 3) in m; surveyed: names of targets of bodies.
+    """
+    large = [pose for pose, own in numbers.items() if len(own) > MOST_PAIRED]
+    chosen = _names(named, [numbers[pose] for pose in large], points, surveyed) if large else frozenset()
+    return {
+        pose: np.flatnonzero([name in chosen for name in named.points[own]]) if pose in large else np.arange(len(own))
+        for pose, own in numbers.items()
+    }
 
 
-def _spread(places: Index, xyz: Array, most: int) -> Index:
-    """Places of at most so many points, each the furthest from those before it."""
-    if len(places) <= most:
-        return places
-    own = xyz[places]
-    chosen, distance = [], np.linalg.norm(own - own.mean(axis=0), axis=1)
+def _names(named: NamedNetwork, poses: list[Index], points: Array, surveyed: frozenset[str]) -> frozenset[str]:
+    """Names of the points of large poses whose pairs are written."""
+    own = [numbers[_is_named(named, numbers, surveyed)] for numbers in poses]
+    most = max(len(numbers) for numbers in own)
+    if 0 < most <= MOST_PAIRED:
+        return frozenset(name for numbers in own for name in named.points[numbers])
+    candidates = max(own if most else poses, key=len)
+    seen = Counter(name for numbers in poses for name in named.points[numbers])
+    often = np.array([seen[name] >= _IN_POSES * len(poses) for name in named.points[candidates]])
+    candidates = candidates[often] if often.sum() >= SPREAD else candidates
+    bodies = named.bodies[candidates]
+    each = max(SPREAD // len(set(bodies.tolist())), _LEAST_OF_BODY)
+    parts = [_spread(points[candidates[bodies == body]], each) for body in dict.fromkeys(bodies.tolist())]
+    groups = [candidates[bodies == body] for body in dict.fromkeys(bodies.tolist())]
+    return frozenset(name for group, part in zip(groups, parts, strict=True) for name in named.points[group[part]])
+
+
+def _is_named(named: NamedNetwork, numbers: Index, surveyed: frozenset[str]) -> NDArray[np.bool_]:
+    of_survey = np.array([name in surveyed for name in named.points[numbers]], dtype=bool)
+    return np.asarray((named.bodies[numbers] != "") | of_survey)
+
+
+def _spread(xyz: Array, most: int) -> Index:
+    """Places of at most so many points (n, 3), each the furthest from those before it."""
+    if len(xyz) <= most:
+        return np.arange(len(xyz))
+    chosen, distance = [], np.linalg.norm(xyz - xyz.mean(axis=0), axis=1)
     for number in range(most):
         chosen.append(int(np.argmax(distance)))
-        to_last = np.linalg.norm(own - own[chosen[-1]], axis=1)
+        to_last = np.linalg.norm(xyz - xyz[chosen[-1]], axis=1)
         distance = np.minimum(distance, to_last) if number else to_last
-    return places[chosen]
+    return np.array(chosen)

@@ -41,10 +41,8 @@ class NetworkTables:
         self.covariance = self.adjusted.covariance
         self.camera_names = np.array([camera.name for camera in self.network.cameras], dtype=object)
         self.poses = [p for p in range(len(self.named.poses)) if len(self.covariance.point_numbers(p))]
-        self.paired = {}
-        for pose in self.poses:
-            numbers = self.covariance.point_numbers(pose)
-            self.paired[pose] = paired_points(self.named, numbers, self.adjusted.state.points[numbers], surveyed)
+        numbers = {pose: self.covariance.point_numbers(pose) for pose in self.poses}
+        self.paired = paired_points(self.named, numbers, self.adjusted.state.points, surveyed)
         self.common = self.covariance.common * self.factor
         self.common_sigma = np.sqrt(np.diagonal(self.common))
         self.parameters = tuple(self._parameter(*name) for name in self.covariance.names)

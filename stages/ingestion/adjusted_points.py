@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -36,17 +36,20 @@ ONE_BODY = "object"
 OF_NO_BODY = "points of no body: ends of scale bars, or targets that no survey has"
 Names = NDArray[np.object_]
 _PAIRS = (("corr_xy", 0, 1), ("corr_xz", 0, 2), ("corr_yz", 1, 2))
-MOST_POINTS = 1500  # whose covariance is found as a whole
+UNPAIRED = "points of large poses whose correlations with others are not written"
+# Of another program's network whose covariance is found: points, unless images exceed the second number.
+MOST_POINTS, MOST_IMAGES, FEW_POINTS = 50_000, 500, 1500
 
 
 @dataclass(frozen=True)
 class AdjustedPoints:
     """Artifact object_points, endpoints of scale bars, campaign folder, and names of boards; without a survey each
-    board is a body."""
+    board is a body. paired (N,): points whose correlations with the others of these are known."""
 
     table: pa.Table
     ends: frozenset[str]
     folder: Path
+    paired: Mask
     boards: tuple[str, ...] = ()
 
     def batches(
@@ -63,8 +66,9 @@ class AdjustedPoints:
         foreign = np.array([bool(bodies) and name not in bodies for name in body], dtype=bool)
         unsurveyed = np.array([name not in surveyed for name in body], dtype=bool)
         nobody = (target != "") & ((body == "") | (ends & unsurveyed) | (foreign & unsurveyed))
-        keep = np.flatnonzero(~nobody & ~of_several)
-        left_out = Counter({OF_NO_BODY: int(nobody.sum())}) if nobody.any() else Counter()
+        keep = np.flatnonzero(~nobody & ~of_several & self.paired)
+        left_out = Counter({OF_NO_BODY: int(nobody.sum()), UNPAIRED: int((~nobody & ~self.paired).sum())})
+        left_out = +left_out
         file = FileRows(RawFile(FILE, self.folder / FILE), FileMapping(path=FILE), "parquet")
         yield file, TableBatch(self._columns(keep, body, target, point), keep, left_out=left_out)
 
@@ -80,7 +84,7 @@ class AdjustedPoints:
         """Return the same points with poses as text, as in configurations with a pose that is no number."""
         place = self.table.column_names.index("pose")
         table = self.table.set_column(place, "pose", self.table.column("pose").cast(pa.string()))
-        return AdjustedPoints(table, self.ends, self.folder, self.boards)
+        return replace(self, table=table)
 
 
 def _texts(table: pa.Table, name: str) -> Names:
@@ -106,9 +110,15 @@ def _bodies(
     return np.where(nameless, single, body), several
 
 
+def paired_points(points: pa.Table, correlations: pa.Table | None) -> Mask:
+    """Return the object points (N,) whose correlations with the other such points of their pose are known."""
+    errors = point_errors(points, correlations, None)
+    return np.ones(points.num_rows, bool) if errors is None else errors.is_paired
+
+
 def in_inner_datum(points: pa.Table, correlations: pa.Table | None) -> pa.Table:
     """Return object_points with standard deviations and correlations in the inner datum, if coordinates of them are
-    held; otherwise unchanged."""
+    held; otherwise unchanged. Of a large pose, that of the points whose correlations are known."""
     held = np.column_stack([number_column(points, name) for name in COORDINATE_SIGMAS]) == 0.0
     errors = point_errors(points, correlations, None) if held.any() else None
     if errors is None:
@@ -117,9 +127,9 @@ def in_inner_datum(points: pa.Table, correlations: pa.Table | None) -> pa.Table:
     poses = pose_ids(points)
     of_pose = positions(points.column("pose"), poses)
     for pose in range(len(poses)):
-        rows = np.flatnonzero(of_pose == pose)
-        if held[rows].any():
-            whole = in_inner_constraints(xyz[rows], errors.covariance(rows), with_scale=int(held[rows].sum()) > 6)
+        count, rows = int(held[of_pose == pose].sum()), np.flatnonzero((of_pose == pose) & errors.is_paired)
+        if count:
+            whole = in_inner_constraints(xyz[rows], errors.covariance(rows), with_scale=count > 6)
             each = np.arange(len(rows))
             cov[rows] = whole.reshape(len(rows), 3, len(rows), 3)[each, :, each, :]
     return _with_covariance(points, cov)
@@ -150,10 +160,10 @@ class EstimatedCovariance:
 
     def _estimated(self, network: ColmapNetwork) -> Array | None:
         count = len(network.points)
-        if count > MOST_POINTS:
-            self.remarks.append(
-                f"no standard deviations of {counted(count, 'point')} without any: more than {MOST_POINTS:,}"
-            )
+        images = len(network.image_camera)
+        if count > MOST_POINTS or (count > FEW_POINTS and images > MOST_IMAGES):
+            limit = f"{MOST_POINTS:,} points" if count > MOST_POINTS else f"{MOST_IMAGES:,} images"
+            self.remarks.append(f"no standard deviations of {counted(count, 'point')} without any: more than {limit}")
             return None
         try:
             with np.errstate(all="ignore"):  # whatever a damaged model holds

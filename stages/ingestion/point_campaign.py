@@ -18,7 +18,7 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import Fault
 from truing.stages.common.table_arrays import SmallTable
 from truing.stages.declaration import Outcome, Progress
-from truing.stages.ingestion.adjusted_points import AdjustedPoints, EstimatedCovariance, in_inner_datum
+from truing.stages.ingestion.adjusted_points import AdjustedPoints, EstimatedCovariance, in_inner_datum, paired_points
 from truing.stages.ingestion.dense_scans import DenseScans, identifier_of, read_scans
 from truing.stages.ingestion.later_surveys import LaterSurveys, read_later_surveys, relabelling_of
 from truing.stages.ingestion.points import ExpectedPoints, Geometry, Points
@@ -158,11 +158,12 @@ def _adjusted(
         log.add(Fault("campaign.toml", expected, column="files.points"))
     if "object_points" not in tables:
         return None
-    points = in_inner_datum(tables["object_points"], tables.get("point_correlations"))
+    correlations = tables.get("point_correlations")
+    points = in_inner_datum(tables["object_points"], correlations)
     bars = tables.get("scale_bars")
     ends = () if bars is None else (*bars.column("first").to_pylist(), *bars.column("second").to_pylist())
     boards = tuple(board.label for board in settings.photographs.boards)
-    return AdjustedPoints(points, frozenset(ends), source.folder, boards)
+    return AdjustedPoints(points, frozenset(ends), source.folder, paired_points(points, correlations), boards)
 
 
 def _check_any_points(source: CampaignFiles, log: FaultLog) -> None:

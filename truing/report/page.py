@@ -32,6 +32,7 @@ class Listing:
     anchor: str = ""  # rows define their first cell, to which cells under this head lead
     links: tuple[str, ...] = ()  # per row, the page to which its first cell leads; empty where there is none
     by_leg: bool = False  # its first cells name the leg; choosing legs in the view selects their rows
+    total: int = 0  # number of all rows, where only those shown were made
 
     @property
     def shown(self) -> tuple[tuple[str, ...], ...]:
@@ -41,10 +42,11 @@ class Listing:
     @property
     def note(self) -> str:
         """Note on the rows that are not shown."""
-        if len(self.rows) <= MOST_ROWS:
+        total = max(self.total, len(self.rows))
+        if total <= MOST_ROWS:
             return ""
         where = f"; all are in {self.held_by}" if self.held_by else ""
-        return f"The first {MOST_ROWS:,} of {len(self.rows):,} rows{where}."
+        return f"The first {MOST_ROWS:,} of {total:,} rows{where}."
 
 
 class Depth(StrEnum):

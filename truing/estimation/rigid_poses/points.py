@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -85,8 +86,21 @@ class PointErrors:
     parameters: tuple[str, ...]
     effect: Array
 
+    @cached_property
+    def is_sampled(self) -> Mask:
+        """Mask (P,) of poses in which pairs of some points only are known, because all would be too many."""
+        rows = np.bincount(self.pose, minlength=len(self.start) - 1)
+        return np.asarray(np.diff(self.start) < rows * (rows - 1) // 2)
+
+    @cached_property
+    def is_paired(self) -> Mask:
+        """Mask (N,) of rows whose covariance with the other such rows of their pose is known."""
+        paired = ~self.is_sampled[self.pose]
+        paired[self.first] = paired[self.second] = True
+        return np.asarray(paired)
+
     def covariance(self, rows: Index) -> Array:
-        """Return the covariance (3n, 3n) in m^2 of n rows of one pose."""
+        """Return the covariance (3n, 3n) in m^2 of n paired rows of one pose."""
         count = len(rows)
         correlation = np.zeros((count, 3, count, 3))
         each = np.arange(count)

@@ -24,7 +24,9 @@ _ELLIPSOID = 0.025  # largest semi-axis of a median point, as a share of that ex
 _TURN = np.linspace(0.0, 2.0 * np.pi, 17)
 _SIDES = ((0, 1), (0, 2), (1, 2))
 
+_MOST_POINTS = 1500  # of a pose in the picture of the network
 _MOST_IMAGES = 40
+_MOST_RAYS = 20_000  # of all images in the picture of residuals
 _CELLS = 12  # cells for mean residuals along the longer side of the format
 _FEWEST = 3  # fewest rays for a mean
 _LENGTH = 0.03  # length of a median residual, as a share of the format's width
@@ -38,13 +40,17 @@ def network_picture(points: pd.DataFrame, images: pd.DataFrame, cameras: pd.Data
     bodies = {body: _COLOURS[k % len(_COLOURS)] for k, body in enumerate(points["body"].unique())}
     figure, owner = go.Figure(), []
     for number, pose in enumerate(poses):
-        own = _traces(points[points["pose"] == pose], images[images["pose"] == pose], cameras, gain, bodies)
+        own = _traces(
+            _shown_points(points[points["pose"] == pose]), images[images["pose"] == pose], cameras, gain, bodies
+        )
         for trace in own:
             trace.visible = number == 0
             figure.add_trace(trace)
         owner += [number] * len(own)
     sigma = float(np.median(points[SIGMA].max(axis=1)))
     more = "" if len(poses) == points["pose"].nunique() else f" {len(poses)} of {points['pose'].nunique()} poses."
+    if (points["pose"].value_counts() > _MOST_POINTS).any():
+        more += f" Of a pose {_MOST_POINTS:,} points, from the best to the worst."
     style(
         figure,
         f"Cameras and object points, uncertainty amplified {gain:g} times",
@@ -64,6 +70,14 @@ def network_picture(points: pd.DataFrame, images: pd.DataFrame, cameras: pd.Data
     if len(poses) > 1:
         figure.update_layout(sliders=[_slider("pose", poses, owner)])
     return figure
+
+
+def _shown_points(points: pd.DataFrame) -> pd.DataFrame:
+    """Return the points of a pose to draw: all, or points of every rank of uncertainty, the worst among them."""
+    if len(points) <= _MOST_POINTS:
+        return points
+    order = np.argsort(points[SIGMA].max(axis=1).to_numpy(), kind="stable")
+    return points.iloc[np.sort(order[np.linspace(0, len(points) - 1, _MOST_POINTS).round().astype(int)])]
 
 
 def _shown_poses(points: pd.DataFrame, images: pd.DataFrame) -> list[Any]:
@@ -242,8 +256,11 @@ def residual_picture(residuals: pd.DataFrame, cameras: pd.DataFrame) -> go.Figur
 def _shown_images(residuals: pd.DataFrame) -> list[tuple[Any, Any]]:
     """Return the images to choose from, in order: all, or those with the largest residuals."""
     size = np.hypot(residuals["vx_px"], residuals["vy_px"]).where(~residuals["rejected"])
-    rms = (size**2).groupby([residuals["pose"], residuals["image"]], sort=False).mean()
-    chosen = set(rms.sort_values(ascending=False).index[:_MOST_IMAGES])
+    by_image = (size**2).groupby([residuals["pose"], residuals["image"]], sort=False)
+    rms = by_image.mean()
+    order = rms.sort_values(ascending=False).index
+    few = int((by_image.size()[order].cumsum() <= _MOST_RAYS).sum())
+    chosen = set(order[: min(max(few, 1), _MOST_IMAGES)])
     return [key for key in rms.index if key in chosen]
 
 

@@ -10,7 +10,7 @@ import pandas as pd
 
 from truing.report.numbers import count, in_suitable_unit, plain, printed, quantity, with_uncertainty
 from truing.report.numbers import count as counted
-from truing.report.page import Listing, ReportSection
+from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.photographs.figures import network_picture, residual_picture
 from truing.report.tables import SIGMA, Tables, cell, table_or_none
 from truing.schemas.photograph_artifacts import FROM_MARKER, FROM_SURVEY
@@ -172,9 +172,9 @@ def _rejected(residuals: pd.DataFrame) -> Iterator[Listing]:
     left = left.sort_values("size", ascending=False, kind="stable")
     heads = ("pose", "image", "point", "at x, y (px)", "residual (px)")
     for reason, count_of in left["reason"].value_counts().items():
-        rows = tuple(_ray(r) for r in left[left["reason"] == reason].itertuples())
+        rows = tuple(_ray(r) for r in left[left["reason"] == reason].head(MOST_ROWS).itertuples())
         caption = f"Rays left out ({count_of:,}): {reason}"
-        yield Listing(heads, rows, caption=caption, folded=len(rows) > _OPEN, held_by=_HELD)
+        yield Listing(heads, rows, caption=caption, folded=len(rows) > _OPEN, held_by=_HELD, total=count_of)
 
 
 def _ray(r: Any) -> tuple[str, ...]:
@@ -191,13 +191,14 @@ def _points(points: pd.DataFrame) -> Listing:
             str(r.rays),
             f"{r.largest_angle_deg:.0f}",
         )
-        for r in points.itertuples()
+        for r in points.head(MOST_ROWS).itertuples()
     )
     heads = ("pose", "point", "x, y, z (mm)", "rays", "angle (deg)")
     return Listing(
         heads,
         rows,
-        caption=f"All {len(rows):,} object points, with the widest angle between their rays",
+        caption=f"All {len(points):,} object points, with the widest angle between their rays",
         folded=True,
         held_by="object_points.parquet",
+        total=len(points),
     )
