@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from truing.report.numbers import count as counted
 from truing.stages.common.missing_data import (
     HELD_OUT,
     LEAST_POSES,
@@ -25,7 +26,9 @@ from truing.stages.common.missing_data import (
 from truing.stages.declaration import registered
 
 if TYPE_CHECKING:
+    import numpy as np
     import pyarrow as pa
+    from numpy.typing import NDArray
 
     from truing.schemas.campaign import Campaign
 
@@ -94,6 +97,7 @@ def prospects(settings: Campaign, found: CampaignContents) -> Iterator[Prospect]
     if settings.campaign.kind == "interferometer":
         yield from _of_loads(settings, found)
         return
+    yield from _adjustment(found)
     pose = _pose(found)
     yield pose
     for stage, why_not in (
@@ -103,6 +107,40 @@ def prospects(settings: Campaign, found: CampaignContents) -> Iterator[Prospect]
     ):
         perhaps = _ADJUSTED if stage == "diagnose" and found.is_photographed else ""
         yield Prospect(stage, pose.why_not or why_not, perhaps=perhaps)
+
+
+def _adjustment(found: CampaignContents) -> Iterator[Prospect]:
+    """Yield the time and memory that the bundle adjustment of measured rays will take."""
+    if "image_points" not in found.tables:
+        return
+    import pyarrow.compute as pc
+
+    from truing.estimation.bundle.cost import adjustment_cost
+
+    rays = found.tables["image_points"].select(["pose", "image", "point"])
+    rays = rays.filter(pc.not_equal(rays["point"], ""))
+    poses = rays["pose"].unique().to_pylist()
+    counts = [_per_pose(rays.group_by(keys).aggregate([]), poses) for keys in (["pose", "image"], ["pose", "point"])]
+    cost = adjustment_cost(*counts, _per_pose(rays, poses))
+    size = f"{counted(counts[0].sum(), 'image')}, {counted(counts[1].sum(), 'point')}, {counted(len(rays), 'ray')}"
+    yield Prospect(
+        "bundle", "", f"{size}: about {_about(cost.seconds)} s of one core and {_about(cost.bytes / 1e9)} GB"
+    )
+
+
+def _per_pose(rows: pa.Table, poses: Sequence[object]) -> NDArray[np.int64]:
+    """Return the number of rows (S,) of each pose."""
+    import numpy as np
+
+    found = rows.group_by("pose").aggregate([([], "count_all")])
+    of = dict(zip(found["pose"].to_pylist(), found["count_all"].to_pylist(), strict=True))
+    return np.array([of.get(pose, 0) for pose in poses], np.int64)
+
+
+def _about(value: float) -> str:
+    """Return a positive number to one significant digit, below 0.1 as that."""
+    digits = max(value, 0.1)
+    return f"{float(f'{digits:.0e}'):,g}"
 
 
 def _pose(found: CampaignContents) -> Prospect:

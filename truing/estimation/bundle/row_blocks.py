@@ -73,6 +73,12 @@ class RowBlocks:
     by_point: tuple[PointRays | None, ...]
 
 
+def is_large(images: Index, points: Index) -> Mask:
+    """Return the poses (S,), with so many images and points, whose points are eliminated ray by ray. Where points leave
+    the smaller system, the images are eliminated, and the covariance of points is found whole."""
+    return np.asarray((points > MOST_DENSE_POINTS) & (points > 2 * images))
+
+
 def row_blocks(
     image_start: Index, point_start: Index, first_ray: Index, ray_image: Index, ray_point: Index, tied: Mask
 ) -> RowBlocks:
@@ -83,16 +89,15 @@ def row_blocks(
     """
     images, points, first = np.diff(image_start), np.diff(point_start), first_ray[image_start]
     rays = np.diff(first)
-    # Where points leave the larger system, the images are eliminated, and the covariance of points is found whole.
-    is_large = (points > MOST_DENSE_POINTS) & (points > 2 * images)
-    length = np.where(is_large, _BLOCK[1], 3 * points)
-    start = np.concatenate([[0], np.cumsum(np.where(is_large, 18 * rays, 18 * images * points))])
+    by_ray = is_large(images, points)
+    length = np.where(by_ray, _BLOCK[1], 3 * points)
+    start = np.concatenate([[0], np.cumsum(np.where(by_ray, 18 * rays, 18 * images * points))])
     image_pose = np.repeat(np.arange(len(images)), images)
     pose = image_pose[ray_image]
     in_rows = 6 * (ray_image - image_start[pose]) * length[pose] + 3 * (ray_point - point_start[pose])
-    place = start[pose] + np.where(is_large[pose], 18 * (np.arange(len(pose)) - first[pose]), in_rows)
+    place = start[pose] + np.where(by_ray[pose], 18 * (np.arange(len(pose)) - first[pose]), in_rows)
     shapes, by_point = [], []
-    for s, large in enumerate(is_large.tolist()):
+    for s, large in enumerate(by_ray.tolist()):
         own, of_points = slice(first[s], first[s + 1]), slice(point_start[s], point_start[s + 1])
         shapes.append((int(rays[s]), *_BLOCK) if large else (6 * int(images[s]), 3 * int(points[s])))
         local = ray_image[own] - image_start[s], ray_point[own] - point_start[s]
