@@ -97,7 +97,6 @@ def prospects(settings: Campaign, found: CampaignContents) -> Iterator[Prospect]
     if settings.campaign.kind == "interferometer":
         yield from _of_loads(settings, found)
         return
-    yield from _adjustment(found)
     pose = _pose(found)
     yield pose
     for stage, why_not in (
@@ -107,6 +106,7 @@ def prospects(settings: Campaign, found: CampaignContents) -> Iterator[Prospect]
     ):
         perhaps = _ADJUSTED if stage == "diagnose" and found.is_photographed else ""
         yield Prospect(stage, pose.why_not or why_not, perhaps=perhaps)
+    yield from _adjustment(found)
 
 
 def _adjustment(found: CampaignContents) -> Iterator[Prospect]:

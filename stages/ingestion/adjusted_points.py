@@ -44,13 +44,13 @@ MOST_POINTS, MOST_IMAGES, FEW_POINTS = 50_000, 500, 1500
 @dataclass(frozen=True)
 class AdjustedPoints:
     """Artifact object_points, endpoints of scale bars, campaign folder, and names of boards; without a survey each
-    board is a body. paired (N,): points whose correlations with the others of these are known."""
+    board is a body. paired (N,): points whose correlations with the others of these are known; None if all."""
 
     table: pa.Table
     ends: frozenset[str]
     folder: Path
-    paired: Mask
     boards: tuple[str, ...] = ()
+    paired: Mask | None = None
 
     def batches(
         self, surveyed: Mapping[str, Mapping[str, object]], bodies: tuple[str, ...], log: FaultLog
@@ -66,8 +66,9 @@ class AdjustedPoints:
         foreign = np.array([bool(bodies) and name not in bodies for name in body], dtype=bool)
         unsurveyed = np.array([name not in surveyed for name in body], dtype=bool)
         nobody = (target != "") & ((body == "") | (ends & unsurveyed) | (foreign & unsurveyed))
-        keep = np.flatnonzero(~nobody & ~of_several & self.paired)
-        left_out = Counter({OF_NO_BODY: int(nobody.sum()), UNPAIRED: int((~nobody & ~self.paired).sum())})
+        paired = np.ones(len(body), bool) if self.paired is None else self.paired
+        keep = np.flatnonzero(~nobody & ~of_several & paired)
+        left_out = Counter({OF_NO_BODY: int(nobody.sum()), UNPAIRED: int((~nobody & ~paired).sum())})
         left_out = +left_out
         file = FileRows(RawFile(FILE, self.folder / FILE), FileMapping(path=FILE), "parquet")
         yield file, TableBatch(self._columns(keep, body, target, point), keep, left_out=left_out)

@@ -163,7 +163,7 @@ def _adjusted(
     bars = tables.get("scale_bars")
     ends = () if bars is None else (*bars.column("first").to_pylist(), *bars.column("second").to_pylist())
     boards = tuple(board.label for board in settings.photographs.boards)
-    return AdjustedPoints(points, frozenset(ends), source.folder, paired_points(points, correlations), boards)
+    return AdjustedPoints(points, frozenset(ends), source.folder, boards, paired_points(points, correlations))
 
 
 def _check_any_points(source: CampaignFiles, log: FaultLog) -> None:
