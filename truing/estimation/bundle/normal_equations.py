@@ -11,7 +11,6 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
 from truing.estimation.bundle.camera import PARAMETERS
@@ -293,15 +292,6 @@ def normal_equations(observed: Observed, state: NetworkState, workspace: ArrayPo
     blocks = NormalEquations(images, points, between, image_sides, point_sides, common, distances, total)
     _add_priors(observed, state, blocks)
     return blocks
-
-
-def spread_interior(layout: EquationLayout, camera: NDArray[np.int64], by_interior: Array) -> Array:
-    """Return derivatives (n, 2, c) by the common unknowns from those (n, 2, 10) by the interior of each ray's
-    camera."""
-    # The last column collects derivatives by fixed elements.
-    spread = np.zeros((len(camera), 2, len(layout.common) + 1))
-    np.put_along_axis(spread, np.broadcast_to(layout.interior[camera][:, None], by_interior.shape), by_interior, -1)
-    return spread[..., :-1]
 
 
 def _add_priors(observed: Observed, state: NetworkState, blocks: NormalEquations) -> None:
