@@ -23,7 +23,7 @@ from scipy.linalg.lapack import dposv, dpotrf, dpotrs
 
 from truing.arrays import Array, Index
 from truing.estimation.bundle.datum import Freedom
-from truing.estimation.bundle.eliminated_rows import DenseRows, RayRows, add_products
+from truing.estimation.bundle.eliminated_rows import DenseRows, RayRows, ReducedDense, ReducedRays, add_products
 from truing.estimation.bundle.normal_equations import ArrayPool, EquationLayout, NormalEquations, Observed, UnknownsStep
 from truing.estimation.bundle.row_blocks import PointRays, put_tied_rows
 
@@ -163,6 +163,7 @@ class EliminatedPose:
         self.blocks = blocks
         kept, k = blocks.kept, len(blocks.kept)
         self.kept_diagonal = np.diagonal(kept).copy()
+        self.reduced: ReducedDense | ReducedRays
         eliminated = blocks.own_rows.eliminate(blocks.own, blocks.own_sides, damping, reduced)
         self.root, self.reduced, self.reduced_sides = eliminated
         kept.flat[:: k + 1] *= 1 + damping
