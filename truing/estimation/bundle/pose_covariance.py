@@ -6,14 +6,15 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.linalg.blas import dgemm
 from scipy.linalg.lapack import dpotri
 
-from truing.arrays import Array, Index, Mask
-from truing.estimation.bundle.datum import Freedom, into_datum
+from truing.arrays import Array, Index
+from truing.estimation.bundle.covariance_datum import Datum
+from truing.estimation.bundle.datum import Freedom
 from truing.estimation.bundle.eliminated_rows import ReducedRays
 from truing.estimation.bundle.elimination import EliminatedPose
 from truing.estimation.bundle.normal_equations import EquationLayout
+from truing.estimation.bundle.ray_covariance import by_rays
 from truing.estimation.bundle.row_blocks import coordinates
 
 
@@ -99,8 +100,6 @@ def kept_covariance(one: EliminatedPose) -> Array:
 def given_common(layout: EquationLayout, pose: int, one: EliminatedPose, free: Freedom, held: Array) -> PoseCovariance:
     """Return the covariance of a pose given the common unknowns, in the datum of the conditions `held`."""
     if isinstance(one.reduced, ReducedRays):
-        from truing.estimation.bundle.ray_covariance import by_rays
-
         return by_rays(one, one.reduced, kept_covariance(one), free, Datum.of(free, held))
     blocks, reduced = one.blocks, one.reduced.array
     b, d, _ = blocks.own.shape
@@ -144,38 +143,6 @@ def _ordered(
     each = np.arange(m // 6)
     images = kept[:m, :m].reshape(m // 6, 6, m // 6, 6)[each, :, each, :]
     return DensePoseCovariance(points, image_points, images, by_common[m:], by_common[:m])
-
-
-@dataclass(frozen=True)
-class Datum:
-    """Transformation of points into a datum: S = 1 - G F with the freedoms G (3 p, d) and F (d, 3 p). certain (3 p,):
-    coordinates that the datum fixes."""
-
-    freedoms: Array
-    back: Array
-    certain: Mask
-
-    @classmethod
-    def of(cls, free: Freedom, held: Array) -> Datum:
-        """Return the datum with conditions B (3 p, d)."""
-        # A condition on a single coordinate fixes it.
-        return cls(free.points.reshape(held.shape), into_datum(free, held), np.any(held == 1.0, axis=1))
-
-    def points(self, covariance: Array) -> Array:
-        """Return the covariance (3 p, 3 p) of points in this datum; overwrites the input."""
-        drawn = self.back @ covariance
-        drawn -= (drawn @ self.back.T / 2) @ self.freedoms.T
-        # The transposed matrix, equal by symmetry, is column-major as BLAS needs it.
-        taken = np.hstack([self.freedoms, drawn.T]), np.hstack([drawn.T, self.freedoms])
-        found = dgemm(-1.0, *taken, 1.0, covariance.T, trans_b=1, overwrite_c=1).T
-        found[self.certain] = found[:, self.certain] = 0.0
-        return found
-
-    def by_common(self, by_common: Array) -> Array:
-        """Return the derivatives of points (3 p, c) by the common unknowns in this datum."""
-        found = by_common - self.freedoms @ (self.back @ by_common)
-        found[self.certain] = 0.0
-        return found
 
 
 def _in_datum(one: DensePoseCovariance, free: Freedom, datum: Datum) -> DensePoseCovariance:

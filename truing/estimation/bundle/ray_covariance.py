@@ -17,10 +17,10 @@ from functools import cached_property
 import numpy as np
 
 from truing.arrays import Array, Index
+from truing.estimation.bundle.covariance_datum import Datum
 from truing.estimation.bundle.datum import Freedom
 from truing.estimation.bundle.eliminated_rows import Entries, ReducedRays
 from truing.estimation.bundle.elimination import EliminatedPose
-from truing.estimation.bundle.pose_covariance import Datum
 from truing.estimation.bundle.row_blocks import PointRays, coordinates
 
 _ENTRY = 6  # width of an entry

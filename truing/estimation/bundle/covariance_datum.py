@@ -1,0 +1,43 @@
+"""Transformation of the covariance of a pose's points into a datum."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg.blas import dgemm
+
+from truing.arrays import Array, Mask
+from truing.estimation.bundle.datum import Freedom, into_datum
+
+
+@dataclass(frozen=True)
+class Datum:
+    """Transformation of points into a datum: S = 1 - G F with the freedoms G (3 p, d) and F (d, 3 p). certain (3 p,):
+    coordinates that the datum fixes."""
+
+    freedoms: Array
+    back: Array
+    certain: Mask
+
+    @classmethod
+    def of(cls, free: Freedom, held: Array) -> Datum:
+        """Return the datum with conditions B (3 p, d)."""
+        # A condition on a single coordinate fixes it.
+        return cls(free.points.reshape(held.shape), into_datum(free, held), np.any(held == 1.0, axis=1))
+
+    def points(self, covariance: Array) -> Array:
+        """Return the covariance (3 p, 3 p) of points in this datum; overwrites the input."""
+        drawn = self.back @ covariance
+        drawn -= (drawn @ self.back.T / 2) @ self.freedoms.T
+        # The transposed matrix, equal by symmetry, is column-major as BLAS needs it.
+        taken = np.hstack([self.freedoms, drawn.T]), np.hstack([drawn.T, self.freedoms])
+        found = dgemm(-1.0, *taken, 1.0, covariance.T, trans_b=1, overwrite_c=1).T
+        found[self.certain] = found[:, self.certain] = 0.0
+        return found
+
+    def by_common(self, by_common: Array) -> Array:
+        """Return the derivatives of points (3 p, c) by the common unknowns in this datum."""
+        found = by_common - self.freedoms @ (self.back @ by_common)
+        found[self.certain] = 0.0
+        return found
