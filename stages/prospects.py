@@ -120,9 +120,9 @@ def _adjustment(found: CampaignContents) -> Iterator[Prospect]:
     rays = found.tables["image_points"].select(["pose", "image", "point"])
     rays = rays.filter(pc.not_equal(rays["point"], ""))
     poses = rays["pose"].unique().to_pylist()
-    counts = [_per_pose(rays.group_by(keys).aggregate([]), poses) for keys in (["pose", "image"], ["pose", "point"])]
-    cost = adjustment_cost(*counts, _per_pose(rays, poses))
-    size = f"{counted(counts[0].sum(), 'image')}, {counted(counts[1].sum(), 'point')}, {counted(len(rays), 'ray')}"
+    images, points = (_per_pose(rays.group_by(["pose", key]).aggregate([]), poses) for key in ("image", "point"))
+    cost = adjustment_cost(images, points, _per_pose(rays, poses))
+    size = f"{counted(images.sum(), 'image')}, {counted(points.sum(), 'point')}, {counted(len(rays), 'ray')}"
     yield Prospect(
         "bundle", "", f"{size}: about {_about(cost.seconds)} s of one core and {_about(cost.bytes / 1e9)} GB"
     )
