@@ -15,10 +15,10 @@ from truing.arrays import Index
 from truing.estimation.bundle.row_blocks import is_large
 
 _STEPS, _COVARIANCES = 200, 20  # of a run
-_PER_RAY = 1.3e-6  # s per ray and step
+_PER_RAY = 1.7e-6  # s per ray and step
 _RATE = 2e10  # floating-point operations per second in products of matrices
 _BASE = 250e6  # bytes, for the program
-_BYTES_PER_RAY = 6e3  # for all tables and arrays of a ray
+_BYTES_PER_RAY = 7e3  # for all tables and arrays of a ray
 _DOUBLE = 8
 
 
