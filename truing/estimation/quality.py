@@ -11,6 +11,7 @@ from truing.estimation.rotation import rigid_motions
 
 # Poses that are compared with others at a time, and the factor that keeps rounding out of a preselection.
 _POSES_AT_ONCE, _WIDER = 256, 1.001
+_NARROW = 9  # width up to which each window is sorted anew
 
 
 @dataclass(frozen=True)
@@ -143,8 +144,16 @@ def find_drift(positions: Array, kept: Mask) -> Drift:
 
 
 def running_median(series: Array, width: int) -> Array:
-    """Return the median over a window of ``width`` rows, for complete windows only."""
-    return np.median(np.lib.stride_tricks.sliding_window_view(series, min(width, len(series)), axis=0), axis=-1)
+    """Return the median of series (B, ...) over a window of ``width`` rows, for complete windows only."""
+    width = min(width, len(series))
+    if width <= _NARROW:
+        return np.median(np.lib.stride_tricks.sliding_window_view(series, width, axis=0), axis=-1)
+    from scipy.ndimage import rank_filter  # its cost grows with the logarithm of the width
+
+    windows = slice(width // 2, width // 2 + len(series) - width + 1)
+    flat = np.ascontiguousarray(series.reshape(len(series), -1).T)
+    middle = [[rank_filter(row, rank, size=width)[windows] for row in flat] for rank in {(width - 1) // 2, width // 2}]
+    return np.mean(middle, axis=0).T.reshape(-1, *series.shape[1:])
 
 
 def exchanged_pairs(fitted_from: Array, measured: Array, gross: Mask, limit: Array) -> list[tuple[int, int, int]]:
