@@ -158,6 +158,15 @@ def apply_rotation(R: NDArray, v: NDArray) -> NDArray:
     return np.einsum("...ij,...j->...i", R, v)
 
 
+def extreme_variances(C: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the smallest and the largest eigenvalue (...) of symmetric matrices (..., 3, 3)."""
+    if not any(np.any(C[..., i, j]) for i, j in ((0, 1), (0, 2), (1, 2), (1, 0), (2, 0), (2, 1))):
+        own = [C[..., i, i] for i in range(3)]
+        return np.minimum(np.minimum(own[0], own[1]), own[2]), np.maximum(np.maximum(own[0], own[1]), own[2])
+    eigenvalues = np.linalg.eigvalsh(C)
+    return eigenvalues[..., 0], eigenvalues[..., 2]
+
+
 def symmetric(C: NDArray) -> NDArray:
     """Return the symmetric part (..., n, n), to remove rounding."""
     return (C + np.swapaxes(C, -1, -2)) / 2

@@ -11,7 +11,6 @@ NumPy, and 9 times as fast as the fastest library (`python -m benchmarks.pose`).
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truing.estimation import simd_arithmetic
+from truing.estimation.blocks import available_processors
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, check_correspondences, solve_weighted
 from truing.estimation.simd_arithmetic import (
     IDENTITY,
@@ -383,11 +383,6 @@ def run_in_threads(part: Callable[[int], None], starts: range, threads: int | No
     with ThreadPoolExecutor(count) as pool:
         for done in [pool.submit(part, start) for start in starts]:
             done.result()
-
-
-def available_processors() -> int:
-    """Return the number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _refit_unclear(fit: RigidFit, rows: NDArray, x: NDArray, y: NDArray, w: NDArray, noise: NDArray | None) -> None:

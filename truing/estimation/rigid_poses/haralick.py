@@ -17,6 +17,7 @@ from truing.estimation.rigid_poses.rigid import (
     FitStatus,
     RigidFit,
     check_correspondences,
+    solve_motion,
     solve_weighted,
 )
 
@@ -46,8 +47,20 @@ def haralick(
     covariance holds for the points kept, at the efficiency of the biweight. Raises ValueError as `umeyama`, and for
     noise that is not positive.
     """
+    fit, robust, _ = reweighted_fit(source, target, np.hypot(sigma_source, sigma_target), weight, tuning)
+    return fit, robust
+
+
+def reweighted_fit(
+    source: ArrayLike, target: ArrayLike, sigma: ArrayLike, weight: ArrayLike | None, tuning: float = TUNING
+) -> tuple[RigidFit, NDArray, NDArray]:
+    """Return the fit and the weights of `haralick`, and the factor (B,) by which its covariance exceeds that of the
+    plain fit to the points kept.
+
+    sigma: noise of both clouds together, in m.
+    """
     x, y, w = check_correspondences(source, target, weight)
-    noise = np.broadcast_to(np.hypot(sigma_source, sigma_target).astype(np.float64), w.shape)
+    noise = np.broadcast_to(np.asarray(sigma, np.float64), w.shape)
     if not np.all(noise > 0):
         raise ValueError("sigma_source, sigma_target: found noise of 0 on both clouds, expected more")
     base = w / noise**2
@@ -91,20 +104,27 @@ def _iterate_weights(
     x: NDArray, y: NDArray, base: NDArray, noise: NDArray, tuning: float
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Return the weights (B, N), the number of iterations (B,) and the mask of converged fits (B,)."""
-    start = solve_weighted(x, y, base)
-    robust, fitted = (base > 0).astype(np.float64), start.apply(x)
-    steps, converged = np.zeros(len(x), np.int64), ~start.ok
+    fitted, ok = _fitted(x, y, base)
+    robust = (base > 0).astype(np.float64)
+    steps, converged = np.zeros(len(x), np.int64), ~ok
     for _ in range(MAX_ITERATIONS):
         rows = np.flatnonzero(~converged)
         if not rows.size:
             break
-        robust[rows] = _reweighted(y[rows] - fitted[rows], base[rows], noise[rows], tuning)
-        fit = solve_weighted(x[rows], y[rows], base[rows] * robust[rows])
-        moved = np.linalg.norm(fit.apply(x[rows]) - fitted[rows], axis=-1) / noise[rows]
-        fitted[rows] = fit.apply(x[rows])
+        own = base[rows]
+        robust[rows] = _reweighted(y[rows] - fitted[rows], own, noise[rows], tuning)
+        renewed, ok = _fitted(x[rows], y[rows], own * robust[rows])
+        moved = np.linalg.norm(renewed - fitted[rows], axis=-1) / noise[rows]
+        fitted[rows] = renewed
         steps[rows] += 1
-        converged[rows] = ~fit.ok | (np.max(np.where(base[rows] > 0, moved, 0.0), axis=-1) < _SETTLED)
+        converged[rows] = ~ok | (np.max(np.where(own > 0, moved, 0.0), axis=-1) < _SETTLED)
     return robust, steps, converged
+
+
+def _fitted(x: NDArray, y: NDArray, w: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the source points (B, N, 3) moved by the weighted fit, and the mask (B,) of valid fits."""
+    R, t, _, status = solve_motion(x, y, w)
+    return x @ np.swapaxes(R, -1, -2) + t[:, None], status == FitStatus.OK
 
 
 def _reweighted(residual: NDArray, base: NDArray, noise: NDArray, tuning: float) -> NDArray:
@@ -122,12 +142,13 @@ def _conclude(
     steps: NDArray,
     converged: NDArray,
     tuning: float,
-) -> tuple[RigidFit, NDArray]:
+) -> tuple[RigidFit, NDArray, NDArray]:
     fit = solve_weighted(x, y, base * robust)
     length = np.linalg.norm(y - fit.apply(x), axis=-1) / noise
     scale = np.maximum(residual_scale(np.where(fit.ok[:, None], length, 1.0), base > 0), 1.0)
     plain = solve_weighted(x, y, base * (robust > 0), sigma=noise).covariance
-    covariance = plain * (scale**2 / biweight_efficiency(tuning))[:, None, None]
+    factor = scale**2 / biweight_efficiency(tuning)
+    covariance = plain * factor[:, None, None]
     status = np.where(fit.ok & ~converged, str(FitStatus.NOT_CONVERGED), fit.status)
     result = replace(fit, covariance=covariance, status=status, iterations=steps).masked()
-    return result, np.where(result.ok[:, None], robust, 0.0)
+    return result, np.where(result.ok[:, None], robust, 0.0), np.where(result.ok, factor, np.nan)

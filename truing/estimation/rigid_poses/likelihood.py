@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truing.estimation.covariance import apply_rotation, symmetric
+from truing.estimation.covariance import apply_rotation, extreme_variances, symmetric
 from truing.estimation.rigid_poses.rigid import (
     FitStatus,
     RigidFit,
@@ -69,10 +69,10 @@ def _covariances(cov_source: ArrayLike, cov_target: ArrayLike, used: NDArray) ->
         C = np.where(used[..., None, None], np.broadcast_to(C, (*used.shape, 3, 3)), np.eye(3))
         if not np.allclose(C, np.swapaxes(C, -1, -2), rtol=1e-9, atol=0.0):
             raise ValueError(f"{name}: found an asymmetric or non-finite matrix, expected covariances")
-        eigenvalues = np.linalg.eigvalsh(C)
-        if np.any(eigenvalues[..., 0] < -1e-9 * eigenvalues[..., 2]):
+        least, most = extreme_variances(C)
+        if np.any(least < -1e-9 * most):
             raise ValueError(f"{name}: found a negative variance, expected covariances")
-        smallest = smallest + np.maximum(eigenvalues[..., 0], 1e-15 * eigenvalues[..., 2])
+        smallest = smallest + np.maximum(least, 1e-15 * most)
         out.append(C)
     if np.any(smallest <= 0):
         raise ValueError("cov_source, cov_target: found a point with noise on neither cloud, expected some")

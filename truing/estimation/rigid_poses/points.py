@@ -41,6 +41,53 @@ class PosePoints:
     cov: Array
     seen: Mask
 
+    @property
+    def variance(self) -> Array:
+        """Sum (B, T) of the variances of the three coordinates, in m^2."""
+        return np.asarray(np.trace(self.cov, axis1=-2, axis2=-1))
+
+    def block(self, rows: slice | Index) -> PosePoints:
+        """Return the points of some poses."""
+        return PosePoints(
+            some_poses(self.poses, rows), self.targets, self.points[rows], self.cov[rows], self.seen[rows]
+        )
+
+
+@dataclass(frozen=True)
+class CompactPoints:
+    """`PosePoints` without matrices, for many poses: sigma (B, T, 3), or (1, 1, 3) for all, in m; correlation (B, T, 3)
+    of xy, xz, yz, or None."""
+
+    poses: tuple[int | str, ...]
+    targets: tuple[str, ...]
+    points: Array
+    sigma: Array
+    correlation: Array | None
+    seen: Mask
+
+    @property
+    def variance(self) -> Array:
+        """Sum (B, T) of the variances of the three coordinates, in m^2."""
+        return np.where(self.seen, np.sum(self.sigma * self.sigma, axis=-1), 0.0)
+
+    def block(self, rows: slice | Index) -> PosePoints:
+        """Return the points of some poses, with their covariances."""
+        seen = self.seen[rows]
+        sigma = np.broadcast_to(self.sigma if len(self.sigma) == 1 else self.sigma[rows], (*seen.shape, 3))
+        cov = np.zeros((*seen.shape, 3, 3))
+        for i in range(3):
+            cov[..., i, i] = np.where(seen, sigma[..., i] * sigma[..., i], 0.0)
+        if self.correlation is not None:
+            own = self.correlation[rows]
+            for k, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
+                cov[..., i, j] = cov[..., j, i] = np.where(seen, own[..., k] * sigma[..., i] * sigma[..., j], 0.0)
+        return PosePoints(some_poses(self.poses, rows), self.targets, self.points[rows], cov, seen)
+
+
+def some_poses(poses: tuple[int | str, ...], rows: slice | Index) -> tuple[int | str, ...]:
+    """Return the ids of some poses."""
+    return poses[rows] if isinstance(rows, slice) else tuple(poses[row] for row in rows)
+
 
 @dataclass(frozen=True)
 class FittedPoints:

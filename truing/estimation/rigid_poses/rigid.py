@@ -101,6 +101,14 @@ def solve_weighted(
     x: NDArray, y: NDArray, w: NDArray, *, with_scale: bool = False, sigma: ArrayLike | None = None
 ) -> RigidFit:
     """Return the result of `umeyama` for clouds checked by `check_correspondences`."""
+    R, t, scale, status = solve_motion(x, y, w, with_scale=with_scale)
+    return _assemble(x, y, w, R, t, scale, status, with_scale, sigma)
+
+
+def solve_motion(
+    x: NDArray, y: NDArray, w: NDArray, *, with_scale: bool = False
+) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+    """Return R (B, 3, 3), t (B, 3), scale (B,) and status (B,) of `solve_weighted`; meaningless where not OK."""
     total = np.maximum(w.sum(-1), np.finfo(float).tiny)
     centre_x, centre_y = weighted_centroid(x, w, total), weighted_centroid(y, w, total)
     q, p = x - centre_x[:, None], y - centre_y[:, None]
@@ -108,11 +116,12 @@ def solve_weighted(
     handed = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
     status = _status(x, y, w, q, p, s, handed)
     R = (U * np.stack([np.ones_like(handed), np.ones_like(handed), handed], -1)[:, None]) @ Vt
-    spread = weighted_square(q, w)
-    turned = s[:, 0] + s[:, 1] + handed * s[:, 2]
-    scale = turned / np.where(spread > 0, spread, 1.0) if with_scale else np.ones(len(R))
+    scale = np.ones(len(R))
+    if with_scale:
+        spread = weighted_square(q, w)
+        scale = (s[:, 0] + s[:, 1] + handed * s[:, 2]) / np.where(spread > 0, spread, 1.0)
     t = centre_y - scale[:, None] * np.einsum("bij,bj->bi", R, centre_x)
-    return _assemble(x, y, w, R, t, scale, status, with_scale, sigma)
+    return R, t, scale, status
 
 
 def check_correspondences(
