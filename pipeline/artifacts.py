@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from truing.pipeline.whole_file import discard_parts, publish_file, sync_folder, write_part
-from truing.schemas.artifact import Artifact, checked_table
+from truing.schemas.artifact import Artifact, StoredTable, checked_table
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.settings_text import regular_size
 
@@ -208,6 +208,19 @@ def read_artifact(folder: Path, artifact: Artifact) -> pa.Table | str:
         if not artifact.is_table:
             return path.read_text(encoding="utf-8")
         return checked_table(path, artifact)
+    except FileNotFoundError as error:
+        raise Unreadable(error.strerror) from None
+    except ValueError as error:
+        raise Unreadable((str(error).splitlines() or [""])[0]) from None
+
+
+def opened_artifact(folder: Path, artifact: Artifact) -> StoredTable:
+    """Table of an artifact to be read in batches; raises Unreadable if it is missing or no Parquet file."""
+    table = StoredTable(folder / artifact.file, artifact)
+    try:
+        regular_size(table.path)
+        _ = table.schema, table.num_rows
+        return table
     except FileNotFoundError as error:
         raise Unreadable(error.strerror) from None
     except ValueError as error:

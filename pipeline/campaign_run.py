@@ -26,6 +26,7 @@ from truing.pipeline.stage_order import (
     order_of,
     stage_module,
 )
+from truing.schemas.artifact import DamagedTable
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.stages.declaration import Outcome, Stage
@@ -33,7 +34,7 @@ from truing.stages.declaration import Outcome, Stage
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from truing.schemas.artifact import Artifact
+    from truing.schemas.artifact import Artifact, StoredTable
     from truing.schemas.campaign import Campaign
     from truing.stages.declaration import Progress
 
@@ -77,7 +78,7 @@ class CampaignRun:
         if known is None:
             known = asdict(stage_module(name).DECLARATION)
             self.digest_cache.note(key, known)
-        lists = {field: tuple(known[field]) for field in ("reads", "leaves", "settings")}
+        lists = {field: tuple(known[field]) for field in ("reads", "leaves", "settings", "streams")}
         return Stage(name=known["name"], summary=known["summary"], **lists)
 
     def made_from(self, stage: Stage) -> MadeFrom:
@@ -138,9 +139,12 @@ class CampaignRun:
     def execute(self, stage: Stage, now: MadeFrom, progress: Progress) -> str:
         """Run a stage, write its artifacts and manifest entry; returns its closing line."""
         started = time.perf_counter()
-        outcome = self.outcome(stage, progress)
-        _check_artifacts(stage, outcome)
-        self._store(stage, now, outcome)
+        try:
+            outcome = self.outcome(stage, progress)
+            _check_artifacts(stage, outcome)
+            self._store(stage, now, outcome)
+        except DamagedTable as error:  # of a table that is read in batches
+            self._refuse_damaged(error.artifact, str(error))
         words = f"read {outcome.read}; left out {outcome.left_out}; {outcome.figure}"
         return f"{words}; {time.perf_counter() - started:.2f} s"
 
@@ -168,21 +172,24 @@ class CampaignRun:
 
         return results(work, pieces, Workforce(self.workers), _raise_lost_worker, progress)
 
-    def _tables(self, stage: Stage) -> dict[str, pa.Table | str]:
+    def _tables(self, stage: Stage) -> dict[str, pa.Table | StoredTable | str]:
         present = [name for name in map(bare, stage.reads) if self.evidence.input_digest(name) is not None]
-        return {name: self._read(ARTIFACTS[name]) for name in present}
+        return {name: self._read(ARTIFACTS[name], in_batches=name in stage.streams) for name in present}
 
-    def _read(self, artifact: Artifact) -> pa.Table | str:
+    def _read(self, artifact: Artifact, *, in_batches: bool) -> pa.Table | StoredTable | str:
         """Artifact of an earlier stage; raises EnvironmentProblem if it was damaged since."""
-        from truing.pipeline.artifacts import Unreadable, read_artifact
+        from truing.pipeline.artifacts import Unreadable, opened_artifact, read_artifact
 
-        path = self.folder / artifact.file
         try:
-            return read_artifact(self.folder, artifact)
+            return opened_artifact(self.folder, artifact) if in_batches else read_artifact(self.folder, artifact)
         except Unreadable as error:
-            self.digest_cache.discard_digest(path)  # so that its old digest is not used again
-            self.digest_cache.save()
-            raise EnvironmentProblem(f"{path} was changed after it was written ({error})") from None
+            self._refuse_damaged(artifact, str(error))
+
+    def _refuse_damaged(self, artifact: Artifact, why: str) -> NoReturn:
+        path = self.folder / artifact.file
+        self.digest_cache.discard_digest(path)  # so that its old digest is not used again
+        self.digest_cache.save()
+        raise EnvironmentProblem(f"{path} was changed after it was written ({why})") from None
 
     def _store(self, stage: Stage, now: MadeFrom, outcome: Outcome) -> None:
         from truing import __version__

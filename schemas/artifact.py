@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,6 +16,8 @@ from truing.schemas.memory import raise_shortage
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+ROWS_AT_ONCE = 1 << 18
 
 
 @dataclass(frozen=True)
@@ -76,9 +79,10 @@ class Artifact:
         """All departures of a table from this definition: columns, types, nulls, bounds, choices."""
         names = table.schema.names
         missing = [Fault(self.file, f"a column {name}") for name in self.columns if name not in names]
-        return missing + [fault for name in names for fault in self._column_faults(name, table.column(name))]
+        return missing + [fault for name in names for fault in self.column_faults(name, table.column(name))]
 
-    def _column_faults(self, name: str, values: pa.ChunkedArray | pa.Array) -> Iterator[Fault]:
+    def column_faults(self, name: str, values: pa.ChunkedArray | pa.Array) -> Iterator[Fault]:
+        """Yield all departures of one column from this definition."""
         column = self.column(name)
         if column is None:
             yield Fault(self.file, "no such column", column=name)
@@ -167,24 +171,98 @@ def parquet(
     return Artifact(name, file, meaning, tuple(own), tuple(further), tuple(families.split()), covariates, key, version)
 
 
-def checked_table(path: Path, artifact: Artifact) -> pa.Table:
-    """Return the table in a Parquet file; raises ValueError with every departure from the artifact."""
+class DamagedTable(ValueError):
+    """A Parquet file that departs from its artifact, with every departure."""
+
+    def __init__(self, artifact: Artifact, why: str) -> None:
+        self.artifact = artifact
+        super().__init__(why)
+
+
+@dataclass(frozen=True)
+class StoredTable:
+    """Table of an artifact in its Parquet file, read in batches; raises DamagedTable while it is read."""
+
+    path: Path
+    artifact: Artifact
+
+    @cached_property
+    def schema(self) -> pa.Schema:
+        """Names and types of the columns."""
+        import pyarrow.parquet as pq
+
+        with _as_damage(self.artifact):
+            return pq.read_schema(self.path)
+
+    @cached_property
+    def num_rows(self) -> int:
+        """Number of rows."""
+        import pyarrow.parquet as pq
+
+        with _as_damage(self.artifact):
+            return int(pq.read_metadata(self.path).num_rows)
+
+    def batches(self, columns: Sequence[str] | None = None, rows: int = ROWS_AT_ONCE) -> Iterator[pa.Table]:
+        """Yield all rows in order, checked; texts are dictionary-encoded."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        names = [name for name in self.schema.names if columns is None or name in columns]
+        texts = [name for name in names if pa.types.is_string(self.schema.field(name).type)]
+        with _as_damage(self.artifact), pq.ParquetFile(self.path, read_dictionary=texts) as file:
+            for batch in file.iter_batches(batch_size=rows, columns=names):
+                if faults := [fault for name in names for fault in self.artifact.column_faults(name, batch[name])]:
+                    raise DamagedTable(self.artifact, "\n".join(str(fault) for fault in faults))
+                yield pa.Table.from_batches([batch])
+
+    def read(self) -> pa.Table:
+        """Return the whole table."""
+        return checked_table(self.path, self.artifact)
+
+
+def table_batches(
+    table: pa.Table | StoredTable, columns: Sequence[str] | None = None, rows: int = ROWS_AT_ONCE
+) -> Iterator[pa.Table]:
+    """Yield the rows of a table in order, in batches of at most so many rows."""
+    if isinstance(table, StoredTable):
+        yield from table.batches(columns, rows)
+        return
+    some = table if columns is None else table.select([name for name in table.column_names if name in columns])
+    for first in range(0, some.num_rows, rows):
+        yield some.slice(first, rows)
+
+
+def whole_table(table: pa.Table | StoredTable) -> pa.Table:
+    """Return all rows of a table."""
+    return table.read() if isinstance(table, StoredTable) else table
+
+
+@contextmanager
+def _as_damage(artifact: Artifact) -> Iterator[None]:
+    """Raise DamagedTable for errors of a file's content."""
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     try:
-        table = pq.read_table(path)
-        table.validate(full=True)
-        faults = artifact.faults(table)
+        yield
     except (pa.ArrowException, UnicodeError) as error:
         raise_shortage(error)
-        raise ValueError(f"{artifact.file}: expected a whole Parquet file ({_first_line(error)})") from None
+        raise DamagedTable(artifact, f"{artifact.file}: expected a whole Parquet file ({_first_line(error)})") from None
     except OSError as error:
         if error.errno:  # the file cannot be reached, which says nothing about its content
             raise
-        raise ValueError(f"{artifact.file}: expected a whole Parquet file ({_first_line(error)})") from None
+        raise DamagedTable(artifact, f"{artifact.file}: expected a whole Parquet file ({_first_line(error)})") from None
+
+
+def checked_table(path: Path, artifact: Artifact) -> pa.Table:
+    """Return the table in a Parquet file; raises DamagedTable with every departure from the artifact."""
+    import pyarrow.parquet as pq
+
+    with _as_damage(artifact):
+        table = pq.read_table(path)
+        table.validate(full=True)
+        faults = artifact.faults(table)
     if faults:
-        raise ValueError("\n".join(str(fault) for fault in faults))
+        raise DamagedTable(artifact, "\n".join(str(fault) for fault in faults))
     return table
 
 

@@ -20,7 +20,7 @@ class Stage:
     """Name of a stage, artifacts that it reads and writes, and sections of campaign.toml that it may read.
 
     A trailing ``?`` in ``reads`` or ``leaves`` marks an optional artifact. Freshness and order of stages follow from
-    these declarations alone.
+    these declarations alone. ``streams``: tables among ``reads`` that are passed as StoredTable, to be read in batches.
     """
 
     name: str
@@ -28,6 +28,7 @@ class Stage:
     leaves: tuple[str, ...]
     settings: tuple[str, ...]
     summary: str
+    streams: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ DECLARATION = Stage(
         ),
     ),
     summary="rigid-body poses or displacements under load, with covariance, and the residuals of every reading",
+    streams=("observations",),
 )
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tests.tolerance import assert_between, assert_close
-from truing.estimation.rigid_poses.body_poses import fit_body
+from truing.estimation.rigid_poses.body_estimate import fit_body
 from truing.estimation.rigid_poses.points import PointErrors, PosePoints, SurveyPoints
 from truing.estimation.rigid_poses.umeyama import umeyama
 

@@ -12,20 +12,14 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
 from truing.estimation.covariance import relative, relative_of_pair, survey_frame_covariance
-from truing.estimation.rigid_poses.haralick import haralick
+from truing.estimation.rigid_poses.haralick import reweighted_fit
 from truing.estimation.rigid_poses.points import FittedPoints, PosePoints, SurveyPoints
-from truing.estimation.rigid_poses.procrustes import common_shape, generalised_procrustes, typical_sigma
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit
-from truing.estimation.rigid_poses.robust_pose import robust_poses, sigma_from_distances, target_scatter
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.uncertainty_budget import Source
 
 NOT_A_REFERENCE = "attachment: not part of the frame"
 NOT_SURVEYED = "not in the survey"
-# Share of the coordinates taken as noise of the points, if none was declared and none shows.
-_ROUNDING = 1e-9
-# Own movement of a target, in units of the noise, above which it counts as moved instead of flexing.
-_LARGEST_MOVEMENT = 30.0
 _BY_CHANCE = 0.01  # p-value of a scatter below which it counts as larger than the declared noise
 
 
@@ -79,56 +73,21 @@ class PointDecisions:
         return cls(np.zeros(shape, bool), np.full(shape, "", dtype=object))
 
 
-def fit_body(
-    points: PosePoints,
-    body: str,
-    survey: SurveyPoints,
-    out: PointDecisions | None = None,
-    keep: PointDecisions | None = None,
-    own: Array | None = None,
-) -> BodyPoses:
-    """Return the poses of a body relative to its survey, or to the shape common to its poses if it has none.
+def reasons(
+    fit: RigidFit, residual: Array, known: Mask, frame: Mask, used: Mask, rejected: Mask
+) -> NDArray[np.object_]:
+    """Return the reason (B, T) for not using a point, in words; empty if used.
 
-    out, keep: points that a person excluded, or marked as valid. own (B, T, 3, 3): covariances without errors common to
-    all poses. They are used to find the common shape, since a common scale error would otherwise make it uncertain
-    along the line to each point.
+    known, frame (T,): targets with a reference position, and those that define the body frame.
     """
-    nothing = PointDecisions.none(points.seen.shape)
-    excluded, excluded_why = (out or nothing).chosen, (out or nothing).words
-    kept, kept_why = (keep or nothing).chosen, (keep or nothing).words
-    if survey.targets:
-        fitted = fit_to_survey(points, survey, ~excluded, kept)
-    else:
-        each = points if own is None else replace(points, cov=np.where(points.seen[..., None, None], own, points.cov))
-        fitted = fit_by_itself(each, ~excluded, kept)
-    fit, usable = fitted.fits[fitted.default], points.seen & fitted.frame & ~excluded
-    used = fitted.agreed & fit.ok[:, None]
-    rejected = usable & ~fitted.agreed & fitted.has_consensus[:, None] | points.seen & excluded
-    there = (points.seen & fitted.known)[..., None]
-    residual = np.where(there, fit.residuals(np.nan_to_num(fitted.source), points.points), np.nan)
-    why = _reasons(fit, residual, fitted, used, rejected)
-    kept, excluded = used & kept, excluded & points.seen
-    why = np.where(kept, kept_why, np.where(excluded, excluded_why, why))
-    by_person = excluded.sum(axis=1)
-    left = {method: usable.sum(axis=1) - f.n_used + by_person for method, f in fitted.fits.items()}
-    left[fitted.default] = rejected.sum(axis=1)
-    return BodyPoses(
-        *(body, points, fitted.fits, fitted.default, residual, used, rejected, left, why, fitted.noise_ratio),
-        *(np.nan_to_num(fitted.source), fitted.cov_source, fitted.frame, kept, excluded),
-        weights=fitted.weights,
-    )
-
-
-def _reasons(fit: RigidFit, residual: Array, fitted: BodyFit, used: Mask, rejected: Mask) -> NDArray[np.object_]:
-    """Return the reason (B, T) for not using a point, in words; empty if used."""
     off_mm = 1e3 * np.linalg.norm(np.nan_to_num(residual), axis=-1)
     gross = _filled_words(lambda mm: f"gross error: {mm:.3f} mm off" if mm else "gross error", off_mm, rejected)
     no_pose = np.broadcast_to(np.array([f"no pose: {s}" for s in fit.status], dtype=object)[:, None], used.shape)
     conditions = [
         used,
         rejected,
-        np.broadcast_to(~fitted.known, used.shape),
-        np.broadcast_to(~fitted.frame, used.shape),
+        np.broadcast_to(~known, used.shape),
+        np.broadcast_to(~frame, used.shape),
     ]
     return np.select(conditions, ["", gross, NOT_SURVEYED, NOT_A_REFERENCE], no_pose)
 
@@ -139,72 +98,7 @@ def _filled_words(word: Callable[[float], str], values: Array, where: Mask) -> N
     return out
 
 
-@dataclass(frozen=True)
-class BodyFit:
-    """Fits in the measurement frame by method, the default last, with their reference and the agreeing points.
-
-    source (T, 3) in m, NaN if unknown, cov_source (T, 3, 3) of the survey; known (T,): with reference position; frame
-    (T,): defines the body frame; agreed (B, T): agreeing points; has_consensus (B,): poses with agreeing points, in
-    which other points are gross errors even if there is no pose; weights: for methods other than the default with one
-    weight per point, (B, T); and the factor (B,) by which such a method scatters more than its weights imply.
-    """
-
-    fits: dict[str, RigidFit]
-    source: Array
-    cov_source: Array
-    known: Mask
-    frame: Mask
-    agreed: Mask
-    has_consensus: Mask
-    noise_ratio: float
-    weights: Mapping[str, tuple[Array, Array]] = field(default_factory=dict)
-
-    @property
-    def default(self) -> str:
-        """The method whose poses are used further on."""
-        return next(reversed(self.fits))
-
-
-def fit_to_survey(points: PosePoints, survey: SurveyPoints, allowed: Mask, keep: Mask) -> BodyFit:
-    """Return the fits relative to the survey, from the targets of the body frame; allowed, keep (B, T) by a person."""
-    source, cov_source = _reference(points, survey)
-    known: Mask = np.asarray(np.isfinite(source).all(axis=-1))
-    frame = known & _in_frame(points, survey)
-    usable = points.seen & frame & allowed
-    place, cov_source = np.nan_to_num(source), np.nan_to_num(cov_source)
-    cov_target = _noise(place, points, usable)
-    fit, agreed, ratio = robust_poses(place, points.points, cov_source, cov_target, usable, keep=keep)
-    fits, weights = _by_every_method(place, points.points, cov_source, cov_target, usable, (fit, agreed), frame)
-    return BodyFit(fits, source, cov_source, known, frame, agreed, _has_consensus(fit, agreed), ratio, weights)
-
-
-def fit_by_itself(points: PosePoints, allowed: Mask, keep: Mask) -> BodyFit:
-    """Return the fits relative to the shape common to the poses; poses and shape are estimated together."""
-    usable = points.seen & allowed
-    richest = int(usable.sum(axis=1).argmax())
-    sigma = typical_sigma(_noise(points.points[richest], points, usable & usable[richest]), usable)
-    source = common_shape(points.points, usable, sigma)
-    known: Mask = np.asarray(np.isfinite(source).all(axis=-1))
-    place, usable = np.nan_to_num(source), usable & known
-    cov_target = _noise(place, points, usable)
-    exact = np.zeros((len(place), 3, 3))
-    found = robust_poses(place, points.points, exact, cov_target, usable, keep=keep)
-    tau = _movement(found, place, points.points, cov_target, usable)
-    if tau.any():
-        assessed = cov_target + (tau**2)[:, None, None] * np.eye(3)
-        found = robust_poses(place, points.points, exact, assessed, usable, keep=keep)
-    fit, agreed, ratio = found
-    joint = generalised_procrustes(points.points, cov_target, agreed & fit.ok[:, None], shape=source)
-    fits = {"procrustes": joint.poses}
-    source = np.where(np.isfinite(joint.shape), joint.shape, source)
-    return BodyFit(fits, source, exact, known, known, agreed, _has_consensus(fit, agreed), ratio)
-
-
-def _has_consensus(fit: RigidFit, agreed: Mask) -> Mask:
-    return np.isin(fit.status, [str(FitStatus.OK), str(FitStatus.NO_CONSENSUS)]) & agreed.any(axis=1)
-
-
-def _by_every_method(
+def by_every_method(
     source: Array,
     target: Array,
     cov_source: Array,
@@ -217,12 +111,8 @@ def _by_every_method(
     weights of the first two."""
     spread = [np.sqrt(np.trace(C, axis1=-2, axis2=-1) / 3) for C in (cov_source, cov_target)]
     sigma = np.where(usable, np.hypot(spread[0], spread[1]), 1.0)
-    reweighted, weight = haralick(
-        source, target, np.where(usable, spread[0], 0.0), np.where(usable, spread[1], 1.0), usable
-    )
+    reweighted, weight, loss = reweighted_fit(source, target, sigma, usable)
     plain = umeyama(source, target, usable / sigma**2, sigma=sigma)
-    trusted = umeyama(source, target, (weight > 0) / sigma**2, sigma=sigma)
-    loss = reweighted.covariance[:, 0, 0] / trusted.covariance[:, 0, 0]
     fit, inlier = default
 
     def in_frame(fit: RigidFit, W: Array, factor: Array | float = 1.0) -> RigidFit:
@@ -250,42 +140,6 @@ def _inverse_noise(fit: RigidFit, cov_source: Array, cov_target: Array, inlier: 
     R = np.where(fit.ok[:, None, None], fit.R, np.eye(3))[:, None]
     noise = np.where(used, cov_target + R @ cov_source @ np.swapaxes(R, -1, -2), np.eye(3))
     return used * np.linalg.inv(noise)
-
-
-def _movement(first: tuple[RigidFit, Mask, float], source: Array, target: Array, cov: Array, usable: Mask) -> Array:
-    """Return each target's own movement (T,), in m, if it flexes; without a survey this is not known beforehand. Zero
-    if the whole body is less rigid than its noise allows, and for a target that moved far: then each pose is assessed
-    separately."""
-    fit, _, ratio = first
-    sigma = typical_sigma(cov, usable)
-    tau = target_scatter(fit, source, target, cov, usable)
-    return np.where((ratio == 1.0) & (tau > sigma) & (tau < _LARGEST_MOVEMENT * sigma), tau, 0.0)
-
-
-def _reference(points: PosePoints, survey: SurveyPoints) -> tuple[Array, Array]:
-    """Return the survey (T, 3) with covariance (T, 3, 3) in the order of the observed targets; NaN if not surveyed."""
-    place = {target: k for k, target in enumerate(survey.targets)}
-    rows = np.array([place.get(target, -1) for target in points.targets], dtype=np.int64)
-    known = rows >= 0
-    source, cov = np.full((len(rows), 3), np.nan), np.zeros((len(rows), 3, 3))
-    source[known], cov[known] = survey.points[rows[known]], survey.cov[rows[known]]
-    return source, cov
-
-
-def _in_frame(points: PosePoints, survey: SurveyPoints) -> Mask:
-    """Return the mask (T,) of targets that define the body frame; with a survey those of `SurveyPoints.frame`."""
-    frame = dict(zip(survey.targets, survey.frame, strict=True))
-    return np.array([frame.get(target, True) for target in points.targets], dtype=bool)
-
-
-def _noise(source: Array, points: PosePoints, usable: Mask) -> Array:
-    """Return the covariances (B, T, 3, 3) of the points, estimated from distances between them if none was declared."""
-    undeclared = ~(np.trace(points.cov, axis1=-2, axis2=-1) > 0.0)
-    if not (undeclared & usable).any():
-        return np.where(undeclared[..., None, None], np.eye(3), points.cov)
-    rounding = _ROUNDING * float(np.abs(points.points).max(initial=1e-3))
-    sigma = max(sigma_from_distances(source, points.points, usable), rounding)
-    return np.where(undeclared[..., None, None], sigma**2 * np.eye(3), points.cov)
 
 
 def seen_from(
@@ -317,13 +171,6 @@ def without_targets(name: str, poses: tuple[int | str, ...], default: str) -> Bo
     nothing = np.zeros((none.shape[1], 3))
     known = (nothing, np.zeros((none.shape[1], 3, 3)), np.zeros(none.shape[1], bool), none, none)
     return BodyPoses(name, points, {}, default, residual, none, none, {}, reason, 1.0, *known)
-
-
-def largest_motion(body: BodyPoses, other: BodyPoses) -> Array:
-    """Return the largest difference (B,) in m between two fits at the targets seen; NaN without both."""
-    places = [np.einsum("bij,bti->btj", fit.R, body.points.points - fit.t[:, None]) for fit in (body.fit, other.fit)]
-    distance = np.linalg.norm(places[0] - places[1], axis=-1)
-    return np.where(body.points.seen, distance, 0.0).max(axis=1)
 
 
 def _scatter(residual: Array, used: Mask, R: Array, points: PosePoints) -> tuple[float, float]:

@@ -16,6 +16,12 @@ from scipy.linalg import block_diag
 from truing.estimation.covariance import apply_rotation, symmetric
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit
 from truing.estimation.rigid_poses.robust import consensus
+from truing.estimation.rigid_poses.shape_poses import (
+    inverse_noise,
+    pose_equations,
+    residuals_on_shape,
+    shape_coupling,
+)
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.estimation.rotation import exp_so3, rigid_motions
 
@@ -42,7 +48,8 @@ def common_shape(points: NDArray, mask: NDArray, sigma: float) -> NDArray:
     the first pose's measurement frame, origin at the mean of its targets. All NaN if no pose has three targets.
     """
     points = np.where(mask[..., None], points, 0.0)
-    first = int(np.argmax((mask.astype(float) @ mask.T.astype(float)).sum(axis=1) * (mask.sum(axis=1) >= 3)))
+    shared = mask.astype(float) @ mask.sum(axis=0)  # targets in common with each pose, summed over all poses
+    first = int(np.argmax(shared * (mask.sum(axis=1) >= 3)))
     if mask[first].sum() < 3 or sigma <= 0.0:
         return np.full(points.shape[1:], np.nan)
     known, needed = mask[first].copy(), sigma
@@ -137,12 +144,7 @@ class _ObservedPoints:
 
     def weights(self, tau: NDArray) -> tuple[NDArray, NDArray]:
         """Return inverse covariances (B, N, 3, 3) and (N, 3, 3), zero without an observation."""
-        extra = (tau**2)[:, None, None] * np.eye(3)
-        out = []
-        for C, used in ((self.cov, self.seen), (self.survey_cov, self.surveyed)):
-            regular = np.where(used[..., None, None], C + extra, np.eye(3))
-            out.append(np.linalg.inv(symmetric(regular)) * used[..., None, None])
-        return out[0], out[1]
+        return inverse_noise(self.cov, tau, self.seen), inverse_noise(self.survey_cov, tau, self.surveyed)
 
 
 @dataclass(frozen=True)
@@ -285,13 +287,10 @@ def _solve(
 
 
 def _normal(problem: _ObservedPoints, state: _State, W: NDArray, W_survey: NDArray) -> _Normal:
-    R, posed = state.R, problem.seen.any(axis=1)
-    arm = state.shape @ np.swapaxes(R, -1, -2)
-    r = np.where(problem.seen[..., None], problem.y - arm - state.t[:, None], 0.0)
-    J = -rigid_motions(arm)
-    JW = np.swapaxes(J, -1, -2) @ W
-    pose = np.sum(JW @ J, axis=1) + np.where(posed, 0.0, 1.0)[:, None, None] * np.eye(6)
-    coupling = np.swapaxes(-JW @ R[:, None], 1, 2).reshape(len(R), 6, -1)
+    R = state.R
+    r = residuals_on_shape(problem.y, problem.seen, state.shape, R, state.t)
+    pose, JW = pose_equations(state.shape, R, W, problem.seen)
+    coupling = shape_coupling(JW, R)
     Rt = np.swapaxes(R, -1, -2)[:, None]
     own = np.sum(Rt @ W @ R[:, None], axis=0) + W_survey
     carried = np.linalg.solve(pose, coupling)
@@ -318,7 +317,7 @@ def _shape_covariance(reduced: NDArray, shape: NDArray, known: NDArray, unknown:
 def _deformation(problem: _ObservedPoints, state: _State, normal: _Normal, covariance: NDArray) -> NDArray:
     """Return tau (N,): scatter of each target beyond its noise, corrected for the redundancy of the fit."""
     arm = state.shape @ np.swapaxes(state.R, -1, -2)
-    r = np.where(problem.seen[..., None], problem.y - arm - state.t[:, None], 0.0)
+    r = residuals_on_shape(problem.y, problem.seen, state.shape, state.R, state.t)
     noise = np.trace(problem.cov, axis1=-2, axis2=-1)
     excess = np.sum(r**2, axis=-1) - noise + _fitted_share(state, normal, covariance, arm)
     count = np.maximum(3 * problem.seen.sum(axis=0), 1)

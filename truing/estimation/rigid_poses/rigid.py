@@ -67,6 +67,14 @@ class RigidFit:
     status: NDArray  # (B,) of FitStatus values (str)
     iterations: NDArray  # (B,) 0 for a closed form
 
+    def some(self, rows: slice | NDArray) -> RigidFit:
+        """Return some entries."""
+        return RigidFit(*(values[rows] for values in self.entries()))
+
+    def entries(self) -> tuple[NDArray, ...]:
+        """All fields, in order."""
+        return tuple(getattr(self, f.name) for f in fields(self))
+
     def masked(self) -> RigidFit:
         """Return the fit with NaN in all numbers of entries whose status is not OK."""
         names = ("R", "t", "scale", "covariance", "scale_sigma", "rms")
@@ -94,7 +102,7 @@ class RigidFit:
 
 def join_fits(fits: Sequence[RigidFit]) -> RigidFit:
     """Return the entries of one or more fits as one batch, in their order."""
-    return RigidFit(*(np.concatenate([getattr(fit, f.name) for fit in fits]) for f in fields(RigidFit)))
+    return RigidFit(*(np.concatenate(parts) for parts in zip(*(fit.entries() for fit in fits), strict=True)))
 
 
 def solve_weighted(

@@ -3,12 +3,14 @@ points."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.covariance import apply_rotation, symmetric
+from truing.estimation.blocks import in_order, pose_blocks
+from truing.estimation.covariance import apply_rotation, extreme_variances, symmetric
 from truing.estimation.rigid_poses.haralick import MEDIAN_LENGTH, residual_scale
 from truing.estimation.rigid_poses.likelihood import maximum_likelihood
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, join_fits
@@ -20,7 +22,7 @@ FALSE_ALARM = 1e-4
 _ROUNDS = 10
 _WORTH_ANOTHER_ROUND = 1.2
 _FEWEST_POSES = 6
-_POSES_AT_ONCE = 5000
+_MOST_PAIRS = 4_000_000  # pairs of points over all poses whose distances are compared
 # Share of poses that gross errors may leave without consensus, and the noise ratios tried if there are more.
 _WITHOUT_AGREEMENT = 0.02
 _WIDER = 1.5 ** np.arange(1, 7)
@@ -93,20 +95,37 @@ def squared_residuals(
 
 
 @dataclass(frozen=True)
-class _Body:
-    """One body over many poses, arguments of `robust_poses`: keep (B, N) as marked by a person."""
+class RobustBody:
+    """One body over many poses, arguments of `robust_poses`.
+
+    source (N, 3), cov_source (N, 3, 3); mask and keep (B, N), as marked by a person; ``points`` returns the target (b,
+    N, 3) and its covariances (b, N, 3, 3) in some of the poses.
+    """
 
     source: NDArray
-    target: NDArray
     cov_source: NDArray
-    cov_target: NDArray
     mask: NDArray
     keep: NDArray
+    points: Callable[[slice | NDArray], tuple[NDArray, NDArray]]
 
-    def poses(self, rows: slice | NDArray) -> _Body:
-        """Return some of the poses."""
-        own = ("target", "cov_target", "mask", "keep")
-        return replace(self, **{name: getattr(self, name)[rows] for name in own})
+    def blocks(self, rows: NDArray | None = None) -> list[slice | NDArray]:
+        """Return the poses, or some of them by number, in blocks."""
+        blocks = pose_blocks(len(self.mask) if rows is None else len(rows), self.mask.shape[1])
+        return [block if rows is None else rows[block] for block in blocks]
+
+    def sigma(self) -> NDArray:
+        """Return the largest standard deviation (B, N) of each point."""
+        found = (_largest_sigma(self.cov_source, self.points(rows)[1], self.mask[rows]) for rows in self.blocks())
+        return np.concatenate(list(found))
+
+
+@dataclass(frozen=True)
+class RobustFit:
+    """Motions of B poses, the agreeing points (B, N), and the scatter (B,) of all points in units of their noise."""
+
+    fit: RigidFit
+    kept: NDArray
+    scatter: NDArray
 
 
 def robust_poses(
@@ -125,57 +144,67 @@ def robust_poses(
     rigid, is not a gross error: if the poses together scatter more than declared, that scatter is the criterion for
     points. The covariances stay those of the declared noise.
     """
-    body = _Body(source, target, cov_source, cov_target, mask, np.zeros_like(mask) if keep is None else keep)
-    sigma, ratio = _largest_sigma(cov_source, cov_target, mask), 1.0
+    keep = np.zeros_like(mask) if keep is None else keep
+    return fit_robustly(RobustBody(source, cov_source, mask, keep, lambda rows: (target[rows], cov_target[rows])))
+
+
+def fit_robustly(body: RobustBody) -> tuple[RigidFit, NDArray, float]:
+    """Return the results of `robust_poses`."""
+    ratio = 1.0
     for _ in range(_ROUNDS):
-        fit, kept = _in_blocks(body, ratio)
-        renewed = _noise_ratio(fit, kept, body, sigma)
+        found = _in_blocks(body, body.blocks(), ratio)
+        renewed = _noise_ratio(found, body)
         if renewed < _WORTH_ANOTHER_ROUND * ratio:
             break
         ratio = renewed
-    wider = _ratio_that_most_poses_need(fit, body, ratio)
-    return (fit, kept, ratio) if wider == ratio else (*_in_blocks(body, wider), wider)
+    wider = _ratio_that_most_poses_need(found.fit, body, ratio)
+    if wider != ratio:
+        found = _in_blocks(body, body.blocks(), wider)
+    return found.fit, found.kept, wider
 
 
-def _in_blocks(body: _Body, ratio: float) -> tuple[RigidFit, NDArray]:
+def _in_blocks(body: RobustBody, blocks: Sequence[slice | NDArray], ratio: float) -> RobustFit:
     """Return the results of `robust_pose` in blocks of poses with limited memory."""
-    parts = []
-    for first in range(0, max(len(body.mask), 1), _POSES_AT_ONCE):
-        b = body.poses(slice(first, first + _POSES_AT_ONCE))
-        given = (b.source, b.target, b.cov_source, b.cov_target, b.mask)
-        parts.append(robust_pose(*given, keep=b.keep, noise_ratio=ratio))
-    return join_fits([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+    parts = list(in_order(lambda rows: _of_block(body, rows, ratio), blocks))
+    kept, scatter = (np.concatenate(values) for values in zip(*((p.kept, p.scatter) for p in parts), strict=True))
+    return RobustFit(join_fits([part.fit for part in parts]), kept, scatter)
 
 
-def _ratio_that_most_poses_need(fit: RigidFit, body: _Body, ratio: float) -> float:
+def _of_block(body: RobustBody, rows: slice | NDArray, ratio: float) -> RobustFit:
+    target, cov_target = body.points(rows)
+    mask, given = body.mask[rows], (body.source, target, body.cov_source, cov_target)
+    fit, kept = robust_pose(*given, mask, keep=body.keep[rows], noise_ratio=ratio)
+    distance = np.linalg.norm(target - fit.apply(body.source), axis=-1)
+    scatter = residual_scale(distance / _largest_sigma(body.cov_source, cov_target, mask), mask)
+    return RobustFit(fit, kept, scatter)
+
+
+def _ratio_that_most_poses_need(fit: RigidFit, body: RobustBody, ratio: float) -> float:
     """Return the least larger noise ratio with which nearly all poses have a consensus, or the given one. A flexing
     body has longer tails than noise, and three or four targets in one pose do not separate these from gross errors.
     Gross errors stay gross at any moderate ratio."""
-    without = np.isin(fit.status, [str(FitStatus.NO_CONSENSUS), str(FitStatus.AMBIGUOUS)])
+    without = np.flatnonzero(np.isin(fit.status, [str(FitStatus.NO_CONSENSUS), str(FitStatus.AMBIGUOUS)]))
     allowed = max(1.0, _WITHOUT_AGREEMENT * (body.mask.sum(-1) >= 3).sum())
-    if without.sum() <= allowed:
+    if len(without) <= allowed:
         return ratio
     for wider in ratio * _WIDER:
-        again, _ = _in_blocks(body.poses(without), wider)
-        if np.sum(~again.ok) <= allowed:
+        again = _in_blocks(body, body.blocks(without), wider)
+        if np.sum(~again.fit.ok) <= allowed:
             return float(wider)
     return ratio
 
 
-def _noise_ratio(fit: RigidFit, kept: NDArray, body: _Body, sigma: NDArray) -> float:
-    """Return the scatter in units of sigma (B, N), at least 1, from the poses in which most points agree. If most poses
+def _noise_ratio(found: RobustFit, body: RobustBody) -> float:
+    """Return the scatter in units of the noise, at least 1, from the poses in which most points agree. If most poses
     have no consensus, it comes from the distances between points."""
-    source, target, mask = body.source, body.target, body.mask
+    fit, mask = found.fit, body.mask
     usable = mask.sum(-1) >= 3
     if not usable.any():
         return 1.0
-    majority = fit.ok & (2 * kept.sum(-1) > mask.sum(-1))
+    majority = fit.ok & (2 * found.kept.sum(-1) > mask.sum(-1))
     if 2 * np.sum(fit.ok & usable) < usable.sum():
-        return max(sigma_from_distances(source, target, mask) / float(np.median(sigma[mask])), 1.0)
-    if not majority.any():
-        return 1.0
-    distance = np.linalg.norm(target - fit.apply(source), axis=-1)
-    return float(max(np.median(residual_scale(distance / sigma, mask)[majority]), 1.0))
+        return max(sigma_of_some_poses(body) / float(np.median(body.sigma()[mask])), 1.0)
+    return float(max(np.median(found.scatter[majority]), 1.0)) if majority.any() else 1.0
 
 
 def target_scatter(fit: RigidFit, source: NDArray, target: NDArray, cov_target: NDArray, mask: NDArray) -> NDArray:
@@ -184,15 +213,26 @@ def target_scatter(fit: RigidFit, source: NDArray, target: NDArray, cov_target: 
     source (N, 3), target (B, N, 3), cov_target (B, N, 3, 3), mask (B, N). A target is assumed to move along one line,
     so that its movement is not underestimated. Zero if too few poses see it.
     """
-    seen = mask & fit.ok[:, None]
     length = np.linalg.norm(target - fit.apply(source), axis=-1)
-    variance = np.trace(cov_target, axis1=-2, axis2=-1) / 3
-    tau = np.zeros(mask.shape[1])
+    return scatter_of_lengths(length, np.trace(cov_target, axis1=-2, axis2=-1) / 3, mask & fit.ok[:, None])
+
+
+def scatter_of_lengths(length: NDArray, variance: NDArray, seen: NDArray) -> NDArray:
+    """Return the result of `target_scatter` from residual lengths (B, N), m, and variances (B, N) per coordinate."""
+    tau = np.zeros(seen.shape[1])
     for k in np.flatnonzero(seen.sum(axis=0) >= _FEWEST_POSES):
         rows = seen[:, k]
         noise = np.median(variance[rows, k]) * MEDIAN_LENGTH**2
         tau[k] = np.sqrt(max(np.median(length[rows, k]) ** 2 - noise, 0.0)) / _MEDIAN_ABSOLUTE
     return tau
+
+
+def sigma_of_some_poses(body: RobustBody) -> float:
+    """Return the result of `sigma_from_distances`, of evenly spaced poses if there are too many pairs of points."""
+    poses, targets = body.mask.shape
+    some = min(poses, max(1, 2 * _MOST_PAIRS // max(targets * (targets - 1), 1)))
+    rows = np.linspace(0, poses - 1, some).astype(np.int64)
+    return sigma_from_distances(body.source, body.points(rows)[0], body.mask[rows])
 
 
 def sigma_from_distances(source: NDArray, target: NDArray, mask: NDArray) -> float:
@@ -209,11 +249,8 @@ def sigma_from_distances(source: NDArray, target: NDArray, mask: NDArray) -> flo
 
 def _largest_sigma(cov_source: NDArray, cov_target: NDArray, mask: NDArray) -> NDArray:
     """Return the standard deviations (B, N) along the worst direction, both clouds together."""
-    total = np.zeros(mask.shape)
-    for C in (cov_source, cov_target):
-        C = np.where(mask[..., None, None], C, np.eye(3))
-        total = total + np.linalg.eigvalsh(C)[..., -1]
-    return np.sqrt(total)
+    used = mask[..., None, None]
+    return np.sqrt(sum(extreme_variances(np.where(used, C, np.eye(3)))[1] for C in (cov_source, cov_target)))
 
 
 def _chi_square_limit(false_alarm: float, mask: NDArray) -> NDArray:

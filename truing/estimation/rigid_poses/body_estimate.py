@@ -1,0 +1,372 @@
+"""What the poses of one body have in common, and from it the poses by every estimator, one block after the other.
+
+The common part needs all poses: agreeing points, scatter over noise, and without a survey the shape. It holds a few
+numbers per point and pose. Everything else, with matrices for each point, is computed for some poses at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.arrays import Array, Index, Mask
+from truing.estimation.blocks import in_order, pose_blocks
+from truing.estimation.rigid_poses.body_poses import BodyPoses, PointDecisions, by_every_method, reasons
+from truing.estimation.rigid_poses.likelihood import maximum_likelihood
+from truing.estimation.rigid_poses.points import CompactPoints, PosePoints, SurveyPoints
+from truing.estimation.rigid_poses.procrustes import ProcrustesFit, common_shape, generalised_procrustes
+from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, join_fits, mask_entries
+from truing.estimation.rigid_poses.robust_pose import (
+    RobustBody,
+    fit_robustly,
+    scatter_of_lengths,
+    sigma_of_some_poses,
+)
+from truing.estimation.rigid_poses.shape_poses import JointShape, covariance_on_shape, poses_on_shape
+from truing.estimation.rigid_poses.umeyama import umeyama
+
+Points = PosePoints | CompactPoints
+
+# Share of the coordinates taken as noise of the points, if none was declared and none shows.
+_ROUNDING = 1e-9
+# Own movement of a target, in units of the noise, above which it counts as moved instead of flexing.
+_LARGEST_MOVEMENT = 30.0
+SHAPE_POINTS = 250_000
+"""Points from whose poses the shape of a body without a survey is estimated; its other poses are fitted to it."""
+_SEEN_OFTEN = 200  # poses that tell the place of a target
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Covariances of points, with ``fill`` (m^2) as variance of those without."""
+
+    points: Points
+    fill: float
+
+    def cov(self, rows: slice | Index) -> Array:
+        """Return the covariances (b, T, 3, 3) in some poses."""
+        cov = self.points.block(rows).cov
+        undeclared = ~(np.trace(cov, axis1=-2, axis2=-1) > 0.0)
+        return np.where(undeclared[..., None, None], self.fill * np.eye(3), cov) if undeclared.any() else cov
+
+    @cached_property
+    def variance(self) -> Array:
+        """Sum (B, T) of the variances of the three coordinates, in m^2."""
+        declared = self.points.variance
+        return np.where(declared > 0.0, declared, 3.0 * self.fill)
+
+
+@dataclass(frozen=True)
+class CommonPart:
+    """What the poses of a body have in common.
+
+    source (T, 3) in m, NaN if unknown, with cov_source (T, 3, 3) of the survey; known (T,): with reference position;
+    frame (T,): defines the body frame; agreed (B, T): agreeing points; has_consensus (B,): poses with agreeing points,
+    in which other points are gross errors even if there is no pose; fit: default poses, without covariances; joint:
+    shape with its covariance, without a survey; seen (B, T): points that determine the poses on it; shape_poses: number
+    of poses from which it was estimated.
+    """
+
+    source: Array
+    cov_source: Array
+    known: Mask
+    frame: Mask
+    noise: Noise
+    fit: RigidFit
+    agreed: Mask
+    has_consensus: Mask
+    noise_ratio: float
+    joint: JointShape | None = None
+    seen: Mask | None = None
+    shape_poses: int = 0
+
+
+@dataclass(frozen=True)
+class BodyEstimate:
+    """One body over B poses and T targets: its common part, and its poses on request.
+
+    out, keep: points that a person excluded, or marked as valid; None for none.
+    """
+
+    name: str
+    points: Points
+    common: CommonPart
+    out: PointDecisions | None = None
+    keep: PointDecisions | None = None
+
+    @property
+    def usable(self) -> Mask:
+        """Points (B, T) of the body frame that nobody excluded."""
+        usable = self.points.seen & self.common.frame
+        return usable if self.out is None else usable & ~self.out.chosen
+
+    @property
+    def rejected(self) -> Mask:
+        """Points (B, T) left out: gross errors, and those that a person excluded."""
+        gross = self.usable & ~self.common.agreed & self.common.has_consensus[:, None]
+        return gross if self.out is None else gross | self.points.seen & self.out.chosen
+
+    def reason(self, pose: int, target: int) -> str:
+        """Return the reason for not using a point, in words; empty if used."""
+        return str(self.poses(slice(pose, pose + 1), every=False).reason[0, target])
+
+    def poses(self, rows: slice | Index, *, every: bool = True) -> BodyPoses:
+        """Return some of the poses with the state of their points; by the default estimator alone unless ``every``,
+        without covariances then."""
+        common, points = self.common, self.points.block(rows)
+        out, keep = (_decided(one, rows, points.seen.shape) for one in (self.out, self.keep))
+        usable = points.seen & common.frame & ~out.chosen
+        fits, weights = self._fits(points, usable, rows, every)
+        default = next(reversed(fits))
+        fit = fits[default]
+        used = common.agreed[rows] & fit.ok[:, None]
+        rejected = self._rejected(points, usable, out, rows)
+        place = np.nan_to_num(common.source)
+        there = (points.seen & common.known)[..., None]
+        residual = np.where(there, fit.residuals(place, points.points), np.nan)
+        why = reasons(fit, residual, common.known, common.frame, used, rejected)
+        kept, excluded = used & keep.chosen, out.chosen & points.seen
+        why = np.where(kept, keep.words, np.where(excluded, out.words, why))
+        left = {method: usable.sum(axis=1) - f.n_used + excluded.sum(axis=1) for method, f in fits.items()}
+        left[default] = rejected.sum(axis=1)
+        return BodyPoses(
+            *(self.name, points, fits, default, residual, used, rejected, left, why, common.noise_ratio),
+            *(place, np.nan_to_num(common.cov_source), common.frame, kept, excluded),
+            weights=weights,
+        )
+
+    def _rejected(self, points: PosePoints, usable: Mask, out: PointDecisions, rows: slice | Index) -> Mask:
+        gross = usable & ~self.common.agreed[rows] & self.common.has_consensus[rows][:, None]
+        return np.asarray(gross | points.seen & out.chosen)
+
+    def _fits(
+        self, points: PosePoints, usable: Mask, rows: slice | Index, every: bool
+    ) -> tuple[dict[str, RigidFit], Mapping[str, tuple[Array, Array]]]:
+        """Return the fits by every method, the default last, and the weights of those with one weight per point."""
+        common = self.common
+        fit, agreed = common.fit.some(rows), common.agreed[rows]
+        if not every:
+            return {"maximum_likelihood" if common.joint is None else "procrustes": fit}, {}
+        cov = common.noise.cov(rows)
+        if common.joint is not None and common.seen is not None:
+            return {"procrustes": _with_covariance_on_shape(fit, common.joint, cov, common.seen[rows])}, {}
+        place, cov_source = np.nan_to_num(common.source), np.nan_to_num(common.cov_source)
+        used = agreed & fit.ok[:, None]
+        again = maximum_likelihood(place, points.points, cov_source, cov, used, start=fit)
+        fit = replace(fit, covariance=mask_entries(again.covariance, fit.ok))
+        return by_every_method(place, points.points, cov_source, cov, usable, (fit, agreed), common.frame)
+
+
+def _decided(given: PointDecisions | None, rows: slice | Index, shape: tuple[int, ...]) -> PointDecisions:
+    return PointDecisions.none(shape) if given is None else PointDecisions(given.chosen[rows], given.words[rows])
+
+
+def _with_covariance_on_shape(fit: RigidFit, joint: JointShape, cov: Array, seen: Mask) -> RigidFit:
+    covariance, ok = np.full((len(fit.R), 6, 6), np.nan), fit.ok
+    covariance[ok] = covariance_on_shape(joint, cov[ok], seen[ok], fit.R[ok])
+    return replace(fit, covariance=covariance)
+
+
+def fit_body(
+    points: PosePoints,
+    body: str,
+    survey: SurveyPoints,
+    out: PointDecisions | None = None,
+    keep: PointDecisions | None = None,
+    own: Array | None = None,
+) -> BodyPoses:
+    """Return the poses of a body at once, see `estimate_body`."""
+    return estimate_body(points, body, survey, out, keep, own).poses(slice(None))
+
+
+def estimate_body(
+    points: Points,
+    body: str,
+    survey: SurveyPoints,
+    out: PointDecisions | None = None,
+    keep: PointDecisions | None = None,
+    own: Array | None = None,
+) -> BodyEstimate:
+    """Return the poses of a body relative to its survey, or to the shape common to its poses if it has none.
+
+    out, keep: points that a person excluded, or marked as valid. own (B, T, 3, 3): covariances without errors common to
+    all poses. They are used to find the common shape, since a common scale error would otherwise make it uncertain
+    along the line to each point.
+    """
+    allowed = points.seen if out is None else points.seen & ~out.chosen
+    kept = np.zeros((1, 1), bool) if keep is None else keep.chosen
+    if survey.targets:
+        return BodyEstimate(body, points, _by_survey(points, survey, allowed, kept), out, keep)
+    each: Points = points
+    if own is not None:
+        whole = points.block(slice(None))
+        each = replace(whole, cov=np.where(whole.seen[..., None, None], own, whole.cov))
+    return BodyEstimate(body, points, _by_itself(each, allowed, kept), out, keep)
+
+
+def _by_survey(points: Points, survey: SurveyPoints, allowed: Mask, keep: Mask) -> CommonPart:
+    """Return the common part relative to the survey, from the targets of the body frame."""
+    source, cov_source = _reference(points, survey)
+    known: Mask = np.asarray(np.isfinite(source).all(axis=-1))
+    frame = known & _in_frame(points, survey)
+    usable = allowed & frame
+    place, exact = np.nan_to_num(source), np.nan_to_num(cov_source)
+    noise = _noise(place, points, usable)
+    fit, agreed, ratio = fit_robustly(_robust(place, exact, points, noise, usable, keep))
+    return CommonPart(source, cov_source, known, frame, noise, _slim(fit), agreed, _has_consensus(fit, agreed), ratio)
+
+
+def _by_itself(points: Points, allowed: Mask, keep: Mask) -> CommonPart:
+    """Return the common part relative to the shape that the poses share; poses and shape are estimated together."""
+    usable = allowed
+    richest = int(usable.sum(axis=1).argmax())
+    sigma = _typical_sigma(_noise(points.points[richest], points, usable & usable[richest]), usable)
+    rows = shape_rows(usable)
+    source = common_shape(points.points[rows], usable[rows], sigma)
+    known: Mask = np.asarray(np.isfinite(source).all(axis=-1))
+    place, usable = np.nan_to_num(source), usable & known
+    noise, exact = _noise(place, points, usable), np.zeros((len(place), 3, 3))
+    body = _robust(place, exact, points, noise, usable, keep)
+    fit, agreed, ratio = fit_robustly(body)
+    tau = _movement(fit, ratio, body, noise, usable)
+    if tau.any():
+        fit, agreed, ratio = fit_robustly(_robust(place, exact, points, noise, usable, keep, tau))
+    good = agreed & fit.ok[:, None]
+    joint = generalised_procrustes(points.points[rows], noise.cov(rows), good[rows], shape=source)
+    on_shape, seen = _on_joint_shape(joint, fit, rows, points, noise, good)
+    shape = JointShape(*map(np.nan_to_num, (joint.shape, joint.shape_covariance, joint.deformation)), known)
+    source = np.where(np.isfinite(joint.shape), joint.shape, source)
+    consensus = _has_consensus(fit, agreed)
+    return CommonPart(
+        *(source, exact, known, known, noise, _slim(on_shape), agreed, consensus, ratio, shape, seen),
+        shape_poses=len(seen[rows]),
+    )
+
+
+def shape_rows(usable: Mask, most: int = SHAPE_POINTS) -> slice | Index:
+    """Return the poses from which the shape of a body is estimated: all, or some evenly spaced ones that show every
+    target often."""
+    poses, targets = usable.shape
+    some = max(1, most // max(targets, 1))
+    if poses <= some:
+        return slice(None)
+    chosen = np.zeros(poses, bool)
+    chosen[np.linspace(0, poses - 1, some).astype(np.int64)] = True
+    for k in np.flatnonzero((usable & chosen[:, None]).sum(axis=0) < _SEEN_OFTEN):
+        seen = np.flatnonzero(usable[:, k])
+        chosen[seen[np.linspace(0, len(seen) - 1, min(len(seen), _SEEN_OFTEN)).astype(np.int64)]] = True
+    return np.flatnonzero(chosen)
+
+
+def _on_joint_shape(
+    joint: ProcrustesFit, robust: RigidFit, rows: slice | Index, points: Points, noise: Noise, good: Mask
+) -> tuple[RigidFit, Mask]:
+    """Return all poses on the joint shape, and the points (B, T) that determine them.
+
+    Poses from which the shape was estimated have their joint estimate.
+    """
+    known = np.isfinite(joint.shape).all(axis=-1)
+    if isinstance(rows, slice):
+        return joint.poses, good & known & joint.poses.ok[:, None]
+    shape = JointShape(*map(np.nan_to_num, (joint.shape, joint.shape_covariance, joint.deformation)), known)
+
+    def fitted(block: slice) -> RigidFit:
+        seen = good[block] & known
+        return _fit_on_shape(shape, joint.status, points.points[block], noise.cov(block), seen, robust.some(block))
+
+    fit = join_fits(list(in_order(fitted, pose_blocks(*good.shape))))
+    return fit, good & known & fit.ok[:, None]
+
+
+def _fit_on_shape(shape: JointShape, status: FitStatus, y: Array, cov: Array, seen: Mask, start: RigidFit) -> RigidFit:
+    closed = umeyama(shape.shape, np.where(seen[..., None], y, 0.0), seen)
+    fit = replace(closed, covariance=np.zeros((len(y), 6, 6)), scale_sigma=np.zeros(len(y)))
+    ok = np.flatnonzero(closed.ok)
+    if not ok.size:
+        return fit
+    R, t, converged = poses_on_shape(shape, y[ok], cov[ok], seen[ok], start.R[ok], start.t[ok])
+    fit.R[ok], fit.t[ok], fit.scale[ok] = R, t, 1.0
+    square = np.sum((y[ok] - shape.shape @ np.swapaxes(R, -1, -2) - t[:, None]) ** 2, axis=-1)
+    fit.rms[ok] = np.sqrt(np.sum(square * seen[ok], axis=1) / seen[ok].sum(axis=1))
+    named = closed.status.astype(object)
+    named[ok] = np.where(converged, str(status), str(FitStatus.NOT_CONVERGED))
+    return replace(fit, status=named.astype(str)).masked()
+
+
+def largest_motion(body: BodyEstimate, other: BodyEstimate, rows: Index) -> Array:
+    """Return the largest difference (b,) in m between two fits at the targets seen in some poses; NaN without both."""
+    points, seen = body.points.points[rows], body.points.seen[rows]
+    fits = (one.common.fit.some(rows) for one in (body, other))
+    places = [np.einsum("bij,bti->btj", fit.R, points - fit.t[:, None]) for fit in fits]
+    distance = np.linalg.norm(places[0] - places[1], axis=-1)
+    return np.where(seen, distance, 0.0).max(axis=1)
+
+
+def _robust(
+    place: Array, cov_source: Array, points: Points, noise: Noise, usable: Mask, keep: Mask, tau: Array | None = None
+) -> RobustBody:
+    """Return the input of the robust fits; tau (T,), in m: own movement of each target, as further noise."""
+    further = None if tau is None else (tau**2)[:, None, None] * np.eye(3)
+
+    def some(rows: slice | NDArray) -> tuple[NDArray, NDArray]:
+        cov = noise.cov(rows)
+        return points.points[rows], cov if further is None else cov + further
+
+    return RobustBody(place, cov_source, usable, np.broadcast_to(keep, usable.shape), some)
+
+
+def _slim(fit: RigidFit) -> RigidFit:
+    """Return the fits without their covariances, which are computed again when they are needed."""
+    return replace(fit, covariance=np.broadcast_to(np.zeros((1, 1, 1)), (len(fit.R), 6, 6)))
+
+
+def _has_consensus(fit: RigidFit, agreed: Mask) -> Mask:
+    return np.isin(fit.status, [str(FitStatus.OK), str(FitStatus.NO_CONSENSUS)]) & agreed.any(axis=1)
+
+
+def _movement(fit: RigidFit, ratio: float, body: RobustBody, noise: Noise, usable: Mask) -> Array:
+    """Return each target's own movement (T,), in m, if it flexes; without a survey this is not known beforehand. Zero
+    if the whole body is less rigid than its noise allows, and for a target that moved far: then each pose is assessed
+    separately."""
+    sigma = _typical_sigma(noise, usable)
+    lengths = (
+        np.linalg.norm(body.points(rows)[0] - fit.some(rows).apply(body.source), axis=-1) for rows in body.blocks()
+    )
+    tau = scatter_of_lengths(np.concatenate(list(lengths)), noise.variance / 3, usable & fit.ok[:, None])
+    return np.where((ratio == 1.0) & (tau > sigma) & (tau < _LARGEST_MOVEMENT * sigma), tau, 0.0)
+
+
+def _typical_sigma(noise: Noise, mask: Mask) -> float:
+    """Return the median standard deviation per coordinate of points, in m; 0 for none."""
+    return float(np.sqrt(np.median(noise.variance[mask]) / 3)) if mask.any() else 0.0
+
+
+def _reference(points: Points, survey: SurveyPoints) -> tuple[Array, Array]:
+    """Return the survey (T, 3) with covariance (T, 3, 3) in the order of the observed targets; NaN if not surveyed."""
+    place = {target: k for k, target in enumerate(survey.targets)}
+    rows = np.array([place.get(target, -1) for target in points.targets], dtype=np.int64)
+    known = rows >= 0
+    source, cov = np.full((len(rows), 3), np.nan), np.zeros((len(rows), 3, 3))
+    source[known], cov[known] = survey.points[rows[known]], survey.cov[rows[known]]
+    return source, cov
+
+
+def _in_frame(points: Points, survey: SurveyPoints) -> Mask:
+    """Return the mask (T,) of targets that define the body frame; with a survey those of `SurveyPoints.frame`."""
+    frame = dict(zip(survey.targets, survey.frame, strict=True))
+    return np.array([frame.get(target, True) for target in points.targets], dtype=bool)
+
+
+def _noise(source: Array, points: Points, usable: Mask) -> Noise:
+    """Return the covariances of the points, estimated from distances between them if none was declared."""
+    if not (~(points.variance > 0.0) & usable).any():
+        return Noise(points, 1.0)
+    rounding = _ROUNDING * float(np.abs(points.points).max(initial=1e-3))
+    none = np.zeros((1, 1))
+    body = RobustBody(source, none, usable, none, lambda rows: (points.points[rows], none))
+    sigma = max(sigma_of_some_poses(body), rounding)
+    return Noise(points, sigma**2)
