@@ -14,8 +14,10 @@ from truing.stages.declaration import Outcome, Progress, Stage, registered
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from truing.schemas.artifact import StoredTable
     from truing.schemas.campaign import Campaign
     from truing.stages.quality.check import Check, CheckResults
+    from truing.stages.quality.pose_sample import PoseSample
 
 DECLARATION = Stage(
     name="qa",
@@ -44,6 +46,7 @@ DECLARATION = Stage(
         *("exclude", "keep", "mechanism.reference_temperature_c", "mechanism.payload_kg"),
     ),
     summary="completeness, noise, geometry, outliers, labels, moved targets, drift; of loads: units, signs, exchanges",
+    streams=("observations",),
 )
 
 # What checks the data of a mechanism that is neither of legs nor a sensor on its bench, by its type.
@@ -57,7 +60,8 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     from truing.stages.quality.check import FAIL, WARN, checks_installed
     from truing.stages.quality.decisions import with_acceptances
 
-    found = _checked(tables, settings)
+    tables, sample = _examined(tables, settings)
+    found = _checked(tables, settings, sample)
     if found.why_not:
         return Outcome.not_evaluated({"qa": _table([])}, found.why_not)
     rows = with_acceptances(chain(found.checks, checks_installed(tables, settings)), settings.accept, progress)
@@ -73,13 +77,31 @@ def run(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) 
     return Outcome(artifacts, found.read, "nothing", figure, failed)
 
 
-def _checked(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
+def _examined(
+    tables: Mapping[str, pa.Table | StoredTable], settings: Campaign
+) -> tuple[Mapping[str, pa.Table], PoseSample | None]:
+    """Return the tables with the points to examine, and which these are, if there are points of bodies."""
+    from truing.schemas.artifact import whole_table
+
+    points = tables.get("observations")
+    if points is None or registered(_OF_TYPES, settings) is not None:
+        return {name: whole_table(table) for name, table in tables.items()}, None
+    from truing.stages.quality.pose_sample import pose_sample
+
+    others = {name: whole_table(table) for name, table in tables.items() if name != "observations"}
+    sample = pose_sample(points, others.get("configurations"))
+    return {**others, "observations": sample.points}, sample
+
+
+def _checked(tables: Mapping[str, pa.Table], settings: Campaign, sample: PoseSample | None) -> CheckResults:
     if (own := registered(_OF_TYPES, settings)) is not None:
         found: CheckResults = own.checks(tables, settings)
         return found
     from truing.stages.quality import loading_checks, point_checks
 
-    return (loading_checks if settings.campaign.kind == "interferometer" else point_checks).checks(tables, settings)
+    if settings.campaign.kind == "interferometer":
+        return loading_checks.checks(tables, settings)
+    return point_checks.checks(tables, settings, sample)
 
 
 def _table(checks: list[Check]) -> pa.Table:

@@ -11,6 +11,7 @@ import pyarrow.compute as pc
 
 from truing.quality.loading import LoadingView
 from truing.report.numbers import listed
+from truing.schemas.artifact import StoredTable, table_batches
 from truing.stages.common.overruled import decided
 from truing.stages.quality.check import FAIL, PASS, WARN, Check, reported_check
 
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
     from truing.stages.declaration import Progress
 
 _VERBS = {"exclude": "excluded", "keep": "kept"}
-_KEYS = ("run", "step", "channel", "pose", "body", "target")
+_NAMES = ("pose", "body", "target")  # of a point
+_KEYS = ("run", "step", "channel", *_NAMES)
 
 
 def decision_checks(view: LoadingView, settings: Campaign) -> Iterator[Check]:
@@ -30,7 +32,7 @@ def decision_checks(view: LoadingView, settings: Campaign) -> Iterator[Check]:
         yield _check(table, number, rule, count, "reading")
 
 
-def point_decision_checks(observations: pa.Table, settings: Campaign) -> Iterator[Check]:
+def point_decision_checks(observations: pa.Table | StoredTable, settings: Campaign) -> Iterator[Check]:
     """Yield one row per [[exclude]] and [[keep]] on points; an entry without a pose concerns all poses."""
     for table, number, rule in _rules(settings):
         yield _check(table, number, rule, _points(observations, rule), "point")
@@ -70,14 +72,16 @@ def _rules(settings: Campaign) -> Iterator[tuple[str, int, Overrule]]:
         yield from ((table, number, rule) for number, rule in enumerate(rules, 1))
 
 
-def _points(observations: pa.Table, rule: Overrule) -> int:
+def _points(observations: pa.Table | StoredTable, rule: Overrule) -> int:
     """Return the number of points that a rule matches."""
-    found = observations
-    for key in ("body", "target", "pose"):
-        value = getattr(rule, key)
-        if value is not None:
-            found = found.filter(pc.equal(found.column(key).cast(pa.string()), str(value)))
-    return int(found.num_rows)
+    total = 0
+    for found in table_batches(observations, _NAMES):
+        for key in _NAMES:
+            value = getattr(rule, key)
+            if value is not None:
+                found = found.filter(pc.equal(found.column(key).cast(pa.string()), str(value)))
+        total += int(found.num_rows)
+    return total
 
 
 def _check(table: str, number: int, rule: Overrule, count: int, what: str) -> Check:

@@ -19,7 +19,7 @@ from truing.belonging.counted_times import merely_counts
 from truing.quality.bodies import BodyView, PoseSurroundings, body_view, first_shape
 from truing.report.numbers import count
 from truing.schemas.columns import COLUMNS
-from truing.stages.common.point_arrays import number_column, pose_ids, pose_points, survey_points
+from truing.stages.common.point_arrays import number_column, pose_points, survey_points
 from truing.stages.common.repeats import repeated_poses
 from truing.stages.quality.belonging import belonging_checks, relations_of_points
 from truing.stages.quality.check import CampaignLimits, Check, CheckResults
@@ -33,6 +33,7 @@ from truing.stages.quality.names_and_surveys import (
     names_known,
 )
 from truing.stages.quality.photograph_checks import photograph_checks
+from truing.stages.quality.pose_sample import PoseSample, pose_sample
 from truing.stages.quality.scale_checks import figures_of, scale_contradiction, without_consequences
 from truing.stages.quality.target_checks import (
     attachment_labels,
@@ -62,31 +63,40 @@ if TYPE_CHECKING:
 _CHANCE_CHECKS = 3  # noise per body, noise per pose, repeatability: the failing checks that chance can trip
 
 
-def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
-    """Every check of object points, of the network that gave them, and of the relations between tables."""
+def checks(tables: Mapping[str, pa.Table], settings: Campaign, sample: PoseSample | None = None) -> CheckResults:
+    """Every check of object points, of the network that gave them, and of the relations between tables.
+
+    sample: the points in ``tables`` are those of some poses.
+    """
     observations = tables["observations"]
     if not observations.num_rows:
         return CheckResults((), "", why_not="no object points")
-    around = _surroundings(observations, tables.get("configurations"), settings.campaign.drives)
+    sample = pose_sample(observations, tables.get("configurations")) if sample is None else sample
+    shared = "point" in observations.column_names
+    whole = _surroundings(sample.poses, shared, tables.get("configurations"), settings.campaign.drives)
+    around = sample.around(whole)
     bodies, reference = _reference_first(_body_views(tables, around), settings)
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
     declared = declared_names(tables.get("relabelled"))
     relations = relations_of_points(bodies, around, tables, settings)
     likely = likely_names(observations, bodies, around, declared)
     found: Iterable[Check] = chain(
-        belonging_checks(relations),
-        _checks(bodies, reference, around, settings, limits, tables),
-        names_known(observations, bodies, likely, declared),
+        sample.noted(belonging_checks(relations)),
+        [unobserved_poses(whole, limits)],
+        sample.noted(_checks_of_points(bodies, reference, around, settings, limits, tables)),
+        _checks_of_times(whole, settings, limits, tables.get("configurations")),
+        sample.noted(names_known(observations, bodies, likely, declared)),
         later_surveys(tables.get("resurveys"), settings.exclude, limits),
-        point_decision_checks(observations, settings),
+        point_decision_checks(sample.whole, settings),
         photograph_checks(tables, limits),
     )
     statistics = tables.get("bundle_statistics")
     if statistics is not None and scale_contradiction(figures_of(statistics)) is not None:
         found = without_consequences(found)
     read = (
-        f"{count(observations.num_rows, 'point')} of {count(len(bodies), 'body')} in {count(len(around.poses), 'pose')}"
+        f"{count(sample.whole.num_rows, 'point')} of {count(len(bodies), 'body')} in {count(len(whole.poses), 'pose')}"
     )
+    read += "" if sample.is_whole else f", examined those of {count(len(around.poses), 'pose')}"
     return CheckResults(found, read, relations, {"likely_names": likely_table(likely)} if likely else {})
 
 
@@ -104,9 +114,10 @@ def _attachments(settings: Campaign) -> Array:
     return np.array([leg.b_mm for leg in cast("LeggedMechanism", settings.mechanism).legs]) * 1e-3
 
 
-def _surroundings(observations: pa.Table, configurations: pa.Table | None, drives: tuple[str, ...]) -> PoseSurroundings:
+def _surroundings(
+    observed: tuple[int | str, ...], shared: bool, configurations: pa.Table | None, drives: tuple[str, ...]
+) -> PoseSurroundings:
     """The poses that were observed, ordered by time where the campaign tells it, else as they came."""
-    observed, shared = pose_ids(observations), "point" in observations.column_names
     if configurations is None:
         none = np.zeros((len(observed), 0))
         return PoseSurroundings(
@@ -149,7 +160,7 @@ def _view(observations: pa.Table, survey: pa.Table | None, body: str, around: Po
     return body_view(body, place, points, around, is_surveyed=is_surveyed)
 
 
-def _checks(
+def _checks_of_points(
     bodies: Sequence[BodyView],
     reference: BodyView | None,
     around: PoseSurroundings,
@@ -157,10 +168,9 @@ def _checks(
     limits: CampaignLimits,
     tables: Mapping[str, pa.Table],
 ) -> Iterator[Check]:
-    """Every check: of the campaign's tables, body by body, then over time."""
+    """Every check of points: body by body, then over time."""
     resurveys, table = tables.get("resurveys"), tables.get("configurations")
     share = settings.qa.false_alarm / _CHANCE_CHECKS
-    yield unobserved_poses(around, limits)
     yield from attachment_labels(bodies, _attachments(settings))
     for body in bodies:
         yield from completeness(body, expected_visible(resurveys, body, around), limits)
@@ -173,6 +183,12 @@ def _checks(
     yield from base_drift(reference, 10.0 * share, frame_stays=settings.is_frame_fixed)
     stood = settings.is_frame_fixed and reference is None
     yield from repeatability(bodies, around, *_repeats(table, around, settings), share, instrument_stood=stood)
+
+
+def _checks_of_times(
+    around: PoseSurroundings, settings: Campaign, limits: CampaignLimits, table: pa.Table | None
+) -> Iterator[Check]:
+    """Every check of the times and temperatures of all poses."""
     yield time_gaps(around, limits)
     time = around.time if table is None else number_column(table, "time_s")
     yield time_unit(time, None, "configurations", "pose", is_counted=around.is_counted)
