@@ -12,6 +12,7 @@ import pyarrow as pa
 from truing.formats.source import CampaignFiles
 from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, open_campaign
 from truing.pipeline.stage_order import RAW_READERS, bare, order_of, stage_module
+from truing.schemas.artifact import plain_texts
 from truing.schemas.campaign import Campaign
 from truing.stages.declaration import Outcome
 
@@ -61,9 +62,7 @@ def as_read(left: pa.Table | pa.RecordBatchReader | str) -> pa.Table | str:
     """A stream as one table, and text columns without dictionary."""
     if isinstance(left, str):
         return left
-    table = left.read_all() if isinstance(left, pa.RecordBatchReader) else left
-    kinds = [(f.name, f.type.value_type if pa.types.is_dictionary(f.type) else f.type) for f in table.schema]
-    return table.cast(pa.schema(kinds))
+    return plain_texts(left.read_all() if isinstance(left, pa.RecordBatchReader) else left)
 
 
 def bench_tables(campaign: CampaignFolder, settings: Campaign) -> tuple[dict[str, pa.Table], bool]:

@@ -237,6 +237,14 @@ def whole_table(table: pa.Table | StoredTable) -> pa.Table:
     return table.read() if isinstance(table, StoredTable) else table
 
 
+def plain_texts(table: pa.Table) -> pa.Table:
+    """Return a table with its texts not dictionary-encoded."""
+    import pyarrow as pa
+
+    kinds = [(f.name, f.type.value_type if pa.types.is_dictionary(f.type) else f.type) for f in table.schema]
+    return table.cast(pa.schema(kinds))
+
+
 @contextmanager
 def _as_damage(artifact: Artifact) -> Iterator[None]:
     """Raise DamagedTable for errors of a file's content."""

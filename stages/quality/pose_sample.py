@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 from truing.arrays import Index
 from truing.quality.bodies import PoseSurroundings
 from truing.report.numbers import count
-from truing.schemas.artifact import StoredTable, table_batches, whole_table
+from truing.schemas.artifact import StoredTable, plain_texts, table_batches, whole_table
 from truing.stages.common.point_arrays import number_column
 from truing.stages.quality.check import Check
 
@@ -82,7 +82,7 @@ def pose_sample(observations: pa.Table | StoredTable, configurations: pa.Table |
     wanted = pa.array(examined)
     some = [batch.filter(_is_in(batch.column("pose"), wanted)) for batch in table_batches(observations)]
     points = pa.concat_tables(some).unify_dictionaries()
-    return PoseSample(_without_dictionaries(points), poses, examined, observations)
+    return PoseSample(plain_texts(points), poses, examined, observations)
 
 
 def spread_runs(total: int, some: int) -> Index:
@@ -107,8 +107,3 @@ def _is_in(column: pa.ChunkedArray, wanted: pa.Array) -> pa.ChunkedArray:
     if pa.types.is_dictionary(column.type):
         column = column.cast(pa.string())
     return pc.is_in(column, value_set=wanted)
-
-
-def _without_dictionaries(table: pa.Table) -> pa.Table:
-    kinds = [(f.name, f.type.value_type if pa.types.is_dictionary(f.type) else f.type) for f in table.schema]
-    return table.cast(pa.schema(kinds))

@@ -21,7 +21,7 @@ from truing.estimation.rigid_poses.points import PointErrors
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit
 from truing.estimation.rotation import exp_so3
 from truing.report.numbers import count as counted
-from truing.schemas.artifact import StoredTable, whole_table
+from truing.schemas.artifact import StoredTable, plain_texts, whole_table
 from truing.schemas.artifacts import ARTIFACTS
 from truing.stages.common.compact_points import ObservedNames, compact_points, observed_names
 from truing.stages.common.point_arrays import (
@@ -56,8 +56,8 @@ SCAN, MEASURED = "scan", "measured"
 def body_poses(tables: Mapping[str, Any], settings: Campaign, progress: Progress) -> Outcome:
     """Return the tables of the pose stage: poses, residuals, and effects of common errors of the points on poses.
 
-    Poses and residuals are streams: they are computed block by block while they are written, unless points have common
-    errors. ``observations`` may be a StoredTable.
+    Many poses and residuals are streams, computed block by block while they are written. ``observations`` may be a
+    StoredTable.
     """
     names = observed_names(tables["observations"])
     others = chain(*(pose_ids(tables[name]) for name in SOURCES if name != "observations"))
@@ -163,22 +163,24 @@ class _PoseStream:
         is_base = self.settings.is_frame_fixed and self.settings.mechanism.is_legged and reference not in self.fits
         return reference if is_base and reference is not None else MEASUREMENT
 
-    def poses(self) -> pa.RecordBatchReader:
-        """Poses, computed while they are read."""
+    def poses(self) -> pa.Table | pa.RecordBatchReader:
+        """Poses, computed while they are read if they are many."""
         reference, frame = self.settings.reference_body, self.frame
         return self._stream("poses", lambda bodies: poses_table(bodies, reference, self.identifier, frame))
 
-    def residuals(self) -> pa.RecordBatchReader:
-        """Residuals, computed while they are read."""
+    def residuals(self) -> pa.Table | pa.RecordBatchReader:
+        """Residuals, computed while they are read if they are many."""
         return self._stream("residuals", lambda bodies: residuals_table(bodies, self.identifier), every=False)
 
     def _stream(
         self, name: str, table: Callable[[Sequence[BodyPoses]], pa.Table], *, every: bool = True
-    ) -> pa.RecordBatchReader:
+    ) -> pa.Table | pa.RecordBatchReader:
         """Return a table of all blocks of poses; ``every``: by every method, not only by the default one."""
         targets = sum(len(one.points.targets) for one in self.estimates)
         blocks = [slice(0, len(self.ids))] if self.whole is not None else pose_blocks(len(self.ids), targets)
         tables = in_order(lambda rows: table(self._bodies(rows, every)), blocks)
+        if len(blocks) == 1:
+            return plain_texts(next(tables))
         schema = table_schema(name, self.identifier)
         return pa.RecordBatchReader.from_batches(schema, (batch for one in tables for batch in one.to_batches()))
 

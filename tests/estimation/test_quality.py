@@ -5,6 +5,7 @@ from __future__ import annotations
 from unittest.mock import patch
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -18,6 +19,7 @@ from truing.estimation.quality import (
     isolated_values,
     repeated_groups,
     residual_scatter,
+    running_median,
     successive_sigma,
 )
 from truing.estimation.rigid_poses.body_frames import redundancy, residual_covariance
@@ -84,6 +86,15 @@ def test_drift_is_told_from_scatter():
 def test_arbitrary_frames_are_no_drift():
     rng = np.random.default_rng(3)
     assert find_drift(rng.uniform(-1.0, 1.0, (60, 4, 3)), np.ones((60, 4), bool)).p_value > 1e-3
+
+
+@pytest.mark.parametrize(("rows", "width"), [(40, 10), (41, 11), (30, 30), (31, 60), (60, 9), (300, 15)])
+def test_running_median_is_the_median_of_every_complete_window(rows: int, width: int) -> None:
+    """For values that repeat, too; a wide window is not sorted anew at each row."""
+    series = np.random.default_rng(rows).integers(-5, 6, (rows, 2, 3)).astype(float)
+    width = min(width, rows)
+    expected = [np.median(series[row : row + width], axis=0) for row in range(rows - width + 1)]
+    assert np.array_equal(running_median(series, width), expected)
 
 
 def test_successive_differences_are_blind_to_steps():

@@ -57,10 +57,15 @@ def survey_frame_covariance(
         turn = np.where(ok[b, None, None], R[b], np.eye(3))
         gain = fit_gain(source @ np.swapaxes(turn, -1, -2), W[b], ok[b])
         by_survey = _blocks(turn, np.zeros((3, 3)), turn)[:, None] @ own - gain @ turn[:, None]
-        measured = np.where(np.any(W[b] != 0, axis=(-1, -2))[..., None, None], cov_target[b], 0.0)
-        out[b] = np.einsum("bnij,bnjk,bnlk->bil", gain, measured, gain, optimize=True)
-        out[b] += np.einsum("bnij,njk,bnlk->bil", by_survey, cov_source, by_survey, optimize=True)
+        measured = np.where(W[b].any(axis=(-1, -2))[..., None, None], cov_target[b], 0.0)
+        out[b] = _side_by_side(gain @ measured) @ np.swapaxes(_side_by_side(gain), -1, -2)
+        out[b] += _side_by_side(by_survey @ cov_source) @ np.swapaxes(_side_by_side(by_survey), -1, -2)
     return symmetric(out)
+
+
+def _side_by_side(matrices: NDArray) -> NDArray:
+    """Return the matrices (B, N, 6, 3) of all points next to each other, (B, 6, 3N)."""
+    return np.swapaxes(matrices, 1, 2).reshape(len(matrices), matrices.shape[2], -1)
 
 
 def fit_gain(arm: NDArray, W: NDArray, ok: NDArray) -> NDArray:

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from truing.arrays import Array, Index, Mask
 from truing.estimation.blocks import in_order, pose_blocks
 from truing.estimation.rigid_poses.body_poses import BodyPoses, PointDecisions, by_every_method, reasons
-from truing.estimation.rigid_poses.likelihood import maximum_likelihood
 from truing.estimation.rigid_poses.points import CompactPoints, PosePoints, SurveyPoints
 from truing.estimation.rigid_poses.procrustes import ProcrustesFit, common_shape, generalised_procrustes
-from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, join_fits, mask_entries
+from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, join_fits
 from truing.estimation.rigid_poses.robust_pose import (
     RobustBody,
     fit_robustly,
@@ -155,9 +154,6 @@ class BodyEstimate:
         if common.joint is not None and common.seen is not None:
             return {"procrustes": _with_covariance_on_shape(fit, common.joint, cov, common.seen[rows])}, {}
         place, cov_source = np.nan_to_num(common.source), np.nan_to_num(common.cov_source)
-        used = agreed & fit.ok[:, None]
-        again = maximum_likelihood(place, points.points, cov_source, cov, used, start=fit)
-        fit = replace(fit, covariance=mask_entries(again.covariance, fit.ok))
         return by_every_method(place, points.points, cov_source, cov, usable, (fit, agreed), common.frame)
 
 

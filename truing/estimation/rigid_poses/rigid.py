@@ -122,12 +122,13 @@ def solve_motion(
     q, p = x - centre_x[:, None], y - centre_y[:, None]
     U, s, Vt = np.linalg.svd(np.swapaxes(w[..., None] * p, -1, -2) @ q)
     handed = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
-    status = _status(x, y, w, q, p, s, handed)
+    spread = [weighted_square(cloud, w) for cloud in (q, p)]
+    is_one_place = np.logical_or(*map(_coincident, spread, (centre_x, centre_y), (total, total)))
+    status = _status(w, is_one_place, s, handed)
     R = (U * np.stack([np.ones_like(handed), np.ones_like(handed), handed], -1)[:, None]) @ Vt
     scale = np.ones(len(R))
     if with_scale:
-        spread = weighted_square(q, w)
-        scale = (s[:, 0] + s[:, 1] + handed * s[:, 2]) / np.where(spread > 0, spread, 1.0)
+        scale = (s[:, 0] + s[:, 1] + handed * s[:, 2]) / np.where(spread[0] > 0, spread[0], 1.0)
     t = centre_y - scale[:, None] * np.einsum("bij,bj->bi", R, centre_x)
     return R, t, scale, status
 
@@ -168,24 +169,21 @@ def weighted_centroid(points: NDArray, w: NDArray, total: NDArray) -> NDArray:
 
 def weighted_square(points: NDArray, w: NDArray) -> NDArray:
     """Return ``sum w |p|^2`` (B,) of points (B, N, 3) for weights w (B, N)."""
-    return (w[:, None] @ np.sum(points * points, axis=-1)[..., None])[:, 0, 0]
+    return (w[:, None] @ np.einsum("bni,bni->bn", points, points)[..., None])[:, 0, 0]
 
 
-def _status(x: NDArray, y: NDArray, w: NDArray, q: NDArray, p: NDArray, s: NDArray, handed: NDArray) -> NDArray:
-    """Return a status (B,) from the clouds, the centred clouds and the singular values s of their product."""
+def _status(w: NDArray, is_one_place: NDArray, s: NDArray, handed: NDArray) -> NDArray:
+    """Return a status (B,) from weights (B, N), a mask (B,) of clouds in one place, and the singular values s (B, 3) of
+    the product of the centred clouds."""
     gap, on_line = s[:, 1] + handed * s[:, 2], s[:, 1] <= _SINGULAR * s[:, 0]
-    conditions = [
-        np.count_nonzero(w, axis=-1) < 3,
-        _coincident(x, w, q) | _coincident(y, w, p),
-        on_line,
-        gap <= _SINGULAR * s[:, 0],
-    ]
+    conditions = [np.count_nonzero(w, axis=-1) < 3, is_one_place, on_line, gap <= _SINGULAR * s[:, 0]]
     choices = [FitStatus.TOO_FEW_POINTS, FitStatus.COINCIDENT, FitStatus.COLLINEAR, FitStatus.AMBIGUOUS]
     return np.select(conditions, [str(c) for c in choices], str(FitStatus.OK))
 
 
-def _coincident(points: NDArray, w: NDArray, centred: NDArray) -> NDArray:
-    return weighted_square(centred, w) <= _ROUNDING**2 * weighted_square(points, w)
+def _coincident(spread: NDArray, centre: NDArray, total: NDArray) -> NDArray:
+    """Return the mask (B,) of clouds with a spread ``sum w |p - centre|^2`` of rounding of ``sum w |p|^2``."""
+    return spread <= _ROUNDING**2 * (spread + total * np.einsum("bi,bi->b", centre, centre))
 
 
 def _assemble(

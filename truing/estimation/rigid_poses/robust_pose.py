@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.estimation.blocks import in_order, pose_blocks
 from truing.estimation.covariance import apply_rotation, extreme_variances, symmetric
-from truing.estimation.rigid_poses.haralick import MEDIAN_LENGTH, residual_scale
+from truing.estimation.rigid_poses.haralick import MEDIAN_LENGTH, lengths, residual_scale
 from truing.estimation.rigid_poses.likelihood import maximum_likelihood
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, join_fits
 from truing.estimation.rigid_poses.robust import consensus
@@ -174,7 +174,7 @@ def _of_block(body: RobustBody, rows: slice | NDArray, ratio: float) -> RobustFi
     target, cov_target = body.points(rows)
     mask, given = body.mask[rows], (body.source, target, body.cov_source, cov_target)
     fit, kept = robust_pose(*given, mask, keep=body.keep[rows], noise_ratio=ratio)
-    distance = np.linalg.norm(target - fit.apply(body.source), axis=-1)
+    distance = lengths(target - fit.apply(body.source))
     scatter = residual_scale(distance / _largest_sigma(body.cov_source, cov_target, mask), mask)
     return RobustFit(fit, kept, scatter)
 
