@@ -73,8 +73,8 @@ FLOWS: Mapping[str, tuple[FlowStep, ...]] = {
             "qa.parquet",
         ),
         FlowStep(
-            "truing/estimation/rigid_poses/body_poses.py",
-            "fit_body",
+            "truing/estimation/rigid_poses/body_estimate.py",
+            "estimate_body",
             "fits the pose of each body, finds gross errors",
             "rigid fits with covariance",
         ),
@@ -249,7 +249,7 @@ FLOWS: Mapping[str, tuple[FlowStep, ...]] = {
             "6x6 covariances",
         ),
         FlowStep(
-            "stages/rigid_poses/body_poses.py", "poses_table", "writes each pose with its covariance", "poses.parquet"
+            "stages/rigid_poses/pose_tables.py", "poses_table", "writes each pose with its covariance", "poses.parquet"
         ),
     ),
 }
