@@ -57,7 +57,8 @@ def survey_frame_covariance(
         turn = np.where(ok[b, None, None], R[b], np.eye(3))
         gain = fit_gain(source @ np.swapaxes(turn, -1, -2), W[b], ok[b])
         by_survey = _blocks(turn, np.zeros((3, 3)), turn)[:, None] @ own - gain @ turn[:, None]
-        measured = np.where(W[b].any(axis=(-1, -2))[..., None, None], cov_target[b], 0.0)
+        used = np.any(W[b] != 0, axis=(-1, -2))
+        measured = np.where(used[..., None, None], cov_target[b], 0.0)
         out[b] = _side_by_side(gain @ measured) @ np.swapaxes(_side_by_side(gain), -1, -2)
         out[b] += _side_by_side(by_survey @ cov_source) @ np.swapaxes(_side_by_side(by_survey), -1, -2)
     return symmetric(out)
