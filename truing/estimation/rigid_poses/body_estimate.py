@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +33,7 @@ Points = PosePoints | CompactPoints
 _ROUNDING = 1e-9
 # Own movement of a target, in units of the noise, above which it counts as moved instead of flexing.
 _LARGEST_MOVEMENT = 30.0
-SHAPE_POINTS = 250_000
+SHAPE_POINTS = 150_000
 """Points from whose poses the shape of a body without a survey is estimated; its other poses are fitted to it."""
 _SEEN_OFTEN = 200  # poses that tell the place of a target
 
@@ -52,7 +51,7 @@ class Noise:
         undeclared = ~(np.trace(cov, axis1=-2, axis2=-1) > 0.0)
         return np.where(undeclared[..., None, None], self.fill * np.eye(3), cov) if undeclared.any() else cov
 
-    @cached_property
+    @property
     def variance(self) -> Array:
         """Sum (B, T) of the variances of the three coordinates, in m^2."""
         declared = self.points.variance
