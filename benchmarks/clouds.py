@@ -23,9 +23,12 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.rows import Row, leave
+
 STAGES = ("ingest", "qa", "pose")
 TARGETS, OF_BASE = 60, 20
-SMALLEST = (600, 1800)
+SMALLEST = ("--points", "600", "1800")
+_GOAL = (10_000_000, 60.0, 1000.0)  # points, s on two processors, MB
 _NOISE_MM, _GROSS, _GROSS_MM = 0.005, 0.002, 3.0
 
 _CAMPAIGN = """
@@ -127,7 +130,16 @@ def compare(folder: Path, sizes: Sequence[int], *, survey: bool = True) -> list[
             costs.append(cost)
             more = "" if before is None else f"{1e6 * (cost.cpu - before.cpu) / (points - before.points):22.2f}"
             print(f"{points:12,} {cost.stage:8} {cost.wall:8.2f} {cost.cpu:8.2f} {cost.peak:8.0f} {more}", flush=True)
+    _leave_rows([cost for cost in costs if cost.points == max(cost.points for cost in costs)])
     return costs
+
+
+def _leave_rows(largest: Sequence[Cost]) -> None:
+    points, seconds, memory = _GOAL
+    is_goal = largest[0].points >= points
+    what = f"poses of {largest[0].points:,} points: "
+    leave(Row(f"{what}all stages", sum(one.wall for one in largest), "s", limit=seconds if is_goal else None))
+    leave(Row(f"{what}peak memory", max(one.peak for one in largest), "MB", limit=memory if is_goal else None))
 
 
 def main() -> None:
