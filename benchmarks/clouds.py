@@ -69,7 +69,7 @@ def make_campaign(folder: Path, points: int, *, survey: bool = True, seed: int =
     )
     place = rng.uniform(-200.0, 200.0, (TARGETS, 3))
     body = np.where(np.arange(TARGETS) < OF_BASE, "base", "platform")
-    names = {"body": body, "target": [f"T{k:02d}" for k in range(TARGETS)]}
+    names = {"body": body, "target": np.array([f"T{k:02d}" for k in range(TARGETS)])}
     if survey:
         known = place + 0.4 * _NOISE_MM * rng.normal(size=place.shape)
         columns = {f"{axis}_mm": known[:, k] for k, axis in enumerate("xyz")}
@@ -81,7 +81,10 @@ def make_campaign(folder: Path, points: int, *, survey: bool = True, seed: int =
         for first in range(0, poses, 5000):
             some = number[first : first + 5000]
             xyz = np.round(_measured(place, len(some), rng).reshape(-1, 3), 4)
-            columns = {"pose": np.repeat(some, TARGETS), **{name: list(own) * len(some) for name, own in names.items()}}
+            columns = {
+                "pose": np.repeat(some, TARGETS),
+                **{name: np.tile(own, len(some)) for name, own in names.items()},
+            }
             file.write_table(pa.table({**columns, **{f"{a}_mm": xyz[:, k] for k, a in enumerate("xyz")}}, schema))
     return poses * TARGETS
 
