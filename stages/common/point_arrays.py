@@ -124,6 +124,8 @@ def positions(column: pa.ChunkedArray, order: tuple[int | str, ...]) -> Index:
     """Index of each value of a column in ``order``; -1 if absent."""
     if not order:
         return np.full(len(column), -1, np.int64)
+    if pa.types.is_dictionary(column.type):
+        column = column.cast(column.type.value_type)
     found = pc.index_in(column, value_set=pa.array(order, column.type))
     return np.asarray(pc.fill_null(found, -1).to_numpy(), dtype=np.int64)
 

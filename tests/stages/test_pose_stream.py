@@ -62,6 +62,22 @@ def test_streams_are_the_tables_of_all_poses_at_once(campaign, streamed, by: str
     assert (outcome.read, outcome.left_out, outcome.figure) == (whole.read, whole.left_out, whole.figure)
 
 
+def test_names_of_poses_may_be_texts(campaign, tmp_path: Path) -> None:  # noqa: F811
+    table = campaign["observations"]
+    texts = table.set_column(table.schema.get_field_index("pose"), "pose", table.column("pose").cast(pa.string()))
+    path = tmp_path / "texts.parquet"
+    pq.write_table(texts, path)
+    stored = StoredTable(path, ARTIFACTS["observations"])
+    found = pose.run({"observations": stored}, settings(bodies={"reference": "base"}), lambda *_: None)
+    numbered = pose.run({"observations": table}, settings(bodies={"reference": "base"}), lambda *_: None)
+    rows = plain_texts(_whole(found.artifacts["poses"])).to_pylist()
+    as_texts = [row | {"pose": str(row["pose"])} for row in numbered.artifacts["poses"].to_pylist()]
+    order = ("pose", "body", "method")
+    rows, as_texts = (sorted(own, key=lambda row: [row[name] for name in order]) for own in (rows, as_texts))
+    assert [[row[name] for name in order] for row in rows] == [[row[name] for name in order] for row in as_texts]
+    assert_close([row["px_mm"] for row in rows], [row["px_mm"] for row in as_texts], atol=1e-9)
+
+
 def test_exclusions_hold_in_a_stream(campaign, streamed) -> None:  # noqa: F811
     rule = {"body": "platform", "target": "P0", "pose": 3, "by": "Ann", "reason": "knocked"}
     whole = pose.run(
