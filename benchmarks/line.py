@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.rows import Row, leave
 from tests.blind.generator.sensor.campaign import draw_campaign
 from tests.blind.generator.sensor.effects import LoadEccentricity
 from tests.blind.generator.sensor.folder import write_campaign
@@ -32,6 +33,9 @@ from truing.pipeline.entry import main as run_truing
 
 SAMPLES = ("telescope", "force-sensor", "robot")
 BENCH = "bench"
+SMALLEST = ("sample_data/robot",)
+_SECONDS = 5.0  # limit of a sample, by the clock
+_MEMORY_MB = 600.0  # limit of the bench
 REPEATS = 2  # of every run of the force sensor's programme: 1,512 load steps
 _BYTES_PER_UNIT = 1 if sys.platform == "darwin" else 1024  # of the largest memory, as the system counts it
 
@@ -126,6 +130,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         names = [open_campaign(folder).name for folder in folders]
         lines = {name: measure(folder, Path(home) / "runs" / name) for name, folder in zip(names, folders, strict=True)}
     print(table(lines))
+    for name, line in lines.items():
+        is_bench = name == BENCH
+        leave(Row(f"whole line of {name}", line.clock_s, "s", limit=None if is_bench else _SECONDS))
+        leave(Row(f"whole line of {name}: memory", line.memory / 1e6, "MB", limit=_MEMORY_MB if is_bench else None))
 
 
 if __name__ == "__main__":

@@ -112,6 +112,10 @@ def _kept(given: Answer) -> Record:
     return {key: value for key, value in asdict(given).items() if key not in ("question", "factor")}
 
 
+def _outcome(given: Record) -> str:
+    return "named" if given["named"] else "found" if given["found"] else "-"
+
+
 def kept(results: Path) -> list[Record]:
     """The results so far."""
     lines = results.read_text(encoding="utf-8").splitlines() if results.exists() else []
@@ -139,7 +143,7 @@ def main() -> None:
     parser.add_argument("--write", action="store_true", help="make the page anew")
     options = parser.parse_args()
     for record in run_missing(places(options.seed), options.draws, options.results, options.cases):
-        print(record["key"], *(f"{who} {record[who]['said'] or '-'}" for who in ("power", "generator")), flush=True)
+        print(record["key"], *(f"{who} {_outcome(record[who])}" for who in ("power", "generator")), flush=True)
     if options.write:
         from benchmarks.power_agreement_page import write_page
 

@@ -29,7 +29,9 @@ _OF_DIAGNOSIS = frozenset(
         *("need", "measurements", "duration_s", "sigma_now", "sigma_expected", "odds_expected"),
     )
 )
-_OF_PROGRAM = re.compile(r"(approach|unloading|largest so far|direction of) .*|.* [xyz]|.*\*.*|v[1-8]_mv", re.DOTALL)
+_OF_PROGRAM = re.compile(
+    r"(approach|unloading|largest so far|direction of) .*|stop \d+|.* [xyz]|.*\*.*|v[1-8]_mv", re.DOTALL
+)
 _LISTED = re.compile(r'"((?:[^"]|"")*)"|(\S+)')
 
 

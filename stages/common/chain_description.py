@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,8 +15,8 @@ from truing.simulation.mechanisms.chains.tree import JointKind, Tree
 _MM = 1e-3
 
 
-def rows_of(section: Any, convention: str | None = None) -> list[DenavitHartenberg]:
-    """Rows of [mechanism] dh in m and rad; all in one convention if it is given."""
+def rows_of(section: Any) -> list[DenavitHartenberg]:
+    """Rows of [mechanism] dh in m and rad."""
     return [
         DenavitHartenberg(
             row.a_mm * _MM,
@@ -24,24 +24,23 @@ def rows_of(section: Any, convention: str | None = None) -> list[DenavitHartenbe
             row.d_mm * _MM,
             np.radians(row.theta_deg),
             JointKind(row.kind),
-            convention or row.convention,
+            row.convention,
         )
         for row in section.dh
     ]
 
 
-def described_otherwise(tree: Tree, section: Any) -> Iterator[tuple[RecordSlip, Tree]]:
-    """Yield slips in the description of a chain, each with the chain after its correction."""
+def described_otherwise(tree: Tree, rows: Sequence[DenavitHartenberg]) -> Iterator[tuple[RecordSlip, Tree]]:
+    """Yield slips in the description of a chain, by its rows if it has any, each with the chain after its correction."""
     for factor in both_ways(LENGTH_FACTORS):
         nodes = tuple(replace(node, t=factor * node.t, com=factor * node.com) for node in tree.nodes)
         yield RecordSlip(SlipKind.UNIT, "lengths of the chain's description", factor=factor), replace(tree, nodes=nodes)
-    if section.dh:
-        written = {row.convention for row in section.dh}
-        for convention in sorted({STANDARD, MODIFIED} - written if len(written) == 1 else ()):
-            other = tree_of_rows(
-                rows_of(section, convention),
-                [node.joint for node in tree.nodes if node.joint],
-                tree.nodes[0].link,
-                tree.nodes[-1].link,
-            )
-            yield RecordSlip(SlipKind.CONVENTION, "rows of [mechanism] dh", (convention,)), other
+    written = {row.convention for row in rows}
+    for convention in sorted({STANDARD, MODIFIED} - written if len(written) == 1 else ()):
+        other = tree_of_rows(
+            [replace(row, convention=convention) for row in rows],
+            [node.joint for node in tree.nodes if node.joint],
+            tree.nodes[0].link,
+            tree.nodes[-1].link,
+        )
+        yield RecordSlip(SlipKind.CONVENTION, "rows of [mechanism] dh", (convention,)), other

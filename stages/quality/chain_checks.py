@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import TYPE_CHECKING
@@ -23,7 +23,7 @@ from truing.simulation.mechanisms.chains.column_slips import (
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import Tree
-from truing.stages.common.chain_description import described_otherwise
+from truing.stages.common.chain_description import described_otherwise, rows_of
 from truing.stages.common.chain_measurements import (
     MeasuredLinks,
     chain_conditions,
@@ -72,6 +72,7 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
     ):
         return RelationTest(JOINTS, RelationState.NOT_TESTED, "no-poses")
     tree, table = tree_of(tables["joints"]), tables["configurations"]
+    others = described_otherwise(tree, rows_of(settings.mechanism))
     try:
         measured = measured_links(tables, tree, pose_ids(table))
         readings = joint_readings(tree, table)
@@ -101,7 +102,7 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
             return _failed(tested, in_poses.slips, None)
         return replace(tested, misfit=start.rms / _MM)
     whole = sorted(
-        [*_of_measured(fit, conditions, usable), *_of_description(tree, settings, measured, conditions, usable)]
+        [*_of_measured(fit, conditions, usable), *_of_description(others, settings, measured, conditions, usable)]
     )
     if whole:
         rivals = tuple(one.slip for one in whole[1:] if one.share < _AS_LIKELY * whole[0].share)
@@ -189,10 +190,14 @@ def _of_measured(fit: NominalFit, conditions: ChainConditions, usable: Mask) -> 
 
 
 def _of_description(
-    tree: Tree, settings: Campaign, measured: MeasuredLinks, conditions: ChainConditions, usable: Mask
+    others: Iterable[tuple[RecordSlip, Tree]],
+    settings: Campaign,
+    measured: MeasuredLinks,
+    conditions: ChainConditions,
+    usable: Mask,
 ) -> Iterator[_Whole]:
-    """Yield units of the chain's lengths, and the other convention of its rows, if they explain the misfit."""
-    for slip, other in described_otherwise(tree, settings.mechanism):
+    """Yield slips in the description, each with the chain without it, that explain the misfit."""
+    for slip, other in others:
         fit = nominal_fit(other, settings, measured, conditions, usable)
         yield from _whole(slip, fit.start_of(usable, conditions))
 

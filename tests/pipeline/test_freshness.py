@@ -207,4 +207,5 @@ def test_out_with_several_campaigns_gives_each_its_own_folder(fake: FakeProject,
     shutil.copytree(fake.campaign, second)
     fake.edit(second / "campaign.toml", '"bench"', '"other"')
     fake.run(str(second), "--out", "here")
-    assert sorted(path.name for path in (fake.cwd / "here").iterdir()) == ["bench", "other"]
+    found = sorted(path.name for path in (fake.cwd / "here").iterdir())
+    assert found == ["bench", "campaigns.html", "campaigns.parquet", "other"]

@@ -59,7 +59,8 @@ def find_files(folder: Path, pattern: str) -> list[str]:
 
 def words_on_unread_files(folder: Path) -> str:
     """Return a hint that names the files at the top of a folder that no entry reads; empty if there are none."""
-    names = sorted(path.name for path in folder.iterdir() if not path.name.startswith(".") and is_raw_file(path))
+    paths = folder.iterdir() if folder.is_dir() else ()  # the folder may vanish during a run
+    names = sorted(path.name for path in paths if not path.name.startswith(".") and is_raw_file(path))
     unread = [name for name in names if Path(name).suffix.lower() not in _NO_DATA and name.isprintable()]
     more = f" and {len(unread) - _NAMED} more" if len(unread) > _NAMED else ""
     return f"; no entry reads {', '.join(unread[:_NAMED])}{more}" if unread else ""

@@ -51,7 +51,7 @@ def pose_equations(shape: NDArray, R: NDArray, W: NDArray, seen: NDArray) -> tup
 
 def shape_coupling(JW: NDArray, R: NDArray) -> NDArray:
     """Return the part (B, 6, 3N) of the normal matrix between poses and shape."""
-    return np.swapaxes(-JW @ R[:, None], 1, 2).reshape(len(R), 6, -1)
+    return np.swapaxes(-JW @ R[:, None], 1, 2).reshape(len(R), 6, 3 * JW.shape[1])
 
 
 def poses_on_shape(
