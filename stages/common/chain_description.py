@@ -31,7 +31,7 @@ def rows_of(section: Any) -> list[DenavitHartenberg]:
 
 
 def described_otherwise(tree: Tree, rows: Sequence[DenavitHartenberg]) -> Iterator[tuple[RecordSlip, Tree]]:
-    """Yield slips in the description of a chain, by its rows if it has any, each with the chain after its correction."""
+    """Yield slips in the description of a chain, each with the chain after its correction; rows: its table, or none."""
     for factor in both_ways(LENGTH_FACTORS):
         nodes = tuple(replace(node, t=factor * node.t, com=factor * node.com) for node in tree.nodes)
         yield RecordSlip(SlipKind.UNIT, "lengths of the chain's description", factor=factor), replace(tree, nodes=nodes)
