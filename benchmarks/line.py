@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -62,7 +63,9 @@ def write_bench(folder: Path, repeats: int = REPEATS) -> Path:
 def measure(campaign: Path, out: Path) -> Line:
     """Run a campaign in a process of its own, every stage anew."""
     command = [sys.executable, "-m", "benchmarks.line", "--one", str(campaign), "--out", str(out)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    # As `truing run` sets before it loads numpy, which this module has loaded.
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     return Line(**json.loads(done.stdout.splitlines()[-1]))
 
 
