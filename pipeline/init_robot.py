@@ -47,7 +47,7 @@ def robot_of(folder: Path, files: Sequence[Path]) -> Robot | None:
 
 
 def guess_of_description(path: Path, robot: Robot | None) -> Guess:
-    """Return what is said of a robot's description, which is no table."""
+    """Return the note on a robot's description, which is no table."""
     from truing.formats.guess import Guess
     from truing.formats.raw import Unusable
     from truing.formats.urdf import read_urdf

@@ -90,7 +90,7 @@ def _keys_of_bodies(guess: Guess, targets: Sequence[str], bodies: Mapping[str, s
     return {"columns": {**columns, "body": columns["target"]}, "rename": renames}
 
 
-def _unit(rows: _Rows, places: Mapping[str, Array]) -> str | None:
+def _unit(rows: _SurveyRows, places: Mapping[str, Array]) -> str | None:
     """Return the unit by which distances within poses are those between surveyed targets; None if none fits."""
     by_pose: dict[str, list[int]] = {}
     for row, (pose, target) in enumerate(zip(rows.poses, rows.targets, strict=True)):
@@ -132,7 +132,7 @@ def _without_zeros(folder: Path, group: RawGroup, guess: Guess) -> Guess:
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _SurveyRows:
     poses: list[str]
     bodies: list[str]
     targets: list[str]
@@ -141,7 +141,7 @@ class _Rows:
 
 def _rows(
     folder: Path, group: RawGroup, guess: Guess, constants: Mapping[str, str], most: int = _MOST_ROWS
-) -> _Rows | None:
+) -> _SurveyRows | None:
     """Return the first rows of a file by a guess; None if it cannot be read so."""
     added = {**guess.mapping.get("constants", {}), **constants}
     mapping = {**guess.mapping, "constants": added} if added else guess.mapping
@@ -158,4 +158,4 @@ def _rows(
         for name in ("pose", "body", "target")
     }
     columns = [np.array(names[name].slice(0, count).to_pylist(), dtype=float) for name in _PLACE]
-    return _Rows(texts["pose"], texts["body"], texts["target"], np.column_stack(columns))
+    return _SurveyRows(texts["pose"], texts["body"], texts["target"], np.column_stack(columns))

@@ -11,6 +11,7 @@ import pandas as pd
 
 from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.report.diagnosis.adequacy import shortcoming
+from truing.report.numbers import percent
 from truing.report.wordings.nonparametric_wordings import columns_words
 from truing.schemas.covariates import names_in
 
@@ -53,7 +54,7 @@ def _finding(row: pd.Series) -> dict[str, Any]:
 
 def _followed(row: pd.Series) -> str:
     """The inputs that predict residuals of the model without causes, and the largest share of squares."""
-    return f"{columns_words(names_in(row['follows']))} {100.0 * row['share_predicted']:.0f} %"
+    return f"{columns_words(names_in(row['follows']))} {percent(100.0 * row['share_predicted'])}"
 
 
 def _first_sentence(text: str) -> str:

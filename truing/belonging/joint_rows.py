@@ -68,7 +68,7 @@ class RowSlips:
 
 
 @dataclass(frozen=True)
-class _Trial:
+class _JointTrial:
     slip: RecordSlip
     readings: NDArray
     values: NDArray
@@ -214,18 +214,18 @@ def _is_shift(apart: Index, columns: Index) -> bool:
     return bool(len(apart) > 3 * max(_SHIFTS) and np.median(moved) <= max(_SHIFTS))
 
 
-def _trials(compared: ChainComparison) -> Iterator[_Trial]:
+def _trials(compared: ChainComparison) -> Iterator[_JointTrial]:
     """Yield every slip with readings and values after its correction in all poses."""
     readings, values = compared.readings, compared.values
     for kind, own, corrected in corrected_columns(readings, compared.is_revolute):
         if kind not in (ColumnSlipKind.DOWN, ColumnSlipKind.UP):
-            yield _Trial(_column_slip(kind, [compared.columns[k] for k in own]), corrected, values)
+            yield _JointTrial(_column_slip(kind, [compared.columns[k] for k in own]), corrected, values)
     for shift in _SHIFTS:
-        yield _Trial(
+        yield _JointTrial(
             RecordSlip(SlipKind.ROWS_SHIFTED, "readings", shift=shift), np.roll(readings, -shift, axis=0), values
         )
     for trial in _changes_of_axes():
-        yield _Trial(trial.slip, readings, values @ trial.matrix)
+        yield _JointTrial(trial.slip, readings, values @ trial.matrix)
 
 
 def _column_slip(kind: ColumnSlipKind, names: Sequence[str]) -> RecordSlip:

@@ -72,7 +72,7 @@ def _composed(rows: Sequence[Row], is_number: Callable[[str], bool]) -> tuple[st
     if not above or (units is None and len(above) < 2):
         return None
     *others, base = above
-    telling = [_filled(row) for row in others if _tells(row)] if _repeats(base) else []
+    telling = [_filled(row) for row in others if _names_groups(row)] if _repeats(base) else []
     names = [".".join(dict.fromkeys(filter(None, cells))) for cells in zip(*telling, base, strict=True)]
     if units is not None:
         bare = [cell.strip("[]() ") for cell in units]
@@ -96,7 +96,7 @@ def _repeats(names: Sequence[str]) -> bool:
     return len(set(named)) < len(named) or len(named) < len(names)
 
 
-def _tells(row: Sequence[str]) -> bool:
+def _names_groups(row: Sequence[str]) -> bool:
     """True if a row names groups of columns: several words that are no serial numbers."""
     words = {cell for cell in row if cell}
     return len(words) > 1 and not _is_serial(row)

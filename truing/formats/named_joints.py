@@ -30,7 +30,7 @@ _PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
 
 
 @dataclass(frozen=True)
-class Joints:
+class NamedJoints:
     """Columns of joints in order: name of the joint, raw name, and unit; whether the unit is a guess."""
 
     names: tuple[str, ...]
@@ -59,7 +59,7 @@ def _suffix(unit: str) -> str:
 
 def joint_columns(
     names: Sequence[str], data: Sequence[Sequence[str]], values: Array, joints: Sequence[str] = ()
-) -> Joints | None:
+) -> NamedJoints | None:
     """Return the joints in a table of cells (N, W) and their numbers, by a robot's joints or by numbered names.
 
     joints: names of the robot's joints from the base on; empty if no description is known.
@@ -77,7 +77,7 @@ def joint_columns(
         return None
     assumed = "rad" if np.nanmax(np.abs(columns)) <= _LARGEST_RAD else "deg"
     units = tuple(unit or assumed for unit in stated)
-    return Joints(named, raw, units, None in stated)
+    return NamedJoints(named, raw, units, None in stated)
 
 
 def _by_name(names: Sequence[str], joints: Sequence[str]) -> tuple[str, ...] | None:

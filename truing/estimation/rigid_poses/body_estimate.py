@@ -39,7 +39,7 @@ _SEEN_OFTEN = 200  # poses that tell the place of a target
 
 
 @dataclass(frozen=True)
-class Noise:
+class PointNoise:
     """Covariances of points, with ``fill`` (m^2) as variance of those without."""
 
     points: Points
@@ -73,7 +73,7 @@ class CommonPart:
     cov_source: Array
     known: Mask
     frame: Mask
-    noise: Noise
+    noise: PointNoise
     fit: RigidFit
     agreed: Mask
     has_consensus: Mask
@@ -258,7 +258,7 @@ def shape_rows(usable: Mask, most: int = SHAPE_POINTS) -> slice | Index:
 
 
 def _on_joint_shape(
-    joint: ProcrustesFit, robust: RigidFit, rows: slice | Index, points: Points, noise: Noise, good: Mask
+    joint: ProcrustesFit, robust: RigidFit, rows: slice | Index, points: Points, noise: PointNoise, good: Mask
 ) -> tuple[RigidFit, Mask]:
     """Return all poses on the joint shape, and the points (B, T) that determine them.
 
@@ -302,7 +302,13 @@ def largest_motion(body: BodyEstimate, other: BodyEstimate, rows: Index) -> Arra
 
 
 def _robust(
-    place: Array, cov_source: Array, points: Points, noise: Noise, usable: Mask, keep: Mask, tau: Array | None = None
+    place: Array,
+    cov_source: Array,
+    points: Points,
+    noise: PointNoise,
+    usable: Mask,
+    keep: Mask,
+    tau: Array | None = None,
 ) -> RobustBody:
     """Return the input of the robust fits; tau (T,), in m: own movement of each target, as further noise."""
     further = None if tau is None else (tau**2)[:, None, None] * np.eye(3)
@@ -323,7 +329,7 @@ def _has_consensus(fit: RigidFit, agreed: Mask) -> Mask:
     return np.isin(fit.status, [str(FitStatus.OK), str(FitStatus.NO_CONSENSUS)]) & agreed.any(axis=1)
 
 
-def _movement(fit: RigidFit, ratio: float, body: RobustBody, noise: Noise, usable: Mask) -> Array:
+def _movement(fit: RigidFit, ratio: float, body: RobustBody, noise: PointNoise, usable: Mask) -> Array:
     """Return each target's own movement (T,), in m, if it flexes; without a survey this is not known beforehand. Zero
     if the whole body is less rigid than its noise allows, and for a target that moved far: then each pose is assessed
     separately."""
@@ -335,7 +341,7 @@ def _movement(fit: RigidFit, ratio: float, body: RobustBody, noise: Noise, usabl
     return np.where((ratio == 1.0) & (tau > sigma) & (tau < _LARGEST_MOVEMENT * sigma), tau, 0.0)
 
 
-def _typical_sigma(noise: Noise, mask: Mask) -> float:
+def _typical_sigma(noise: PointNoise, mask: Mask) -> float:
     """Return the median standard deviation per coordinate of points, in m; 0 for none."""
     return float(np.sqrt(np.median(noise.variance[mask]) / 3)) if mask.any() else 0.0
 
@@ -356,12 +362,12 @@ def _in_frame(points: Points, survey: SurveyPoints) -> Mask:
     return np.array([frame.get(target, True) for target in points.targets], dtype=bool)
 
 
-def _noise(source: Array, points: Points, usable: Mask) -> Noise:
+def _noise(source: Array, points: Points, usable: Mask) -> PointNoise:
     """Return the covariances of the points, estimated from distances between them if none was declared."""
     if not (~(points.variance > 0.0) & usable).any():
-        return Noise(points, 1.0)
+        return PointNoise(points, 1.0)
     rounding = _ROUNDING * float(np.abs(points.points).max(initial=1e-3))
     none = np.zeros((1, 1))
     body = RobustBody(source, none, usable, none, lambda rows: (points.points[rows], none))
     sigma = max(sigma_of_some_poses(body), rounding)
-    return Noise(points, sigma**2)
+    return PointNoise(points, sigma**2)

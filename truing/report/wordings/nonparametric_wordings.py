@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable
 
 from truing.report.diagnosis.findings import subject_words
+from truing.report.numbers import percent
 from truing.report.wordings.claim import Claim, Wording, largest_change_words
 from truing.schemas.covariates import own_name
 
@@ -65,7 +66,7 @@ def remainder_clause(columns: tuple[str, ...], subject: str, share: float) -> st
     a full stop."""
     whose = f" of {subject_words(subject)}" if subject else ""
     text = f"The residuals{whose} (model without causes) depend on {columns_words(columns)}"
-    return f"{text}, which explains {'' if subject else 'up to '}{100.0 * share:.0f} % of their variance"
+    return f"{text}, which explains {'' if subject else 'up to '}{percent(100.0 * share)} of their variance"
 
 
 def remainder_advice(columns: tuple[str, ...]) -> str:
