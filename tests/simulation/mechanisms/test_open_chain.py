@@ -282,10 +282,11 @@ def test_the_numbers_of_an_accepted_cause_are_those_of_the_round_that_accepted_i
 
 def test_what_was_freed_is_computed_anew_alike() -> None:
     final = of_two_gains().final
-    before = final.fit.whitened.rest, final.pathways.gram, final.held_out.linearised.by_shared, final.error.linearised.by_shared
+    errors = final.held_out, final.error
+    before = final.fit.whitened.rest, final.pathways.gram, *(own.linearised.by_shared for own in errors)
     final.release()
     assert not {"whitened", "pathways"} & (final.fit.__dict__.keys() | final.__dict__.keys())
-    after = final.fit.whitened.rest, final.pathways.gram, final.held_out.linearised.by_shared, final.error.linearised.by_shared
+    after = final.fit.whitened.rest, final.pathways.gram, *(own.linearised.by_shared for own in errors)
     for one, other in zip(before, after, strict=True):
         assert one is not other
         np.testing.assert_array_equal(one, other)
