@@ -233,7 +233,7 @@ def _by_itself(points: Points, allowed: Mask, keep: Mask) -> CommonPart:
     good = agreed & fit.ok[:, None]
     joint = generalised_procrustes(points.points[rows], noise.cov(rows), good[rows], shape=source)
     on_shape, seen = _on_joint_shape(joint, fit, rows, points, noise, good)
-    shape = JointShape(*map(np.nan_to_num, (joint.shape, joint.shape_covariance, joint.deformation)), known)
+    shape = _shape_of(joint, known)
     source = np.where(np.isfinite(joint.shape), joint.shape, source)
     consensus = _has_consensus(fit, agreed)
     return CommonPart(
@@ -267,7 +267,7 @@ def _on_joint_shape(
     known = np.isfinite(joint.shape).all(axis=-1)
     if isinstance(rows, slice):
         return joint.poses, good & known & joint.poses.ok[:, None]
-    shape = JointShape(*map(np.nan_to_num, (joint.shape, joint.shape_covariance, joint.deformation)), known)
+    shape = _shape_of(joint, known)
 
     def fitted(block: slice) -> RigidFit:
         seen = good[block] & known
@@ -275,6 +275,12 @@ def _on_joint_shape(
 
     fit = join_fits(list(in_order(fitted, pose_blocks(*good.shape))))
     return fit, good & known & fit.ok[:, None]
+
+
+def _shape_of(joint: ProcrustesFit, known: Mask) -> JointShape:
+    """Return the joint shape, zero where it is unknown."""
+    shape, covariance = np.nan_to_num(joint.shape), np.nan_to_num(joint.shape_covariance)
+    return JointShape(shape, covariance, np.nan_to_num(joint.deformation), known)
 
 
 def _fit_on_shape(shape: JointShape, status: FitStatus, y: Array, cov: Array, seen: Mask, start: RigidFit) -> RigidFit:
