@@ -68,7 +68,8 @@ def read_rays(source: CampaignFiles, settings: Any, known: Mapping[str, pa.Table
     _check_unique_point(found, log, point)
     _one_camera(found, log, camera)
     covariance = _covariance(found, settings, log)
-    kinds = zip(_text(found, "kind"), _text(found, "point"), strict=True)
+    named = _text(found, "point")
+    kind = {name: kind_of(name) for name in set(named)}
     columns = {
         "pose": found.table.column("pose"),
         "image": _text(found, "image"),
@@ -76,7 +77,7 @@ def read_rays(source: CampaignFiles, settings: Any, known: Mapping[str, pa.Table
         "point": point,
         "body": body,
         "target": target,
-        "kind": [own or kind_of(name) for own, name in kinds],
+        "kind": [own or kind[name] for own, name in zip(_text(found, "kind"), named, strict=True)],
         "x_px": found.table.column("x_px"),
         "y_px": found.table.column("y_px"),
         **dict(zip(_COVARIANCE, covariance.T, strict=True)),

@@ -276,11 +276,17 @@ def p_values(T: Array, freedom: Index, redundancy: Array | None = None, used: Ma
 
     f = np.maximum(freedom, 1)
     if redundancy is None or used is None:
-        p_value = chdtrc(f, T)
-    else:
-        r = np.maximum(redundancy, f + 1.0)
-        inside = betaincc(f / 2, (r - f) / 2, np.clip(T / r, 0.0, 1.0))
-        p_value = np.where(used, inside, betainc(r / 2, f / 2, r / (r + T)))
+        # The tail of two degrees of freedom is elementary; the few of one need a special function.
+        p_value, one = np.exp(-T / 2), f == 1
+        p_value[one] = chdtrc(1, T[one])
+        return np.where(freedom > 0, p_value, np.nan)
+    r = np.maximum(redundancy, f + 1.0)
+    with np.errstate(divide="ignore"):
+        log_inside = (r / 2 - 1) * np.log1p(-np.minimum(T / r, 1.0))
+    p_value, one = np.exp(np.where(used, log_inside, -r / 2 * np.log1p(T / r))), f == 1
+    r, T, used = r[one], T[one], used[one]
+    inside = betaincc(0.5, (r - 1) / 2, np.clip(T / r, 0.0, 1.0))
+    p_value[one] = np.where(used, inside, betainc(r / 2, 0.5, r / (r + T)))
     return np.where(freedom > 0, p_value, np.nan)
 
 
