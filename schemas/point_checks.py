@@ -135,6 +135,14 @@ OF_POINTS: Checks = {
         "Correct the slip in the message once you have confirmed it; else compare readings and poses one by one.",
         withholds="models",
     ),
+    "noise-size": QualityCheck(
+        "Do most points of a body agree within the declared noise?",
+        "If not, but all scatter alike, the declared noise is too small by a factor, often by another unit. Then "
+        "every point would be a gross error, and every small deviation an effect.",
+        VerdictRule(fails="most points of a body are gross errors by the declared noise, few by a multiple of it"),
+        "Declare the instrument's real noise in the unit of its key (`[noise]`, sigma columns).",
+        withholds="poses",
+    ),
     "noise": QualityCheck(
         "How large is the scatter of a body, and of each axis, over the declared noise?",
         "Every uncertainty and test uses the declared noise. A deviation of 10 % is normal; the test is one-sided "

@@ -121,7 +121,7 @@ def _points(
     sigma = body.sigma[:, frame][seen]
     return BodyPoints(
         body.name,
-        body.survey.points[frame],
+        body.survey.points[frame] / body.survey_scale,
         body.points.points[:, frame][order],
         seen[order],
         float(np.median(sigma)) if sigma.size else 0.0,

@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from truing.arrays import Array, Index
 from truing.belonging.counted_times import merely_counts
-from truing.quality.bodies import BodyView, PoseSurroundings, body_view, first_shape
+from truing.quality.bodies import BodyView, PoseSurroundings, body_view, first_shape, with_most_points
 from truing.report.numbers import count
 from truing.schemas.columns import COLUMNS
 from truing.stages.common.point_arrays import number_column, pose_points, survey_points
@@ -44,6 +44,7 @@ from truing.stages.quality.target_checks import (
     moved_targets,
     noise,
     noise_by_pose,
+    noise_size,
     repeatability,
     unobserved_poses,
 )
@@ -157,7 +158,7 @@ def _view(observations: pa.Table, survey: pa.Table | None, body: str, around: Po
     if place is None or not is_surveyed:
         place = first_shape(pose_points(observations, body, around.poses))
     points = pose_points(observations, body, around.poses, place.targets)
-    return body_view(body, place, points, around, is_surveyed=is_surveyed)
+    return with_most_points(body_view(body, place, points, around, is_surveyed=is_surveyed), around)
 
 
 def _checks_of_points(
@@ -172,6 +173,7 @@ def _checks_of_points(
     resurveys, table = tables.get("resurveys"), tables.get("configurations")
     share = settings.qa.false_alarm / _CHANCE_CHECKS
     yield from attachment_labels(bodies, _attachments(settings))
+    yield noise_size(bodies)
     for body in bodies:
         yield from completeness(body, expected_visible(resurveys, body, around), limits)
         yield from geometry(body, limits)

@@ -20,6 +20,7 @@ from truing.estimation.quality import (
 from truing.estimation.repeatability import at_one_reading, equal_scatter
 from truing.estimation.rigid_poses.body_frames import redundancy
 from truing.quality.bodies import (
+    MOST_GROSS,
     BodyView,
     PoseSurroundings,
     chi_square_about_mean,
@@ -170,6 +171,26 @@ def moved_targets(body: BodyView, around: PoseSurroundings, share: float) -> Ite
         yield Check("moved-targets", target, size, 0.0, "mm", WARN, text)
 
 
+def noise_size(bodies: Sequence[BodyView]) -> Check:
+    """Check whether the declared noise is so small that by it most points of a body would be gross errors."""
+    apart = [body for body in bodies if body.noise_factor > 1.0]
+    elsewhere = [body.name for body in bodies if body.gross_share > MOST_GROSS]
+    if not apart and elsewhere:
+        why = f"most points of {listed(elsewhere)} are far from their places, and not by scatter alone"
+        return not_evaluated("size of the noise", "noise-size", "", why)
+    if not apart:
+        return Check(
+            "noise-size", "", 1.0, 1.0, "1", PASS, "Most points of every body agree within the declared noise."
+        )
+    worst, least = (choose(apart, key=lambda body: body.noise_factor) for choose in (max, min))
+    declared_mm = 1e3 * float(np.median(worst.measured_sigma[worst.points.seen])) / worst.noise_factor
+    times = " to ".join(dict.fromkeys(f"{body.noise_factor:.0f}" for body in (least, worst)))
+    text = f"{listed([body.name for body in apart])}: all points scatter alike, by {times} times the declared noise "
+    text += f"of {declared_mm:.3g} mm; by the declared noise most of them would be gross errors."
+    text += unit_slip(least.noise_factor, declared_mm, "mm")
+    return Check("noise-size", worst.name, worst.noise_factor, 1.0, "1", FAIL, text)
+
+
 def noise(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Check]:
     """Check the estimated noise per axis, without dependence on actuators, time and temperature, against the declared
     one."""
@@ -178,15 +199,14 @@ def noise(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Ch
         yield not_evaluated(f"noise of {body.name}", "noise", body.name, "too few readings")
         return
     part = redundancy(body.survey.points[body.frame], good[:, body.frame])
-    scatter = residual_scatter(
-        body.residuals[:, body.frame], body.measured_sigma[:, body.frame], part, around.covariates
-    )
+    declared_sigma = body.measured_sigma / body.noise_factor
+    scatter = residual_scatter(body.residuals[:, body.frame], declared_sigma[:, body.frame], part, around.covariates)
     whole = scatter.pooled
     if whole.dof[0] < 1.0:
         why = "a single pose without a survey has no residual"
         yield not_evaluated(f"noise of {body.name}", "noise", body.name, why)
         return
-    declared = 1e3 * float(np.median(body.measured_sigma[good]))
+    declared = 1e3 * float(np.median(declared_sigma[good]))
     first = _noise_check(body.name, "", whole, _NOISE_TOLERATED, share / 2, around.shared)
     slip = unit_slip(float(whole.ratio[0]), declared, "mm")
     is_warned = slip and first.verdict == PASS

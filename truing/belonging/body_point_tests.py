@@ -252,6 +252,10 @@ def relate_survey(body: BodyPoints) -> RelationTest:
     if (factor := _unit(scaled.scale)) is not None:
         trials.append((RecordSlip(SlipKind.UNIT, "points of body", (body.name,), factor), _typical(scaled.rms)))
     slip, after = min(trials, key=lambda trial: trial[1])
+    if after > _FIFTH * before and _typical(scaled.rms) <= _FIFTH * before:
+        size = RecordSlip(SlipKind.SCALE, "points of body", (body.name,), 1.0 / float(np.nanmedian(scaled.scale)))
+        as_large = replace(tested, state=RelationState.ATTENTION, reason="scale", tried=3)
+        return replace(as_large, slips=(size,), misfit_explained=1e3 * _typical(scaled.rms))
     if after > _FIFTH * before:
         size = float(np.sqrt(np.mean(np.sum((body.survey - body.survey.mean(axis=0)) ** 2, axis=1))))
         state = RelationState.FAILS if before > _OTHER_BODY * size else RelationState.ATTENTION
@@ -270,7 +274,10 @@ def joined_results(tested: tuple[RelationTest, ...]) -> Iterator[RelationTest]:
     """Yield one result for all bodies of the same state, reason and slip: that of the body that fits worst."""
     groups: dict[tuple[object, ...], list[RelationTest]] = {}
     for one in tested:
-        alike = tuple((slip.kind, slip.quantity, slip.factor, slip.subjects[:-1]) for slip in one.slips)
+        alike = tuple(
+            (slip.kind, slip.quantity, slip.kind is SlipKind.SCALE or slip.factor, slip.subjects[:-1])
+            for slip in one.slips
+        )
         groups.setdefault((one.state, one.reason, alike), []).append(one)
     for group in groups.values():
         worst = max(group, key=lambda one: one.misfit or 0.0)

@@ -38,6 +38,7 @@ class SlipKind(StrEnum):
     FRINGES = "counted-in-fringes"  # numbers of fringes in place of lengths; multiplied by factor they are right
     MISLABELLED = "mislabelled"  # one part bears the label of another
     CONVENTION = "convention"  # rows of a chain in the other convention of Denavit and Hartenberg
+    SCALE = "scale"  # multiplied by factor, points have the size of their survey; no unit explains it
     REVERSED = "rows-reversed"  # from the last to the first
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,12 @@ from truing.estimation.rigid_poses.umeyama import umeyama
 _LEAST_TARGETS = 3
 _POSES_TO_COMPARE = 2
 _ODD_POSE = 1e-6
+# Shares of a body's points.
+MOST_GROSS = 0.5
+_FEW_GROSS = 0.1
+_MOST_SCALE = 0.02  # of one: a larger factor is another unit or another body
+_OWN_SCATTER = 0.5  # least share of the residuals that scatters from pose to pose, if noise explains them
+_MEDIAN_OF_THREE = 2.366  # median of chi-square with three degrees of freedom
 
 
 @dataclass(frozen=True)
@@ -54,7 +60,8 @@ class BodyView:
 
     residuals (B, T, 3) in m, zero where not seen; sigma (B, T, 3) declared, of measurement and survey together; frame
     (T,) marks the targets of the frame; gross (B, T) seen, but far from its place. is_surveyed: places come from a
-    survey, not from one of the poses.
+    survey, not from one of the poses. By the declared noise and the survey alone most points may be gross errors; then
+    the checks take the noise times noise_factor, or the survey times survey_scale.
     """
 
     name: str
@@ -66,11 +73,18 @@ class BodyView:
     frame: Mask
     gross: Mask
     is_surveyed: bool = True
+    noise_factor: float = 1.0
+    survey_scale: float = 1.0
 
     @property
     def measured_sigma(self) -> Array:
-        """Declared standard deviation (B, T, 3) of the measurement alone, in m."""
+        """Standard deviation (B, T, 3) of the measurement alone, in m: the declared one times the noise factor."""
         return np.sqrt(np.einsum("btii->bti", self.points.cov))
+
+    @property
+    def gross_share(self) -> float:
+        """Share of gross errors among the points of the poses with enough targets."""
+        return float(self.gross[self.framed].sum()) / max(int(self.points.seen[self.framed].sum()), 1)
 
     @property
     def framed(self) -> Mask:
@@ -132,6 +146,78 @@ def body_view(
     gross = usable & ~inlier
     gross |= _gross_attachments(residuals, sigma, points.seen & ~frame & fit.ok[:, None], around.covariates)
     return BodyView(body, place, points, fit, np.nan_to_num(residuals), sigma, frame, gross, is_surveyed)
+
+
+def with_most_points(body: BodyView, around: PoseSurroundings) -> BodyView:
+    """Return the body with its survey in another scale, or else with more noise, if most points are gross errors
+    without and hardly any with it; else the body as it is."""
+    if body.gross_share <= MOST_GROSS:
+        return body
+    for change in (_with_fitting_scale, _with_fitting_noise):
+        changed = change(body, around)
+        if changed.gross_share <= _FEW_GROSS:
+            return changed
+    return body
+
+
+def _with_fitting_scale(body: BodyView, around: PoseSurroundings) -> BodyView:
+    """Return the body with its survey in the scale of the measured points; units are no scale of this kind."""
+    seen = body.points.seen & body.frame & body.framed[:, None]
+    source = np.broadcast_to(body.survey.points, body.points.points.shape)
+    scale = float(np.nanmedian(umeyama(source, body.points.points, seen.astype(float), with_scale=True).scale))
+    if not abs(scale - 1.0) <= _MOST_SCALE:
+        return body
+    place = replace(body.survey, points=scale * body.survey.points)
+    view = body_view(body.name, place, body.points, around, is_surveyed=body.is_surveyed)
+    return replace(view, survey_scale=scale)
+
+
+def _with_fitting_noise(body: BodyView, around: PoseSurroundings) -> BodyView:
+    """Return the body fitted with a multiple of the declared noise.
+
+    Only scatter from pose to pose counts: a wrong survey moves a target alike in all poses. The first factor still
+    contains gross errors; the second comes from the points that agree.
+    """
+    first = _fitted_with(body, _scatter_over_declared(body), around)
+    return _fitted_with(first, first.noise_factor * _scatter_of_good(first), around)
+
+
+def _fitted_with(body: BodyView, factor: float, around: PoseSurroundings) -> BodyView:
+    """Return the body fitted with a multiple of the declared noise; as it is for factors up to one."""
+    if not factor > 1.0:
+        return body
+    scale = (factor / body.noise_factor) ** 2
+    points, place = replace(body.points, cov=scale * body.points.cov), replace(body.survey, cov=scale * body.survey.cov)
+    view = body_view(body.name, place, points, around, is_surveyed=body.is_surveyed)
+    return replace(view, noise_factor=factor)
+
+
+def _scatter_of_good(body: BodyView) -> float:
+    """Return the scatter of the good points of the frame over the noise of the fit; 0 if nothing is left over."""
+    good = body.good & body.frame
+    freedom = 3 * int(good.sum()) - 6 * int(good.any(axis=1).sum())
+    square = float(np.sum((body.residuals[good] / body.sigma[good]) ** 2))
+    return float(np.sqrt(square / freedom)) if freedom > 0 else 0.0
+
+
+def _scatter_over_declared(body: BodyView) -> float:
+    """Return the scatter of all points about the mean of each target, over the declared noise; 0 if the means differ
+    from the places by more than that scatter, or if there is nothing to average."""
+    seen, source = body.points.seen & body.frame & body.framed[:, None], body.survey.points
+    mean_sigma = np.where(seen, np.sqrt((body.sigma**2).mean(axis=2)), 1.0)
+    fit = umeyama(np.broadcast_to(source, body.points.points.shape), body.points.points, seen / mean_sigma**2)
+    used = seen & fit.ok[:, None]
+    often = used.sum(axis=0)
+    used &= often >= _LEAST_TARGETS
+    if not used.any():
+        return 0.0
+    residuals = np.where(used[..., None], fit.residuals(source, body.points.points), 0.0)
+    mean = residuals.sum(axis=0) / np.maximum(often, 1)[:, None]
+    freedom = 1.0 - 1.0 / often[np.nonzero(used)[1]]
+    about = (((residuals - mean)[used] / body.measured_sigma[used]) ** 2).sum(axis=1) / freedom
+    whole = ((residuals[used] / body.sigma[used]) ** 2).sum(axis=1)
+    scatter, size = (float(np.sqrt(np.median(square) / _MEDIAN_OF_THREE)) for square in (about, whole))
+    return scatter if scatter > _OWN_SCATTER * size else 0.0
 
 
 @dataclass(frozen=True)

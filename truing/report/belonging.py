@@ -133,6 +133,12 @@ def message(tested: RelationTest) -> str:
         error, noise = (f"{1e3 * (size or 0.0):.2g} µm" for size in (tested.misfit, tested.limit))
         words = "; ".join(map(slip_words, tested.slips))
         return f"{sides} belong together, but: {words}. This causes an error of {error}; the declared noise is {noise}."
+    if tested.reason == "scale":
+        by = 1.0 / tested.slips[0].factor - 1.0
+        text = f"{sides} agree in shape, but lengths between points are {1e3 * abs(by):.2g} mm/m "
+        text += f"{'larger' if by > 0.0 else 'smaller'} than in the survey{_size(tested)}. With the survey in this "
+        text += f"scale, the misfit is {two_decimals(tested.misfit_explained or 0.0)} {tested.unit}. "
+        return f"{text}Compare scale bars, refraction, and the temperatures of survey and measurement."
     if tested.slips and tested.state == RelationState.FAILS:
         return f"{sides} do not belong together{_size(tested)}. {_meant_words(tested)}"
     text = f"{sides} {_REASONS[tested.reason]}{_size(tested)}."
@@ -226,6 +232,7 @@ _WORDS = {
     SlipKind.COPIED: _copied,
     SlipKind.FRINGES: lambda slip: f"{_slip_subject(slip)} counted in fringes: multiply by {slip.factor:.7g} µm",
     SlipKind.MISLABELLED: lambda slip: f"{slip.quantity} recorded: {listed(slip.subjects)}",
+    SlipKind.SCALE: lambda slip: f"{_slip_subject(slip)} in another scale: multiply by {slip.factor:.5f}",
     SlipKind.CONVENTION: lambda slip: f'{slip.quantity} in the other convention: convention = "{slip.subjects[0]}"',
     SlipKind.REVERSED: lambda slip: f"{_slip_subject(slip)} in reversed order, the last row first",
 }
