@@ -89,6 +89,8 @@ def test_what_rests_on_a_failed_relation_is_not_evaluated_until_a_person_accepts
     assert apart["relation"].tolist() == ["loads-against-readings"]
     slip = json.loads(apart["slips"].iloc[0])[0]
     assert (slip["kind"], slip["quantity"], slip["factor"]) == ("unit", "load", 1000.0)
+    stiffness = [one for one in json.loads(apart["rivals"].iloc[0]) if "stiffness" in one["quantity"]]
+    assert [one["factor"] for one in stiffness] == [pytest.approx(0.001)]  # readings alone cannot tell the two apart
     assert found.empty
     accept = '[[accept]]\ncheck = "loads-against-readings"\nby = "M. Keller"\nreason = "a scaled model"\n'
     (tmp_path / "c" / "campaign.toml").write_text(campaign_toml(more=accept))

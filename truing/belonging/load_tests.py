@@ -34,6 +34,7 @@ _MAIN = 0.3  # least share of the largest possible response that makes a respons
 _LINEAR = 0.1
 _EVERYWHERE = 0.5  # share of the main responses
 _RANGE = 0.003  # least ratio of the largest load to the declared range in a planned campaign
+_STIFFNESS = "stiffness in [mechanism]"
 MILLIVOLT = 1e-3
 _SAME_SIZE = 1e-9  # tolerance of the logarithm of a factor
 
@@ -233,6 +234,10 @@ def _reconciled(readings: RelationTest, signals: RelationTest) -> tuple[Relation
     ):
         moved = [slip for slip in readings.rivals if slip.quantity in ("displacement", "rotation")]
         return (_with_first_slip(readings, moved[0]) if moved else readings), signals
+    stiffness = [slip for slip in readings.rivals if slip.quantity == _STIFFNESS]
+    loads_right = signals.state == RelationState.OK and all(slip.quantity != "load" for slip in signals.hidden)
+    if stiffness and loads_right:
+        return _with_first_slip(readings, stiffness[0]), signals
     own = [slip for slip in signals.rivals if slip.quantity == "signal"]
     right = readings.state == RelationState.OK and all(slip.quantity != "load" for slip in readings.hidden)
     if right and own and len(signals.slips) == 1 and signals.slips[0].quantity == "load":
@@ -300,7 +305,8 @@ def _also_reversed(tested: RelationTest, steps: SignalSteps, table: str) -> Rela
 def _of_readings(loaded: SignalSteps, known: KnownBench) -> RelationTest:
     alike = signal_tests.against_each_other(loaded, known.channels, READINGS)
     if known.seen is not None:
-        return _prediction_or_run_test(against_simulation(loaded, known.channels, known.seen), alike, loaded.runs)
+        predicted = against_simulation(loaded, known.channels, known.seen)
+        return _or_stiffness(_prediction_or_run_test(predicted, alike, loaded.runs))
     return alike if alike.slips else against_range(loaded.load, known.largest) or alike
 
 
@@ -333,6 +339,15 @@ def _or_sensitivity(tested: RelationTest) -> RelationTest:
         return tested
     factor = slip.factor if slip.quantity == "load" else 1.0 / slip.factor
     return replace(tested, rivals=(*tested.rivals, RecordSlip(SlipKind.UNIT, "sensitivity_mv_per_n", (), factor)))
+
+
+def _or_stiffness(tested: RelationTest) -> RelationTest:
+    """Return a test with another explanation for a unit of all loads: the declared stiffness is off by the factor."""
+    slip = tested.slips[0] if len(tested.slips) == 1 else None
+    if slip is None or slip.subjects or slip.kind != SlipKind.UNIT or slip.quantity != "load":
+        return tested
+    stiffness = RecordSlip(SlipKind.UNIT, _STIFFNESS, (), 1.0 / slip.factor, dimension="stiffness")
+    return replace(tested, rivals=(*tested.rivals, stiffness))
 
 
 def _frozen_slips(
