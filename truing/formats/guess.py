@@ -187,11 +187,11 @@ def guess_by_first_lines(lines: Sequence[str]) -> Guess | None:
     return None
 
 
-def _positions_of_program(found: re.Match[str]) -> Guess:
+def _positions_of_program(match: re.Match[str]) -> Guess:
     """Return a guess for the positions in a robot's program, in degrees: a pose per line, named as the position."""
     joints = [f"joint{number}" for number in range(1, 7)]
     values = [rf"(?P<{joint}_deg>{_ANGLE})" for joint in joints]
-    if found["kuka"] is not None:
+    if match["kuka"] is not None:
         inner = r"\s*,\s*".join(rf"A{number}\s+{value}" for number, value in enumerate(values, start=1))
         pattern, kept = rf".*E6AXIS\s+(?P<pose>\w+)\s*=\s*\{{\s*{inner}.*", "E6AXIS"
     else:

@@ -218,7 +218,7 @@ class MappingPlan:
             return "text"
         return "seconds" if column.unit == "s" else "number"
 
-    def _require_columns(self, name: str, kind: Kind, found: dict[int, Kind], within: tuple[str, ...]) -> None:
+    def _require_columns(self, name: str, kind: Kind, kinds: dict[int, Kind], within: tuple[str, ...]) -> None:
         if name in within:
             self.misfits.append(Misfit("a column that is not made of itself", column=name))
             return
@@ -227,12 +227,12 @@ class MappingPlan:
             origin = self.origin(name, within=name)
         if isinstance(origin, RawColumn):
             position = self._array_position(origin.position)
-            as_text = name in self.entry.rename or position != origin.position or found.get(position, kind) != kind
-            found[position] = "text" if as_text else kind
+            as_text = name in self.entry.rename or position != origin.position or kinds.get(position, kind) != kind
+            kinds[position] = "text" if as_text else kind
         for column in made_of(origin):
             if self.origin(column) is None:
                 self.misfits.append(self._missing_column(column))
-            self._require_columns(column, "text", found, (*within, name))
+            self._require_columns(column, "text", kinds, (*within, name))
 
     def _array_position(self, position: int) -> int:
         """Return the position to read for a column: that of the cell with several numbers, if it is in one."""

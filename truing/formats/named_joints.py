@@ -168,9 +168,9 @@ def _doubt(unit: str) -> str:
     return f"no unit is given; joint readings are assumed to be in {unit}"
 
 
-def _temperature(names: Sequence[str], own: Mapping[str, str]) -> dict[str, str]:
+def _temperature(names: Sequence[str], columns: Mapping[str, str]) -> dict[str, str]:
     """Return the column that a word of its name calls a temperature, if no column is known to be one."""
-    known = "temperature_c" in own or "temperature_c" in names
+    known = "temperature_c" in columns or "temperature_c" in names
     warm = None if known else next((name for name in names if re.search(r"temperatur", name, re.IGNORECASE)), None)
     return {} if warm is None else {"temperature_c": warm}
 

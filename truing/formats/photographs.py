@@ -73,12 +73,12 @@ def list_photographs(source: CampaignFiles, sensor_width_mm: float | None, log: 
     return found
 
 
-def _note_unread(one: SkippedFile, found: PhotographFiles, log: FaultLog) -> None:
+def _note_unread(one: SkippedFile, collected: PhotographFiles, log: FaultLog) -> None:
     """Report a file that is meant as a photograph but not read; count all others."""
     if one.is_fault:
         log.add(Fault(one.name, one.why))
     else:
-        found.left_out[(one.folder, one.why)] += 1
+        collected.left_out[(one.folder, one.why)] += 1
 
 
 def _faults_of_entry(entry: FileMapping) -> Iterator[Fault]:
@@ -89,7 +89,7 @@ def _faults_of_entry(entry: FileMapping) -> Iterator[Fault]:
         yield Fault("campaign.toml", f"one of {', '.join(sorted(_GROUPS))}", column=_COLUMN, value=name)
 
 
-def _files(source: CampaignFiles, pattern: str, found: PhotographFiles, log: FaultLog) -> Iterator[RawFile]:
+def _files(source: CampaignFiles, pattern: str, collected: PhotographFiles, log: FaultLog) -> Iterator[RawFile]:
     """Yield the files of a pattern with the ending of a photograph; other files of a folder are counted."""
     files = source.resolve(pattern)
     photographs = [raw for raw in files if raw.path.suffix.lower() in _ENDINGS]
@@ -99,7 +99,7 @@ def _files(source: CampaignFiles, pattern: str, found: PhotographFiles, log: Fau
         log.add(Fault(files[0].name, f"a photograph ({_KINDS}), as nothing else is found there", value=pattern))
     stems = {os.path.splitext(raw.name)[0] for raw in photographs}
     for raw in sorted(set(files) - set(photographs), key=lambda raw: raw.name):
-        _note_unread(why_not_read(raw.path, raw.name, stems), found, log)
+        _note_unread(why_not_read(raw.path, raw.name, stems), collected, log)
     yield from photographs
 
 
@@ -170,10 +170,10 @@ def _usual(name: str) -> dict[str, str]:
     return {"pose": match["pose"]} if match else {}
 
 
-def _check_names(found: Iterable[Photograph], log: FaultLog) -> None:
+def _check_names(photographs: Iterable[Photograph], log: FaultLog) -> None:
     """Report duplicate names, which would count a photograph twice."""
     first: dict[str, RawFile] = {}
-    for one in found:
+    for one in photographs:
         if one.image in first:
             expected = f"one photograph of each name; {first[one.image].name} has it, too"
             log.add(Fault(one.file.name, expected, value=one.image))
@@ -206,11 +206,11 @@ def _fingerprint(raw: RawFile) -> tuple[int, bytes]:
         return size, file.read(_FINGERPRINT)
 
 
-def _with_camera_names(found: list[Photograph]) -> list[Photograph]:
+def _with_camera_names(photographs: list[Photograph]) -> list[Photograph]:
     """Return the photographs with one camera name per format and focal length."""
     formats: dict[str, set[tuple[int, int]]] = defaultdict(set)
     focal: dict[str, set[float | None]] = defaultdict(set)
-    for one in found:
+    for one in photographs:
         formats[one.camera].add((one.head.width_px, one.head.height_px))
         focal[one.camera].add(one.head.focal_mm)
 
@@ -222,4 +222,4 @@ def _with_camera_names(found: list[Photograph]) -> list[Photograph]:
             words.append(f"{one.head.width_px} x {one.head.height_px}")
         return ", ".join(words)
 
-    return [replace(one, camera=name(one)) for one in found]
+    return [replace(one, camera=name(one)) for one in photographs]

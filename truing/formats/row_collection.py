@@ -83,10 +83,10 @@ def collect_rows(
     return CollectedRows(table.rename_columns(list(kept.values())), parts, left_out, _faulty(tables, kept))
 
 
-def _faulty(batches: list[TableBatch], kept: Mapping[str, str]) -> dict[str, Mask]:
+def _faulty(batches: list[TableBatch], new_names: Mapping[str, str]) -> dict[str, Mask]:
     names = {name for batch in batches for name in batch.faulty}
     return {
-        kept.get(name, name): np.concatenate([b.faulty.get(name, np.zeros(b.rows, dtype=bool)) for b in batches])
+        new_names.get(name, name): np.concatenate([b.faulty.get(name, np.zeros(b.rows, dtype=bool)) for b in batches])
         for name in names
     }
 

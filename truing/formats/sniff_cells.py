@@ -234,19 +234,19 @@ def _of_joints(read: JointReadings, mapping: dict[str, Any], names: tuple[str, .
     return Guess({**mapping, **read.mapping, **more}, names, "configurations", (read.note,), doubts=read.doubts)
 
 
-def _repeats_targets(names: tuple[str, ...], data: list[list[str]], found: Mapping[str, Any]) -> bool:
-    columns = found.get("columns", {})
+def _repeats_targets(names: tuple[str, ...], data: list[list[str]], keys: Mapping[str, Any]) -> bool:
+    columns = keys.get("columns", {})
     places = [names.index(columns.get(name, name)) for name in ("body", "target") if columns.get(name, name) in names]
     rows = [tuple(row[place] for place in places) for row in data]
     return len(set(rows)) < len(rows)
 
 
-def _with_parts_of_names(names: tuple[str, ...], data: list[list[str]], found: dict[str, Any]) -> dict[str, Any]:
+def _with_parts_of_names(names: tuple[str, ...], data: list[list[str]], keys: dict[str, Any]) -> dict[str, Any]:
     """Add keys that take names such as ``Pose01::base::P1`` apart, if all targets have as many parts."""
-    raw = found.get("columns", {}).get("target")
+    raw = keys.get("columns", {}).get("target")
     if raw is None:
-        return found
-    return found | parts_of_names([row[names.index(raw)] for row in data], raw, {*names, *found["columns"]})
+        return keys
+    return keys | parts_of_names([row[names.index(raw)] for row in data], raw, {*names, *keys["columns"]})
 
 
 def _poses(

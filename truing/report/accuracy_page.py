@@ -79,8 +79,8 @@ def _required(worst: pd.DataFrame) -> Iterator[str]:
     yield f"Requirement {_NAMES[row['quantity']]}: the actuators alone use {share} of it, of no other component more."
 
 
-def _searched(found: pd.DataFrame) -> str:
-    number = found["part"].value_counts()
+def _searched(poses: pd.DataFrame) -> str:
+    number = poses["part"].value_counts()
     parts = f"{counted(int(number.get('corner', 0)), 'corner')} of the workspace, "
     parts += f"{counted(int(number['inside']), 'point')} in it, and climbs from the worst of them"
     return f"To first order in the actuators' errors, at {parts}; a narrow maximum between them is not excluded."
@@ -180,13 +180,13 @@ def _shares(legs: pd.DataFrame) -> go.Figure:
     return figure
 
 
-def _sections(found: pd.DataFrame, quantity: str) -> go.Figure:
-    column = next(name for name in found if str(name).startswith(f"{quantity}_error_"))
-    parts = [part for part in dict.fromkeys(found["part"]) if " " in part]
+def _sections(poses: pd.DataFrame, quantity: str) -> go.Figure:
+    column = next(name for name in poses if str(name).startswith(f"{quantity}_error_"))
+    parts = [part for part in dict.fromkeys(poses["part"]) if " " in part]
     units = {name.partition("_")[0]: (name, unit) for name, unit in _DISPLACEMENTS.items()}
     grid, places, rows = panel_grid([part.replace(" ", ", ") for part in parts], 3, (0.08, lambda rows: 0.6 / rows / 2))
     for part, place in zip(parts, places, strict=True):
-        own = found[found["part"] == part]
+        own = poses[poses["part"] == part]
         first, second = (units[name] for name in part.split())
         table = own.pivot_table(index=second[0], columns=first[0], values=column, dropna=False)
         grid.add_trace(

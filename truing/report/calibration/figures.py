@@ -120,9 +120,9 @@ def _floor(accuracy: pd.DataFrame, column: str, chosen: Key | None) -> float | N
     return floor or None
 
 
-def correlation_map(own: pd.DataFrame, key: Key) -> go.Figure:
+def correlation_map(correlations: pd.DataFrame, key: Key) -> go.Figure:
     """Return the correlations of one calibration's parameters as a heat map, leg by leg, in per cent."""
-    names, values = _symmetric(own)
+    names, values = _symmetric(correlations)
     figure = go.Figure()
     figure.add_trace(
         go.Heatmap(
@@ -147,19 +147,21 @@ def correlation_map(own: pd.DataFrame, key: Key) -> go.Figure:
     return figure
 
 
-def _symmetric(own: pd.DataFrame) -> tuple[list[str], np.ndarray]:
+def _symmetric(correlations: pd.DataFrame) -> tuple[list[str], np.ndarray]:
     """Return names of the parameters leg by leg, and the correlations (N, N) in whole per cent."""
     ends = [("leg", "parameter"), ("other_leg", "other_parameter")]
-    pairs = [list(zip(own[leg].astype(float).fillna(np.inf), own[name], strict=True)) for leg, name in ends]
+    pairs = [
+        list(zip(correlations[leg].astype(float).fillna(np.inf), correlations[name], strict=True)) for leg, name in ends
+    ]
     strength: dict[tuple[float, str], float] = {}
-    for end, r in [(end, abs(r)) for side in pairs for end, r in zip(side, own["correlation"], strict=True)]:
+    for end, r in [(end, abs(r)) for side in pairs for end, r in zip(side, correlations["correlation"], strict=True)]:
         strength[end] = max(strength.get(end, 0.0), r)
     kept = sorted(strength, key=lambda end: -strength[end])[:_PARAMETERS_SHOWN]
     order = [end for end in strength if end in set(kept)]
     order.sort(key=lambda end: end[0])
     place = {end: k for k, end in enumerate(order)}
     values = 100 * np.eye(len(order), dtype=np.int8)
-    for a, b, r in zip(*pairs, own["correlation"], strict=True):
+    for a, b, r in zip(*pairs, correlations["correlation"], strict=True):
         if a in place and b in place:
             values[place[a], place[b]] = values[place[b], place[a]] = round(100 * r)
     names = [label(name_of(name, leg if np.isfinite(leg) else np.nan)) for leg, name in order]
@@ -246,8 +248,8 @@ def _legs(places: dict[str, pd.DataFrame]) -> list[go.Scatter]:
     return [go.Scatter(x=x, y=y, mode="lines", line=line, name="leg", hoverinfo="skip")]
 
 
-def _nominal(found: pd.DataFrame, joint: str) -> go.Scatter:
-    own, (name, symbol) = found.drop_duplicates("leg"), _JOINTS[joint]
+def _nominal(places: pd.DataFrame, joint: str) -> go.Scatter:
+    own, (name, symbol) = places.drop_duplicates("leg"), _JOINTS[joint]
     return go.Scatter(
         x=own["x"],
         y=own["y"],
@@ -261,9 +263,9 @@ def _nominal(found: pd.DataFrame, joint: str) -> go.Scatter:
     )
 
 
-def _tolerances(found: pd.DataFrame, gain: float) -> list[go.Scatter]:
+def _tolerances(places: pd.DataFrame, gain: float) -> list[go.Scatter]:
     """Return a circle of one tolerance around each nominal place, amplified like the deviations."""
-    own = found.drop_duplicates("leg")
+    own = places.drop_duplicates("leg")
     own = own[np.isfinite(own["tolerance"])]
     if not len(own):
         return []

@@ -74,9 +74,9 @@ def _row(key: Any, figures: dict[str, float], status: str) -> tuple[str, ...]:
     )
 
 
-def strong_correlations(own: pd.DataFrame) -> Listing:
+def strong_correlations(correlations: pd.DataFrame) -> Listing:
     """Return pairs of correlated parameters, the strongest first."""
-    strong = own[own["correlation"].abs() >= _STRONG]
+    strong = correlations[correlations["correlation"].abs() >= _STRONG]
     strong = strong.sort_values("correlation", key=lambda r: -r.abs(), kind="stable")
     rows = tuple(
         (name_of(r.parameter, r.leg), name_of(r.other_parameter, r.other_leg), f"{r.correlation:+.3f}")
@@ -114,12 +114,14 @@ def _of_deformation(fitted: pd.DataFrame, deformation: str, method: str, held_by
     return Listing(("model", "parameter", *heads), tuple(rows), caption=caption, folded=True, held_by=held_by)
 
 
-def _by_leg(own: pd.DataFrame, heads: tuple[str, ...] = ()) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+def _by_leg(
+    parameters: pd.DataFrame, heads: tuple[str, ...] = ()
+) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
     """Return heads of the columns (legs, and parameters of none), and a row of cells per kind of parameter."""
-    legs = sorted(own["leg"].dropna().unique())
-    heads = heads or (*(f"leg {int(leg)}" for leg in legs), *(["all legs"] if own["leg"].isna().any() else []))
+    legs = sorted(parameters["leg"].dropna().unique())
+    heads = heads or (*(f"leg {int(leg)}" for leg in legs), *(["all legs"] if parameters["leg"].isna().any() else []))
     cells: dict[str, dict[str, str]] = {}
-    for r in own.assign(known=_identifiable(own)).itertuples():
+    for r in parameters.assign(known=_identifiable(parameters)).itertuples():
         kind, unit = _kind(r), print_unit(r.parameter, r.unit)[1]
         column = f"leg {int(r.leg)}" if r.leg == r.leg else "all legs"
         cells.setdefault(f"{kind} ({unit})".replace(" ", UNBROKEN) if unit else kind, {})[column] = _cell(r)
@@ -142,8 +144,8 @@ def _cell(r: Any) -> str:
     return (text if r.known else f"{text} *").replace(" ", UNBROKEN)
 
 
-def _identifiable(own: pd.DataFrame) -> pd.Series:
+def _identifiable(parameters: pd.DataFrame) -> pd.Series:
     """Return True for parameters that the data determine, also where the table does not say."""
-    if "identifiable" in own:
-        return own["identifiable"].astype(bool)
-    return own["parameter"].notna()
+    if "identifiable" in parameters:
+        return parameters["identifiable"].astype(bool)
+    return parameters["parameter"].notna()

@@ -113,10 +113,12 @@ def _why_not_by(calibration: SectionVerdict | None) -> str:
     return "Correct [noise], or find the missing cause." if calibration.state == RelationState.FAILS else ""
 
 
-def _opening_sentences(own: pd.DataFrame, key: Key) -> str:
-    link = ", as predicted by" if (own["verdict"] != "not evaluated").any() else " with"
-    text = f"{tally(own)}{link} {calibration_name(key)}."
-    return " ".join([text, *(_open_or_failed(r) for r in own.itertuples() if r.verdict in ("fails", "undecided"))])
+def _opening_sentences(requirements: pd.DataFrame, key: Key) -> str:
+    link = ", as predicted by" if (requirements["verdict"] != "not evaluated").any() else " with"
+    text = f"{tally(requirements)}{link} {calibration_name(key)}."
+    return " ".join(
+        [text, *(_open_or_failed(r) for r in requirements.itertuples() if r.verdict in ("fails", "undecided"))]
+    )
 
 
 def _open_or_failed(r: Any) -> str:
@@ -126,12 +128,12 @@ def _open_or_failed(r: Any) -> str:
     return f"Error of {what}: 95 % of poses stay below {error} (95 % interval: {interval}); limit {asked}: {words}."
 
 
-def tally(own: pd.DataFrame) -> str:
+def tally(requirements: pd.DataFrame) -> str:
     """Return the count of results: ``2 of 5 requirements met, 1 failed, 2 undecided``."""
-    assessed = own[own["verdict"] != "not evaluated"]
+    assessed = requirements[requirements["verdict"] != "not evaluated"]
     counts = assessed["verdict"].value_counts()
     if not len(assessed):
-        return f"None of {count(len(own), 'requirement')} could be evaluated"
+        return f"None of {count(len(requirements), 'requirement')} could be evaluated"
     text = f"{counts.get('meets', 0)} of {count(len(assessed), 'requirement')} met"
     words = {"fails": "not met", "undecided": "undecided"}
     return ", ".join([text, *(f"{counts[v]} {word}" for v, word in words.items() if v in counts)])
@@ -156,15 +158,15 @@ def unmeasured_components(tables: Tables) -> list[str]:
     return [str(name) for name in own["component"][own["error"].isna()]]
 
 
-def _requirement_listing(own: pd.DataFrame, key: Key) -> Listing:
-    idle = own["verdict"] == "not evaluated"
-    if idle.any() and "message" in own:
-        remarks: list[tuple[str, ...]] = [(cell(message),) for message in own["message"].where(idle, "")]
+def _requirement_listing(requirements: pd.DataFrame, key: Key) -> Listing:
+    idle = requirements["verdict"] == "not evaluated"
+    if idle.any() and "message" in requirements:
+        remarks: list[tuple[str, ...]] = [(cell(message),) for message in requirements["message"].where(idle, "")]
         heads: tuple[str, ...] = ("verdict", *_HEADS, "why")
     else:
-        remarks, heads = [()] * len(own), ("verdict", *_HEADS)
-    rows = tuple((r.verdict, *_sizes(r), *remark) for r, remark in zip(own.itertuples(), remarks, strict=True))
-    return Listing(heads, rows, _marks(own), f"With {calibration_name(key)}", held_by="requirements.parquet")
+        remarks, heads = [()] * len(requirements), ("verdict", *_HEADS)
+    rows = tuple((r.verdict, *_sizes(r), *remark) for r, remark in zip(requirements.itertuples(), remarks, strict=True))
+    return Listing(heads, rows, _marks(requirements), f"With {calibration_name(key)}", held_by="requirements.parquet")
 
 
 def _other_calibrations(others: pd.DataFrame) -> Listing:
@@ -180,8 +182,8 @@ def interval_words(r: Any) -> tuple[str, str, str]:
     return f"{bare[0]} to {ends[1]}", f"{bare[1]} to {ends[3]}", asked
 
 
-def _marks(own: pd.DataFrame) -> tuple[str, ...]:
-    return tuple(_MARKS.get(verdict, "none") for verdict in own["verdict"])
+def _marks(requirements: pd.DataFrame) -> tuple[str, ...]:
+    return tuple(_MARKS.get(verdict, "none") for verdict in requirements["verdict"])
 
 
 def _sizes(r: Any) -> tuple[str, ...]:
@@ -190,9 +192,9 @@ def _sizes(r: Any) -> tuple[str, ...]:
     return _COMPONENTS.get(r.component, r.component), asked, error, interval, plain(r.error / r.requirement)
 
 
-def _requirement_bars(own: pd.DataFrame, key: Key) -> go.Figure:
+def _requirement_bars(requirements: pd.DataFrame, key: Key) -> go.Figure:
     """Return each component's error over its limit, with its interval."""
-    shown = own[own["error"].notna() & (own["requirement"] > 0.0)]
+    shown = requirements[requirements["error"].notna() & (requirements["requirement"] > 0.0)]
     ratio = {c: (shown[c] / shown["requirement"]).to_numpy(dtype=float) for c in ("error", "lower", "upper")}
     figure = go.Figure()
     for verdict, (colour, symbol) in _DRAWN_AS.items():

@@ -36,9 +36,9 @@ def compared_calibrations(tables: Tables) -> list[Listing]:
     return [Listing(heads, tuple(rows), caption=caption, held_by="calibrations_compared.parquet")]
 
 
-def _rows(own: pd.DataFrame, columns: list[tuple[str, str]]) -> list[tuple[str, ...]]:
+def _rows(errors: pd.DataFrame, columns: list[tuple[str, str]]) -> list[tuple[str, ...]]:
     found = []
-    for tested_on, part in own.groupby("tested_on", sort=False):
+    for tested_on, part in errors.groupby("tested_on", sort=False):
         first, by = part.iloc[0], part.set_index("quantity")
         model = " ".join(filter(None, (first["model"], cell(first.get("deformation")))))
         names = "main" if first["is_main"] else "for comparison"

@@ -109,11 +109,11 @@ def change_text(row: Any) -> str:
     return with_uncertainty(factor * change, factor * sigma, unit)
 
 
-def quality_words(found: RunComparison) -> list[tuple[str, str]]:
+def quality_words(comparison: RunComparison) -> list[tuple[str, str]]:
     """Return the results of the quality checks of each run in words."""
-    counts = [_counts(run.tables) for run in found.runs]
-    bad = [f"{run.label} ({own['fail']})" for run, own in zip(found.runs, counts, strict=True) if own["fail"]]
-    looks = [f"{run.label} ({own['warn']})" for run, own in zip(found.runs, counts, strict=True) if own["warn"]]
+    counts = [_counts(run.tables) for run in comparison.runs]
+    bad = [f"{run.label} ({own['fail']})" for run, own in zip(comparison.runs, counts, strict=True) if own["fail"]]
+    looks = [f"{run.label} ({own['warn']})" for run, own in zip(comparison.runs, counts, strict=True) if own["warn"]]
     texts = []
     if bad:
         texts.append(("fail", f"Quality checks failed in {', '.join(bad)}: check these before trusting a change."))
@@ -131,19 +131,19 @@ def _counts(tables: Tables) -> dict[str, int]:
     return {verdict: int((own["verdict"] == verdict).sum()) for verdict in _ORDER}
 
 
-def quality(found: RunComparison) -> ReportSection:
+def quality(comparison: RunComparison) -> ReportSection:
     """Return the number of checks by verdict, and every check that did not pass in all runs."""
-    counts = [_counts(run.tables) for run in found.runs]
+    counts = [_counts(run.tables) for run in comparison.runs]
     totals = [(verdict, *(str(own[verdict]) for own in counts)) for verdict in _ORDER]
     checks: dict[tuple[str, str], dict[int, tuple[str, str]]] = {}
-    for place, run in enumerate(found.runs):
+    for place, run in enumerate(comparison.runs):
         qa = table_or_none(run.tables, "qa")
         for r in () if qa is None else qa.itertuples():
             checks.setdefault((r.check, r.subject or ""), {})[place] = _check(r)
     differing = {key: own for key, own in checks.items() if _LOOKED_AT & {verdict for verdict, _ in own.values()}}
-    rows = [(*key, *(own.get(k, _MISSING)[1] for k in range(len(found.runs)))) for key, own in differing.items()]
+    rows = [(*key, *(own.get(k, _MISSING)[1] for k in range(len(comparison.runs)))) for key, own in differing.items()]
     marks = [_mark({verdict for verdict, _ in own.values()}, "fail", "warn", "none") for own in differing.values()]
-    labels = tuple(run.label for run in found.runs)
+    labels = tuple(run.label for run in comparison.runs)
     listings = (
         Listing(("verdict", *labels), tuple(totals), _ORDER, "Checks of each verdict"),
         Listing(("check", "subject", *labels), tuple(rows), tuple(marks), "Checks with a warning in some run"),
@@ -165,9 +165,9 @@ def _mark(verdicts: set[str], *ranked: str) -> str:
     return next((mark for mark in ranked if mark in verdicts), ranked[-1])
 
 
-def requirement_words(found: RunComparison) -> list[tuple[str, str]]:
+def requirement_words(comparison: RunComparison) -> list[tuple[str, str]]:
     """Return the number of requirements met by each run; empty where none has any."""
-    own = [(run.label, chosen_requirements(run.tables)) for run in found.runs]
+    own = [(run.label, chosen_requirements(run.tables)) for run in comparison.runs]
     known = [(label, table) for label, table in own if table is not None and len(table)]
     if not known:
         return []
@@ -177,22 +177,22 @@ def requirement_words(found: RunComparison) -> list[tuple[str, str]]:
     return [("fail" if failed else "warn" if open_ else "pass", f"{text}.")]
 
 
-def accuracy(found: RunComparison) -> ReportSection | None:
+def accuracy(comparison: RunComparison) -> ReportSection | None:
     """Return the calibration chosen by each run, its accuracy, and its requirements."""
-    keys = [main_calibration(run.tables) for run in found.runs]
+    keys = [main_calibration(run.tables) for run in comparison.runs]
     if all(key is None for key in keys):
         return None
     rows = [("chosen calibration", *(calibration_words(key) if key else _NONE for key in keys))]
     for figure, (words, unit) in _ACCURACY.items():
-        values = [_figure(run.tables, figure) for run in found.runs]
+        values = [_figure(run.tables, figure) for run in comparison.runs]
         if any(value == value for value in values):
             rows.append((words, *(f"{plain(value)} {sign(unit)}" if value == value else _NONE for value in values)))
-    tables = [chosen_requirements(run.tables) for run in found.runs]
+    tables = [chosen_requirements(run.tables) for run in comparison.runs]
     components = dict.fromkeys(c for table in tables if table is not None for c in table["component"])
     assessed = {f"requirement {c}": [_requirement(table, c) for table in tables] for c in components}
     required = [{_REQUIRED.get(verdict, "pass") for verdict, _ in own} for own in assessed.values()]
     marks = ["none"] * len(rows) + [_mark(own, "fail", "warn", "pass") for own in required]
-    heads = ("", *(run.label for run in found.runs))
+    heads = ("", *(run.label for run in comparison.runs))
     chosen = [(name, *(words for _, words in own)) for name, own in assessed.items()]
     listing = Listing(heads, (*rows, *chosen), tuple(marks))
     lead = "By the calibration that each run recommends; a requirement is shown with what 95 of 100 poses stay below."
@@ -218,15 +218,15 @@ def _requirement(table: pd.DataFrame | None, component: str) -> tuple[str, str]:
     return r["verdict"], f"{r['verdict']}: {reached}"
 
 
-def error_classes(found: RunComparison) -> ReportSection | None:
+def error_classes(comparison: RunComparison) -> ReportSection | None:
     """Return the errors of a sensor as laboratories report them, per axis; crosstalk by the most affected component."""
-    tables = [table_or_none(run.tables, "error_classes") for run in found.runs]
+    tables = [table_or_none(run.tables, "error_classes") for run in comparison.runs]
     if all(table is None for table in tables):
         return None
     worst = [{} if table is None else _worst(table) for table in tables]
     keys = dict.fromkeys(key for own in worst for key in own)
     rows = [(*key, *(own.get(key, _NONE) for own in worst)) for key in keys]
-    heads = ("error", "load", *(run.label for run in found.runs))
+    heads = ("error", "load", *(run.label for run in comparison.runs))
     lead = "The largest of each class and load, in per cent of the full load, with one standard deviation."
     return ReportSection("errors", "Error classes side by side", lead, listings=(Listing(heads, tuple(rows)),))
 

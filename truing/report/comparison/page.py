@@ -52,58 +52,64 @@ _LOOKS = (
 )
 
 
-def comparison_head(found: RunComparison) -> PageHead:
+def comparison_head(comparison: RunComparison) -> PageHead:
     """Return the head of the page with the main results."""
-    steps = range(len(found.between))
-    texts = [*_change_verdicts(found), *(effect for step in steps for effect in _effect_verdicts(found, step))]
-    texts += [*requirement_words(found), *quality_words(found)]
-    assessed = sum(len(found.assessed(step)) for step in steps)
-    changed = int(found.numbers["changed"].sum())
-    tiles = (("runs", str(len(found.runs))), ("numbers compared", f"{assessed:,}"), ("changed", str(changed)))
-    title = " → ".join(run.label for run in found.runs) if len(found.runs) < 4 else f"{len(found.runs)} runs"
+    steps = range(len(comparison.between))
+    texts = [
+        *_change_verdicts(comparison),
+        *(effect for step in steps for effect in _effect_verdicts(comparison, step)),
+    ]
+    texts += [*requirement_words(comparison), *quality_words(comparison)]
+    assessed = sum(len(comparison.assessed(step)) for step in steps)
+    changed = int(comparison.numbers["changed"].sum())
+    tiles = (("runs", str(len(comparison.runs))), ("numbers compared", f"{assessed:,}"), ("changed", str(changed)))
+    title = (
+        " → ".join(run.label for run in comparison.runs) if len(comparison.runs) < 4 else f"{len(comparison.runs)} runs"
+    )
     return PageHead(f"{title}: what has changed", tuple(texts), tiles)
 
 
-def _change_verdicts(found: RunComparison) -> list[Verdict]:
+def _change_verdicts(comparison: RunComparison) -> list[Verdict]:
     """Return the changes step by step; one sentence where nothing changed."""
-    steps = range(len(found.between))
-    loud = [("found", _step_words(found, step)) for step in steps if has_changed(found, step)]
-    still = [step for step in steps if not has_changed(found, step) and len(found.assessed(step))]
+    steps = range(len(comparison.between))
+    loud = [("found", _step_words(comparison, step)) for step in steps if has_changed(comparison, step)]
+    still = [step for step in steps if not has_changed(comparison, step) and len(comparison.assessed(step))]
     texts = loud
     if still:
-        assessed = [len(found.assessed(step)) for step in still]
+        assessed = [len(comparison.assessed(step)) for step in still]
         numbers = (
             count(assessed[0], "number") if len(set(assessed)) == 1 else f"{min(assessed)} to {max(assessed)} numbers"
         )
-        where = f" ({', '.join(map(found.pair, still))})" if loud or len(still) < len(steps) else ""
+        where = f" ({', '.join(map(comparison.pair, still))})" if loud or len(still) < len(steps) else ""
         texts = [*loud, ("pass", f"Nothing has changed beyond chance{where}: {numbers} compared from run to run.")]
     return texts + [
-        ("none", f"{found.pair(step)}: {_why_words(found, step)}") for step in steps if found.between[step].why
+        ("none", f"{comparison.pair(step)}: {_why_words(comparison, step)}")
+        for step in steps
+        if comparison.between[step].why
     ]
 
 
-def _why_words(found: RunComparison, step: int) -> str:
+def _why_words(comparison: RunComparison, step: int) -> str:
     """Return in words the reason that numbers of a step were not assessed."""
-    what = "some numbers were not compared" if len(found.assessed(step)) else "no number was compared"
-    return f"{what}: {'; '.join(found.between[step].why)}."
+    what = "some numbers were not compared" if len(comparison.assessed(step)) else "no number was compared"
+    return f"{what}: {'; '.join(comparison.between[step].why)}."
 
 
-def has_changed(found: RunComparison, step: int) -> bool:
+def has_changed(comparison: RunComparison, step: int) -> bool:
     """Return True if anything changed from one run to the next."""
-    return found.between[step].rebuilt or bool(found.assessed(step)["changed"].any())
+    return comparison.between[step].rebuilt or bool(comparison.assessed(step)["changed"].any())
 
 
-def _step_words(found: RunComparison, step: int) -> str:
+def _step_words(comparison: RunComparison, step: int) -> str:
     """Return the numbers with significant changes, and the sizes of these."""
-    assessed = found.assessed(step)
+    assessed = comparison.assessed(step)
     changed = _largest_first(assessed[assessed["changed"]])
-    if found.between[step].rebuilt:
+    if comparison.between[step].rebuilt:
         more = f" Beyond chance individually: {_largest_changes(changed)}." if len(changed) else ""
         what = "changed in too many places to name: it was rebuilt, or is another machine."
-        return f"{found.pair(step)}: {what}{more}"
-    return (
-        f"{found.pair(step)}: {len(changed)} of {count(len(assessed), 'number')} changed: {_largest_changes(changed)}."
-    )
+        return f"{comparison.pair(step)}: {what}{more}"
+    sizes = f"{len(changed)} of {count(len(assessed), 'number')} changed: {_largest_changes(changed)}"
+    return f"{comparison.pair(step)}: {sizes}."
 
 
 def _largest_first(changed: pd.DataFrame) -> pd.DataFrame:
@@ -123,17 +129,17 @@ def _alternatives(row: object) -> str:
     return f" (or {others}, which the campaigns cannot distinguish)" if others else ""
 
 
-def _effect_verdicts(found: RunComparison, step: int) -> list[Verdict]:
+def _effect_verdicts(comparison: RunComparison, step: int) -> list[Verdict]:
     """Return the effects that only one of two runs found."""
-    before, now = (_effects_found(found, place) for place in (step, step + 1))
+    before, now = (_effects_found(comparison, place) for place in (step, step + 1))
     texts = [("new", [name for name in now if name not in before]), ("gone", [n for n in before if n not in now])]
     words = {"new": "found for the first time", "gone": "no longer found"}
-    return [("warn", f"{found.pair(step)}: {words[kind]}: {', '.join(names)}.") for kind, names in texts if names]
+    return [("warn", f"{comparison.pair(step)}: {words[kind]}: {', '.join(names)}.") for kind, names in texts if names]
 
 
-def _effects_found(found: RunComparison, place: int) -> list[str]:
+def _effects_found(comparison: RunComparison, place: int) -> list[str]:
     """Return the effects that the diagnosis of a run found, by their names in the tables."""
-    table = table_or_none(found.runs[place].tables, "diagnosis")
+    table = table_or_none(comparison.runs[place].tables, "diagnosis")
     if table is None:
         return []
     own = table[table["verdict"] == "found"]
@@ -141,66 +147,72 @@ def _effects_found(found: RunComparison, place: int) -> list[str]:
 
 
 @figure_template()
-def comparison_sections(found: RunComparison) -> list[ReportSection]:
+def comparison_sections(comparison: RunComparison) -> list[ReportSection]:
     """Return the sections of changes, trends, verdicts, all numbers, and origin of the page."""
     parts = (
-        *(_changes(found), _trends(found), _effects(found), accuracy(found), error_classes(found)),
-        *(quality(found), _numbers(found), _provenance(found)),
+        *(
+            _changes(comparison),
+            _trends(comparison),
+            _effects(comparison),
+            accuracy(comparison),
+            error_classes(comparison),
+        ),
+        *(quality(comparison), _numbers(comparison), _provenance(comparison)),
     )
     return [part for part in parts if part is not None]
 
 
-def _changes(found: RunComparison) -> ReportSection:
-    steps = range(len(found.between))
-    lead = f"Each run is compared with the previous one: {_JUDGED[_is_mechanism(found)]}. {_RATE}"
-    rows = [(step, r) for step in steps for r in found.assessed(step).itertuples() if r.changed]
+def _changes(comparison: RunComparison) -> ReportSection:
+    steps = range(len(comparison.between))
+    lead = f"Each run is compared with the previous one: {_JUDGED[_is_mechanism(comparison)]}. {_RATE}"
+    rows = [(step, r) for step in steps for r in comparison.assessed(step).itertuples() if r.changed]
     listing = Listing(
         ("from, to", "number", "changed by", "in sigma", "or instead", "value now"),
         tuple(
-            (found.pair(step), number_name(r), change_text(r), _jump(r), cell(r.instead), value_text(r))
+            (comparison.pair(step), number_name(r), change_text(r), _jump(r), cell(r.instead), value_text(r))
             for step, r in rows
         ),
         ("changed",) * len(rows),
-        "What changed: the fewest numbers whose changes explain all differences" if _is_mechanism(found) else "",
+        "What changed: the fewest numbers whose changes explain all differences" if _is_mechanism(comparison) else "",
         held_by=_HELD_BY,
     )
-    assessed = any(len(found.assessed(step)) for step in steps)
-    changed = any(has_changed(found, step) for step in steps)
+    assessed = any(len(comparison.assessed(step)) for step in steps)
+    changed = any(has_changed(comparison, step) for step in steps)
     state = "changed" if changed else "pass" if assessed else "not evaluated"
-    statements = tuple((_mark(found, step), _step(found, step)) for step in steps)
+    statements = tuple((_mark(comparison, step), _step(comparison, step)) for step in steps)
     return ReportSection(
-        "changes", "What has changed", lead, tuple(_pulls(found)), (listing,) if rows else (), state, statements
+        "changes", "What has changed", lead, tuple(_pulls(comparison)), (listing,) if rows else (), state, statements
     )
 
 
-def _is_mechanism(found: RunComparison) -> bool:
-    return bool((found.numbers["group"] == "geometry").any())
+def _is_mechanism(comparison: RunComparison) -> bool:
+    return bool((comparison.numbers["group"] == "geometry").any())
 
 
-def _pulls(found: RunComparison) -> Iterator[tuple[object, str]]:
+def _pulls(comparison: RunComparison) -> Iterator[tuple[object, str]]:
     """Return, for each step of a mechanism with changes, all numbers in standard deviations, and the changes."""
-    for step in range(len(found.between)):
-        if has_changed(found, step) and _is_mechanism(found):
-            assessed = found.assessed(step)
+    for step in range(len(comparison.between)):
+        if has_changed(comparison, step) and _is_mechanism(comparison):
+            assessed = comparison.assessed(step)
             jumps = assessed.assign(jump=assessed["change"] / assessed["sigma_change"])
-            title = label(f"{found.pair(step)}, in standard deviations")
+            title = label(f"{comparison.pair(step)}, in standard deviations")
             caption = "Correlated parameters may change together while each stays inside its own band."
             series = _SERIES if jumps["jump"].notna().any() else {"z": _SERIES["z"]}
             yield pull_figure(jumps, series, title, "change / its standard deviation"), caption
 
 
-def _mark(found: RunComparison, step: int) -> str:
-    return "found" if has_changed(found, step) else "pass" if len(found.assessed(step)) else "none"
+def _mark(comparison: RunComparison, step: int) -> str:
+    return "found" if has_changed(comparison, step) else "pass" if len(comparison.assessed(step)) else "none"
 
 
-def _step(found: RunComparison, step: int) -> str:
-    if not len(found.assessed(step)):
-        return f"{found.pair(step)}: {_why_words(found, step)}"
-    own = found.numbers[found.numbers["place"] == step + 2]
+def _step(comparison: RunComparison, step: int) -> str:
+    if not len(comparison.assessed(step)):
+        return f"{comparison.pair(step)}: {_why_words(comparison, step)}"
+    own = comparison.numbers[comparison.numbers["place"] == step + 2]
     words = (
-        _step_words(found, step)
-        if has_changed(found, step)
-        else f"{found.pair(step)}: none of {count(len(found.assessed(step)), 'number')} changed."
+        _step_words(comparison, step)
+        if has_changed(comparison, step)
+        else f"{comparison.pair(step)}: none of {count(len(comparison.assessed(step)), 'number')} changed."
     )
     left = own[own["z"].isna() & ~own["changed"]]
     reasons = "; ".join(f"{n} {why}" for why, n in left["reason"].value_counts().items())
@@ -211,8 +223,8 @@ def _jump(r: Any) -> str:
     return f"{r.change / r.sigma_change:.1f}" if r.change == r.change else f"{r.z:.1f}"
 
 
-def _trends(found: RunComparison) -> ReportSection | None:
-    figures, left = _trend_figures(found)
+def _trends(comparison: RunComparison) -> ReportSection | None:
+    figures, left = _trend_figures(comparison)
     if not figures:
         return None
     lead = (
@@ -220,14 +232,14 @@ def _trends(found: RunComparison) -> ReportSection | None:
         "Bars include prior knowledge, which is common to all runs; the section above decides on changes."
     )
     more = f" {count(left, 'further kind')}, which differ less, are in {_HELD_BY}." if left else ""
-    more += f" Symbols: {MEANING}" if _is_mechanism(found) else ""
+    more += f" Symbols: {MEANING}" if _is_mechanism(comparison) else ""
     return ReportSection("trends", "Trends", lead + more, figures)
 
 
-def _effects(found: RunComparison) -> ReportSection:
-    names = [_effects_found(found, place) for place in range(len(found.runs))]
+def _effects(comparison: RunComparison) -> ReportSection:
+    names = [_effects_found(comparison, place) for place in range(len(comparison.runs))]
     every = list(dict.fromkeys(name for own in names for name in own))
-    labels = tuple(run.label for run in found.runs)
+    labels = tuple(run.label for run in comparison.runs)
     rows = tuple((name, *("found" if name in own else "–" for own in names)) for name in every)
     if not rows:
         return ReportSection("effects", "Effects side by side", "No run found an effect.", state="pass")
@@ -239,43 +251,43 @@ def _effects(found: RunComparison) -> ReportSection:
     return ReportSection("effects", "Effects side by side", lead, listings=(Listing(("effect", *labels), rows, marks),))
 
 
-def _numbers(found: RunComparison) -> ReportSection | None:
-    if not len(found.numbers):
+def _numbers(comparison: RunComparison) -> ReportSection | None:
+    if not len(comparison.numbers):
         return None
     keys = ["group", "effect_of", "leg", "parameter"]
     rows, marks = [], []
-    for _, own in found.numbers.groupby(keys, sort=False, dropna=False):
+    for _, own in comparison.numbers.groupby(keys, sort=False, dropna=False):
         by_place = {r.place: r for r in own.itertuples()}
         first = next(iter(by_place.values()))
-        cells = [value_text(by_place[k]) if k in by_place else "–" for k in range(1, len(found.runs) + 1)]
+        cells = [value_text(by_place[k]) if k in by_place else "–" for k in range(1, len(comparison.runs) + 1)]
         rows.append((number_name(first), *cells, _largest(own), _reasons(own)))
         marks.append("changed" if own["changed"].any() else "")
-    heads = ("number", *(run.label for run in found.runs), "largest z", "left out")
+    heads = ("number", *(run.label for run in comparison.runs), "largest z", "left out")
     listing = Listing(heads, tuple(rows), tuple(marks), f"All {len(rows)} numbers", True, _HELD_BY)
     lead = "Values with one standard deviation; z is the difference from the previous run over its standard deviation."
     return ReportSection("numbers", "Every number", lead, listings=(listing,))
 
 
-def _largest(own: pd.DataFrame) -> str:
-    z = own["z"].dropna()
+def _largest(rows: pd.DataFrame) -> str:
+    z = rows["z"].dropna()
     return f"{z.loc[z.abs().idxmax()]:.1f}" if len(z) else "–"
 
 
-def _reasons(own: pd.DataFrame) -> str:
-    return "; ".join(dict.fromkeys(own["reason"].dropna()))
+def _reasons(rows: pd.DataFrame) -> str:
+    return "; ".join(dict.fromkeys(rows["reason"].dropna()))
 
 
-def _provenance(found: RunComparison) -> ReportSection:
-    rows = tuple((run.label, run.folder, run.version) for run in found.runs)
+def _provenance(comparison: RunComparison) -> ReportSection:
+    rows = tuple((run.label, run.folder, run.version) for run in comparison.runs)
     lead = "The runs in the given order. Their folders were not changed."
     listing = Listing(("run", "folder", "version"), rows)
     return ReportSection("provenance", "Provenance", lead, listings=(listing,))
 
 
-def _trend_figures(found: RunComparison) -> tuple[tuple[tuple[go.Figure, str], ...], int]:
+def _trend_figures(comparison: RunComparison) -> tuple[tuple[tuple[go.Figure, str], ...], int]:
     """Return figures with captions, kinds with a change first, then the largest differences; and the
     number left out."""
-    own = found.numbers[found.numbers["value"].notna()]
+    own = comparison.numbers[comparison.numbers["value"].notna()]
     own = own.assign(kind=[_kind(r) for r in own.itertuples()])
     known = own.groupby("kind", sort=False)["z"].transform(lambda z: z.notna().any())
     order = (
@@ -285,7 +297,7 @@ def _trend_figures(found: RunComparison) -> tuple[tuple[tuple[go.Figure, str], .
         .agg(changed=("changed", "any"), size=("size", "max"))
         .sort_values(["changed", "size"], ascending=False, kind="stable")
     )
-    drawn = [_figure(found, own[own["kind"] == kind], str(kind)) for kind in order.index[:_MOST]]
+    drawn = [_figure(comparison, own[own["kind"] == kind], str(kind)) for kind in order.index[:_MOST]]
     captions = [_caption(own[(own["kind"] == kind) & own["changed"]]) for kind in order.index[:_MOST]]
     return tuple(zip(drawn, captions, strict=True)), max(len(order) - _MOST, 0)
 
@@ -313,12 +325,12 @@ def _kind(row: Any) -> str:
     return f"{kind} of {row.effect_of}" if row.group == "effect" else kind
 
 
-def _figure(found: RunComparison, own: pd.DataFrame, kind: str) -> go.Figure:
+def _figure(comparison: RunComparison, numbers: pd.DataFrame, kind: str) -> go.Figure:
     figure = go.Figure()
-    first = next(own.itertuples())
-    lines = list(own.groupby(["leg", "parameter"], sort=False, dropna=False))
+    first = next(numbers.itertuples())
+    lines = list(numbers.groupby(["leg", "parameter"], sort=False, dropna=False))
     shifts = [rows["value"] - _mean(rows) for _, rows in lines]
-    factor, unit = unit_of(first, float(np.median(np.abs(np.concatenate([*shifts, own["sigma"]])))))
+    factor, unit = unit_of(first, float(np.median(np.abs(np.concatenate([*shifts, numbers["sigma"]])))))
     if unit == "mm" and max(float(shift.abs().max()) for shift in shifts) * factor < 1.0:
         factor, unit = 1e3 * factor, "µm"
     aside = np.linspace(-0.18, 0.18, len(lines)) if len(lines) > 1 else np.zeros(1)
@@ -327,8 +339,11 @@ def _figure(found: RunComparison, own: pd.DataFrame, kind: str) -> go.Figure:
         figure.add_trace(_line(rows, factor * shift, factor, aside[k], colour, symbol, unit))
     _ring(figure, lines, shifts, factor, aside)
     style(figure, label(kind), f"Each against its own mean over the runs, {unit or '1'}; bars: 95 %", 320)
-    ticks = {"tickvals": list(range(1, len(found.runs) + 1)), "ticktext": [label(run.label) for run in found.runs]}
-    figure.update_xaxes(**ticks, range=[0.6, len(found.runs) + 0.4], showgrid=False)
+    ticks = {
+        "tickvals": list(range(1, len(comparison.runs) + 1)),
+        "ticktext": [label(run.label) for run in comparison.runs],
+    }
+    figure.update_xaxes(**ticks, range=[0.6, len(comparison.runs) + 0.4], showgrid=False)
     figure.update_yaxes(title_text=f"shift, {unit or '1'}", zeroline=True, zerolinecolor=GREY)
     return figure
 
