@@ -24,6 +24,8 @@ RELATIONS = {
 }
 
 _OF_RUNS = ("loads-against-readings", "signals-against-loads", "copied-runs")  # relations with comma-separated subjects
+_OF_DESCRIPTION = ("loads-against-readings", "signals-against-loads")  # relations that [mechanism] predicts
+_GOOD = 10.0  # %, misfit that tolerances and gains usually leave
 # Names of factors by quantity: recorded unit, and right unit.
 _FACTORS = {
     "length": {
@@ -164,6 +166,8 @@ def _meant_words(tested: RelationTest) -> str:
         if tested.misfit_explained is None
         else f" With this, the misfit is {two_decimals(tested.misfit_explained)} {tested.unit}."
     )
+    if tested.relation in _OF_DESCRIPTION and tested.unit == "%" and (tested.misfit_explained or 0.0) > _GOOD:
+        after += " A good description leaves less: check the numbers of [mechanism], too."
     meant = f"Did you mean: {'; and '.join(slip_words(slip) for slip in tested.slips)}?"
     rivals = f" Equally likely: {'; or '.join(slip_words(slip) for slip in tested.rivals)}." if tested.rivals else ""
     return f"{meant}{after}{rivals}"
