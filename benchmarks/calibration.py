@@ -11,6 +11,7 @@ import argparse
 import tempfile
 import tomllib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -52,17 +53,21 @@ def measure(place: Path, repeats: int) -> None:
     """Print seconds per row: minimum, median, maximum."""
     given, campaign = tables(place)
     gathered = assemble(given, campaign)
+    found: dict[str, list[MachineCalibration]] = {}
+
+    def twelve(name: str, how: Callable[..., MachineCalibration]) -> None:
+        found[name] = calibrations(gathered, how)
+
+    hows = {"12 by errors in variables": maximum_likelihood, "12 by the closure alone": implicit}
     rows: dict[str, Callable[[], object]] = {
-        "12 by errors in variables": lambda: calibrations(gathered, maximum_likelihood),
-        "12 by the closure alone": lambda: calibrations(gathered, implicit),
+        **{name: partial(twelve, name, how) for name, how in hows.items()},
         "the whole stage, 24 of them": lambda: stage.run(given, campaign, lambda *_: None),
     }
-    for name, how in (("12 by errors in variables", maximum_likelihood), ("12 by the closure alone", implicit)):
-        bad = [one.status for one in calibrations(gathered, how) if one.status != "ok"]
+    for name, seconds in interleaved(rows, repeats).items():
+        bad = [one.status for one in found.get(name, ()) if one.status != "ok"]
         if bad:
             print(f"{name}: not converged: {bad[0]}")
-            del rows[name]
-    for name, seconds in interleaved(rows, repeats).items():
+            continue
         leave(Row(f"calibrations of {place.name}: {name}", 1e3 * float(np.median(seconds)), "ms"))
         print(f"{name:30} {np.min(seconds):7.3f} {np.median(seconds):7.3f} {np.max(seconds):7.3f} s", flush=True)
 

@@ -125,6 +125,10 @@ def calibrations(data: DiagnosisData[Any], settings: Any) -> dict[str, Callable[
     }
 
 
+def _keep(results: dict[str, Calibrated], name: str, task: Callable[[], Calibrated]) -> None:
+    results[name] = task()
+
+
 def _words(final: Any) -> Iterator[str]:
     for cause in final.causes:
         sizes = cause.reported(*final.values(cause), final.model.part_count)
@@ -160,15 +164,15 @@ def compare_calibrations(
             tasks[name] = factory(series, series.urdf.parent)
         except ImportError as error:
             print(f"{name:42} unmeasured ({str(error).splitlines()[0][:60]})")
-    seconds = interleaved(dict(tasks), repeats)
+    results: dict[str, Calibrated] = {}
+    seconds = interleaved({name: partial(_keep, results, name, task) for name, task in tasks.items()}, repeats)
     first = next(iter(tasks))
     own = [name for name in tasks if name.startswith(_OURS)]
     what = "calibration of an arm, ours with the search for causes"
     unmeasured = [name for name in CALIBRATIONS if name not in tasks]
     leave(timed_row(what, seconds, first, own=own, unmeasured=unmeasured, unit="s"))
     readings, exact = other
-    for name, task in tasks.items():
-        found = task()
+    for name, found in results.items():
         rms = 1e6 * float(np.sqrt(np.mean((found.places(readings) - exact) ** 2)))
         low, middle, high = np.min(seconds[name]), np.median(seconds[name]), np.max(seconds[name])
         ratio = "" if name == first else f"  {_ratio(seconds[name], seconds[first])}"
