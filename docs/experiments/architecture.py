@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from html import escape
 from pathlib import Path
 
@@ -255,6 +256,7 @@ FLOWS: Mapping[str, tuple[FlowStep, ...]] = {
 }
 
 
+@cache
 def imports() -> dict[str, set[str]]:
     """Packages that the modules of each package import, also inside functions and for types."""
     known = {package.name for package in PACKAGES}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Container, Iterator
+from functools import cache
 from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -46,6 +47,7 @@ def imported_modules(path: Path, known: Container[str]) -> set[str]:
     return {name for name in found if name in known} - {module_name(path)}
 
 
+@cache
 def _imports(path: Path) -> list[tuple[str, str]]:
     """What a file imports anywhere: modules (with an empty name), and modules with a name taken from them."""
     found = []
