@@ -62,9 +62,11 @@ def bytes_of(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("way", WAYS)
-def test_many_at_a_time_are_as_one_after_the_other(way: str, fresh: FakeProject, campaigns: list[str]) -> None:
+def test_many_at_a_time_are_as_one_after_the_other(
+    way: str, fake: FakeProject, fresh: FakeProject, campaigns: list[str]
+) -> None:
     places = [*campaigns, "nowhere"]
-    one = fresh.call("run", *places, "--out", str(fresh.cwd / "one"))
+    one = fake.call("run", *places, "--out", str(fresh.cwd / "one"))
     many = fresh.call("run", *places, "--out", str(fresh.cwd / "many"), *WAYS[way])
     assert one.returncode == many.returncode == 2
     assert timeless(many.stdout) == timeless(one.stdout).replace("/one/", "/many/")
@@ -110,13 +112,15 @@ def test_a_campaign_locked_by_another_run_is_skipped(fresh: FakeProject, campaig
     assert (fresh.cwd / "runs" / "last" / "report.html").exists()
 
 
-def test_a_campaign_that_ends_its_worker_ends_no_other(fresh: FakeProject, campaigns: list[str]) -> None:
+def test_a_campaign_that_ends_its_worker_ends_no_other(
+    fake: FakeProject, fresh: FakeProject, campaigns: list[str]
+) -> None:
     fresh.edit(Path(campaigns[0]) / "points.csv", "4.0", "666.0")
     done = fresh.call("run", campaigns[0], campaigns[4], "--workers", "2", trouble="vanish")
     assert done.returncode == 4, done.stderr
     assert_says(done.stderr, "first", "worker", "lost")
     assert (fresh.cwd / "runs" / "last" / "report.html").exists()
-    assert fresh.call("run", campaigns[0]).returncode == 0, "what was whole is whole still"
+    assert fake.call("run", campaigns[0]).returncode == 0, "what was whole is whole still"
 
 
 def test_the_table_of_all_campaigns_has_a_row_for_each_and_the_worst_first(
@@ -167,13 +171,13 @@ def test_a_foreign_file_is_not_overwritten_by_the_table_of_all(
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="SIGKILL is a signal of POSIX systems")
 @pytest.mark.parametrize("way", WAYS)
-def test_a_worker_killed_while_it_runs_loses_nothing(way: str, fresh: FakeProject) -> None:
+def test_a_worker_killed_while_it_runs_loses_nothing(way: str, fake: FakeProject, fresh: FakeProject) -> None:
     places = []
     for number in range(4):
         places.append(str(fresh.campaign.with_name(f"c{number}")))
         shutil.copytree(fresh.campaign, places[-1])
         fresh.edit(Path(places[-1]) / "campaign.toml", '"bench"', f'"c{number}"')
-    fresh.call("run", *places, "--out", "whole")
+    fake.call("run", *places, "--out", "whole")
     words = fresh.command("run", *places, "--out", "killed", *WAYS[way])
     with subprocess.Popen(
         words, cwd=fresh.cwd, env=fresh.environment("pause1"), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
