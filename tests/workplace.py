@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
 from typer.testing import CliRunner
 
 from tests.cut_telescope import cut_telescope
 from truing.pipeline.command_line import app
-from truing.pipeline.stage_order import stage_module
 
 
 def make_workplace(place: Path) -> None:
-    """``sample_data/telescope``, and ``runs/telescope`` as `truing run` leaves it, with fewer draws of its tests."""
+    """``sample_data/telescope``, and ``runs/telescope`` as `truing run` leaves it."""
     campaign = cut_telescope(place / "sample_data" / "telescope")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stage_module("diagnose"), "DRAWS", 50, raising=False)
-        done = CliRunner().invoke(app, ["run", str(campaign), "--out", str(place / "runs" / "telescope"), "--quiet"])
+    done = CliRunner().invoke(app, ["run", str(campaign), "--out", str(place / "runs" / "telescope"), "--quiet"])
     assert done.exit_code == 0, done.output

@@ -190,8 +190,6 @@ def run_once(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Campai
     views: dict[str, list[SettingsView]] = {}
 
     with pytest.MonkeyPatch.context() as patch:
-        # Fewer simulated draws: what is asked here is what the stage reads, not what it finds.
-        patch.setattr(stage_module("diagnose"), "DRAWS", 50, raising=False)
         original = CampaignRun.outcome
 
         def outcome(self: CampaignRun, stage: Any, progress: Any) -> Any:
