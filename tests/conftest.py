@@ -58,6 +58,7 @@ def pytest_collection_finish() -> None:
     """Exempt modules and collected tests from garbage collection: they live to the end, and scans take time."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(50_000, 20, 50)  # as the command line does (pipeline/entry.py)
 
 
 @pytest.fixture(scope="session")
