@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +12,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 from tests.belonging.load_slips import SLIPS, Tables
 from tests.belonging.load_slips_reported import RIGHT, judge
@@ -28,6 +27,7 @@ from truing.belonging.plausible_slips import RecordedColumn
 from truing.belonging.relation import DISPLACEMENT_UNITS, ROTATION_UNITS, RelationState, SlipKind
 from truing.belonging.row_order import row_slips
 from truing.belonging.signal_tests import SignalSteps
+from truing.pipeline.command_line import app
 from truing.stages.common.belonging import reason_withheld
 
 SAMPLE = PROJECT / "sample_data" / "force-sensor"
@@ -81,9 +81,9 @@ def test_what_rests_on_a_failed_relation_is_not_evaluated_until_a_person_accepts
     for table in (readings, signals):
         table["load"] *= 1e-3
     write_campaign(tmp_path / "c", readings, signals, campaign_toml())
-    command = [sys.executable, "-m", "pipeline", "run", str(tmp_path / "c"), "--out", str(tmp_path / "run"), "--quiet"]
-    done = subprocess.run(command, cwd=PROJECT, capture_output=True, text=True, check=False)
-    assert done.returncode == 3, done.stderr
+    words = ["run", str(tmp_path / "c"), "--out", str(tmp_path / "run"), "--only", "diagnose", "--quiet"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 3, done.output
     belonging, found = (pd.read_parquet(tmp_path / "run" / f"{name}.parquet") for name in ("belonging", "diagnosis"))
     apart = belonging[belonging["state"] == "fails"]
     assert apart["relation"].tolist() == ["loads-against-readings"]
