@@ -36,7 +36,8 @@ CAUSES = (
     "joint-sag",
     "column-tilt",
 )
-CLEAN = 6
+CLEAN = 4  # three of them fail, as four of six would
+CURVES, CURVE_FOUND = 2, 0.99  # so strong as here: five times what must be found in 95 of 100
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,6 @@ def test_a_curve_of_a_joint_is_found_where_poses_are_many(tmp_path_factory: pyte
     cause = ("joint-error-curve",)
     found = [
         judged(tmp_path_factory.mktemp("arm"), 1000 * SEED + 700 + number, cause, poses=400, strength=60.0)
-        for number in range(3)
+        for number in range(CURVES)
     ]
-    assert sum(one.hidden == one.found for one in found) >= fewest_of(len(found), 0.95)
+    assert sum(one.hidden == one.found for one in found) >= fewest_of(CURVES, CURVE_FOUND)
