@@ -24,7 +24,7 @@ import pyarrow.parquet as pq
 from benchmarks.rows import Row, leave
 from truing.pipeline.run_campaign import JobPlan, RunOptions, run_job
 
-SMALLEST = ("--campaigns", "3", "--singles", "1")
+SMALLEST = ("--campaigns", "2", "--singles", "1", "--workers", "1", "--scheduler", "")
 _POSES, _TARGETS, _SIGMA_MM = 8, 6, 0.005
 _CAMPAIGN = """[campaign]
 name = "{name}"
