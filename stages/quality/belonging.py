@@ -128,6 +128,7 @@ def _points(
         tuple(str(around.poses[pose]) for pose in order),
         groups,
         others,
+        body.noise_factor,
     )
 
 

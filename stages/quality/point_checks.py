@@ -83,7 +83,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign, sample: PoseSampl
     likely = likely_names(observations, bodies, around, declared)
     found: Iterable[Check] = chain(
         sample.noted(belonging_checks(relations)),
-        [unobserved_poses(whole, limits)],
+        [unobserved_poses(whole, limits), noise_size(bodies, relations)],
         sample.noted(_checks_of_points(bodies, reference, around, settings, limits, tables)),
         _checks_of_times(whole, settings, limits, tables.get("configurations")),
         sample.noted(names_known(observations, bodies, likely, declared)),
@@ -173,7 +173,6 @@ def _checks_of_points(
     resurveys, table = tables.get("resurveys"), tables.get("configurations")
     share = settings.qa.false_alarm / _CHANCE_CHECKS
     yield from attachment_labels(bodies, _attachments(settings))
-    yield noise_size(bodies)
     for body in bodies:
         yield from completeness(body, expected_visible(resurveys, body, around), limits)
         yield from geometry(body, limits)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from truing.arrays import Array, Index, Mask
+from truing.belonging.relation import RelationTest
 from truing.estimation.quality import (
     Scatter,
     body_shape,
@@ -171,10 +172,12 @@ def moved_targets(body: BodyView, around: PoseSurroundings, share: float) -> Ite
         yield Check("moved-targets", target, size, 0.0, "mm", WARN, text)
 
 
-def noise_size(bodies: Sequence[BodyView]) -> Check:
-    """Check whether the declared noise is so small that by it most points of a body would be gross errors."""
-    apart = [body for body in bodies if body.noise_factor > 1.0]
-    elsewhere = [body.name for body in bodies if body.gross_share > MOST_GROSS]
+def noise_size(bodies: Sequence[BodyView], relations: Sequence[RelationTest]) -> Check:
+    """Check whether the declared noise is so small that by it most points of a body would be gross errors. Numbers
+    recorded in coarse steps are told by their relation, which only warns."""
+    rounded = {name for one in relations if one.reason == "rounded" for name in one.subject.split()}
+    apart = [body for body in bodies if body.noise_factor > 1.0 and body.name not in rounded]
+    elsewhere = [body.name for body in bodies if body.gross_share > MOST_GROSS or body.noise_factor > 1.0]
     if not apart and elsewhere:
         why = f"most points of {listed(elsewhere)} are far from their places, and not by scatter alone"
         return not_evaluated("size of the noise", "noise-size", "", why)

@@ -51,7 +51,8 @@ class AsOtherBody:
 
 @dataclass(frozen=True)
 class BodyPoints:
-    """One body: survey (T, 3) and points (B, T, 3) in m, seen (B, T), sigma of a coordinate in m.
+    """One body: survey (T, 3) and points (B, T, 3) in m, seen (B, T), sigma of a coordinate in m: that of the scatter,
+    which is noise_factor times the declared one.
 
     ``poses`` (B,) in the order of the file; ``groups``: columns that group poses, with their values; ``others``: the
     recorded points paired with the surveys of other bodies.
@@ -65,6 +66,7 @@ class BodyPoints:
     poses: tuple[str, ...] = ()
     groups: tuple[tuple[str, tuple[str, ...]], ...] = ()
     others: tuple[AsOtherBody, ...] = ()
+    noise_factor: float = 1.0
 
     def subset(self, rows: Index) -> BodyPoints:
         """Return the body in some poses."""
@@ -240,9 +242,10 @@ def relate_survey(body: BodyPoints) -> RelationTest:
     )
     if slips := slips_in_poses(body, _MISFIT * body.sigma)[0]:
         return replace(tested, state=RelationState.FAILS, reason="slip", misfit=None, slips=slips, tried=2)
-    if (step := rounding(points[body.seen[usable]], before, body.sigma)) is not None and before < _ALL_ROUNDED * step:
+    declared = body.sigma / body.noise_factor
+    if (step := rounding(points[body.seen[usable]], before, declared)) is not None and before < _ALL_ROUNDED * step:
         slip = RecordSlip(SlipKind.ROUNDED, "points of body", (body.name,), offset=1e3 * step)
-        error, noise = 1e3 * step / np.sqrt(12.0), 1e3 * body.sigma
+        error, noise = 1e3 * step / np.sqrt(12.0), 1e3 * declared
         rounded = replace(tested, state=RelationState.ATTENTION, reason="rounded", misfit=float(error), limit=noise)
         return replace(rounded, slips=(slip,), tried=2)
     if before <= _MISFIT * body.sigma:

@@ -39,7 +39,7 @@ def test_a_declared_noise_that_is_too_small_is_told_with_its_factor(factor: floa
     body = _body(factor)
     assert body.noise_factor == pytest.approx(factor, rel=0.15)
     assert body.gross_share < 0.02
-    row = noise_size([body])
+    row = noise_size([body], ())
     assert (row.verdict, row.value) == (FAIL, body.noise_factor)
 
 
@@ -47,7 +47,7 @@ def test_a_declared_noise_that_is_too_small_is_told_with_its_factor(factor: floa
 def test_noise_of_the_declared_size_and_gross_errors_change_nothing(factor: float, gross: float) -> None:
     body = _body(factor, gross=gross)
     assert body.noise_factor == 1.0
-    assert noise_size([body]).verdict == PASS
+    assert noise_size([body], ()).verdict == PASS
 
 
 @pytest.mark.parametrize("slip", ["mirrored", "other names", "inches"])
@@ -56,7 +56,7 @@ def test_a_wrong_survey_is_no_noise(slip: str) -> None:
     other = {"mirrored": place * [1, 1, -1], "other names": np.roll(place, 1, axis=0), "inches": place * 25.4}
     body = _body(1.0, survey_of=other[slip])
     assert body.noise_factor == 1.0
-    assert noise_size([body]).verdict == NOT_EVALUATED
+    assert noise_size([body], ()).verdict == NOT_EVALUATED
 
 
 @pytest.mark.parametrize("scale", [0.995, 1.001, 1.01])
@@ -65,4 +65,4 @@ def test_a_survey_in_another_scale_is_no_noise_and_leaves_no_gross_errors(scale:
     body = _body(1.0, survey_of=place / scale)
     assert body.survey_scale == pytest.approx(scale, abs=5e-5)
     assert (body.noise_factor, body.gross_share) == (1.0, 0.0)
-    assert noise_size([body]).verdict == PASS
+    assert noise_size([body], ()).verdict == PASS
