@@ -96,10 +96,10 @@ OF_POINTS: Checks = {
         "A wrong unit or sign, exchanged columns or another robot bias every parameter. Such slips are tried.",
         VerdictRule(
             "two exchanged columns explain it",
-            "the nominal chain misses the measured places by more than 2 % of their spread",
+            "the nominal chain misses the measured places or distances by more than 2 % of their spread",
         ),
         "Correct the column in the message once you have confirmed it; else check the robot description, the names of "
-        "the links and of the poses. Not evaluated: no chain, or distances alone.",
+        "the links and of the poses. Not evaluated: no chain.",
         withholds="models",
     ),
     "points-against-survey": QualityCheck(

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 DECLARATION = Stage(
     name="qa",
     reads=(
-        *("joints?", "measured_poses?"),
+        *("joints?", "measured_poses?", "distances?"),
         *("observations?", "survey?", "configurations?", "readings?", "signals?", "given_compliance?", "quadrature?"),
         *("positions?", "reading_corrections?", "relabelled?", "resurveys?", "photographs?", "object_points?"),
         *("image_orientations?", "image_residuals?", "scale_bar_lengths?", "known_point_errors?", "image_cameras?"),

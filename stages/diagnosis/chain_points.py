@@ -19,9 +19,8 @@ from truing.schemas.verdict import Relation
 from truing.simulation.mechanisms.chains.causes import ChainCause, JointOffset, JointsExchanged
 from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, ColumnSlipKind, does_not_belong, likely_slip
-from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels
-from truing.simulation.mechanisms.chains.distances import GROUND, DistanceModel, distance_start, with_ground
-from truing.simulation.mechanisms.chains.joint_table import STATION
+from truing.simulation.mechanisms.chains.conditions import ChainConditions
+from truing.simulation.mechanisms.chains.distances import DistanceModel, distance_start, with_ground
 from truing.simulation.mechanisms.chains.model import FREE_PLACE, ChainModel, KnownChain
 from truing.simulation.mechanisms.chains.motor_encoders import MotorTerm, motor_terms
 from truing.simulation.mechanisms.chains.offsets import offsets_beyond_tolerance
@@ -29,6 +28,7 @@ from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import TWIST, JointKind, Tree, geometry_modes
 from truing.simulation.targets import FREE_ANGLE_RAD, FREE_LENGTH_M
 from truing.stages.common.blocks import groupings_of, labels_of, selected_groupings
+from truing.stages.common.chain_distances import fit_of_distances, is_station, measured_distances
 from truing.stages.common.chain_gross_errors import gross_errors
 from truing.stages.common.chain_measurements import (
     MeasuredLinks,
@@ -36,12 +36,11 @@ from truing.stages.common.chain_measurements import (
     is_framed,
     measured_links,
     reference_link,
-    survey_of,
 )
 from truing.stages.common.chain_start import nominal_fit
 from truing.stages.common.chain_tables import joint_readings, motor_readings, tree_of
 from truing.stages.common.missing_data import HELD_OUT
-from truing.stages.common.point_arrays import number_column, pose_ids, positions, roles_of
+from truing.stages.common.point_arrays import pose_ids, roles_of
 from truing.stages.diagnosis.chain_distances import only_beyond, with_distances, with_places
 from truing.stages.diagnosis.chain_results import results, text_of_model
 from truing.stages.diagnosis.diagnosis_data import Channels, DiagnosisData, ReportedRms
@@ -77,7 +76,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     points = None
     if of_links or not of_distances:
         points = _filled(measured_links(tables, tree, poses, gross_errors)).decoupled()
-    lines = _filled(_distances(tables, tree, poses)) if of_distances else None
+    lines = _filled(measured_distances(tables, tree, poses)) if of_distances else None
     measured = with_distances(points, lines)
     readings = joint_readings(tree, table)
     reference = None if points is None else reference_link(settings, points)
@@ -185,74 +184,17 @@ def _thinned(rows: Mask) -> tuple[Mask, str]:
     return kept, f"{count - _MOST_POSES} of {counted(count, 'pose')}, evenly over the campaign"
 
 
-def _distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> MeasuredLinks:
-    """Every end of a distance as a channel, a station on the ground; values (B, D, 1) are the distances."""
-    table, survey = tables["distances"], tables.get("survey")
-    links, names = ([table.column(f"{end}_{what}").to_pylist() for end in ("from", "to")] for what in ("link", "end"))
-    pairs = [
-        [(link or GROUND, name) for link, name in zip(*own, strict=True)] for own in zip(links, names, strict=True)
-    ]
-    ends = list(dict.fromkeys([*pairs[0], *pairs[1]]))
-    if strange := [link for link, _ in ends if link not in tree.links]:
-        raise ValueError(f"link {strange[0]} is no link of the chain; there are {', '.join(tree.links)}")
-    both = np.array([[ends.index(a), ends.index(b)] for a, b in zip(*pairs, strict=True)])
-    lines, number = np.unique(both, axis=0, return_inverse=True)
-    at = positions(table.column("pose"), poses)
-    known = at >= 0
-    values, cov = np.zeros((len(poses), len(lines), 1)), np.zeros((len(poses), len(lines), 1, 1))
-    seen = np.zeros((len(poses), len(lines)), bool)
-    place = at[known], number.ravel()[known]
-    values[place] = number_column(table, "reading_mm")[known, None] * _MM
-    cov[place] = (number_column(table, "sigma_mm")[known, None, None] * _MM) ** 2
-    seen[place] = True
-    own = {link: {} if survey is None else survey_of(survey, link) for link, _ in ends}
-    nowhere = np.full(3, np.nan), np.full((3, 3), np.nan)
-    surveyed = [own[link].get(name, nowhere) for link, name in ends]
-    channels = MeasuredChannels(
-        tuple(name for _, name in ends),
-        tuple(link for link, _ in ends),
-        np.array([tree.links[link] for link, _ in ends]),
-        np.zeros(len(ends), bool),
-    )
-    reference = np.tile(np.eye(3), (len(poses), len(ends), 1, 1))
-    places, covs = (np.stack(part) for part in zip(*surveyed, strict=True))
-    return MeasuredLinks(channels, values, cov, seen, places, covs, reference, lines)
-
-
 def _distance_model(
     tree: Tree, settings: Campaign, measured: MeasuredLinks, conditions: ChainConditions, fitted: Mask
 ) -> tuple[Frames, ChainModel, tuple[ChainCause, ...]]:
     """Frames without unknowns, and the model: the ground is the frame, in which stations have unknown places."""
     count, ends = len(measured.values), measured.ends
     assert ends is not None
-    reach = float(np.sqrt(np.mean(tree.frames(conditions.readings[fitted]).t ** 2)))
-    origin = StartValues(
-        np.eye(3)[None],
-        np.zeros((1, 3)),
-        np.where(np.isfinite(measured.surveyed), measured.surveyed, 0.0),
-        np.tile(np.eye(3), (len(measured.channels.names), 1, 1)),
-        0.0,
-        reach,
-    )
     conditions = replace(conditions, series=np.zeros(count, np.int64))
-    known = _known(tree, settings, measured, origin, False)
-    free = DistanceModel(tree, measured.channels, known, conditions, ends=ends)
-    stations = np.array([name.startswith(STATION) for name in measured.channels.names], bool)
-    bare = replace(
-        free.known,
-        modes=free.known.modes[..., :0],
-        offsets=0.0 * free.known.offsets,
-        reading_sigma=0.0 * free.known.reading_sigma,
-    )
-
-    def start_of(chosen: Mask, given: ChainConditions) -> StartValues:
-        own = fitted & chosen
-        plain = replace(free.at(given.subset(own)), known=bare)
-        return distance_start(plain, measured.values[own], measured.seen[own], stations)
-
-    start, certain, _ = _started(tree, conditions, start_of)
-    model = replace(free, known=replace(free.known, shape=start.shape))
-    return Frames.of_numbers(count), model, certain
+    start, certain, _ = _started(tree, conditions, fit_of_distances(tree, measured, conditions, fitted).start_of)
+    reach = float(np.sqrt(np.mean(tree.frames(conditions.readings[fitted]).t ** 2)))
+    known = _known(tree, settings, measured, replace(start, spread=reach), False)
+    return Frames.of_numbers(count), DistanceModel(tree, measured.channels, known, conditions, ends=ends), certain
 
 
 def _mixed_model(
@@ -272,7 +214,7 @@ def _mixed_model(
     of_points = replace(conditions, reference=points.reference)
     nominal = nominal_fit(tree, settings, points, of_points, fitted)
     start, certain, right = _started(tree, of_points, nominal.start_of)
-    stations = np.array([name.startswith(STATION) for name in measured.channels.names], bool)
+    stations = is_station(measured)
     if nominal.reference is not None or (stations.any() and len(start.base_t) > 1):
         raise ValueError(
             "distances beside points or poses need an instrument that stood still, with stations in the whole "

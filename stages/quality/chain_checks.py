@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import TYPE_CHECKING
@@ -11,19 +11,24 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Array, Mask
-from truing.belonging.joint_rows import ChainComparison, slips_in_poses, units_and_mirror
+from truing.belonging.joint_rows import ChainComparison, column_slip, slips_in_poses, slips_of_all, slips_of_lines
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
 from truing.simulation.mechanisms.chains.column_slips import (
     ColumnSlip,
     ColumnSlipKind,
+    corrected_columns,
     does_not_belong,
+    few_poses,
     foreign_share,
     likely_slip,
 )
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
+from truing.simulation.mechanisms.chains.distances import GROUND, with_ground
+from truing.simulation.mechanisms.chains.notations import DenavitHartenberg
 from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import Tree
 from truing.stages.common.chain_description import described_otherwise, rows_of
+from truing.stages.common.chain_distances import fit_of_distances, measured_distances
 from truing.stages.common.chain_measurements import (
     MeasuredLinks,
     chain_conditions,
@@ -42,27 +47,30 @@ if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
 
 JOINTS = "joints-against-links"
+_DISTANCES = "distances"
 _OF_FRAMES = ("poses-determined", "geometry", "geometry-line", "geometry-plane", "geometry-leverage")
 _FEWEST, _FEWEST_POSES = 3, 8
 _MM = 1e-3
 # Poses that miss by so many times the median are left out, if at least so large a share remains.
 _FAR, _MOST = 5.0, 0.9
-_RADIANS = 180.0 / np.pi
 # Slips whose misfit is at most so many times that of the best explain the data as well.
 _AS_LIKELY = 2.0
 
 
 def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     """Checks of joint readings against links, and of object points but for frames of links with few targets."""
-    tested = joints_against_links(tables, settings)
+    of_links = any(name in tables and tables[name].num_rows for name in ("observations", "measured_poses"))
+    of_distances = "distances" in tables and tables["distances"].num_rows > 0
+    tested = [joints_against_links(tables, settings)] if of_links or not of_distances else []
+    tested += [joints_against_distances(tables, settings)] if of_distances else []
     found = point_checks.checks(tables, settings)
-    if found.why_not and tested.state is RelationState.NOT_TESTED:
+    if found.why_not and all(one.state is RelationState.NOT_TESTED for one in tested):
         return found
-    relations = (tested, *(one for one in found.relations if one.relation != READINGS))
+    relations = (*tested, *(one for one in found.relations if one.relation != READINGS))
     read = found.read or f"{len(tables['configurations'])} poses of a chain"
     single = set() if found.why_not else _single(tables["observations"])
     own = () if found.why_not else _without_frames(found, single)
-    return replace(found, checks=chain(belonging_checks([tested]), own), read=read, relations=relations, why_not="")
+    return replace(found, checks=chain(belonging_checks(tested), own), read=read, relations=relations, why_not="")
 
 
 def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> RelationTest:
@@ -70,27 +78,111 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
     if "joints" not in tables or not any(
         name in tables and tables[name].num_rows for name in ("observations", "measured_poses")
     ):
-        return RelationTest(JOINTS, RelationState.NOT_TESTED, "no-poses")
+        return _not_tested("no-poses")
     tree, table = tree_of(tables["joints"]), tables["configurations"]
-    others = described_otherwise(tree, rows_of(settings.mechanism))
     try:
         measured = measured_links(tables, tree, pose_ids(table))
-        readings = joint_readings(tree, table)
-        usable = np.asarray(np.isfinite(readings).all(1) & measured.seen.any(1))
+        usable = _usable(tree, table, measured)
         usable &= is_framed(measured, reference_link(settings, measured))
         if usable.sum() < _FEWEST_POSES:
-            return RelationTest(JOINTS, RelationState.NOT_TESTED, "no-poses")
-        conditions = chain_conditions(
-            tree, table, settings, measured.reference, np.nan_to_num(readings), usable, measured.coupling
+            return _not_tested("no-poses")
+        conditions = _conditions(tree, table, settings, measured, usable)
+        compared = _Compared(
+            tree,
+            table,
+            measured,
+            conditions,
+            usable,
+            rows_of(settings.mechanism),
+            lambda other: nominal_fit(other, settings, measured, conditions, usable),
         )
-        fit = nominal_fit(tree, settings, measured, conditions, usable)
-        start = fit.start_of(usable, conditions)
-        in_poses = slips_in_poses(_comparison(fit, tree, table, measured, conditions, usable, start))
-        everything = start
-        usable = _without_lone_errors(start, usable)
-        start = fit.start_of(usable, conditions)
+        return _tested(compared)
     except ValueError:
-        return RelationTest(JOINTS, RelationState.NOT_TESTED, "no-frame")
+        return _not_tested("no-frame")
+
+
+def joints_against_distances(tables: Mapping[str, pa.Table], settings: Campaign) -> RelationTest:
+    """Test that the nominal chain at the joint readings has the measured distances, up to a calibration."""
+    tree, table = with_ground(tree_of(tables["joints"])), tables["configurations"]
+    measured = measured_distances(tables, tree, pose_ids(table))
+    usable = _usable(tree, table, measured)
+    if usable.sum() < _FEWEST_POSES:
+        return _not_tested("no-poses", _DISTANCES)
+    conditions = _conditions(tree, table, settings, measured, usable)
+    # The ground, which stands beside the chain, is no row of its description.
+    compared = _Compared(
+        tree,
+        table,
+        measured,
+        conditions,
+        usable,
+        rows_of(settings.mechanism),
+        lambda other: fit_of_distances(with_ground(other), measured, conditions, usable),
+    )
+    tested = replace(_tested(compared), subject=_DISTANCES)
+    if tested.state is not RelationState.OK:
+        return tested
+    return replace(tested, hidden=tuple(_hidden(compared)))
+
+
+def _not_tested(reason: str, subject: str = "") -> RelationTest:
+    return RelationTest(JOINTS, RelationState.NOT_TESTED, reason, subject)
+
+
+def _usable(tree: Tree, table: pa.Table, measured: MeasuredLinks) -> Mask:
+    """Mask (B,) of the poses with readings of all joints, and a measurement."""
+    return np.asarray(np.isfinite(joint_readings(tree, table)).all(1) & measured.seen.any(1))
+
+
+def _conditions(
+    tree: Tree, table: pa.Table, settings: Campaign, measured: MeasuredLinks, usable: Mask
+) -> ChainConditions:
+    readings = np.nan_to_num(joint_readings(tree, table))
+    return chain_conditions(tree, table, settings, measured.reference, readings, usable, measured.coupling)
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """A chain, its readings and what was measured on it, with the usable poses (B,).
+
+    ``rows`` describe the chain, where its description has rows; ``fit_of``: fit of the places to a chain.
+    """
+
+    tree: Tree
+    table: pa.Table
+    measured: MeasuredLinks
+    conditions: ChainConditions
+    usable: Mask
+    rows: list[DenavitHartenberg]
+    fit_of: Callable[[Tree], NominalFit]
+
+    @property
+    def chain(self) -> Tree:
+        """The tree without the ground of stations."""
+        return replace(self.tree, nodes=tuple(node for node in self.tree.nodes if node.link != GROUND))
+
+    @property
+    def fit(self) -> NominalFit:
+        """The fit of the chain as described."""
+        return self.fit_of(self.chain)
+
+    @property
+    def names(self) -> list[str]:
+        """Names (K,) or (D,) of what was measured."""
+        channels, ends = self.measured.channels, self.measured.ends
+        return (
+            list(channels.names) if ends is None else [f"{channels.names[a]} to {channels.names[b]}" for a, b in ends]
+        )
+
+
+def _tested(compared: _Compared) -> RelationTest:
+    """Test a chain at its readings; raises ValueError where no frame joins the poses."""
+    fit, conditions, usable = compared.fit, compared.conditions, compared.usable
+    everything = fit.start_of(usable, conditions)
+    in_poses = slips_in_poses(_comparison(compared, fit, everything))
+    usable = _without_lone_errors(everything, usable)
+    compared = replace(compared, usable=usable)
+    start = fit.start_of(usable, conditions)
     tested = RelationTest(
         JOINTS, RelationState.OK, "agrees", misfit=everything.rms / _MM, limit=foreign_share(start) / _MM, unit="mm"
     )
@@ -101,15 +193,13 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         if in_poses is not None and does_not_belong(everything):
             return _failed(tested, in_poses.slips, None)
         return replace(tested, misfit=start.rms / _MM)
-    whole = sorted(
-        [*_of_measured(fit, conditions, usable), *_of_description(others, settings, measured, conditions, usable)]
-    )
-    if whole:
-        rivals = tuple(one.slip for one in whole[1:] if one.share < _AS_LIKELY * whole[0].share)
-        return replace(_failed(tested, (whole[0].slip,), whole[0].after), rivals=rivals)
-    slip = likely_slip(conditions, tree.is_revolute, fit.start_of)
+    if whole := sorted([*_of_measured(compared, fit), *_of_description(compared)]):
+        return _failed_as_a_whole(tested, whole)
+    slip = likely_slip(conditions, compared.tree.is_revolute, fit.start_of)
     if slip is None:
-        return _failed(tested, () if in_poses is None else in_poses.slips, None)
+        if whole := sorted(_of_lines(compared, fit)):
+            return _failed_as_a_whole(tested, whole)
+        return _failed(tested, _constant(compared) or (() if in_poses is None else in_poses.slips), None)
     # The diagnosis corrects an exchange and zeros, as findings; no other slip.
     corrected = slip.kind in (ColumnSlipKind.EXCHANGED, ColumnSlipKind.ZEROS)
     state = RelationState.ATTENTION if corrected else RelationState.FAILS
@@ -118,7 +208,7 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         state=state,
         reason="no-slip" if state is RelationState.FAILS else "departs",
         misfit_explained=slip.after / _MM,
-        slips=tuple(_recorded(slip, tree, table.schema.names)),
+        slips=tuple(_recorded(slip, compared.tree, compared.table.schema.names)),
     )
 
 
@@ -128,23 +218,17 @@ def _failed(tested: RelationTest, slips: tuple[RecordSlip, ...], after: float | 
     return replace(tested, state=RelationState.FAILS, reason="no-slip", slips=slips, misfit_explained=left)
 
 
-def _comparison(
-    fit: NominalFit,
-    tree: Tree,
-    table: pa.Table,
-    measured: MeasuredLinks,
-    conditions: ChainConditions,
-    usable: Mask,
-    start: StartValues,
-) -> ChainComparison:
-    """Readings and measured positions of the usable poses, for slips in some of them."""
-    is_position, links, names = measured.is_position, measured.channels.links, measured.channels.names
+def _comparison(compared: _Compared, fit: NominalFit, start: StartValues) -> ChainComparison:
+    """Readings and measured positions or distances of the usable poses, for slips in some of them."""
+    measured, conditions, usable = compared.measured, compared.conditions, compared.usable
+    is_position, of_distances = measured.is_position, measured.ends is not None
+    links = [_DISTANCES] * len(compared.names) if of_distances else measured.channels.links
 
     def errors_at(chosen: Mask) -> Callable[[Array, Array], Array]:
         fitted = np.zeros(len(usable), bool)
         fitted[usable] = chosen
         places = fit.start_of(fitted, conditions)
-        if len(places.base_t) <= conditions.series.max():
+        if len(places.base_t) <= conditions.series.max() and not of_distances:
             raise ValueError("a frame of the measurement without poses")
 
         def errors(readings: Array, values: Array) -> Array:
@@ -155,16 +239,23 @@ def _comparison(
 
         return errors
 
-    return ChainComparison(
+    found = ChainComparison(
         conditions.readings[usable],
         fit.values[np.ix_(usable, is_position)],
-        tree.is_revolute,
-        [column.name for column in joint_columns(tree, table.schema.names)],
-        [pair for pair, own in zip(zip(links, names, strict=True), is_position, strict=True) if own],
+        compared.tree.is_revolute,
+        [column.name for column in joint_columns(compared.tree, compared.table.schema.names)],
+        [pair for pair, own in zip(zip(links, compared.names, strict=True), is_position, strict=True) if own],
         [str(pose) for pose, own in zip(conditions.poses, usable, strict=True) if own],
         foreign_share(start),
         errors_at,
     )
+    return replace(found, fewest=max(found.fewest, _fewest(measured))) if of_distances else found
+
+
+def _fewest(measured: MeasuredLinks) -> int:
+    """Fewest poses whose distances determine the places of their ends twice over."""
+    unknown = 3 * int((~np.isfinite(measured.surveyed).all(1)).sum())
+    return -(-2 * unknown // measured.values.shape[1])
 
 
 @dataclass(frozen=True, order=True)
@@ -177,47 +268,65 @@ class _Whole:
     after: float = field(compare=False)
 
 
+def _failed_as_a_whole(tested: RelationTest, whole: list[_Whole]) -> RelationTest:
+    """The test with the best of the slips, and the others that explain it as well."""
+    rivals = tuple(one.slip for one in whole[1:] if one.share < _AS_LIKELY * whole[0].share)
+    return replace(_failed(tested, (whole[0].slip,), whole[0].after), rivals=rivals)
+
+
 def _whole(slip: RecordSlip, after: StartValues) -> Iterator[_Whole]:
     if not does_not_belong(after):
         yield _Whole(after.rms / after.spread, slip, after.rms)
 
 
-def _of_measured(fit: NominalFit, conditions: ChainConditions, usable: Mask) -> Iterator[_Whole]:
-    """Yield units and mirror images of all measured positions that explain the misfit."""
-    for one in units_and_mirror():
+def _of_measured(compared: _Compared, fit: NominalFit) -> Iterator[_Whole]:
+    """Yield units and mirror images of all measured positions, or units of all distances, that explain the misfit."""
+    for one in slips_of_all(fit.values.shape[-1]):
         values = np.where(fit.is_position[:, None], fit.values @ one.matrix, fit.values)
-        yield from _whole(one.slip, fit.start_of(usable, conditions, values))
+        yield from _whole(one.slip, fit.start_of(compared.usable, compared.conditions, values))
 
 
-def _of_description(
-    others: Iterable[tuple[RecordSlip, Tree]],
-    settings: Campaign,
-    measured: MeasuredLinks,
-    conditions: ChainConditions,
-    usable: Mask,
-) -> Iterator[_Whole]:
+def _of_lines(compared: _Compared, fit: NominalFit) -> Iterator[_Whole]:
+    """Yield slips of single distances that explain the misfit."""
+    names, ends = compared.measured.channels.names, compared.measured.ends
+    if ends is None:
+        return
+    for slip, values in slips_of_lines([(names[a], names[b]) for a, b in ends], fit.values):
+        yield from _whole(slip, fit.start_of(compared.usable, compared.conditions, values))
+
+
+def _of_description(compared: _Compared) -> Iterator[_Whole]:
     """Yield slips in the description, each with the chain without it, that explain the misfit."""
-    for slip, other in others:
-        fit = nominal_fit(other, settings, measured, conditions, usable)
-        yield from _whole(slip, fit.start_of(usable, conditions))
+    for slip, other in described_otherwise(compared.chain, compared.rows):
+        yield from _whole(slip, compared.fit_of(other).start_of(compared.usable, compared.conditions))
+
+
+def _constant(compared: _Compared) -> tuple[RecordSlip, ...]:
+    """Columns of readings whose value never changes."""
+    readings = compared.conditions.readings[compared.usable]
+    columns = joint_columns(compared.tree, compared.table.schema.names)
+    still = tuple(column.name for column, own in zip(columns, readings.T, strict=True) if not np.ptp(own))
+    return (RecordSlip(SlipKind.FROZEN, "readings", still),) if still else ()
+
+
+def _hidden(compared: _Compared) -> Iterator[RecordSlip]:
+    """Yield slips in columns of readings with which the chain would fit as well as without."""
+    fit, conditions = compared.fit, compared.conditions
+    few = few_poses(len(conditions.readings))
+    columns = [column.name for column in joint_columns(compared.tree, compared.table.schema.names)]
+    for kind, own, readings in corrected_columns(conditions.readings, compared.tree.is_revolute):
+        if not does_not_belong(fit.start_of(few, replace(conditions, readings=readings))):
+            yield column_slip(kind, [columns[k] for k in own])
 
 
 def _recorded(slip: ColumnSlip, tree: Tree, names: list[str]) -> Iterator[RecordSlip]:
     """Yield the slip with the columns that it concerns; zeros one by one."""
     columns = [joint_columns(tree, names)[k] for k in slip.readings]
-    subjects = tuple(column.name for column in columns)
-    if slip.kind is ColumnSlipKind.EXCHANGED:
-        yield RecordSlip(SlipKind.COLUMNS, "columns of readings", subjects)
-    elif slip.kind is ColumnSlipKind.REVERSED:
-        yield RecordSlip(SlipKind.SIGN, "readings", subjects)
-    elif slip.kind in (ColumnSlipKind.DOWN, ColumnSlipKind.UP):
-        yield RecordSlip(SlipKind.ROWS_SHIFTED, "readings", shift=1 if slip.kind is ColumnSlipKind.DOWN else -1)
-    elif slip.kind is ColumnSlipKind.ZEROS:
+    if slip.kind is ColumnSlipKind.ZEROS:
         for column, offset in zip(columns, slip.offsets, strict=True):
             yield RecordSlip(SlipKind.ZERO, "readings", (column.name,), offset=offset / column.si)
     else:
-        factor = _RADIANS if slip.kind is ColumnSlipKind.RADIANS else 1.0 / _RADIANS
-        yield RecordSlip(SlipKind.UNIT, "readings", subjects, factor=factor, dimension="angle")
+        yield column_slip(slip.kind, [column.name for column in columns])
 
 
 def _without_lone_errors(start: StartValues, usable: Mask) -> Mask:

@@ -20,7 +20,7 @@ from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both
 from truing.belonging.slips_in_rows import Agreement, row_places, slipped_rows
 from truing.simulation.mechanisms.chains.column_slips import ColumnSlipKind, corrected_columns
 
-_WINDOWS, _FEWEST = 12, 6  # stretches of poses that places are fitted to, and the fewest poses of one
+_WINDOWS = 12  # stretches of poses that places are fitted to
 _FEWEST_APART = 3  # fewest poses of a slip that is no exchange of rows
 _LEAST_SHARE = 0.2  # least share of the poses that agree; fewer may do so by chance
 _FAR = 5.0  # typical misfits of poses that agree, beyond which a pose does not
@@ -28,20 +28,21 @@ _LEFT = 0.2  # share of the misfit that may remain where rows are exchanged
 _MOST_EXCHANGED = 200  # most poses among which an exchange is sought
 _SHIFTS = (1, -1, 2, -2, 3, -3)
 _AXES = ("x", "y", "z")
-_MEASURED = "measured positions"
+_MEASURED, _DISTANCES = "measured positions", "distances"
 
 
-# Errors (B, K, 3) at readings (B, n) and values (B, K, 3), with the places of the chain as fitted.
+# Errors (B, K, 3) at readings (B, n) and values (B, K, 3), with the places of the chain as fitted; (B, D, 1) of
+# distances.
 ErrorsAt: TypeAlias = Callable[[NDArray, NDArray], Array]
 
 
 @dataclass(frozen=True)
 class ChainComparison:
-    """A chain and its measured positions: readings (B, n), rad or m, values (B, K, 3), m.
+    """A chain and its measured positions: readings (B, n), rad or m, values (B, K, 3), m; or distances (B, D, 1).
 
     ``errors_at`` gives the errors (B, K, 3), NaN where not seen, at readings and values, with the places of the chain
     fitted to some poses, a mask (B,). ``limit``: misfit, m, above which poses do not belong to their readings.
-    ``targets`` (K,): link and name of each position.
+    ``targets`` (K,): link and name of each position. ``fewest``: fewest poses that determine the places.
     """
 
     readings: NDArray
@@ -52,6 +53,12 @@ class ChainComparison:
     poses: Sequence[str]
     limit: float
     errors_at: Callable[[Mask], ErrorsAt]
+    fewest: int = 6
+
+    @property
+    def is_of_distances(self) -> bool:
+        """True where distances are measured, and not positions."""
+        return self.values.shape[-1] == 1
 
 
 @dataclass(frozen=True)
@@ -88,6 +95,7 @@ def slips_in_poses(compared: ChainComparison) -> RowSlips | None:
         return None
     return (
         _frozen(compared, agreed)
+        or _repeated(compared, agreed)
         or _exchanged(compared, errors_at, agreed)
         or _changed(compared, errors_at, agreed)
         or RowSlips((RecordSlip(SlipKind.STRAY, "readings of", _names(compared, agreed.apart)),))
@@ -102,11 +110,11 @@ def _agreement(compared: ChainComparison) -> tuple[ErrorsAt, Agreement] | None:
     """Return the errors at places fitted to the largest set of agreeing poses, and that set."""
     count = len(compared.readings)
     best: Mask = np.zeros(count, bool)
-    for window in _windows(count):
+    for window in _windows(count, compared.fewest):
         near = _near(compared, window)
         best = near if near.sum() > best.sum() else best
     best = _near(compared, best) if best.any() else best
-    if best.sum() < max(_FEWEST, _LEAST_SHARE * count):
+    if best.sum() < max(compared.fewest, _LEAST_SHARE * count):
         return None
     errors_at = compared.errors_at(best)
     distance = _size(errors_at(compared.readings, compared.values))
@@ -115,10 +123,10 @@ def _agreement(compared: ChainComparison) -> tuple[ErrorsAt, Agreement] | None:
     return errors_at, found
 
 
-def _windows(count: int) -> Iterator[Mask]:
+def _windows(count: int, fewest: int) -> Iterator[Mask]:
     """Yield all poses, and stretches of them, as masks (B,)."""
     yield np.ones(count, bool)
-    length = max(_FEWEST, count // 5)
+    length = max(fewest, count // 5)
     for first in np.unique(np.linspace(0, max(count - length, 0), _WINDOWS).astype(int)).tolist():
         window = np.zeros(count, bool)
         window[first : first + length] = True
@@ -145,7 +153,7 @@ def _rms(values: NDArray) -> float:
 
 
 def _exchanged_names(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agreement) -> RowSlips | None:
-    """Return two targets of a link with each other's name in some poses."""
+    """Return two targets of a link, or two distances, with each other's name in some poses."""
     before = errors_at(compared.readings, compared.values)
     for i, j in combinations(range(len(compared.targets)), 2):
         if compared.targets[i][0] != compared.targets[j][0]:
@@ -159,7 +167,8 @@ def _exchanged_names(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agr
         if rows.sum() >= _FEWEST_APART:
             names = tuple(compared.targets[k][1] for k in (i, j))
             where = row_places(rows, ~rows, compared.poses, ())
-            slip = RecordSlip(SlipKind.PARTS_EXCHANGED, "names of targets", (*names, *where))
+            what = _DISTANCES if compared.is_of_distances else "names of targets"
+            slip = RecordSlip(SlipKind.PARTS_EXCHANGED, what, (*names, *where))
             return RowSlips((slip,), _rms(other[rows]))
     return None
 
@@ -173,6 +182,17 @@ def _frozen(compared: ChainComparison, agreed: Agreement) -> RowSlips | None:
             slip = RecordSlip(SlipKind.FROZEN, "readings", (name, *row_places(still, ~still, compared.poses, ())))
             return RowSlips((slip,))
     return None
+
+
+def _repeated(compared: ChainComparison, agreed: Agreement) -> RowSlips | None:
+    """Return the distances of the poses that disagree, if each equals that of another pose in every digit."""
+    apart = agreed.apart
+    if not compared.is_of_distances or len(apart) < _FEWEST_APART:
+        return None
+    _, row, count = np.unique(compared.values[..., 0], axis=0, return_inverse=True, return_counts=True)
+    if not (count[np.ravel(row)][apart] > 1).all():
+        return None
+    return RowSlips((RecordSlip(SlipKind.COPIED, f"{_DISTANCES} of", _names(compared, apart)),))
 
 
 def _changed(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agreement) -> RowSlips | None:
@@ -219,16 +239,19 @@ def _trials(compared: ChainComparison) -> Iterator[_JointTrial]:
     readings, values = compared.readings, compared.values
     for kind, own, corrected in corrected_columns(readings, compared.is_revolute):
         if kind not in (ColumnSlipKind.DOWN, ColumnSlipKind.UP):
-            yield _JointTrial(_column_slip(kind, [compared.columns[k] for k in own]), corrected, values)
+            yield _JointTrial(column_slip(kind, [compared.columns[k] for k in own]), corrected, values)
     for shift in _SHIFTS:
         yield _JointTrial(
             RecordSlip(SlipKind.ROWS_SHIFTED, "readings", shift=shift), np.roll(readings, -shift, axis=0), values
         )
-    for trial in _changes_of_axes():
+    for trial in _units(_DISTANCES, 1) if compared.is_of_distances else _changes_of_axes():
         yield _JointTrial(trial.slip, readings, values @ trial.matrix)
 
 
-def _column_slip(kind: ColumnSlipKind, names: Sequence[str]) -> RecordSlip:
+def column_slip(kind: ColumnSlipKind, names: Sequence[str]) -> RecordSlip:
+    """Return the record of a slip in columns of readings; a shift concerns them all."""
+    if kind in (ColumnSlipKind.DOWN, ColumnSlipKind.UP):
+        return RecordSlip(SlipKind.ROWS_SHIFTED, "readings", shift=1 if kind is ColumnSlipKind.DOWN else -1)
     if kind is ColumnSlipKind.EXCHANGED:
         return RecordSlip(SlipKind.COLUMNS, "columns of readings", tuple(names))
     if kind is ColumnSlipKind.REVERSED:
@@ -239,22 +262,45 @@ def _column_slip(kind: ColumnSlipKind, names: Sequence[str]) -> RecordSlip:
 
 @dataclass(frozen=True)
 class MeasuredSlip:
-    """A slip of measured positions: right = recorded @ matrix (3, 3)."""
+    """A slip of measured positions or distances: right = recorded @ matrix (3, 3) or (1, 1)."""
 
     slip: RecordSlip
     matrix: Array
 
 
-def units_and_mirror() -> Iterator[MeasuredSlip]:
-    """Yield other units and a mirror image: what shows in measured positions whose frame is unknown."""
+def slips_of_all(size: int) -> Iterator[MeasuredSlip]:
+    """Yield what shows in all measured positions (size 3), whose frame is unknown, or distances (size 1)."""
+    yield from _units(_DISTANCES if size == 1 else _MEASURED, size)
+    if size > 1:
+        yield MeasuredSlip(RecordSlip(SlipKind.MIRRORED, _MEASURED), np.diag([-1.0, 1.0, 1.0]))
+
+
+def slips_of_lines(ends: Sequence[tuple[str, str]], values: NDArray) -> Iterator[tuple[RecordSlip, Array]]:
+    """Yield slips of single distances in all poses, given the names of their ends, with the values (B, D, 1) after its
+    correction: two ends with each other's name, and one distance in another unit."""
+    if len(ends) < 2:
+        return
+    places = {pair: place for place, pair in enumerate(ends)}
+    for first, second in combinations(sorted({name for pair in ends for name in pair}), 2):
+        other = {first: second, second: first}
+        exchanged = [(other.get(a, a), other.get(b, b)) for a, b in ends]
+        if set(exchanged) == set(ends):
+            slip = RecordSlip(SlipKind.PARTS_EXCHANGED, f"ends of {_DISTANCES}", (first, second))
+            yield slip, values[:, [places[pair] for pair in exchanged]]
+    for k, factor in product(range(len(ends)), both_ways(LENGTH_FACTORS)):
+        found = values.copy()
+        found[:, k] *= factor
+        yield RecordSlip(SlipKind.UNIT, _DISTANCES, (" to ".join(ends[k]),), factor=factor), found
+
+
+def _units(what: str, size: int) -> Iterator[MeasuredSlip]:
     for factor in both_ways(LENGTH_FACTORS):
-        yield MeasuredSlip(RecordSlip(SlipKind.UNIT, _MEASURED, factor=factor), factor * np.eye(3))
-    yield MeasuredSlip(RecordSlip(SlipKind.MIRRORED, _MEASURED), np.diag([-1.0, 1.0, 1.0]))
+        yield MeasuredSlip(RecordSlip(SlipKind.UNIT, what, factor=factor), factor * np.eye(size))
 
 
 def _changes_of_axes() -> Iterator[MeasuredSlip]:
     """Yield other units, reversed and exchanged axes of measured positions: what shows where the frame is known."""
-    yield from (one for one in units_and_mirror() if one.slip.kind is SlipKind.UNIT)
+    yield from _units(_MEASURED, 3)
     for signs in product((1.0, -1.0), repeat=3):
         changed = " and ".join(name for name, sign in zip(_AXES, signs, strict=True) if sign < 0.0)
         if changed:

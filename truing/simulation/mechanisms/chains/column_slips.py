@@ -15,6 +15,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from truing.arrays import Mask
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.start_values import StartValues
 
@@ -25,6 +26,7 @@ _EXPLAINED = 0.2
 _MOST_POSES = 60
 # Fewer zeros suffice if their misfit is at most so many times that of all zeros; steps of their fit.
 _AS_GOOD, _STEPS = 2.0, 30
+_MOST_OFFSET = 2  # joints whose reversed, exchanged or rescaled readings another zero may resemble
 
 
 class ColumnSlipKind(StrEnum):
@@ -80,9 +82,7 @@ def likely_slip(
 
     ``start_of`` fits the places to some poses, a mask (B,), under conditions of all poses.
     """
-    count = len(conditions.readings)
-    few = np.zeros(count, bool)
-    few[np.unique(np.linspace(0, count - 1, min(count, _MOST_POSES)).round().astype(int))] = True
+    few = few_poses(len(conditions.readings))
     recorded = start_of(few, conditions)
     before = recorded.rms
     found = []
@@ -90,18 +90,33 @@ def likely_slip(
         after = start_of(few, replace(conditions, readings=readings)).rms
         found.append(ColumnSlip(kind, own, before, after))
     best = min(found, key=lambda slip: slip.after, default=None)
-    if best is not None and best.after < _EXPLAINED * min(before, recorded.spread):
+    is_explained = best is not None and best.after < _EXPLAINED * min(before, recorded.spread)
+    if best is not None and is_explained and not _is_offset(best, conditions, partial(start_of, few)):
         return best
     return _zeros(conditions, partial(start_of, few))
 
 
+def few_poses(count: int) -> Mask:
+    """Mask (B,) of some poses, evenly over the campaign, that suffice for the comparison of slips."""
+    few = np.zeros(count, bool)
+    few[np.unique(np.linspace(0, count - 1, min(count, _MOST_POSES)).round().astype(int))] = True
+    return few
+
+
+def _is_offset(
+    slip: ColumnSlip, conditions: ChainConditions, start_of: Callable[[ChainConditions], StartValues]
+) -> bool:
+    """Return True if other zeros of the same one or two joints explain clearly more: a wrong zero is no slip."""
+    if len(slip.readings) > _MOST_OFFSET:
+        return False
+    zeros = _with_zeros(conditions, slip.readings, start_of(conditions), start_of)
+    return _AS_GOOD * zeros.after < slip.after
+
+
 def _zeros(conditions: ChainConditions, start_of: Callable[[ChainConditions], StartValues]) -> ColumnSlip | None:
-    """Return the fewest zeros whose offsets join readings and measured links; None if all of them do not, or if the fit
-    gives no errors."""
+    """Return the fewest zeros whose offsets join readings and measured links; None if all of them do not."""
     every = tuple(range(conditions.readings.shape[1]))
     before = start_of(conditions)
-    if not before.errors.size:
-        return None
     whole = _with_zeros(conditions, every, before, start_of)
     if whole.after > foreign_share(before):
         return None

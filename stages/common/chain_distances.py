@@ -1,0 +1,110 @@
+"""Distances between ends of a chain: their table as channels, and the fit of the nominal chain to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+import pyarrow as pa
+
+from truing.arrays import Array, Mask
+from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels
+from truing.simulation.mechanisms.chains.distances import GROUND, DistanceModel, distance_errors, distance_start
+from truing.simulation.mechanisms.chains.joint_table import STATION
+from truing.simulation.mechanisms.chains.model import FREE_PLACE, KnownChain
+from truing.simulation.mechanisms.chains.start_values import StartValues
+from truing.simulation.mechanisms.chains.tree import TWIST, Tree
+from truing.stages.common.chain_measurements import MeasuredLinks, survey_of
+from truing.stages.common.chain_start import NominalFit
+from truing.stages.common.point_arrays import number_column, positions
+
+_MM = 1e-3
+
+
+def measured_distances(tables: Mapping[str, pa.Table], tree: Tree, poses: tuple[int | str, ...]) -> MeasuredLinks:
+    """Return every end of a distance as a channel, a station on the ground; values (B, D, 1) are the distances."""
+    table, survey = tables["distances"], tables.get("survey")
+    links, names = ([table.column(f"{end}_{what}").to_pylist() for end in ("from", "to")] for what in ("link", "end"))
+    pairs = [
+        [(link or GROUND, name) for link, name in zip(*own, strict=True)] for own in zip(links, names, strict=True)
+    ]
+    ends = list(dict.fromkeys([*pairs[0], *pairs[1]]))
+    if strange := [link for link, _ in ends if link not in tree.links]:
+        raise ValueError(f"link {strange[0]} is no link of the chain; there are {', '.join(tree.links)}")
+    both = np.array([[ends.index(a), ends.index(b)] for a, b in zip(*pairs, strict=True)])
+    lines, number = np.unique(both, axis=0, return_inverse=True)
+    at = positions(table.column("pose"), poses)
+    known = at >= 0
+    values, cov = np.zeros((len(poses), len(lines), 1)), np.zeros((len(poses), len(lines), 1, 1))
+    seen = np.zeros((len(poses), len(lines)), bool)
+    place = at[known], number.ravel()[known]
+    values[place] = number_column(table, "reading_mm")[known, None] * _MM
+    cov[place] = (number_column(table, "sigma_mm")[known, None, None] * _MM) ** 2
+    seen[place] = True
+    own = {link: {} if survey is None else survey_of(survey, link) for link, _ in ends}
+    nowhere = np.full(3, np.nan), np.full((3, 3), np.nan)
+    surveyed = [own[link].get(name, nowhere) for link, name in ends]
+    channels = MeasuredChannels(
+        tuple(name for _, name in ends),
+        tuple(link for link, _ in ends),
+        np.array([tree.links[link] for link, _ in ends]),
+        np.zeros(len(ends), bool),
+    )
+    reference = np.tile(np.eye(3), (len(poses), len(ends), 1, 1))
+    places, covs = (np.stack(part) for part in zip(*surveyed, strict=True))
+    return MeasuredLinks(channels, values, cov, seen, places, covs, reference, lines)
+
+
+def is_station(measured: MeasuredLinks) -> Mask:
+    """Mask (K,) of the channels that are stations."""
+    return np.array([name.startswith(STATION) for name in measured.channels.names], bool)
+
+
+def fit_of_distances(tree: Tree, measured: MeasuredLinks, conditions: ChainConditions, fitted: Mask) -> NominalFit:
+    """Return the fit of the nominal chain to distances (B, D, 1), with the ground as frame.
+
+    Only stations and targets without a survey have free places.
+    """
+    count, ends = len(measured.values), measured.ends
+    assert ends is not None
+    stations = is_station(measured)
+    free = _nominal(tree, measured, replace(conditions, series=np.zeros(count, np.int64)))
+
+    def at(given: ChainConditions, own: Mask) -> DistanceModel:
+        return free.at(replace(given, series=np.zeros(count, np.int64)).subset(own))
+
+    def start_of(chosen: Mask, given: ChainConditions, other: Array | None = None) -> StartValues:
+        own, of = fitted & chosen, measured.values if other is None else other
+        return distance_start(at(given, own), of[own], measured.seen[own], stations)
+
+    def errors(places: StartValues, given: ChainConditions, of: Array) -> Array:
+        model = at(given, np.ones(count, bool))
+        return distance_errors(replace(model, known=replace(model.known, shape=places.shape)), of, measured.seen)
+
+    R, t = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
+    return NominalFit(R, t, None, False, start_of, errors, measured.values, measured.is_position)
+
+
+def _nominal(tree: Tree, measured: MeasuredLinks, conditions: ChainConditions) -> DistanceModel:
+    """Return the chain as described, whose only unknowns are the places of ends without a survey."""
+    count = len(measured.channels.names)
+    unknown = np.flatnonzero(~np.isfinite(measured.surveyed).all(1))
+    modes = np.zeros((count, 3, len(unknown), 3))
+    modes[unknown, :, np.arange(len(unknown))] = FREE_PLACE * np.eye(3)
+    readings = np.zeros(len(tree.readings))
+    known = KnownChain(
+        np.eye(3)[None],
+        np.zeros((1, 3)),
+        False,
+        np.zeros((tree.size, TWIST, 0)),
+        True,
+        readings,
+        np.nan_to_num(measured.surveyed),
+        modes.reshape(count, 3, -1),
+        np.zeros(3 * len(unknown), bool),
+        np.tile(np.eye(3), (count, 1, 1)),
+        readings,
+    )
+    assert measured.ends is not None
+    return DistanceModel(tree, measured.channels, known, conditions, ends=measured.ends)
