@@ -13,8 +13,6 @@ from truing.inference.rounds import NAMED, RIVAL_FACTOR, Round, is_nonparametric
 from truing.inference.search import CauseCandidate
 
 _MOST_SUBJECTS = 3  # other subjects that are listed for a cause
-# Probability, among all kinds and none, below which a kind is not accepted while another one explains the data too.
-_LEAST_PROBABILITY = 0.05
 
 
 @dataclass(frozen=True)
@@ -43,8 +41,8 @@ def choose(
 ) -> CandidateChoice[CauseT] | None:
     """Return the candidate to accept, at the p-value ``level``; None where no candidate is real.
 
-    This is the kind with the fewest parameters among those that explain the data equally well and have a probability
-    of at least 5 %. A catalogued cause is preferred to a nonparametric effect unless the effect is clearly more
+    This is the kind with the fewest parameters among those that explain the data equally well: none is three times more
+    probable. A catalogued cause is preferred to a nonparametric effect unless the effect is clearly more
     probable. Where a pair explains what a single candidate would absorb, it is the first of the pair. Its rivals are
     then those that do as well in its place. Kinds in ``refused`` are ignored, also as a standard for the others.
     """
@@ -60,8 +58,11 @@ def choose(
     named = [c for c in rivals if c.cause.catalogued and current.posterior(c) >= least]
     left = probabilities({kind: current.posterior(c) for kind, c in current.best.items() if kind not in refused})
     equal = named or unnamed
-    probable = [c for c in equal if left[c.kind] >= _LEAST_PROBABILITY] or [max(equal, key=current.posterior)]
-    chosen = min(probable, key=lambda c: (c.signature.parameters, -current.posterior(c)))
+    best = max(map(current.posterior, equal))
+    chosen = min(
+        (c for c in equal if current.posterior(c) >= best - NAMED),
+        key=lambda c: (c.signature.parameters, -current.posterior(c)),
+    )
     also = tuple((c, current.posterior(c) - current.posterior(chosen)) for c in rivals)
     return CandidateChoice(chosen, also, left[chosen.kind], False, _other_subjects(current, chosen))
 

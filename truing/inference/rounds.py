@@ -39,6 +39,9 @@ _OF_ITS_SIZE, _SAME_GROUND = 0.25, 0.5
 NAMED = float(np.log(3.0))
 # Rivals within this factor of the best in evidence are indistinguishable from it.
 RIVAL_FACTOR = 20.0
+# A candidate explains the same as an accepted one if at most this share of its squares is left next to it; kinds whose
+# squares differ by less than this share have the same effect.
+_LOST, _EQUAL = 0.5, 1e-3
 # Factor on the plausible scales in the test of robustness against them.
 STRETCH = 3.0
 # Prior probability that parameters of like parts have like size instead of independent sizes.
@@ -96,6 +99,7 @@ class Round(Generic[CauseT]):
     candidates: tuple[CauseCandidate[CauseT], ...]
     scores: dict[str, Score] = field(repr=False)  # by the cause's key
     tried: int  # how many candidates there were
+    kinds: dict[str, str] = field(repr=False)  # of all candidates, by the cause's key
     search: Search[CauseT] | None = field(repr=False)  # None once the round is over
 
     def p_value(self, candidate: CauseCandidate[CauseT]) -> float:
@@ -123,6 +127,26 @@ class Round(Generic[CauseT]):
     def posterior(self, candidate: CauseCandidate[CauseT]) -> float:
         """Return a candidate's log posterior odds against the model without it."""
         return self.scores[candidate.key].log_posterior
+
+    def probability_of_name(self, chosen: CauseCandidate[CauseT], later: Round[CauseT]) -> float:
+        """Return the probability of the kind of a candidate among all that explain the same, and none.
+
+        ``later`` is the round after its acceptance. A candidate explains the same if it loses half of its squares
+        there. Each kind has the sum of its candidates, since one of them is enough. A kind that fits equally well in
+        every digit is no alternative: no such campaign separates the two.
+        """
+        squares = self.scores[chosen.key].squares
+        odds: dict[str, list[float]] = {chosen.kind: [self.posterior(chosen)]}
+        for key, score in self.scores.items():
+            after = later.scores.get(key)
+            left = np.inf if after is None else after.squares
+            equal = (
+                len(score.along) == len(chosen.signature.strengths) and abs(score.squares - squares) < _EQUAL * squares
+            )
+            if key != chosen.key and left <= _LOST * score.squares and not (equal and self.kinds[key] != chosen.kind):
+                odds.setdefault(self.kinds[key], []).append(score.log_posterior)
+        whole = {kind: float(np.logaddexp.reduce(own)) for kind, own in odds.items()}
+        return probabilities(whole)[chosen.kind]
 
     @cached_property
     def probabilities(self) -> dict[str, float]:
@@ -322,7 +346,8 @@ def scored(fitted: FittedModel[CauseT], search: Search[CauseT]) -> Round[CauseT]
     along = search.pathways.along(fitted.fit.whitened.rest[None])[0]
     scores = scores_of(search.candidates, fitted, along)
     by_key = {candidate.key: score for candidate, score in zip(search.candidates, scores, strict=True)}
-    return Round(fitted, search.null, tuple(search.candidates), by_key, len(search.candidates), search)
+    kinds = {candidate.key: candidate.kind for candidate in search.candidates}
+    return Round(fitted, search.null, tuple(search.candidates), by_key, len(search.candidates), kinds, search)
 
 
 @dataclass(frozen=True)

@@ -54,6 +54,8 @@ _NO_MORE, _NO_WORSE = 1.002, 1.02
 _MOST_DEPENDENCES = 2
 _MOST_SCATTERS = 2
 _SEVERAL_PERIODS = 2
+# Probability from which on a name is found, among all that explain the same.
+_NAMED = 0.9
 _LEVEL_OF_COURSE = 0.05  # of a model that does not hold: odds of 20 to 1 that a course follows an input
 _ADEQUACY = 8  # stream of random numbers
 
@@ -120,6 +122,7 @@ class _Accepted(Generic[CauseT]):
     before: FittedModel[CauseT]  # the model without it
     after: FittedModel[CauseT]
     is_outdone: bool  # a nonparametric effect was more probable, but was refused
+    probability: float  # of its kind among all that explain the same
 
     @property
     def candidate(self) -> CauseCandidate[CauseT]:
@@ -205,7 +208,8 @@ class CauseSelection(Generic[CauseT]):
         is_named &= bool(searched.kept) or not attributions
         doubt = Reason.INADEQUATE if not holds else None if is_named else Reason.UNNAMED
         verdicts = [self._checked_verdict(verdict, final, doubt, outdone) for verdict in verdicts]
-        is_sure = doubt is None and all(verdict.verdict != SUSPECTED for verdict in verdicts)
+        # Where only the name is open the model is right all the same.
+        is_sure = doubt is None and all(v.verdict != SUSPECTED or v.reason is Reason.ALTERNATIVE for v in verdicts)
         left = "" if is_sure else doubt or Reason.UNNAMED  # residuals of a doubtful model hold more than noise
         return CauseDiagnosis(
             tuple(sorted(verdicts, key=lambda verdict: verdict.rank)),
@@ -294,7 +298,8 @@ class CauseSelection(Generic[CauseT]):
 
         Predictions may contradict it. A catalogued cause is also doubted if the final model is inadequate or holds a
         nonparametric effect of which the cause may be a part. So it is if a nonparametric effect was more probable but
-        refused, or still explains something next to the cause.
+        refused, or still explains something next to the cause; or if other causes that explain the same are too
+        probable.
         """
         if verdict.verdict != FOUND:
             return verdict
@@ -303,9 +308,11 @@ class CauseSelection(Generic[CauseT]):
         if not verdict.cause.catalogued or verdict.cause in self._given:
             return verdict
         verdict = replace(verdict, share_explained=share_explained(final, verdict.cause))
-        if doubt is None and verdict.cause.key not in outdone:
-            return verdict
-        return replace(verdict, verdict=SUSPECTED, reason=doubt or Reason.UNNAMED)
+        if doubt is not None or verdict.cause.key in outdone:
+            return replace(verdict, verdict=SUSPECTED, reason=doubt or Reason.UNNAMED)
+        if verdict.probability < _NAMED:
+            return replace(verdict, verdict=SUSPECTED, reason=Reason.ALTERNATIVE)
+        return verdict
 
     def _searched_with_scatter(
         self,
@@ -363,7 +370,7 @@ class CauseSelection(Generic[CauseT]):
             spread = shape_covariance_factors(self._fitter, final, step.cause, size)
             blocks = self._fitter.blocks
             gain = gain_in_blocks(final, step.cause, size, blocks or ())
-            covariance, probability = reported.covariance * spread, step.chosen.probability
+            covariance, probability = reported.covariance * spread, step.probability
             reported = replace(reported, covariance=covariance, probability=probability, subjects=step.chosen.subjects)
             verdicts.append(replace(reported, blocks_asked=blocks is not None, block_gain=gain))
         verdicts += refuted
@@ -410,7 +417,10 @@ class CauseSelection(Generic[CauseT]):
             if not pairs:
                 continue
             closed = self._closed(rounds)
-            found.append(_Accepted(chosen.light(), closed, cause, closed.fitted, after, outdone))
+            probability = chosen.probability
+            if not chosen.of_two:
+                probability = closed.probability_of_name(chosen.candidate, next_round)
+            found.append(_Accepted(chosen.light(), closed, cause, closed.fitted, after, outdone, probability))
             rounds.append(next_round)
 
     @staticmethod

@@ -34,6 +34,7 @@ class Reason(StrEnum):
     RIVAL = "rival"  # indistinguishable from a cause that was found
     ENDED = "ended"  # significant, but the search reached a limit first
     INADEQUATE = "inadequate"  # the final model does not hold as a whole
+    ALTERNATIVE = "alternative"  # another cause may explain the same
     UNNAMED = "unnamed"  # it may be a part of a nonparametric or unknown effect
     UNPAID = "unpaid"  # predictions do not improve with it
     ELSEWHERE = "elsewhere"  # blocks of epochs left out are less probable with it

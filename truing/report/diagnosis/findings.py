@@ -14,6 +14,7 @@ UNNAMED = ", and no cause of the catalogue explains it"
 DOUBTS = {
     "inadequate": "the model with all accepted causes leaves more than noise, so it is incomplete",
     "unnamed": "an effect that no catalogued cause explains acts as well, and this may be a part of it",
+    "alternative": "other causes, or an effect without a name, may explain the same",
     "held-out": "it predicts held-out data worse than the model without it",
     "elsewhere": "it predicts left-out parts of the campaign (runs, days, regions) worse than the model without it",
     "unpaid": "it does not reduce the error of the simulation",

@@ -45,6 +45,9 @@ _PLAUSIBLE_SIGMAS = 4.0
 _SMOOTH = (1, 2, 3)
 _WAVES_OF_TIME, _WAVES_OF_PLACE = (2, 4, 8, 12), (4, 8)
 _LOOPS = (2, 3, 4)
+# Prior weight of friction with memory relative to another form: it is the only one of previous movements in general,
+# against some twenty of place, time and other columns.
+_OF_HISTORY = 8.0
 # Plausible amplitude of the slowest wave relative to other forms; that of the k-th is k times smaller.
 _OF_A_WALK = 2.0
 # Least number of rows of a stretch, and its largest share of all rows.
@@ -84,6 +87,10 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
     def subject(self) -> str:
         """Encoder, instrument, or the axis for its transmission."""
         return SUBJECTS[self.element]
+
+    def prior(self, scene: AxisScene) -> float:
+        """Return the relative prior weight: friction is more probable than another form."""
+        return _OF_HISTORY if self.form == HISTORY else super().prior(scene)
 
     def inputs(self, legs: int) -> tuple[str, ...]:
         """Return the inputs that it depends on, as the rows of an axis name them."""
