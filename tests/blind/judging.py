@@ -25,7 +25,8 @@ UNLUCKY = 1e-3  # a correct diagnosis fails a judgement at most once in a thousa
 WITHIN_95 = 1.959964
 TOLD = ("found", "indistinguishable")
 SUSPECTED = "suspected"  # no claim: it counts neither for nor against a name
-KEPT = ("cause", "verdict", "subject", "parameters", "follows", "p_value", "probability")
+ALTERNATIVE = "alternative"  # suspected only because others may explain the same: told as indistinguishable from them
+KEPT = ("cause", "verdict", "reason_code", "subject", "parameters", "follows", "p_value", "probability")
 KEPT_NUMBERS = ("rms_before", "rms_after", "heldout_rms_before", "heldout_rms_after", "noise_floor", "log_evidence")
 
 _SAME_FLOOR = 0.2  # of a logarithm
@@ -69,11 +70,11 @@ class Judged:
 
     @cached_property
     def told(self) -> tuple[Finding, ...]:
-        return tuple(_finding(row, self._legs) for row in self.record["findings"] if row["verdict"] in TOLD)
+        return tuple(_finding(row, self._legs) for row in self.record["findings"] if _verdict(row) in TOLD)
 
     @cached_property
     def suspected(self) -> tuple[Finding, ...]:
-        return tuple(_finding(row, self._legs) for row in self.record["findings"] if row["verdict"] == SUSPECTED)
+        return tuple(_finding(row, self._legs) for row in self.record["findings"] if _verdict(row) == SUSPECTED)
 
     @cached_property
     def hidden(self) -> tuple[Hidden, ...]:
@@ -175,11 +176,16 @@ class Judged:
         return before**2 - 1, after**2 - 1
 
 
+def _verdict(row: Record) -> str:
+    is_open = row["verdict"] == SUSPECTED and row.get("reason_code") == ALTERNATIVE
+    return "indistinguishable" if is_open else str(row["verdict"])
+
+
 def _finding(row: Record, legs: int) -> Finding:
     parameters = json.loads(row["parameters"] or "{}")
     return Finding(
         cause=row["cause"],
-        verdict=row["verdict"],
+        verdict=_verdict(row),
         subject=_words(row["subject"], legs),
         follows=frozenset((row["follows"] or "").split()),
         value={name: entry["value"] for name, entry in parameters.items()},

@@ -491,7 +491,8 @@ class CauseSelection(Generic[CauseT]):
         found, held_out = [], self._fitter.held_out
         for step in kept:
             for rival, lead in step.chosen.rivals:
-                if rival.kind != step.candidate.kind and is_worth_reporting(rival, lead):
+                worth = is_worth_reporting(rival, lead) or step.probability < _NAMED
+                if rival.kind != step.candidate.kind and worth:
                     own = self._fitter.fitted((*step.round.fitted.causes, rival.cause.refined()), step.round.fitted)
                     plain = first_order(step.round, rival, INDISTINGUISHABLE, held_out, Reason.RIVAL)
                     odds = step.round.posterior(step.candidate) + lead

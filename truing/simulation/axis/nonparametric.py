@@ -45,9 +45,9 @@ _PLAUSIBLE_SIGMAS = 4.0
 _SMOOTH = (1, 2, 3)
 _WAVES_OF_TIME, _WAVES_OF_PLACE = (2, 4, 8, 12), (4, 8)
 _LOOPS = (2, 3, 4)
-# Prior weight of friction with memory relative to another form: it is the only one of previous movements in general,
-# against some twenty of place, time and other columns.
-_OF_HISTORY = 8.0
+# Prior weights of friction with memory, and of each form of the command, relative to another form. Beside some fifteen
+# other forms of an element, its place and its previous movements have about a fifth of the whole each.
+_OF_HISTORY, _OF_PLACE = 8.0, 2.0
 # Plausible amplitude of the slowest wave relative to other forms; that of the k-th is k times smaller.
 _OF_A_WALK = 2.0
 # Least number of rows of a stretch, and its largest share of all rows.
@@ -89,8 +89,10 @@ class NonparametricAxisEffect(NonparametricEffect[AxisScene], AxisCause):
         return SUBJECTS[self.element]
 
     def prior(self, scene: AxisScene) -> float:
-        """Return the relative prior weight: friction is more probable than another form."""
-        return _OF_HISTORY if self.form == HISTORY else super().prior(scene)
+        """Return the relative prior weight: larger of friction, and of the place."""
+        if self.form == HISTORY:
+            return _OF_HISTORY
+        return _OF_PLACE if self.columns == (COMMAND,) else super().prior(scene)
 
     def inputs(self, legs: int) -> tuple[str, ...]:
         """Return the inputs that it depends on, as the rows of an axis name them."""

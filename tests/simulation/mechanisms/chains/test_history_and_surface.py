@@ -60,3 +60,14 @@ def test_a_history_moves_its_joint_alone_and_ends_with_its_campaign() -> None:
     assert found[2].inputs(5) == ("j3_deg",)
     assert not found[2].is_persistent
     assert len({c.key for c in found}) == 5
+
+
+def test_the_place_of_a_joint_and_its_history_have_a_fifth_of_its_prior_each() -> None:
+    model = campaign(np.random.default_rng(2), 60)
+    found = [c for c in NonparametricChainEffect().candidates(model.scene) if c.joint == "j2"]
+    weight = dict.fromkeys(("history", "place", "other"), 0.0)
+    for candidate in found:
+        own = "place" if candidate.columns == ("j2_deg",) else "other"
+        weight["history" if candidate.form == HISTORY else own] += candidate.prior(model.scene)
+    for own in ("history", "place"):
+        assert 0.15 < weight[own] / sum(weight.values()) < 0.3

@@ -32,9 +32,9 @@ from truing.simulation.nonparametric import (
 BASE = "base"
 # Smooth function of two readings, and of stop operators of the joint's own reading.
 SURFACE, HISTORY = "surface", "history"
-# Prior weight of friction with memory relative to another form: it is the only one of previous movements in general,
-# against some seventy of places, time and other columns.
-_OF_HISTORY = 25.0
+# Prior weights of friction with memory, and of each form of a joint's own reading, relative to another form. Beside
+# some sixty other forms of a joint, its own place and its previous movements have about a fifth of the whole each.
+_OF_HISTORY, _OF_PLACE = 25.0, 6.0
 _MM = 1e-3
 _PLAUSIBLE_RAD, _PLAUSIBLE_M = 3e-4, 2e-4
 _SMOOTH, _WAVES_OF_TIME, _WAVES_OF_TRAVEL = (1, 2, 3), (2, 4, 8), (4, 8)
@@ -67,8 +67,12 @@ class NonparametricChainEffect(NonparametricEffect[ChainScene], ChainCause):
         return f"joint {self.joint}" if self.joint else ""
 
     def prior(self, scene: ChainScene) -> float:
-        """Return the relative prior weight: friction is more probable than another form."""
-        return _OF_HISTORY if self.form == HISTORY else super().prior(scene)
+        """Return the relative prior weight: larger of friction, and of the joint's own place."""
+        if self.form == HISTORY:
+            return _OF_HISTORY
+        machine = scene.inputs_of_machine
+        own = self.joint and machine.conditions.columns[machine.tree.readings.index(self.joint)]
+        return _OF_PLACE if self.columns == (own,) else super().prior(scene)
 
     def needs(self, legs: int) -> tuple[str, ...]:
         """Return the columns, except times, that a prediction needs."""
