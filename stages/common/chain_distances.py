@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Array, Mask
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels
-from truing.simulation.mechanisms.chains.distances import GROUND, DistanceModel, distance_errors, distance_start
 from truing.simulation.mechanisms.chains.joint_table import STATION
-from truing.simulation.mechanisms.chains.model import FREE_PLACE, KnownChain
+from truing.simulation.mechanisms.chains.measured_lines import GROUND, fitted_places, lines_at
 from truing.simulation.mechanisms.chains.start_values import StartValues
-from truing.simulation.mechanisms.chains.tree import TWIST, Tree
+from truing.simulation.mechanisms.chains.tree import Tree
 from truing.stages.common.chain_measurements import MeasuredLinks, survey_of
 from truing.stages.common.chain_start import NominalFit
 from truing.stages.common.point_arrays import number_column, positions
@@ -62,49 +60,27 @@ def is_station(measured: MeasuredLinks) -> Mask:
 
 
 def fit_of_distances(tree: Tree, measured: MeasuredLinks, conditions: ChainConditions, fitted: Mask) -> NominalFit:
-    """Return the fit of the nominal chain to distances (B, D, 1), with the ground as frame.
+    """Return the fit of the nominal chain to distances (B, D, 1), with the base as frame.
 
-    Only stations and targets without a survey have free places.
+    Only stations and targets without a survey have free places. The spread includes the movement of one end as seen
+    from the other: the length of a bar shows none.
     """
-    count, ends = len(measured.values), measured.ends
+    count, ends, node = len(measured.values), measured.ends, measured.channels.node
     assert ends is not None
-    stations = is_station(measured)
-    free = _nominal(tree, measured, replace(conditions, series=np.zeros(count, np.int64)))
-
-    def at(given: ChainConditions, own: Mask) -> DistanceModel:
-        return free.at(replace(given, series=np.zeros(count, np.int64)).subset(own))
+    free = np.flatnonzero(~np.isfinite(measured.surveyed).all(1))
+    tools = np.tile(np.eye(3), (len(node), 1, 1))
 
     def start_of(chosen: Mask, given: ChainConditions, other: Array | None = None) -> StartValues:
         own, of = fitted & chosen, measured.values if other is None else other
-        return distance_start(at(given, own), of[own], measured.seen[own], stations)
+        lines = lines_at(tree, node, ends, given.subset(own), of[own, :, 0], measured.seen[own])
+        shape = fitted_places(lines, np.nan_to_num(measured.surveyed), free, is_station(measured))
+        errors = lines.errors(shape)[..., None]
+        rms = float(np.sqrt(np.nanmean(errors**2)))
+        return StartValues(np.eye(3)[None], np.zeros((1, 3)), shape, tools, rms, lines.spread(shape), errors)
 
-    def errors(places: StartValues, given: ChainConditions, of: Array) -> Array:
-        model = at(given, np.ones(count, bool))
-        return distance_errors(replace(model, known=replace(model.known, shape=places.shape)), of, measured.seen)
+    def errors_at(places: StartValues, given: ChainConditions, of: Array) -> Array:
+        lines = lines_at(tree, node, ends, given, of[..., 0], measured.seen)
+        return lines.errors(places.shape)[..., None]
 
     R, t = np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
-    return NominalFit(R, t, None, False, start_of, errors, measured.values, measured.is_position)
-
-
-def _nominal(tree: Tree, measured: MeasuredLinks, conditions: ChainConditions) -> DistanceModel:
-    """Return the chain as described, whose only unknowns are the places of ends without a survey."""
-    count = len(measured.channels.names)
-    unknown = np.flatnonzero(~np.isfinite(measured.surveyed).all(1))
-    modes = np.zeros((count, 3, len(unknown), 3))
-    modes[unknown, :, np.arange(len(unknown))] = FREE_PLACE * np.eye(3)
-    readings = np.zeros(len(tree.readings))
-    known = KnownChain(
-        np.eye(3)[None],
-        np.zeros((1, 3)),
-        False,
-        np.zeros((tree.size, TWIST, 0)),
-        True,
-        readings,
-        np.nan_to_num(measured.surveyed),
-        modes.reshape(count, 3, -1),
-        np.zeros(3 * len(unknown), bool),
-        np.tile(np.eye(3), (count, 1, 1)),
-        readings,
-    )
-    assert measured.ends is not None
-    return DistanceModel(tree, measured.channels, known, conditions, ends=measured.ends)
+    return NominalFit(R, t, None, False, start_of, errors_at, measured.values, measured.is_position)

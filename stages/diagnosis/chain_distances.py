@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from truing.simulation.mechanisms.chains.conditions import MeasuredChannels
-from truing.simulation.mechanisms.chains.distances import DistanceModel
 from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.stages.common.chain_measurements import MeasuredLinks
 
@@ -57,20 +56,3 @@ def with_places(start: StartValues, measured: MeasuredLinks) -> StartValues:
     rest = np.nan_to_num(measured.surveyed[count:])
     tools = np.tile(np.eye(3), (len(rest), 1, 1))
     return replace(start, shape=np.concatenate([start.shape, rest]), tool=np.concatenate([start.tool, tools]))
-
-
-def only_beyond(model: DistanceModel, count: int) -> DistanceModel:
-    """The nominal chain with the places of the channels from ``count`` on as its only unknowns."""
-    known = model.known
-    own = ~known.shape_modes[:count].any((0, 1))
-    known = replace(
-        known,
-        is_base_free=False,
-        modes=known.modes[..., :0],
-        offsets=0.0 * known.offsets,
-        reading_sigma=0.0 * known.reading_sigma,
-        shape_modes=known.shape_modes[..., own],
-        shape_known=known.shape_known[own],
-        end_modes=None,
-    )
-    return replace(model, known=known)

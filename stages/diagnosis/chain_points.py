@@ -20,7 +20,8 @@ from truing.simulation.mechanisms.chains.causes import ChainCause, JointOffset, 
 from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, ColumnSlipKind, does_not_belong, likely_slip
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
-from truing.simulation.mechanisms.chains.distances import DistanceModel, distance_start, with_ground
+from truing.simulation.mechanisms.chains.distances import DistanceModel
+from truing.simulation.mechanisms.chains.measured_lines import fitted_places, lines_at, with_ground
 from truing.simulation.mechanisms.chains.model import FREE_PLACE, ChainModel, KnownChain
 from truing.simulation.mechanisms.chains.motor_encoders import MotorTerm, motor_terms
 from truing.simulation.mechanisms.chains.offsets import offsets_beyond_tolerance
@@ -41,7 +42,7 @@ from truing.stages.common.chain_start import nominal_fit
 from truing.stages.common.chain_tables import joint_readings, motor_readings, tree_of
 from truing.stages.common.missing_data import HELD_OUT
 from truing.stages.common.point_arrays import pose_ids, roles_of
-from truing.stages.diagnosis.chain_distances import only_beyond, with_distances, with_places
+from truing.stages.diagnosis.chain_distances import with_distances, with_places
 from truing.stages.diagnosis.chain_results import results, text_of_model
 from truing.stages.diagnosis.diagnosis_data import Channels, DiagnosisData, ReportedRms
 
@@ -223,9 +224,18 @@ def _mixed_model(
     known = _known(tree, settings, measured, with_places(start, measured), True)
     free = DistanceModel(tree, measured.channels, known, conditions, ends=measured.ends)
     free = replace(free, coordinates=measured.coordinates)
-    own = replace(conditions, readings=right.readings).subset(fitted)
-    bare = only_beyond(free.at(own), len(points.channels.names))
-    shape = distance_start(bare, measured.values[fitted], measured.seen[fitted], stations).shape
+    own, first, count = right.subset(fitted), len(measured.coordinates), len(points.channels.names)
+    lines = lines_at(
+        tree,
+        measured.channels.node,
+        measured.ends,
+        own,
+        measured.values[fitted, first:, 0],
+        measured.seen[fitted, first:],
+        (known.base_R, known.base_t),
+    )
+    unknown = np.flatnonzero(~np.isfinite(measured.surveyed).all(1))
+    shape = fitted_places(lines, known.shape, unknown[unknown >= count], stations)
     return Frames.of_numbers(len(measured.values)), replace(free, known=replace(known, shape=shape)), certain
 
 

@@ -23,7 +23,7 @@ from truing.simulation.mechanisms.chains.column_slips import (
     likely_slip,
 )
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
-from truing.simulation.mechanisms.chains.distances import GROUND, with_ground
+from truing.simulation.mechanisms.chains.measured_lines import GROUND, with_ground
 from truing.simulation.mechanisms.chains.notations import DenavitHartenberg
 from truing.simulation.mechanisms.chains.start_values import StartValues
 from truing.simulation.mechanisms.chains.tree import Tree

@@ -17,8 +17,9 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.cause import Effect, Scene
 from truing.simulation.mechanisms.chains.causes import ChainCause
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
-from truing.simulation.mechanisms.chains.distances import GROUND, DistanceModel
+from truing.simulation.mechanisms.chains.distances import DistanceModel
 from truing.simulation.mechanisms.chains.joint_table import STATION
+from truing.simulation.mechanisms.chains.measured_lines import GROUND
 from truing.simulation.mechanisms.chains.model import ChainModel
 from truing.simulation.mechanisms.chains.tree import Tree
 from truing.stages.common.chain_tables import joint_readings

@@ -22,9 +22,9 @@ from truing.simulation.mechanisms.chains.causes import (
     JointGain,
     JointOffset,
 )
-from truing.simulation.mechanisms.chains.distances import with_ground
 from truing.simulation.mechanisms.chains.extended_model import ExtendedChain
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
+from truing.simulation.mechanisms.chains.measured_lines import with_ground
 from truing.simulation.mechanisms.chains.notations import (
     MODIFIED,
     DenavitHartenberg,

@@ -1,0 +1,124 @@
+"""Distances between ends of a chain, and the places of ends that fit them, with the nominal chain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truing.arrays import Array, Index, Mask
+from truing.simulation.mechanisms.chains.conditions import ChainConditions
+from truing.simulation.mechanisms.chains.tree import Node, Tree
+
+_ROUNDS = 60
+_SETTLED = 1e-9  # largest step, in scales of a place
+_SCALE = 0.05  # of a place, m
+_WEAK = 1e-7  # of a free place's prior, against residuals in m
+# Link of the stations, which does not move with the base.
+GROUND = "ground of the stations"
+
+
+def with_ground(tree: Tree) -> Tree:
+    """Return the tree with one more link, beside the base, for the stations."""
+    return replace(tree, nodes=(*tree.nodes, Node("", GROUND, -1, np.eye(3), np.zeros(3))))
+
+
+@dataclass(frozen=True)
+class MeasuredLines:
+    """Distances (B, D), m, at frames R (B, K, 3, 3), t (B, K, 3) of the links of the channels, between ``ends``
+    (D, 2)."""
+
+    R: NDArray
+    t: NDArray
+    ends: Index
+    lengths: NDArray
+    seen: Mask
+
+    def points(self, shape: NDArray) -> Array:
+        """Return the channels (B, K, 3) at places (K, 3) in their links."""
+        return np.asarray(self.t + np.einsum("bkij,kj->bki", self.R, shape))
+
+    def apart(self, shape: NDArray) -> Array:
+        """Return the first end of each distance as seen from the second (B, D, 3)."""
+        points = self.points(shape)
+        return np.asarray(points[:, self.ends[:, 0]] - points[:, self.ends[:, 1]])
+
+    def errors(self, shape: NDArray) -> Array:
+        """Return measured less predicted distances (B, D); NaN where not seen."""
+        return np.where(self.seen, self.lengths - np.linalg.norm(self.apart(shape), axis=-1), np.nan)
+
+    def slopes(self, shape: NDArray, modes: NDArray) -> Array:
+        """Return the derivatives (B, D, W) of the distances by errors of the places (K, 3, W)."""
+        apart = self.apart(shape)
+        unit = apart / np.maximum(np.linalg.norm(apart, axis=-1, keepdims=True), 1e-300)
+        moved = self.R @ modes
+        return np.einsum("bdi,bdiw->bdw", unit, moved[:, self.ends[:, 0]] - moved[:, self.ends[:, 1]])
+
+    def spread(self, shape: NDArray) -> float:
+        """Return the root mean square of distances about their means, and of one end as seen from the other."""
+        seen = self.seen[..., None]
+        moved = np.concatenate([self.lengths[..., None], self.apart(shape)], -1)
+        mean = np.sum(moved * seen, 0) / np.maximum(np.sum(seen, 0), 1)
+        return float(np.sqrt(np.mean(((moved - mean) ** 2)[self.seen])))
+
+
+def lines_at(
+    tree: Tree,
+    node: Index,
+    ends: Index,
+    conditions: ChainConditions,
+    lengths: NDArray,
+    seen: Mask,
+    base: tuple[NDArray, NDArray] | None = None,
+) -> MeasuredLines:
+    """Return distances (B, D) between channels of nodes (K,), by the nominal chain at its readings.
+
+    ``base``: R (S, 3, 3), t (S, 3) of the base in each frame of the measurement; the base is the frame if absent.
+    """
+    own = None if base is None else (base[0][conditions.series], base[1][conditions.series])
+    frames = tree.frames(conditions.readings, conditions.deviations, own)
+    return MeasuredLines(frames.R[:, node], frames.t[:, node], ends, lengths, seen)
+
+
+def fitted_places(lines: MeasuredLines, shape: NDArray, free: Index, stations: Mask) -> Array:
+    """Return places (K, 3) of channels, of which those ``free`` are fitted; stations (K,) start from squares of their
+    distances."""
+    found = shape.copy()
+    for k in np.flatnonzero(stations):
+        found[k] = _station(lines, int(k), shape)
+    modes = np.zeros((len(shape), 3, len(free), 3))
+    modes[free, :, np.arange(len(free))] = _SCALE * np.eye(3)
+    return _settled(lines, found, modes.reshape(len(shape), 3, -1))
+
+
+def _station(lines: MeasuredLines, k: int, shape: NDArray) -> Array:
+    """Return the place (3,) of a station in its link, which stands still, by the squares of its distances to places
+    (K, 3), which are linear in it."""
+    rows, squares, nominal = [], [], lines.points(shape)
+    for d, (a, b) in enumerate(lines.ends):
+        if k in (a, b):
+            own = lines.seen[:, d]
+            points = nominal[own, b if a == k else a]
+            rows.append(np.concatenate([-2.0 * points, np.ones((len(points), 1))], 1))
+            squares.append(lines.lengths[own, d] ** 2 - np.sum(points**2, -1))
+    found = np.linalg.lstsq(np.concatenate(rows), np.concatenate(squares), rcond=1e-9)[0]
+    return np.asarray(lines.R[0, k].T @ (found[:3] - lines.t[0, k]))
+
+
+def _settled(lines: MeasuredLines, shape: NDArray, modes: NDArray) -> Array:
+    """Return the places (K, 3) of the least-squares fit, by damped steps over their errors (K, 3, W)."""
+    damping, best = 1e-6, float(np.nansum(lines.errors(shape) ** 2))
+    for _ in range(_ROUNDS if modes.shape[-1] else 0):
+        rows = lines.slopes(shape, modes)[lines.seen]
+        normal = rows.T @ rows + _WEAK**2 * np.eye(modes.shape[-1])
+        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), rows.T @ lines.errors(shape)[lines.seen])
+        moved = shape + modes @ step
+        now = float(np.nansum(lines.errors(moved) ** 2))
+        if now > best:
+            damping *= 10.0
+        else:
+            shape, best, damping = moved, now, max(damping / 10.0, 1e-12)
+        if np.abs(step).max() < _SETTLED or damping > 1e6:
+            break
+    return np.asarray(shape)
