@@ -87,8 +87,10 @@ def likely_slip(
     before = recorded.rms
     found = []
     for kind, own, readings in corrected_columns(conditions.readings, is_revolute):
-        after = start_of(few, replace(conditions, readings=readings)).rms
-        found.append(ColumnSlip(kind, own, before, after))
+        after = start_of(few, replace(conditions, readings=readings))
+        # Of distances the spread is that of the machine: one that stands still explains nothing.
+        if after.rms * recorded.spread < _EXPLAINED * before * after.spread:
+            found.append(ColumnSlip(kind, own, before, after.rms))
     best = min(found, key=lambda slip: slip.after, default=None)
     is_explained = best is not None and best.after < _EXPLAINED * min(before, recorded.spread)
     if best is not None and is_explained and not _is_offset(best, conditions, partial(start_of, few)):
