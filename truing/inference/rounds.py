@@ -132,8 +132,8 @@ class Round(Generic[CauseT]):
         """Return the probability of the kind of a candidate among all that explain the same, and none.
 
         ``later`` is the round after its acceptance. A candidate explains the same if it loses half of its squares
-        there. Each kind has the sum of its candidates, since one of them is enough. A kind that fits equally well in
-        every digit is no alternative: no such campaign separates the two.
+        there. Each kind has the sum of its candidates, since one of them is enough. A kind with as many parameters or
+        more that has the same effect is no alternative: no such campaign separates the two.
         """
         squares = self.scores[chosen.key].squares
         odds: dict[str, list[float]] = {chosen.kind: [self.posterior(chosen)]}
@@ -141,7 +141,7 @@ class Round(Generic[CauseT]):
             after = later.scores.get(key)
             left = np.inf if after is None else after.squares
             equal = (
-                len(score.along) == len(chosen.signature.strengths) and abs(score.squares - squares) < _EQUAL * squares
+                len(score.along) >= len(chosen.signature.strengths) and abs(score.squares - squares) < _EQUAL * squares
             )
             if key != chosen.key and left <= _LOST * score.squares and not (equal and self.kinds[key] != chosen.kind):
                 odds.setdefault(self.kinds[key], []).append(score.log_posterior)

@@ -155,6 +155,7 @@ def _weights(causes: Iterable[CauseT], scene: Scene[CauseT]) -> NDArray:
 
 # Sizes of the trials, relative to the one that theory expects to be found with 80 % probability.
 FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)
+_OPEN = "alternative"  # reason code of a name that others may replace
 _NOTHING = -1
 
 
@@ -290,11 +291,14 @@ def trials(
 
 
 def trial_answer(trial: Trial, rows: Iterable[Mapping[str, Any]]) -> Answer:
-    """Compare rows of diagnosis.parquet with the hidden effect; indistinguishable candidates count as named too."""
+    """Compare rows of diagnosis.parquet with the hidden effect; indistinguishable candidates count as named too.
+
+    An effect of which only the name is open, among alternatives, is found.
+    """
     listed = list(rows)
-    found = [row for row in listed if row["verdict"] == "found"]
+    found = [row for row in listed if row["verdict"] == "found" or row.get("reason_code") == _OPEN]
     hidden = trial.effects[0].cause if trial.effects else None
-    alike = [r for r in listed if r["verdict"] in ("found", "indistinguishable")] if found else []
+    alike = [*found, *(row for row in listed if row["verdict"] == "indistinguishable")] if found else []
     own = [row for row in alike if hidden is not None and row["cause"] == hidden.id]
     return Answer(
         trial.question,
