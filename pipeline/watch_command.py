@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 
 import pandas as pd
 
+from truing.estimation.repeated_looks import Look, counted_looks, is_decided, next_count
 from truing.formats.source import raw_files
 from truing.pipeline.artifacts import table_of
 from truing.pipeline.campaign_folder import CampaignFolder, run_folder_of
@@ -21,11 +22,26 @@ from truing.pipeline.executor import processors
 from truing.pipeline.exit_status import end
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.run_campaign import RunOptions, run_campaign, usable_campaign
+from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.watch_page import WatchServer, serving
-from truing.report.watching import Enough, Watched, watched
+from truing.pipeline.whole_file import write_atomically
+from truing.report.watching import Enough, Watched, requirement_look, watched
 from truing.schemas.faults import CampaignFaults, Fault
 
-_TABLES = ("verdict", "next_measurements", "configurations", "observations", "residuals", "readings", "signals")
+_LOOKS = "looks.json"
+_TABLES = (
+    "verdict",
+    "requirements",
+    "model_choice",
+    "joints",
+    "axis_errors",
+    "next_measurements",
+    "configurations",
+    "observations",
+    "residuals",
+    "readings",
+    "signals",
+)
 
 Snapshot = Mapping[str, tuple[int, int]]  # size and time of change of each file
 
@@ -78,16 +94,55 @@ class _Watch:
         faults = tuple(line for is_warning, line in recorder.lines if is_warning) if unusable else ()
         run = self.run
         tables = {} if faults or run is None else _tables(run)
-        self.state = watched(self.place.resolve().name, self.number, datetime.now(), tables, faults)
-        return self.state
+        state = watched(self.place.resolve().name, self.number, datetime.now(), tables, faults)
+        if run is not None and (found := requirement_look(tables)) is not None:
+            counted = self._counted(run, Look(found.poses, found.decision, found.p_value))
+            state = replace(state, is_confirmed=is_decided(counted), poses_to_confirm=next_count(counted))
+        self.state = state
+        return state
+
+    def _counted(self, run: Path, look: Look) -> list[Look]:
+        """The looks that count, with this one; they are kept beside the run, so that another watch goes on counting."""
+        kept = _KeptLooks(run / PRIVATE / _LOOKS, self._asked())
+        # With fewer poses than before, poses were taken out: what was seen with them counts no more.
+        counted = counted_looks([*(one for one in kept.read() if one.count <= look.count), look])
+        kept.write(counted)
+        return counted
+
+    def _asked(self) -> object:
+        """What [requirement] asks for: looks at another question do not count."""
+        campaign = self.campaign
+        return None if campaign is None else campaign.section("requirement")
 
     def _run(self, console: RunConsole) -> ExitCode:
         campaign = usable_campaign(self.place)
         return run_campaign(campaign, run_folder_of(campaign, self.out, several=False), self.options, console)
 
 
+@dataclass(frozen=True)
+class _KeptLooks:
+    """Looks at the requirements of a run, in a file, so that a watch that starts again goes on counting."""
+
+    file: Path
+    asked: object
+
+    def read(self) -> tuple[Look, ...]:
+        """Return the looks; none if the file is missing, damaged, or about other requirements."""
+        try:
+            told = json.loads(self.file.read_text(encoding="utf-8"))
+            found = tuple(Look(int(one["count"]), str(one["decision"]), float(one["p_value"])) for one in told["looks"])
+            return found if told["requirement"] == self.asked else ()
+        except (OSError, ValueError, KeyError, TypeError):
+            return ()
+
+    def write(self, looks: Sequence[Look]) -> None:
+        """Keep these looks instead."""
+        told = {"requirement": self.asked, "looks": [asdict(look) for look in looks]}
+        write_atomically(self.file, json.dumps(told).encode())
+
+
 def watch_campaign(place: Path, out: Path | None, options: WatchOptions, console: RunConsole) -> ExitCode:
-    """Run a campaign after every change of its files, until its requirements are decided.
+    """Run a campaign after every change of its files, until its requirements are decided and confirmed.
 
     A file counts as changed when it stays the same between two looks. A campaign that cannot be used yet is reported
     and watched further. Raises CampaignFaults if the folder does not exist, EnvironmentProblem if the port is taken.

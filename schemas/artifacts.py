@@ -407,7 +407,7 @@ _CALIBRATION = (
         "requirements",
         "required and achieved accuracy",
         "model* deformation* component* requirement error lower upper unit verdict message",
-        optional="poses_judged measurements lower_expected upper_expected",
+        optional="poses_judged p_value measurements lower_expected upper_expected",
     ),
     parquet(
         "uncertainty",

@@ -35,10 +35,18 @@ class Replay:
     limits_mm: tuple[float, ...]
     poses: tuple[int, ...]
     key: str = "x_mm"
+    excluded: tuple[int, ...] = ()  # poses with a wrong target, which the check of belonging names
 
 
 REPLAYS = (
-    Replay("irb120-faro-chain", 0, (0.6, 1.0, 1.5, 2.5), (20, 30, 40, 60, 80, 120, 160, 240, 400)),
+    Replay(
+        "irb120-faro-chain",
+        0,
+        (0.6, 1.0, 1.5, 2.5),
+        (20, 30, 40, 60, 80, 120, 160, 240, 400),
+        "x_mm",
+        (22, 51, 136, 400),
+    ),
     Replay("ipa-ur10-random", 1, (0.6, 1.0), (20, 30, 40, 60, 80, 120, 160, 240, 400)),
 )
 
@@ -53,12 +61,18 @@ def grown(replay: Replay, poses: int, limit_mm: float, folder: Path) -> Path:
             lines = whole.splitlines(keepends=True)[: replay.header + poses]
             (folder / file.name.removesuffix(".gz")).write_bytes(b"".join(lines))
         text = re.sub(rf'"[^"]*shared/data/{re.escape(pattern)}"', f'"{Path(pattern).name.removesuffix(".gz")}"', text)
-    (folder / "campaign.toml").write_text(f"{text}\n[requirement]\n{replay.key} = {limit_mm}\n", encoding="utf-8")
+    out = [
+        f'[[exclude]]\npose = {pose}\nby = "replay"\nreason = "joints-against-links names it"\n'
+        for pose in replay.excluded
+        if pose <= poses
+    ]
+    asked = f"[requirement]\n{replay.key} = {limit_mm}\n"
+    (folder / "campaign.toml").write_text("\n".join([text, asked, *out]), encoding="utf-8")
     return folder
 
 
-def _watched(folder: Path) -> dict[str, Any]:
-    words = ["watch", str(folder), "--once", "--json", "--interval", "0.1", "--out", f"{folder}-run"]
+def _watched(folder: Path, run: Path) -> dict[str, Any]:
+    words = ["watch", str(folder), "--once", "--json", "--interval", "0.1", "--out", str(run)]
     done = CliRunner().invoke(app, words)
     told: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     return told
@@ -71,19 +85,35 @@ def _decision(told: dict[str, Any]) -> str:
 
 
 def rows(replays: Sequence[Replay], folder: Path) -> Iterator[tuple[str, ...]]:
-    """Rows of the table: campaign, requirement, poses until the decision, decision, decision by all poses."""
+    """Rows of the table: campaign, requirement, first decision of one look, where the watch ends, and by all poses.
+
+    All looks of a replay are one watch: one campaign folder that grows, and one run.
+    """
     for replay in replays:
         for limit in replay.limits_mm:
-            decisions = {}
+            decisions, ended = dict[int, str](), dict[int, str]()
+            own = folder / f"{replay.name}-{limit}"
             for poses in replay.poses:
-                place = grown(replay, poses, limit, folder / f"{replay.name}-{limit}-{poses}")
-                decisions[poses] = _decision(_watched(place))
-                sys.stdout.write(f"{replay.name} {limit} mm, {poses} poses: {decisions[poses]}\n")
+                told = _watched(grown(replay, poses, limit, own), Path(f"{own}-run"))
+                decisions[poses] = _decision(told)
+                if told["enough"] == "enough":
+                    ended[poses] = decisions[poses]
+                sys.stdout.write(f"{replay.name} {limit} mm, {poses} poses: {decisions[poses]}, {told['enough']}\n")
                 sys.stdout.flush()
-            first = next((poses for poses, found in decisions.items() if found in ("met", "not-met")), None)
-            last = decisions[replay.poses[-1]]
-            told = ("–", "–") if first is None else (str(first), decisions[first].replace("-", " "))
-            yield replay.name, f"{limit:g} mm", *told, last.replace("-", " ")
+            first = next(((n, found) for n, found in decisions.items() if found in ("met", "not-met")), None)
+            end = next(iter(ended.items()), None)
+            yield (
+                replay.name,
+                f"{limit:g} mm",
+                _words(first),
+                _words(end),
+                decisions[replay.poses[-1]].replace("-", " "),
+            )
+
+
+def _words(decision: tuple[int, str] | None) -> str:
+    """``met at 60`` poses; a dash where nothing was decided."""
+    return "–" if decision is None else f"{decision[1].replace('-', ' ')} at {decision[0]}"
 
 
 def main() -> None:
@@ -91,7 +121,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         found = list(rows(REPLAYS, Path(folder)))
     last = REPLAYS[0].poses[-1]
-    head = f"| campaign | limit of x | poses until decided | decision | with {last:,} poses |\n{'| --- ' * 5}|\n"
+    heads = "campaign", "limit of x", "first decision", "watch ends", f"with {last:,} poses"
+    head = f"| {' | '.join(heads)} |\n{'| --- ' * len(heads)}|\n"
     table = head + "".join(f"| {' | '.join(row)} |\n" for row in found)
     before, rest = PAGE.read_text(encoding="utf-8").split(_MARKS[0])
     after = rest.split(_MARKS[1])[1]

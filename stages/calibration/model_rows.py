@@ -14,6 +14,7 @@ from truing.calibration.accuracy import (
     Decision,
     Figure,
     PoseErrors,
+    chance_at_limit,
     deciding_pose_count,
     error_figures,
     error_of_95_percent,
@@ -192,6 +193,8 @@ def requirement_rows(
             unit=unit,
             verdict=verdict,
             message=f"{component}: {words}",
+            poses_judged=int(np.isfinite(own).sum()) or None,
+            p_value=chance_at_limit(own, noise, limit) if found else None,
             **(_open(decision) if verdict == "undecided" else _open(None)),
         )
     return rows
@@ -200,10 +203,9 @@ def requirement_rows(
 def _open(decision: Decision | None) -> dict[str, float | int | None]:
     """Measurement that would decide an undecided requirement; empty for others."""
     if decision is None:
-        return dict.fromkeys(("poses_judged", "measurements", "lower_expected", "upper_expected"))
+        return dict.fromkeys(("measurements", "lower_expected", "upper_expected"))
     then = (None, None) if decision.then is None else (decision.then.lower, decision.then.upper)
     return {
-        "poses_judged": decision.poses,
         "measurements": decision.more_poses,
         "lower_expected": then[0],
         "upper_expected": then[1],

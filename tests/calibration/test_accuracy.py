@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.calibration.accuracy import Decision, deciding_pose_count, error_of_95_percent
+from truing.calibration.accuracy import Decision, chance_at_limit, deciding_pose_count, error_of_95_percent
 
 TRIALS, POSES, MACHINE, NOISE = 2000, 30, 3.0, 1.0
 TRUE = 1.959964 * MACHINE
@@ -101,3 +101,17 @@ def test_a_requirement_decided_or_at_its_limit_asks_for_no_further_poses() -> No
     assert deciding_pose_count(errors, variances, 0.5 * found.lower) is None
     assert deciding_pose_count(np.full(3, np.nan), variances, 1.0) is None
     assert deciding_pose_count(errors, variances, found.value) == Decision(3)
+
+
+def test_the_p_value_of_a_limit_at_an_end_of_the_interval_is_that_of_the_interval() -> None:
+    errors = np.random.default_rng(4).normal(scale=np.hypot(MACHINE, NOISE), size=POSES)
+    variances = np.full(POSES, NOISE**2)
+    found = error_of_95_percent(errors, variances)
+    assert found is not None
+    for limit in (found.lower, found.upper):
+        assert chance_at_limit(errors, variances, limit) == pytest.approx(0.05)
+    assert (
+        chance_at_limit(errors, variances, 1.2 * found.upper) < 0.05 < chance_at_limit(errors, variances, found.value)
+    )
+    assert chance_at_limit(np.zeros(3), np.zeros(3), 0.0) == 1.0
+    assert np.isnan(chance_at_limit(np.full(3, np.nan), np.ones(3), 1.0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import math
 import os
 import shutil
 import signal
@@ -13,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -23,10 +25,18 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.blind.generator.arms import draw, write
+from truing.estimation.repeated_looks import Look
 from truing.pipeline.command_line import app
-from truing.pipeline.watch_command import _changes, _Watch
+from truing.pipeline.run_folder import PRIVATE
+from truing.pipeline.watch_command import _changes, _KeptLooks, _Watch
 from truing.pipeline.watch_page import WatchServer, serving
-from truing.report.watching import SECONDS_BETWEEN_LOOKS, Enough, watched
+from truing.report.watching import (
+    SECONDS_BETWEEN_LOOKS,
+    Enough,
+    RequirementLook,
+    requirement_look,
+    watched,
+)
 
 NOW = datetime(2026, 3, 1, 12, 0, 0)
 
@@ -41,16 +51,20 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def _tables(reason: str, state: str = "ok", section: str = "requirements") -> dict[str, pd.DataFrame]:
+def _tables(
+    reason: str, state: str = "ok", section: str = "requirements", adequacy: str = "ok"
+) -> dict[str, pd.DataFrame]:
     row = {"section": section, "state": state, "reason_code": reason, "explanation": "Told.", "value": np.nan}
-    return {"verdict": pd.DataFrame([row | {"unit": None, "limit": np.nan}])}
+    model = row | {"section": "adequacy", "state": adequacy, "reason_code": "within-noise"}
+    return {"verdict": pd.DataFrame([one | {"unit": None, "limit": np.nan} for one in (model, row)])}
 
 
 @pytest.mark.parametrize(
     ("tables", "expected"),
     [
-        (_tables("met"), Enough.ENOUGH),
-        (_tables("not-met", "fails"), Enough.ENOUGH),
+        (_tables("met"), Enough.TO_CONFIRM),
+        (_tables("not-met", "fails"), Enough.TO_CONFIRM),
+        (_tables("not-met", "fails", adequacy="fails"), Enough.NOT_JUDGED),
         (_tables("undecided", "attention"), Enough.NOT_ENOUGH),
         (_tables("model-does-not-fit", "not tested"), Enough.NOT_JUDGED),
         (_tables("not-evaluated", "not tested"), Enough.NOT_STATED),
@@ -63,6 +77,47 @@ def test_enough_is_what_the_verdict_on_requirements_says(tables: dict[str, pd.Da
     assert watched("arm", 1, NOW, tables, ()).enough is expected
 
 
+@pytest.mark.parametrize("reason", ["met", "not-met"])
+def test_a_confirmed_decision_is_enough_and_another_says_what_confirms_it(reason: str) -> None:
+    state = watched("arm", 1, NOW, _tables(reason, "ok" if reason == "met" else "fails"), ())
+    assert replace(state, is_confirmed=True, poses_to_confirm=45).enough is Enough.ENOUGH
+    open_one = replace(state, poses_to_confirm=30)
+    assert open_one.facts()["poses_to_confirm"] == 30
+    assert "30 compared poses" in open_one.line
+    assert replace(state, is_confirmed=True, poses_to_confirm=45).facts()["poses_to_confirm"] is None
+
+
+def _required(**rows: tuple[str, int, float]) -> pd.DataFrame:
+    """Requirements of a chain by component: verdict, compared poses and p-value."""
+    common = {"model": "extended", "deformation": "none", "error": 1.0, "requirement": 1.0}
+    facts = ("verdict", "poses_judged", "p_value")
+    return pd.DataFrame(
+        [common | {"component": name} | dict(zip(facts, row, strict=True)) for name, row in rows.items()]
+    )
+
+
+def test_the_least_certain_requirement_and_the_fewest_poses_count() -> None:
+    joints = {"joints": pd.DataFrame({"joint": ["a"]})}
+    both = _required(x=("meets", 20, 0.001), y=("meets", 12, 0.03))
+    found = requirement_look(_tables("met") | joints | {"requirements": both})
+    assert found == RequirementLook(12, "met", 0.03)
+    one = _required(x=("fails", 20, 0.01), y=("meets", 20, 0.03))
+    assert requirement_look(_tables("not-met", "fails") | joints | {"requirements": one}) == RequirementLook(
+        20, "not-met", 0.02
+    )
+    assert requirement_look(_tables("not-met", "fails", adequacy="fails") | joints | {"requirements": one}) is None
+
+
+def test_looks_are_kept_for_another_watch_of_the_same_requirement(tmp_path: Path) -> None:
+    looks = [Look(20, "met", 0.001), Look(30, "met", 0.002)]
+    (tmp_path / "looks").write_text("damaged")
+    kept = _KeptLooks(tmp_path / "looks", {"x_mm": 1.0})
+    assert kept.read() == ()
+    kept.write(looks)
+    assert list(kept.read()) == looks
+    assert _KeptLooks(tmp_path / "looks", {"x_mm": 2.0}).read() == ()
+
+
 def test_faults_leave_nothing_judged() -> None:
     state = watched("arm", 2, NOW, _tables("met"), ("points.csv: row 3", "points.csv: row 4"))
     assert state.enough is Enough.NOT_JUDGED
@@ -70,17 +125,25 @@ def test_faults_leave_nothing_judged() -> None:
     assert "points.csv: row 3 (and 1 further fault)" in state.line
 
 
-def test_a_decided_requirement_ends_the_watch(arm: Path, tmp_path: Path) -> None:
+def test_a_decision_ends_the_watch_when_a_look_with_half_as_many_more_poses_confirms_it(
+    arm: Path, tmp_path: Path
+) -> None:
     run = tmp_path / "run"
     words = ["watch", str(arm), "--json", "--no-page", "--interval", "0.1", "--out", str(run)]
+    told = json.loads(CliRunner().invoke(app, [*words, "--once"]).stdout)
+    assert told["enough"] == "to confirm"
+    assert {row["section"]: row["reason_code"] for row in told["verdicts"]}["requirements"] == "met"
+    assert (run / "report.html").is_file()
+    looks = run / PRIVATE / "looks.json"
+    first = json.loads(looks.read_text())
+    (look,) = first["looks"]
+    assert told["poses_to_confirm"] == math.ceil(1.5 * look["count"])
+    look["count"] = math.floor(look["count"] / 1.5)  # as if the first look had been earlier
+    looks.write_text(json.dumps(first))
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     (line,) = done.stdout.splitlines()
-    told = json.loads(line)
-    assert told["enough"] == "enough"
-    assert told["round"] == 1
-    assert {row["section"]: row["reason_code"] for row in told["verdicts"]}["requirements"] == "met"
-    assert (run / "report.html").is_file()
+    assert json.loads(line)["enough"] == "enough"
 
 
 def test_a_folder_that_is_still_empty_is_watched_and_one_that_does_not_exist_is_not(tmp_path: Path) -> None:
@@ -278,8 +341,8 @@ def test_an_empty_folder_becomes_a_campaign_with_half_a_file_and_then_a_decided_
         (folder / "points.csv").unlink()
         assert any("points" in fault for fault in _next_round(started)["faults"])
         (folder / "points.csv").write_bytes(whole)
-        assert _next_round(started)["enough"] == "enough"
-        assert started.wait(timeout=60) == 0
+        assert _next_round(started)["enough"] == "to confirm"
+        started.terminate()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")

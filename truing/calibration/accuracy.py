@@ -294,6 +294,26 @@ def error_of_95_percent(errors: NDArray, variances: NDArray) -> Interval | None:
     return _interval_of_mean(mean, min(float(np.mean(variances[reported])), mean), count)
 
 
+def chance_at_limit(errors: NDArray, variances: NDArray, limit: float) -> float:
+    """Return the two-sided p-value of errors this far from a limit, if the true bound of 95 % of poses is the limit.
+
+    The interval of `error_of_95_percent` at confidence 1 - p ends at the limit. errors, variances, limit: as there; NaN
+    without any error.
+    """
+    from scipy.special import chdtr, chdtrc
+
+    reported = np.isfinite(errors)
+    count = int(reported.sum())
+    if not count:
+        return float("nan")
+    mean = float(np.mean(errors[reported] ** 2))
+    expected = (limit / _WITHIN) ** 2 + min(float(np.mean(variances[reported])), mean)
+    if expected <= 0.0:  # no error above the noise, and none allowed
+        return 1.0
+    squares = count * mean / expected
+    return float(min(1.0, 2.0 * min(chdtr(count, squares), chdtrc(count, squares))))
+
+
 def deciding_pose_count(errors: NDArray, variances: NDArray, limit: float, spare: int = 0) -> Decision | None:
     """Return the number of poses that decide whether 95 % of errors are below a limit, if further errors are as large.
 

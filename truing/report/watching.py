@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 from html import escape
 
 from truing.belonging.relation import RelationState
+from truing.report.calibration.requirements import chosen_requirements
 from truing.report.first_screen import counts
 from truing.report.numbers import count
 from truing.report.section_verdict import SectionVerdict, verdict_rows
 from truing.report.tables import Tables, table_or_none
-from truing.schemas.verdict import CAMPAIGN, GATES, ReasonCode
+from truing.schemas.verdict import CAMPAIGN, GATES, OF_MODEL, ReasonCode
 
 SECONDS_BETWEEN_LOOKS = 2.0  # of an open page
 
@@ -21,13 +23,16 @@ class Enough(StrEnum):
     """Whether the measurements decide the requirements."""
 
     ENOUGH = "enough"
+    TO_CONFIRM = "to confirm"  # every requirement is decided, but not yet at a later look with more poses
     NOT_ENOUGH = "not enough"
     NOT_STATED = "not stated"  # [requirement] asks for nothing, or for nothing that this campaign can tell
     NOT_JUDGED = "not judged"  # the data are faulty, or no model fits them
 
 
+_DECIDED = (ReasonCode.MET, ReasonCode.NOT_MET)
 _WORDS = {
     Enough.ENOUGH: "Enough: every requirement is decided.",
+    Enough.TO_CONFIRM: "Decided at this look; more poses have to confirm it.",
     Enough.NOT_ENOUGH: "Not enough yet: a requirement is undecided.",
     Enough.NOT_STATED: "No requirement decides when to stop.",
     Enough.NOT_JUDGED: "Requirements cannot be judged yet.",
@@ -36,8 +41,9 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class Watched:
-    """State after one round: number and time of the round, measured amount in words, verdicts by section, faults, and
-    the most urgent next measurement in words."""
+    """State after one round: number and time of the round, measured amount in words, verdicts by section, faults, the
+    most urgent next measurement in words, whether the looks before confirm the decision, and from how many compared
+    poses on a look can."""
 
     campaign: str
     number: int
@@ -46,6 +52,8 @@ class Watched:
     verdicts: tuple[SectionVerdict, ...]
     faults: tuple[str, ...]
     following: str
+    is_confirmed: bool = False
+    poses_to_confirm: int | None = None
 
     @property
     def enough(self) -> Enough:
@@ -57,8 +65,10 @@ class Watched:
         own = by_section.get("requirements")
         if own is None or own.reason_code is ReasonCode.NOT_EVALUATED:
             return Enough.NOT_STATED
-        if own.reason_code in (ReasonCode.MET, ReasonCode.NOT_MET):
-            return Enough.ENOUGH
+        if own.reason_code in _DECIDED:
+            if not _model_holds(by_section):  # "not met" by a model that does not fit; more data may give another one
+                return Enough.NOT_JUDGED
+            return Enough.ENOUGH if self.is_confirmed else Enough.TO_CONFIRM
         return Enough.NOT_ENOUGH if own.reason_code is ReasonCode.UNDECIDED else Enough.NOT_JUDGED
 
     @property
@@ -69,8 +79,14 @@ class Watched:
             more = f" (and {count(len(self.faults) - 1, 'further fault')})" if len(self.faults) > 1 else ""
             return " ".join([*parts, f"{self.faults[0]}{more}"])
         requirement = [row.explanation for row in self.verdicts if row.section == "requirements"]
-        parts += [_WORDS[self.enough], *requirement]
+        parts += [_WORDS[self.enough], *requirement, *self.confirmation()]
         return " ".join([*parts, *([f"Next: {self.following}"] if self.following else [])])
+
+    def confirmation(self) -> list[str]:
+        """Return how a decision is confirmed, as one sentence; nothing where none is to be confirmed."""
+        if self.enough is not Enough.TO_CONFIRM or self.poses_to_confirm is None:
+            return []
+        return [f"It is confirmed when {self.poses_to_confirm} compared poses or more say the same."]
 
     def facts(self) -> dict[str, object]:
         """Facts for JSON."""
@@ -84,6 +100,7 @@ class Watched:
             "round": self.number,
             "time": self.at.isoformat(timespec="seconds"),
             "enough": str(self.enough),
+            "poses_to_confirm": self.poses_to_confirm if self.enough is Enough.TO_CONFIRM else None,
             "measured": self.amount or None,
             "next_measurement": self.following or None,
             "faults": list(self.faults),
@@ -98,6 +115,36 @@ def watched(campaign: str, number: int, at: datetime, tables: Tables, faults: tu
     steps = table_or_none(tables, "next_measurements")
     following = "" if steps is None or not len(steps) else str(steps.iloc[0]["next_measurement"])
     return Watched(campaign, number, at, counts(tables), tuple(verdict_rows(tables).values()), (), following)
+
+
+@dataclass(frozen=True)
+class RequirementLook:
+    """What one round says on the requirements: compared poses, decision (empty: none), p-value against the limits."""
+
+    poses: int
+    decision: str
+    p_value: float
+
+
+def requirement_look(tables: Tables) -> RequirementLook | None:
+    """Return what a round says on the requirements; None where the model that judges them does not hold.
+
+    All requirements have to be met, so the least certain one counts; for *not met* one of all, with its share.
+    """
+    verdicts, own = verdict_rows(tables), chosen_requirements(tables)
+    verdict = verdicts.get("requirements")
+    if own is None or verdict is None or not _model_holds(verdicts):
+        return None
+    failed = own["p_value"][own["verdict"] == "fails"]
+    p = float(failed.min()) * len(own) if len(failed) else float(own["p_value"].max())
+    decision = str(verdict.reason_code) if verdict.reason_code in _DECIDED else ""
+    return RequirementLook(int(own["poses_judged"].min()), decision, min(p, 1.0))
+
+
+def _model_holds(verdicts: Mapping[str, SectionVerdict]) -> bool:
+    """Return True unless the model that predicts the errors fails one of its tests."""
+    failed = (verdicts[name].state is RelationState.FAILS for name in OF_MODEL if name in verdicts)
+    return not any(failed)
 
 
 def watch_page(state: Watched | None, has_report: bool) -> str:
@@ -116,6 +163,7 @@ def watch_page(state: Watched | None, has_report: bool) -> str:
 def _body(state: Watched, has_report: bool) -> str:
     parts = [f"<p class=lead>{escape(_WORDS[state.enough])}</p>"]
     amount = f"{state.amount}, " if state.amount else ""
+    parts += [f"<p>{escape(text)}</p>" for text in state.confirmation()]
     parts.append(f"<p>{escape(amount)}round {state.number}, {state.at:%Y-%m-%d %H:%M:%S}</p>")
     if state.faults:
         parts.append("<h2>Correct first</h2><ul>" + "".join(f"<li>{escape(text)}" for text in state.faults) + "</ul>")
