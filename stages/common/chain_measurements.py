@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -32,6 +32,7 @@ from truing.stages.common.point_arrays import (
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+    from truing.schemas.sections import Overrule
 
 # Smallest movement of a joint that counts as one, as a share of its range.
 _MOVED = 1e-4
@@ -104,6 +105,12 @@ def measured_links(
         np.stack(reference, 1),
         coupling=np.stack(coupling, 1) if np.any(coupling) else None,
     )
+
+
+def excluded_poses(rules: Iterable[Overrule], poses: Sequence[int | str]) -> Mask:
+    """Mask (B,) of the poses that a person excluded as a whole."""
+    named = {str(rule.pose) for rule in rules if rule.pose is not None and not (rule.body or rule.target)}
+    return np.array([str(pose) in named for pose in poses], bool)
 
 
 _Part = tuple[str, str, bool, Array, Array, Mask, Array, Array, Array, Array]

@@ -34,6 +34,7 @@ from truing.stages.common.chain_gross_errors import gross_errors
 from truing.stages.common.chain_measurements import (
     MeasuredLinks,
     chain_conditions,
+    excluded_poses,
     is_framed,
     measured_links,
     reference_link,
@@ -81,7 +82,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     measured = with_distances(points, lines)
     readings = joint_readings(tree, table)
     reference = None if points is None else reference_link(settings, points)
-    out, read = _excluded(settings, poses), np.asarray(np.isfinite(readings).all(1))
+    out, read = excluded_poses(settings.exclude, poses), np.asarray(np.isfinite(readings).all(1))
     framed = is_framed(points or measured, reference)
     usable = read & measured.seen.any(1) & ~out & framed
     if usable.sum() < _FEWEST:
@@ -167,12 +168,6 @@ def _shown(model: ChainModel) -> ReportedRms | Channels:
         scatter="Measure one pose ten times over without moving anything: the scatter is the true noise.",
         what="pose component",
     )
-
-
-def _excluded(settings: Campaign, poses: tuple[int | str, ...]) -> Mask:
-    """Mask (B,) of the poses that a person excluded as a whole."""
-    named = {str(rule.pose) for rule in settings.exclude if rule.pose is not None and not (rule.body or rule.target)}
-    return np.array([str(pose) in named for pose in poses], bool)
 
 
 def _thinned(rows: Mask) -> tuple[Mask, str]:

@@ -32,6 +32,7 @@ from truing.stages.common.chain_distances import fit_of_distances, measured_dist
 from truing.stages.common.chain_measurements import (
     MeasuredLinks,
     chain_conditions,
+    excluded_poses,
     is_framed,
     measured_links,
     reference_link,
@@ -84,6 +85,7 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         measured = measured_links(tables, tree, pose_ids(table))
         usable = _usable(tree, table, measured)
         usable &= is_framed(measured, reference_link(settings, measured))
+        usable &= ~excluded_poses(settings.exclude, pose_ids(table))
         if usable.sum() < _FEWEST_POSES:
             return _not_tested("no-poses")
         conditions = _conditions(tree, table, settings, measured, usable)

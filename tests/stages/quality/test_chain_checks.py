@@ -21,9 +21,14 @@ from truing.pipeline.command_line import app
 ROBOT = PROJECT / "sample_data" / "robot"
 
 
-def checked(folder: Path, changed: Callable[[pd.DataFrame], None] | None = None) -> tuple[int, str, str]:
+def checked(
+    folder: Path,
+    changed: Callable[[pd.DataFrame], None] | None = None,
+    decide: Callable[[Path], None] = lambda campaign: None,
+) -> tuple[int, str, str]:
     """Exit code of the stage qa, and verdict and message of the joints, after a change of the table of readings."""
     campaign = shutil.copytree(ROBOT, folder / "robot")
+    decide(campaign)
     if changed is not None:
         table = pd.read_csv(campaign / "configurations.csv")
         changed(table)
@@ -74,6 +79,14 @@ def test_a_few_poses_far_off_fail_and_are_listed(tmp_path: Path) -> None:
     code, verdict, message = checked(tmp_path, three_wrong_rows)
     assert (code, verdict) == (3, "fail")
     assert "pose 5, pose 21, pose 42 far from the pose" in message
+
+
+def test_poses_that_a_person_excludes_are_not_tested(tmp_path: Path) -> None:
+    def exclude(campaign: Path) -> None:
+        with (campaign / "campaign.toml").open("a", encoding="utf-8") as file:
+            file.writelines(f'\n[[exclude]]\npose = {pose}\nby = "me"\nreason = "misread"\n' for pose in (5, 21, 42))
+
+    assert checked(tmp_path, three_wrong_rows, exclude)[1] == "pass"
 
 
 def exchanged_rows(table: pd.DataFrame) -> None:
