@@ -217,6 +217,7 @@ def init(
     every_key: option.InitEveryKey = False,
     answer: option.InitAnswer = None,
     ask: option.InitAsk = True,
+    json: option.Json = False,
 ) -> None:
     """Write a campaign.toml for the raw files of a folder, to be completed by hand.
 
@@ -229,8 +230,8 @@ def init(
     from truing.pipeline.init_campaign import init_campaign
     from truing.pipeline.init_questions import asking
 
-    asked = asking() if ask else None
-    _end(lambda: init_campaign(folder, every_key=every_key, answers=answer or (), ask=asked))
+    asked, console = asking() if ask and not json else None, _console(json=json)
+    _end(lambda: init_campaign(folder, console, every_key=every_key, answers=answer or (), ask=asked), console=console)
 
 
 @app.command(short_help="Predict poses or readings with the extended model.")
@@ -283,6 +284,7 @@ def design(
     tolerances: option.DesignTolerances = False,
     seed: option.Seed = 0,
     out: option.OutTable = None,
+    json: option.Json = False,
 ) -> None:
     """Choose configurations that give the most information for a calibration, and report their D-efficiency.
 
@@ -300,6 +302,8 @@ def design(
     Example: truing design sample_data/force-sensor --causes hysteresis,creep --out loads.csv
     """
 
+    console = _console(json=json)
+
     def act() -> ExitCode:
         from truing.pipeline.design_command import DesignFiles, design_campaign
         from truing.pipeline.design_study import study_campaign
@@ -311,10 +315,10 @@ def design(
         wanted = {"accuracy": accuracy, "uniqueness": uniqueness, "tolerances": tolerances}
         studies = [name for name, chosen in wanted.items() if chosen]
         if studies:
-            return study_campaign(campaign, studies, options, DesignFiles(extend, avoid, out))
-        return design_campaign(campaign, options, DesignFiles(extend, avoid, out))
+            return study_campaign(campaign, studies, options, DesignFiles(extend, avoid, out), console)
+        return design_campaign(campaign, options, DesignFiles(extend, avoid, out), console)
 
-    _end(act)
+    _end(act, console=console)
 
 
 @app.command(short_help="Report the size of each effect that would be found.")
@@ -327,6 +331,7 @@ def power(
     workers: option.Workers = None,
     scheduler: option.Scheduler = None,
     out: option.PowerOut = None,
+    json: option.Json = False,
 ) -> None:
     """Simulate campaigns of this layout with hidden effects, diagnose them, and report the detectable size of each.
 
@@ -337,13 +342,16 @@ def power(
     Example: truing power sample_data/telescope --causes actuator-gain,leg-drift --draws 8 --workers 4
     """
 
+    console = _console(json=json)
+
     def act() -> ExitCode:
         from truing.pipeline.power_command import PowerOptions, power_campaign
 
         names = _listed(causes)
-        return power_campaign(campaign, PowerOptions(names, draws, gross, seed), workforce(workers, scheduler), out)
+        options = PowerOptions(names, draws, gross, seed)
+        return power_campaign(campaign, options, workforce(workers, scheduler), out, console)
 
-    _end(act)
+    _end(act, console=console)
 
 
 @app.command(short_help="Choose camera stations; predict targets' deviations.")
@@ -360,6 +368,7 @@ def plan(
     run: option.PlanRun = None,
     normals: option.PlanNormals = None,
     out: option.PlanOut = None,
+    json: option.Json = False,
 ) -> None:
     """Choose camera stations, and predict the standard deviations of the targets.
 
@@ -371,6 +380,8 @@ def plan(
     Example: truing plan my-campaign --wanted 0.01 --distance 500,1500 --out stations.csv
     """
 
+    console = _console(json=json)
+
     def act() -> ExitCode:
         from truing.estimation.bundle.photograph_plan import PlanOptions
         from truing.pipeline.plan_command import PlanFiles, plan_campaign
@@ -378,9 +389,9 @@ def plan(
         near, far = _pair("--distance", distance) if distance else (None, None)
         bounds = _pair("--elevation", elevation)
         options = PlanOptions(stations, wanted, near, far, bounds, directions, incidence, least)
-        return plan_campaign(campaign, options, PlanFiles(camera, run, normals, out))
+        return plan_campaign(campaign, options, PlanFiles(camera, run, normals, out), console)
 
-    _end(act)
+    _end(act, console=console)
 
 
 @app.command(short_help="Write the results of a run in other file formats.")
@@ -389,6 +400,7 @@ def export(
     to: option.ExportTo = "",
     out: option.ExportOut = None,
     campaign: option.ExportCampaign = None,
+    json: option.Json = False,
 ) -> None:
     """Write the results of a run in other file formats.
 
@@ -400,12 +412,14 @@ def export(
     Example: truing export runs/telescope --to xlsx,controller
     """
 
+    console = _console(json=json)
+
     def act() -> ExitCode:
         from truing.pipeline.recorded_runs import export_run
 
-        return export_run(run, _listed(to), out, campaign)
+        return export_run(run, _listed(to), out, console, campaign)
 
-    _end(act)
+    _end(act, console=console)
 
 
 @app.command(short_help="Show the verdict and the page of a run; print a PDF.")

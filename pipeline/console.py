@@ -12,6 +12,8 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rich.progress import Progress as Bar
 
     from truing.pipeline.problems import ExitCode
@@ -47,6 +49,17 @@ class RunConsole:
 
     def tell(self, kind: str, fact: Mapping[str, object]) -> None:
         """Take a fact for JSON; elsewhere its line says the same."""
+
+    def sentence(self, sentence: str) -> None:
+        """Print a sentence on a result, which JSON holds among ``sentences``."""
+        self.line(sentence)
+        self.tell("sentences", {"sentence": sentence})
+
+    def written(self, words: str, files: Sequence[Path]) -> None:
+        """Print which files were written; JSON holds their paths among ``files``."""
+        self.line(words)
+        for file in files:
+            self.tell("files", {"file": str(file)})
 
     def close(self, code: ExitCode) -> None:
         """Print what comes after the last line; here nothing."""

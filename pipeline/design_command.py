@@ -44,11 +44,10 @@ class DesignFiles:
     out: Path | None = None
 
 
-def design_campaign(place: Path, options: DesignOptions, files: DesignFiles) -> ExitCode:
+def design_campaign(place: Path, options: DesignOptions, files: DesignFiles, console: RunConsole) -> ExitCode:
     """Choose configurations, print their quality, and write them to a file or stdout. Raises CampaignFaults."""
     campaign = open_campaign(place)
     check_file(files.out, reads=(files.extend, files.avoid), campaign=campaign)
-    console = RunConsole(quiet=False)
     if campaign.validated().campaign.kind == "interferometer":
         return (_loads_for_causes if options.causes else _plan_loads)(campaign, options, files, console)
     if campaign.validated().mechanism.type == "chain":
@@ -57,7 +56,7 @@ def design_campaign(place: Path, options: DesignOptions, files: DesignFiles) -> 
         raise CampaignFaults([Fault("--causes", "no causes for poses: `truing run` leaves next_poses.parquet")])
     found = design(campaign.validated(), options, design_tables(campaign, files))
     for line in words_of(found):
-        console.line(line)
+        console.sentence(line)
     _write_table(
         found.table,
         files.out,
@@ -84,7 +83,7 @@ def _design_chain(
     )
     found = design_chain(settings, options, tables)
     for line in words_of_chain(found):
-        console.line(line)
+        console.sentence(line)
     _write_table(
         found.table,
         files.out,
@@ -108,7 +107,7 @@ def _write_shown(tables: Mapping[str, pa.Table], out: Path, ending: str, console
     place = out.with_name(f"{out.stem}-{ending}{out.suffix}")
     named = [table.add_column(0, "poses", pa.array([poses] * len(table))) for poses, table in tables.items()]
     write_atomically(place, table_bytes(pa.concat_tables(named), place.suffix, quoting="needed"))
-    console.line(f"{_SHOWN[ending]}: {place}")
+    console.written(f"{_SHOWN[ending]}: {place}", [place])
 
 
 def _function(name: str) -> Forbids:
@@ -126,7 +125,7 @@ def _plan_loads(campaign: CampaignFolder, options: DesignOptions, files: DesignF
     _check_of_loads(options, files)
     found = plan_loads(campaign.validated(), options, _loads_of(campaign))
     for line in words_of_loads(found):
-        console.line(line)
+        console.sentence(line)
     _write_table(
         found.table,
         files.out,
@@ -151,7 +150,7 @@ def _loads_for_causes(
     except ValueError as why:
         raise CampaignFaults([Fault(str(campaign.file), f"a campaign that can be simulated: {why}")]) from None
     for line in found.sentences or ("a campaign in which these causes can act",):
-        console.line(line)
+        console.sentence(line)
     if found.table.num_rows:
         _write_table(
             found.table, files.out, console, f"{counted(found.table.num_rows, 'load step')}, by purpose and run", ""
@@ -179,11 +178,13 @@ def _check_of_loads(options: DesignOptions, files: DesignFiles) -> None:
 def _write_table(
     table: pa.Table, out: Path | None, console: RunConsole, what: str, then: str = "; fill in time_s when measuring"
 ) -> None:
+    for row in table.to_pylist():
+        console.tell("chosen", row)
     if out is None:
         console.line(table_bytes(table, ".csv").decode().rstrip("\n"))
         return
     write_atomically(out, table_bytes(table, out.suffix))
-    console.line(f"{what}: {out}{then}")
+    console.written(f"{what}: {out}{then}", [out])
 
 
 def design_tables(campaign: CampaignFolder, files: DesignFiles) -> DesignTables:

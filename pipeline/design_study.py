@@ -63,12 +63,14 @@ STUDIES = {
 }
 
 
-def study_campaign(place: Path, studies: Sequence[str], options: DesignOptions, files: DesignFiles) -> ExitCode:
+def study_campaign(
+    place: Path, studies: Sequence[str], options: DesignOptions, files: DesignFiles, console: RunConsole
+) -> ExitCode:
     """Study a machine, print the results, and leave tables and a page. Raises CampaignFaults, also for two studies."""
     name, *others = studies
     if others:
         raise CampaignFaults([Fault(f"--{others[0]}", f"one study at a time, not with --{name}")])
-    campaign, console, study = open_campaign(place), RunConsole(quiet=False), STUDIES[name]
+    campaign, study = open_campaign(place), STUDIES[name]
     check_file(files.out, reads=(files.avoid,), campaign=campaign)
     given: dict[str, object] = {"--extend": files.extend, "--avoid": None if name == "accuracy" else files.avoid}
     given |= {"--parameters": ",".join(options.parameters), "--causes": ",".join(options.causes)}
@@ -79,10 +81,13 @@ def study_campaign(place: Path, studies: Sequence[str], options: DesignOptions, 
     found = study.tables(settings, options, tables)
     frames = {ending.lstrip("-") or study.first: table.to_pandas() for ending, table in found.items()}
     for line in study.words(frames):
-        console.line(line)
+        console.sentence(line)
     page = render_page(study.head(campaign.name, frames), study.sections(frames))
     if files.out is None:
         note_owner(campaign, folder)
     written = leave_tables(folder / f"{name}.csv" if files.out is None else files.out, found, page)
-    console.line(f"tables and page: {', '.join(map(str, written))}")
+    for ending, table in found.items():
+        for row in table.to_pylist():
+            console.tell(ending.lstrip("-") or study.first, row)
+    console.written(f"tables and page: {', '.join(map(str, written))}", written)
     return ExitCode.DONE

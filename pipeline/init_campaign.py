@@ -62,7 +62,7 @@ _NOT_RAW = {".toml", ".md", ".html", ".pdf", ".yaml", ".yml", ".json"}
 
 
 def init_campaign(
-    folder: Path, *, every_key: bool = False, answers: Sequence[str] = (), ask: Ask | None = None
+    folder: Path, console: RunConsole, *, every_key: bool = False, answers: Sequence[str] = (), ask: Ask | None = None
 ) -> ExitCode:
     """Write the folder's campaign.toml, with all keys or with those that this campaign needs.
 
@@ -79,13 +79,14 @@ def init_campaign(
     if os.path.lexists(target):
         raise CampaignFaults([_never_overwritten(target)])
     said = Answers(given) if ask is None else Answers(given, ask)
-    console = RunConsole(quiet=False)
     guesses = with_survey(folder, with_lost_points(folder, _with_keys_of_names(guesses)))
     guesses = _settled(folder, guesses, said, console)
     said.raise_faults()
     name = folder.resolve().name
     _write_new(target, campaign_text(name, guesses) if every_key else _starter(name, guesses, robot))
-    console.line(f"wrote {target}; complete it, then: truing check {folder}")
+    console.written(f"wrote {target}; complete it, then: truing check {folder}", [target])
+    for point in said.open_points():
+        console.tell("open_points", point)
     if said.used:
         console.line(f"the same answers again: {said.command(folder, every_key=every_key)}")
     return ExitCode.DONE
@@ -96,7 +97,11 @@ def _settled(folder: Path, guesses: list[_File], said: Answers, console: RunCons
     has_points = any(guess.table == "points" for _, guess in guesses)
     found = []
     for number, (group, guess) in enumerate(guesses):
-        console.line(f"{_printable(group.glob)}: {_summary(group, guess)}")
+        words = _summary(group, guess)
+        console.line(f"{_printable(group.glob)}: {words}")
+        console.tell(
+            "inputs", {"path": group.path or group.glob, "files": group.count, "table": guess.table, "summary": words}
+        )
         is_shown = number < _FEW
         if is_shown:
             _show(folder, group, guess, console)

@@ -73,7 +73,7 @@ class Answers:
     given: dict[tuple[str, str], str] = field(default_factory=dict)
     ask: Ask = lambda _: None
     used: dict[tuple[str, str], str] = field(default_factory=dict)
-    met: dict[tuple[str, str], None] = field(default_factory=dict)
+    met: dict[tuple[str, str], Question] = field(default_factory=dict)
     faults: list[Fault] = field(default_factory=list)
     _spent: set[tuple[str, str]] = field(default_factory=set)
 
@@ -83,7 +83,7 @@ class Answers:
         while question := next(
             (q for q in questions(guess, is_only_table) if q.key not in guess.answered | passed), None
         ):
-            self.met[glob, question.key] = None
+            self.met[glob, question.key] = question
             answer = self._answer(glob, question)
             if answer is None:
                 passed.add(question.key)
@@ -102,6 +102,13 @@ class Answers:
             return answer
         self.faults.append(Fault(OPTION, f"for {question.key} {expected}", value=_written(place, answer)))
         return None
+
+    def open_points(self) -> Iterator[dict[str, object]]:
+        """Yield what the files left open: the question, its possible values, what is taken, and whether it was said."""
+        for (glob, key), question in self.met.items():
+            answer = self.used.get((glob, key))
+            fact = {"path": glob, "key": key, "question": question.text, "values": list(question.values)}
+            yield {**fact, "taken": (answer or question.taken) or None, "answered": answer is not None}
 
     def raise_faults(self) -> None:
         """Raise CampaignFaults if an answer is invalid, or answers no question of these files."""

@@ -44,9 +44,9 @@ class PlanFiles:
     out: Path | None = None
 
 
-def plan_campaign(place: Path, options: PlanOptions, files: PlanFiles) -> ExitCode:
+def plan_campaign(place: Path, options: PlanOptions, files: PlanFiles, console: RunConsole) -> ExitCode:
     """Choose stations, predict the uncertainty of targets, and write tables and a page. Raises CampaignFaults."""
-    campaign, console = usable_campaign(place), RunConsole(quiet=False)
+    campaign = usable_campaign(place)
     settings = campaign.validated()
     _check(settings.campaign.kind, options)
     check_file(files.out, reads=(files.normals,), campaign=campaign)
@@ -66,12 +66,16 @@ def plan_campaign(place: Path, options: PlanOptions, files: PlanFiles) -> ExitCo
         raise CampaignFaults([Fault(str(campaign.file), f"targets that can be photographed: {why}")]) from None
     left_out = (*([_of_camera(cameras.description, found)] if cameras.description else []), *left_out)
     for line in (*sentences(found), *left_out):
-        console.line(line)
+        console.sentence(line)
     if files.out is None:
         note_owner(campaign, folder)
     file = folder / _DEFAULT_FILE if files.out is None else files.out
-    written = _leave(campaign.name, found, tables(found), left_out, file)
-    console.line(f"tables and page: {', '.join(map(str, written))}")
+    planned_tables = tables(found)
+    for ending, table in planned_tables.items():
+        for row in table.to_pylist():
+            console.tell(ending.lstrip("-") or "stations", row)
+    written = _leave(campaign.name, found, planned_tables, left_out, file)
+    console.written(f"tables and page: {', '.join(map(str, written))}", written)
     return ExitCode.DONE
 
 

@@ -104,9 +104,11 @@ class PowerOptions:
     seed: int = 0
 
 
-def power_campaign(place: Path, options: PowerOptions, workforce: Workforce, out: Path | None) -> ExitCode:
+def power_campaign(
+    place: Path, options: PowerOptions, workforce: Workforce, out: Path | None, console: RunConsole
+) -> ExitCode:
     """Report the detectable effects of a campaign's layout, and write tables and a page. Raises CampaignFaults."""
-    console, campaign = RunConsole(quiet=False), usable_campaign(place)
+    campaign = usable_campaign(place)
     settings = campaign.validated()
     of_rays = asks_for_ray_causes(options.causes, campaign)
     check_file(out, campaign=campaign)
@@ -314,14 +316,17 @@ def _report(
     """Print and write the results, with a note on photographs."""
     photographs, (sizes, rates) = out[1], _as_tables(asked, answers)
     console.show(SIZE_HEADS, size_rows(sizes.to_pandas()))
+    for name, table in (("sizes", sizes), ("rates", rates)):
+        for row in table.to_pylist():
+            console.tell(name, row)
     if alarms := alarm_words(rates.to_pandas()):
-        console.line(alarms)
+        console.sentence(alarms)
     if photographs is not None:
         if photographs.rows:
             console.show(HEADS, photographs.rows)
-        console.line(photographs.sentence)
+        console.sentence(photographs.sentence)
     written = _left(campaign, asked, answers, out)
-    console.line(f"tables and page: {', '.join(map(str, written))}")
+    console.written(f"tables and page: {', '.join(map(str, written))}", written)
 
 
 def _as_tables(asked: Sequence[DetectionQuestion], answers: Sequence[Answer]) -> tuple[pa.Table, pa.Table]:

@@ -95,7 +95,9 @@ def _mixed(folder: Path, manifest: Manifest) -> Iterator[Fault]:
             yield Fault(str(folder), f"a complete run; {stage} was made from other tables than these, {_AGAIN}")
 
 
-def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign: Path | None = None) -> ExitCode:
+def export_run(
+    folder: Path, forms: tuple[str, ...], out: Path | None, console: RunConsole, campaign: Path | None = None
+) -> ExitCode:
     """Write the formats into a folder, each file atomically; raises CampaignFaults.
 
     A certificate takes its other entries from the campaign's folder. It is refused if a check failed, or if all of its
@@ -112,7 +114,6 @@ def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign:
     check_folder(place)
     with environment(f"the folder {place} cannot be created"):
         place.mkdir(parents=True, exist_ok=True)
-    console = RunConsole(quiet=False)
     for form in forms or FORMS:
         try:
             written = [_write(place, name, content) for name, content in _files(form, run, campaign)]
@@ -120,6 +121,8 @@ def export_run(folder: Path, forms: tuple[str, ...], out: Path | None, campaign:
             console.warn(str(why))
             return ExitCode.FAILED_CHECK
         console.line(f"{form}: {_exported_files_text(place, written)}")
+        for name in written:
+            console.tell("files", {"form": form, "file": str(place / name)})
         for left_out in valid_results(run).left_out if form == _CERTIFICATE else ():
             console.warn(f"not certified: {left_out}")
     return ExitCode.DONE

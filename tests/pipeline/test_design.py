@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import tomllib
@@ -278,3 +279,14 @@ def test_a_table_with_faults_is_no_obstacle_to_a_new_design(tmp_path: Path) -> N
     done = call(place, "--poses", 10, "--within", "actuators")
     assert done.exit_code == 0, done.output
     assert_says(done.output, "noise of points", "surveyed targets")
+
+
+def test_json_holds_the_chosen_poses_and_what_is_said(tmp_path: Path) -> None:
+    words = (campaign(tmp_path / "machine"), "--poses", 8, "--within", "actuators")
+    told = json.loads(call(*words, "--json").stdout)
+    assert told["exit_code"] == 0
+    assert [row["pose"] for row in told["chosen"]] == list(range(len(told["chosen"])))
+    assert {"role", *READINGS} <= set(told["chosen"][0])
+    spoken = call(*words).output
+    assert told["sentences"]
+    assert all(row["sentence"] in spoken for row in told["sentences"])

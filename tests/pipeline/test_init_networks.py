@@ -9,6 +9,7 @@ import pytest
 from tests.docs.how_to_pages import FOLDER, examples
 from tests.formats.colmap_files import binary
 from tests.sentences import assert_says
+from truing.pipeline.console import RunConsole
 from truing.pipeline.init_campaign import init_campaign
 
 ADJUSTED = "".join(
@@ -18,7 +19,7 @@ ADJUSTED = "".join(
 
 
 def proposed(folder):
-    init_campaign(folder)
+    init_campaign(folder, RunConsole(quiet=False))
     return tomllib.loads((folder / "campaign.toml").read_text(encoding="utf-8"))["files"]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -17,6 +18,7 @@ from click.testing import Result
 from typer.testing import CliRunner
 
 from truing.pipeline.command_line import app
+from truing.pipeline.console import RunConsole
 from truing.pipeline.init_campaign import init_campaign
 from truing.pipeline.init_questions import Question
 from truing.pipeline.starter import MARK
@@ -74,7 +76,7 @@ def test_a_comma_before_three_digits_everywhere_is_asked_and_each_answer_reads_i
 def test_one_number_that_no_separator_of_thousands_writes_leaves_nothing_to_ask(folder: Path, cell: str) -> None:
     (folder / "list.csv").write_text(f"{COMMAS}P4;{cell};1,5;1,5\n")
     asked: list[str] = []
-    init_campaign(folder, ask=answering({}, asked))
+    init_campaign(folder, RunConsole(quiet=False), ask=answering({}, asked))
     assert asked == ["table", "unit", "body"]
     assert written(folder)["files"]["targets"]["decimal"] == ","
 
@@ -83,7 +85,7 @@ def test_a_file_that_names_everything_has_no_question(folder: Path) -> None:
     (folder / "list.csv").unlink()
     (folder / "targets.csv").write_text(NAMED)
     asked: list[str] = []
-    init_campaign(folder, ask=answering({}, asked))
+    init_campaign(folder, RunConsole(quiet=False), ask=answering({}, asked))
     assert asked == []
 
 
@@ -114,7 +116,9 @@ def test_three_angles_can_be_euler_angles(folder: Path) -> None:
 
 
 def test_the_last_line_repeats_the_same_answers(folder: Path) -> None:
-    init_campaign(folder, ask=answering({"body": "my stage", "unit": "in", "decimal": "."}, []))
+    init_campaign(
+        folder, RunConsole(quiet=False), ask=answering({"body": "my stage", "unit": "in", "decimal": "."}, [])
+    )
     first = (folder / "campaign.toml").read_bytes()
     (folder / "campaign.toml").unlink()
     done = init(folder, "decimal=.", "table=targets", "unit=in", "body=my stage")
@@ -186,3 +190,16 @@ def test_a_terminal_is_asked_until_the_answer_is_valid_and_ctrl_c_writes_nothing
     entry = written(folder)["files"]["targets"]
     assert (entry["decimal"], entry["unit"]) == (",", "m")
     assert "needed: the body" in (folder / "campaign.toml").read_text()
+
+
+def test_json_holds_files_open_points_and_what_was_taken(folder: Path) -> None:
+    done = CliRunner().invoke(app, ["init", str(folder), "--json", "--answer", "unit=m"])
+    told = json.loads(done.stdout)
+    assert (told["exit_code"], done.exit_code) == (0, 0)
+    assert told["files"] == [{"file": str(folder / "campaign.toml")}]
+    (file,) = told["inputs"]
+    assert (file["path"], file["table"], file["files"]) == ("list.csv", "targets", 1)
+    points = {point["key"]: point for point in told["open_points"]}
+    assert (points["unit"]["taken"], points["unit"]["answered"]) == ("m", True)
+    assert (points["decimal"]["taken"], points["decimal"]["answered"]) == (",", False)
+    assert points["body"]["taken"] is None

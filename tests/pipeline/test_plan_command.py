@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pandas as pd
@@ -204,3 +205,11 @@ def test_without_a_run_the_photographs_tell_their_camera(tmp_path, monkeypatch):
     (c,) = [row for row in found.table.to_pylist() if row["parameter"] == "c"]
     assert (c["camera"], c["width_px"], c["free"]) == ("camera", 1600, True)
     assert c["value"] == pytest.approx(2250.0, rel=1e-4)
+
+
+def test_json_holds_stations_targets_and_files(place):
+    told = json.loads(plan(place, *FEW, "--stations", "4", "--out", str(place / "plan.csv"), "--json").stdout)
+    assert told["exit_code"] == 0
+    assert len(told["stations"]) == len(pd.read_csv(place / "plan.csv"))
+    assert {row["target"] for row in told["targets"]} == {"0", "1", "2", "3", "4"}
+    assert str(place / "plan.html") in [row["file"] for row in told["files"]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -53,13 +54,15 @@ def call(*words: object) -> tuple[int, str]:
 
 def test_a_planned_campaign_is_told_what_it_would_show_and_left_as_it_is(planned: Path, tmp_path: Path) -> None:
     before = sorted(planned.iterdir())
-    code, said = call(planned, "--draws", 0, "--out", tmp_path / "made" / "power.csv")
+    code, said = call(planned, "--draws", 0, "--out", tmp_path / "made" / "power.csv", "--json")
     assert code == 0, said
     assert sorted(planned.iterdir()) == before
     assert {path.name for path in (tmp_path / "made").iterdir()} == {"power.csv", "power-rates.csv", "power.html"}
     sizes = (tmp_path / "made" / "power.csv").read_text().splitlines()
     assert {line.split(",")[0].strip('"') for line in sizes[1:]} >= {"actuator-gain", "target-moved", "leg-thermal"}
-    assert "actuator gain" in said
+    told = json.loads(said)
+    assert (told["exit_code"], len(told["sizes"])) == (0, len(sizes) - 1)
+    assert {Path(row["file"]).name for row in told["files"]} == {path.name for path in (tmp_path / "made").iterdir()}
     page = (tmp_path / "made" / "power.html").read_text()
     assert "By theory only" in page
     assert "http" not in page.split("<body>")[0].replace("http-equiv", "")

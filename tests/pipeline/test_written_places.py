@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -70,4 +71,8 @@ def test_a_file_of_ones_own_is_written_again(place: Path) -> None:
             == 0
         )
     for _ in range(2):
-        assert call("export", place / "run", "--to", "csv", "--out", place / "tables")[0] == 0
+        code, said = call("export", place / "run", "--to", "csv", "--out", place / "tables", "--json")
+        assert code == 0
+    told = json.loads(said)["files"]
+    assert {row["form"] for row in told} == {"csv"}
+    assert {Path(row["file"]) for row in told} == set((place / "tables").iterdir())

@@ -12,6 +12,7 @@ import pytest
 from tests.stages.line import settings_of
 from truing.pipeline.artifacts import Stamp, write_table
 from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.console import RunConsole
 from truing.pipeline.executor import Workforce
 from truing.pipeline.power_command import PowerOptions, asks_for_ray_causes, plan_of_rays, power_campaign
 from truing.pipeline.problems import ExitCode
@@ -85,7 +86,10 @@ def test_a_run_s_network_is_drawn_from(adjusted: Any, run: Path, tmp_path: Path,
     monkeypatch.setattr("truing.pipeline.power_command.folder_next_to_run", lambda *_, **__: run)
     monkeypatch.setattr("truing.stages.power._THRESHOLD_DRAWS", 100)
     wish = PowerOptions(("scale-bar-temperature", "camera-instability"), draws=0)
-    assert power_campaign(adjusted[1], wish, Workforce(1), tmp_path / "power.csv") is ExitCode.DONE
+    assert (
+        power_campaign(adjusted[1], wish, Workforce(1), tmp_path / "power.csv", RunConsole(quiet=False))
+        is ExitCode.DONE
+    )
     sizes = (tmp_path / "power.csv").read_text(encoding="utf-8").splitlines()
     assert {line.split(",")[0].strip('"') for line in sizes[1:]} == {*wish.causes}
     assert "Rays are simulated, not photographs" in (tmp_path / "power.html").read_text(encoding="utf-8")
