@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.near_names import did_you_mean
 from truing.schemas.settings_text import LARGEST, TooDeep, TooLarge, parsed_toml, read_settings_text
 
 if TYPE_CHECKING:
@@ -135,7 +136,7 @@ def identity_faults(campaign: CampaignFolder) -> list[Fault]:
         expected = "a name that can be a folder's: no / \\ : * ? \" < > | and no dot or blank at its ends"
         faults.append(Fault(str(campaign.file), expected, column="campaign.name", value=_text_or_none(name)))
     if not isinstance(kind, str) or kind not in ORDER:
-        expected = f"one of {', '.join(ORDER)}"
+        expected = f"one of {', '.join(ORDER)}{did_you_mean(str(kind), ORDER)}"
         faults.append(Fault(str(campaign.file), expected, column="campaign.kind", value=_text_or_none(kind)))
     return faults
 

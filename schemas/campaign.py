@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
@@ -14,6 +15,7 @@ from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.interferometer import Interferometer
 from truing.schemas.mapping import OF_NAME, OF_TABLE, FileMapping
 from truing.schemas.mechanism import AxisMechanism, LeggedMechanism, NoMechanism, SensorMechanism
+from truing.schemas.near_names import did_you_mean
 from truing.schemas.photographs import GivenCamera, Photographs
 from truing.schemas.quality_checks import acceptance_faults, limit_faults
 from truing.schemas.section import Section
@@ -250,7 +252,8 @@ def _expectation(detail: Any) -> str:
     if detail["type"] == "value_error":
         return str(detail["ctx"]["error"])
     if detail["type"] in ("literal_error", "enum"):
-        return str(detail["ctx"]["expected"])
+        values = str(detail["ctx"]["expected"])
+        return values + did_you_mean(str(detail["input"]), re.findall(r"'([^']+)'", values))
     return str(detail["msg"])
 
 

@@ -749,7 +749,7 @@ _CONCLUDED = (
     size("error", "", "error that 95 of 100 poses do not exceed", nullable=True),
     size("lower", "", "lower end of the 95 % interval of the number in this row", nullable=True),
     size("upper", "", "upper end of the 95 % interval of the number in this row", nullable=True),
-    integer("poses_judged", "number of poses with an error that was compared with the requirement", minimum=1, nullable=True),
+    integer("poses_judged", "number of poses whose error was compared with the requirement", minimum=1, nullable=True),
     *(
         size(
             f"{end}_expected", "", f"expected {end} end of that interval after the proposed measurements", nullable=True

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
+from truing.schemas.near_names import did_you_mean
 from truing.schemas.section import Finite, Name, Positive, RawText, Section, Whole, is_path, is_raw_text
 
 LONGEST_PATTERN = 20_000
@@ -107,7 +108,8 @@ def _is_format(name: str) -> str:
     if name not in FORMATS:
         added = sorted(entry_points(group=FORMAT_ENTRY_POINTS).names)
         if name not in added:
-            raise ValueError(f"one of {', '.join((*FORMATS, *added))}")
+            known = (*FORMATS, *added)
+            raise ValueError(f"one of {', '.join(known)}{did_you_mean(name, known)}")
     return name
 
 

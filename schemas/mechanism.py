@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
+from truing.schemas.near_names import did_you_mean
 from truing.schemas.section import (
     TYPED,
     Finite,
@@ -137,7 +138,8 @@ def _known_closure(kind: str) -> str:
     if kind not in OF_LEGS:
         added = sorted(entry_points(group=CLOSURES).names)
         if kind not in added:
-            raise ValueError(f"one of {', '.join((*OF_LEGS, *WITHOUT_LEGS, *added))}")
+            known = (*OF_LEGS, *WITHOUT_LEGS, *added)
+            raise ValueError(f"one of {', '.join(known)}{did_you_mean(kind, known)}")
     return kind
 
 

@@ -42,6 +42,16 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     return "" if near is None else f"; did you mean {near}?"
 
 
+_MISTYPED = 0.9  # similarity of a name with a letter too many, too few or exchanged
+
+
+def mistyped_name(name: str, known: Iterable[str]) -> str | None:
+    """Return the known name that differs from a name in its spelling or a letter or two, with the same numbers."""
+    own = [other for other in known if _numbers(other) == _numbers(name)]
+    same = _same_spelling(name, own)
+    return same or next(iter(difflib.get_close_matches(name, own, n=1, cutoff=_MISTYPED)), None)
+
+
 def meant_by(names: Iterable[str], known: Iterable[str]) -> str:
     """Return a suggestion for the first of several measured names that is near a known name.
 

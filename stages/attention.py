@@ -6,8 +6,10 @@ import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from truing.formats.shapes import CONFIGURATIONS
 from truing.report.numbers import listed
-from truing.schemas.near_names import did_you_mean, similar_names
+from truing.schemas.columns import find_column
+from truing.schemas.near_names import did_you_mean, mistyped_name, similar_names
 from truing.stages.ingestion.tables import FITTED
 from truing.stages.prospects import CampaignContents
 
@@ -36,6 +38,7 @@ def attention(settings: Campaign, found: CampaignContents) -> Iterator[str]:
     else:
         yield from _of_noise(settings, found)
     yield from _of_names(found)
+    yield from _of_columns(found)
 
 
 def _of_frame(settings: Campaign) -> Iterator[str]:
@@ -150,6 +153,17 @@ def _of_names(found: CampaignContents) -> Iterator[str]:
     for kind, names in kinds.items():
         for group in similar_names(names):
             yield f"{kind} {' and '.join(group)} are treated as different; did you mean one?"
+
+
+def _of_columns(found: CampaignContents) -> Iterator[str]:
+    """Covariates of configurations with nearly the name of a known column that is missing."""
+    table = found.tables.get("configurations")
+    names = [] if table is None else table.column_names
+    missing = [name for name in CONFIGURATIONS.optional if name not in names]
+    for name in names:
+        near = None if find_column(name) is not None else mistyped_name(name, missing)
+        if near is not None:
+            yield f"column {name} of configurations is a quantity of your own; did you mean {near}?"
 
 
 def _column(table: pa.Table | None, name: str) -> list[object]:

@@ -22,6 +22,7 @@ from truing.formats.source import CampaignFiles
 from truing.report.numbers import count
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.column import LEAST_SIGMA_MM, MOST_SIGMA_MM
+from truing.schemas.columns import find_column
 from truing.schemas.faults import Fault
 from truing.schemas.near_names import did_you_mean
 from truing.schemas.settings_text import parsed_toml, read_settings_text
@@ -117,7 +118,8 @@ def check_times(found: CollectedRows, log: FaultLog, *, required: bool) -> None:
     """Report rows with the time of an earlier row, or missing times if they are required."""
     if "time_s" not in found.table.column_names:
         if required:
-            log.add(Fault(found.first_file, "a column time_s; it orders the poses", column="time_s"))
+            text = f"a column time_s; it orders the poses{_mistyped_column('time_s', found)}"
+            log.add(Fault(found.first_file, text, column="time_s"))
         return
     found.fault(log, _repeated(numbers(found, "time_s")), "time_s", "a time of its own for every row")
 
@@ -149,11 +151,18 @@ def _check_readings(found: CollectedRows, log: FaultLog, settings: Any) -> None:
         return
     file = found.first_file
     if "role" not in found.table.column_names:
-        log.add(Fault(file, "a column role: calibration, verification or reference", column="role"))
+        text = f"a column role: calibration, verification or reference{_mistyped_column('role', found)}"
+        log.add(Fault(file, text, column="role"))
     for leg in range(1, len(legs) + 1):
         name = f"rho{leg}_mm"
         if name not in found.table.column_names:
-            log.add(Fault(file, f"a column {name}, the reading of leg {leg}", column=name))
+            text = f"a column {name}, the reading of leg {leg}{_mistyped_column(name, found)}"
+            log.add(Fault(file, text, column=name))
+
+
+def _mistyped_column(name: str, found: CollectedRows) -> str:
+    """Suggestion of a column that is none of the format, for one that is missing."""
+    return did_you_mean(name, (other for other in found.table.column_names if find_column(other) is None))
 
 
 def _check_drives(found: CollectedRows, log: FaultLog, drives: tuple[str, ...]) -> None:

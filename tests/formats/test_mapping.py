@@ -57,6 +57,12 @@ def test_the_path_of_a_file_where_the_expression_holds_a_slash(tmp_path):
     assert read(tmp_path, entries=entry).rows[0] | {"body": "arm", "pose": 7} == read(tmp_path, entries=entry).rows[0]
 
 
+def test_a_mistyped_column_of_the_mapping_is_named_also_where_the_file_has_the_right_one(tmp_path):
+    written(tmp_path, "a.csv", "pose,body,target,x_mm,y_mm,z_mm\n1,A,T,1,2,3\n")
+    (fault,) = read(tmp_path, entries={"path": "a.csv", "columns": {"xx_mm": "x_mm"}}).faults
+    assert (fault.column, fault.expected) == ("xx_mm", "a known column; did you mean x_mm?")
+
+
 def test_a_name_that_does_not_fit_is_a_fault(tmp_path):
     written(tmp_path, "other.txt", "1 2 3\n")
     entry = {"path": "*.txt", **BASE, "from_name": r"pose(?P<pose>\d+)"}

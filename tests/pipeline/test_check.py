@@ -191,6 +191,10 @@ CONFIGURED = "pose,role,time_s,rho1_mm,rho2_mm\n1,calibration,1,0,0\n2,calibrati
             },
             "no pose has the role calibration; found only reference, verification",
         ),
+        (
+            {"points": points("1", "2", "3"), "configurations": "pose,temprature_c\n1,20\n2,21\n3,22\n"},
+            "column temprature_c of configurations is a quantity of your own; did you mean temperature_c?",
+        ),
     ],
 )
 def test_a_probable_mistake_is_named_under_attention(tmp_path: Path, files: dict[str, str], told: str) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from truing.schemas.near_names import did_you_mean, meant_by, nearest_name, similar_names
+from truing.schemas.campaign import read_campaign
+from truing.schemas.faults import CampaignFaults
+from truing.schemas.near_names import did_you_mean, meant_by, mistyped_name, nearest_name, similar_names
 
 
 @pytest.mark.parametrize(("name", "known"), [("p1", "P01"), ("P 01", "P01"), ("platform", "Platform"), ("p_1", "P1")])
@@ -22,3 +24,26 @@ def test_names_with_other_numbers_are_other_names(name: str, known: str) -> None
 def test_a_mistyped_letter_is_told_and_whose_it_is_where_there_are_several() -> None:
     assert did_you_mean("platfrom", ["base", "platform"]) == "; did you mean platform?"
     assert meant_by(["other", "p7"], ["P07"]) == "; did you mean P07 by p7?"
+
+
+@pytest.mark.parametrize(("name", "known"), [("temprature_c", "temperature_c"), ("Time_S", "time_s")])
+def test_a_letter_too_many_too_few_or_exchanged_is_a_mistyped_name(name: str, known: str) -> None:
+    assert mistyped_name(name, ["series", known]) == known
+
+
+@pytest.mark.parametrize("name", ["temperature2_c", "temperature_leg_c", "load"])
+def test_another_quantity_is_no_mistyped_name(name: str) -> None:
+    assert mistyped_name(name, ["temperature_c", "role", "time_s", "series"]) is None
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "meant"), [("mechanism.type", "6-psu", "6-pus"), ("measurement.frame", "campagn", "campaign")]
+)
+def test_a_mistyped_value_of_a_key_is_told_what_was_meant(key: str, value: str, meant: str) -> None:
+    section, name = key.split(".")
+    document = {"campaign": {"name": "a", "kind": "photogrammetry"}, section: {name: value}}
+    with pytest.raises(CampaignFaults) as caught:
+        read_campaign(document)
+    (fault,) = [fault for fault in caught.value.faults if fault.column == key]
+    assert fault.value == value
+    assert fault.expected.endswith(f"did you mean {meant}?")

@@ -170,6 +170,13 @@ class MappingPlan:
         return tuple(dict.fromkeys((*made, *self.all_names)))
 
     @cached_property
+    def _helpers(self) -> frozenset[str]:
+        """Names of the mapping that only others refer to."""
+        entry = self.entry
+        joined = (field for template in entry.join.values() for field in template_fields(template))
+        return frozenset((*entry.split, *entry.select, *entry.rename, *entry.arrays, *joined))
+
+    @cached_property
     def unnamed_covariates(self) -> frozenset[str]:
         """Covariates that the mapping does not name: included if they are numbers."""
         entry = self.entry
@@ -332,7 +339,9 @@ class MappingPlan:
         entry = self.entry
         if self.shape.column(name) is not None or (name in self.names and entry.columns) or not name:
             return None
-        absent = [other for other in (*self.shape.required, *self.shape.optional) if other not in self.columns]
+        known = (*self.shape.required, *self.shape.optional)
+        is_useless = name in entry.columns and not self.shape.partial and name not in self._helpers
+        absent = known if is_useless else [other for other in known if other not in self.columns]
         close = difflib.get_close_matches(name, absent, n=1, cutoff=0.8)
         return Misfit(f"a known column; did you mean {close[0]}?", column=name) if close else None
 
