@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from truing.arrays import Array, Index
-from truing.estimation.blocks import in_order, pose_blocks
+from truing.estimation.blocks import pose_blocks
 from truing.estimation.rigid_poses.body_estimate import BodyEstimate, estimate_body
 from truing.estimation.rigid_poses.body_poses import BodyPoses, without_targets
 from truing.estimation.rigid_poses.correlated_poses import with_correlations
@@ -45,6 +45,7 @@ from truing.stages.rigid_poses.pose_tables import (
     sensitivities_table,
     table_schema,
 )
+from truing.threads import in_order
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign

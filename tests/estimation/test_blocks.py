@@ -6,8 +6,9 @@ import threading
 
 import pytest
 
-from truing.estimation import blocks
-from truing.estimation.blocks import in_order, pose_blocks
+from truing import threads
+from truing.estimation.blocks import pose_blocks
+from truing.threads import in_order
 
 
 @pytest.mark.parametrize(("poses", "targets", "points"), [(0, 5, 10), (1, 5, 10), (7, 5, 10), (100, 3, 7), (10, 0, 10)])
@@ -20,7 +21,7 @@ def test_blocks_hold_every_pose_once_and_few_points(poses: int, targets: int, po
 
 def test_results_keep_their_order_and_few_items_wait(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first item ends last, while later ones are done; never are more than a few ahead of what is used."""
-    monkeypatch.setattr(blocks, "available_processors", lambda: 3)
+    monkeypatch.setattr(threads, "available_processors", lambda: 3)
     released, begun = threading.Event(), []
 
     def work(item: int) -> int:

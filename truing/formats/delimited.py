@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 import re
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain
-from typing import IO, TypeVar
+from typing import IO
 
 import numpy as np
 import pyarrow as pa
@@ -22,12 +19,9 @@ from truing.formats.numbers import Notation
 from truing.formats.raw import Kind, RawBatch, Unusable, Wanted, consecutive
 from truing.formats.text import Lines, record_blocks, skip_lines, split_lines, take_record, utf8_chunks
 from truing.schemas.mapping import FileMapping
-
-T = TypeVar("T")
-S = TypeVar("S")
+from truing.threads import in_order
 
 _SEPARATORS = ("\t", ";", "|", ",")
-_AHEAD = 4
 _NUMBERS_SIDE_BY_SIDE = re.compile(r"\s*[-+\d.,eE]+(\s+[-+\d.,eE]+)+\s*")
 _GROUPED = re.compile(Notation(",", " ").pattern + "|" + Notation(".", " ").pattern)
 
@@ -48,7 +42,7 @@ def read_delimited(stream: IO[bytes], entry: FileMapping, wanted: Wanted) -> Ite
         return
     parser = _Parser(lines, separator, entry, len(names), kinds)
     done = 0
-    for batch, count in _parallel_in_order(parser.parse, chain(filter(None, [rest if has_header else first]), blocks)):
+    for batch, count in in_order(parser.parse, chain(filter(None, [rest if has_header else first]), blocks)):
         if count:  # a block may consist of blank lines and comments
             yield _from_record(batch, done)
         done += count
@@ -212,16 +206,3 @@ def _check_utf8(text: bytes, lines: Lines) -> None:
             'text in UTF-8; exports of older programs are read with encoding = "cp1252"',
             value=split_lines(text[: error.end], lines.quote)[-1].decode(errors="replace")[-40:],
         ) from None
-
-
-def _parallel_in_order(function: Callable[[S], T], items: Iterable[S]) -> Iterator[T]:
-    """Yield the function's results over the items in order, computed on all cores with few items at a time."""
-    workers = min(4, os.cpu_count() or 1)
-    pending: deque = deque()
-    with ThreadPoolExecutor(workers) as pool:
-        for item in items:
-            pending.append(pool.submit(function, item))
-            if len(pending) > workers + _AHEAD:
-                yield pending.popleft().result()
-        while pending:
-            yield pending.popleft().result()

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truing.estimation import simd_arithmetic
-from truing.estimation.blocks import available_processors
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, check_correspondences, solve_weighted
 from truing.estimation.simd_arithmetic import (
     IDENTITY,
@@ -52,6 +51,7 @@ from truing.estimation.simd_arithmetic import (
     times,
     transpose,
 )
+from truing.threads import available_processors
 
 FIELDS = 8  # per point and lane: source (3), target (3), weight, weight of its noise
 ROWS = 83  # registers per lane, named below

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
-from truing.estimation.blocks import in_order, pose_blocks
+from truing.estimation.blocks import pose_blocks
 from truing.estimation.rigid_poses.body_poses import BodyPoses, PointDecisions, by_every_method, reasons
 from truing.estimation.rigid_poses.points import CompactPoints, PosePoints, SurveyPoints
 from truing.estimation.rigid_poses.procrustes import ProcrustesFit, common_shape, generalised_procrustes
@@ -26,6 +26,7 @@ from truing.estimation.rigid_poses.robust_pose import (
 )
 from truing.estimation.rigid_poses.shape_poses import JointShape, covariance_on_shape, poses_on_shape
 from truing.estimation.rigid_poses.umeyama import umeyama
+from truing.threads import in_order
 
 Points = PosePoints | CompactPoints
 

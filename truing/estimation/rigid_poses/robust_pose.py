@@ -9,13 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.estimation.blocks import in_order, pose_blocks
+from truing.estimation.blocks import pose_blocks
 from truing.estimation.covariance import apply_rotation, extreme_variances, symmetric
 from truing.estimation.rigid_poses.haralick import MEDIAN_LENGTH, lengths, residual_scale
 from truing.estimation.rigid_poses.likelihood import maximum_likelihood
 from truing.estimation.rigid_poses.rigid import FitStatus, RigidFit, join_fits
 from truing.estimation.rigid_poses.robust import consensus
 from truing.estimation.rotation import rigid_motions
+from truing.threads import in_order
 
 # Probability that a pose without gross errors loses any of its points.
 FALSE_ALARM = 1e-4
