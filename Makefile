@@ -16,6 +16,7 @@ export CAMPAIGN
 python := $(VENV)/bin/python
 digest = $(shell { pwd; cat pyproject.toml setup.py requirements/$(1).txt; } | cksum | tr ' ' -)
 runtime := $(VENV)/ready-runtime-$(call digest,runtime)
+version := $(shell sed -n 's/^__version__ = "\(.*\)"$$/\1/p' truing/__init__.py)
 dev := $(VENV)/ready-dev-$(call digest,dev)
 
 .PHONY: all setup quick test check bench docs links lock clean
@@ -48,7 +49,7 @@ bench: $(dev)
 	$(python) -m benchmarks
 
 docs: $(dev)
-	$(python) -m sphinx --quiet --fail-on-warning --keep-going docs build/docs/html
+	$(python) -m sphinx --quiet --fail-on-warning --keep-going docs build/docs/html/$(version)
 	@echo "open build/docs/html/index.html"
 
 links: $(dev)

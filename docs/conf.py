@@ -1,4 +1,4 @@
-"""Sphinx settings: the pages of docs/ become build/docs/html (`make docs`), offline, with warnings as errors."""
+"""Sphinx settings: the pages of docs/ become a folder of their version in build/docs/html (`make docs`), offline."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ copyright = "The truing authors, BSD 3-Clause"
 version = release = truing.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc"]
-extensions += ["equations", "tree_of_lists", "docstrings", "notebooks", "search_excerpts"]  # in docs/site
+extensions += ["equations", "tree_of_lists", "docstrings", "notebooks", "search_excerpts", "versions"]  # in docs/site
 exclude_patterns = ["experiments", "site"]
 source_suffix = {".md": "markdown"}
 

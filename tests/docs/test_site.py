@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import truing
+from docs.site.versions import built_versions, write_list
 from tests.conftest import PROJECT
 from tests.docs.pages import blocks, pages
 
@@ -22,9 +23,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("sphinx", reason="the site is made by Sphinx, which `make test` installs")
     place = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-d", f"{place}/doctrees"]
-    done = subprocess.run([*command, "docs", f"{place}/html"], cwd=PROJECT, capture_output=True, text=True)
+    done = subprocess.run(
+        [*command, "docs", f"{place}/html/{truing.__version__}"], cwd=PROJECT, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
-    return place / "html"
+    return place / "html" / truing.__version__
 
 
 def test_every_page_is_in_the_site_with_an_empty_list_of_faults(site: Path) -> None:
@@ -67,3 +70,26 @@ def test_results_of_a_search_have_the_text_of_every_page_at_hand(site: Path) -> 
     assert "How do I read Excel workbooks?" in texts["how-to/excel"]
     users = [page.name for page in site.rglob("*.html") if "page_texts.js" in page.read_text(encoding="utf-8")]
     assert users == ["search.html"]
+
+
+def test_a_version_is_in_title_and_folder_and_every_page_offers_the_others(site: Path) -> None:
+    text = (site / "how-to" / "excel.html").read_text(encoding="utf-8")
+    assert f"truing {truing.__version__}</title>" in text
+    assert re.search(r'<script src="[^"]*version_chooser\.js', text)
+    assert (site.parent / "versions.js").read_text(encoding="utf-8") == f'showVersions(["{truing.__version__}"]);\n'
+    assert f"url={site.name}/index.html" in (site.parent / "index.html").read_text(encoding="utf-8")
+
+
+def test_versions_side_by_side_are_listed_the_newest_first(tmp_path: Path) -> None:
+    for name in ("0.9.0", "0.10.0", "0.2.1"):
+        (tmp_path / name / "_static").mkdir(parents=True)
+        (tmp_path / name / "_static" / "version_chooser.js").touch()
+    (tmp_path / "drafts").mkdir()
+    assert built_versions(tmp_path) == ["0.10.0", "0.9.0", "0.2.1"]
+    write_list(tmp_path)
+    assert "url=0.10.0/index.html" in (tmp_path / "index.html").read_text(encoding="utf-8")
+
+
+def test_make_docs_builds_into_the_folder_of_the_version() -> None:
+    done = subprocess.run(["make", "-n", "docs"], cwd=PROJECT, capture_output=True, text=True)
+    assert f"docs build/docs/html/{truing.__version__}\n" in done.stdout
