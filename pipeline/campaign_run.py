@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import truing
 from truing.pipeline.campaign_folder import CampaignFolder, SettingsView, relative_name
+from truing.pipeline.durations import FILE as DURATIONS
+from truing.pipeline.durations import Durations
 from truing.pipeline.freshness import Evidence, Freshness, StageStatus
 from truing.pipeline.manifest import DigestCache, Entry, MadeFrom, Manifest, digest_of, read_manifest
 from truing.pipeline.problems import EnvironmentProblem
@@ -81,6 +83,13 @@ class CampaignRun:
         lists = {field: tuple(known[field]) for field in ("reads", "leaves", "settings", "streams")}
         return Stage(name=known["name"], summary=known["summary"], **lists)
 
+    @cached_property
+    def durations(self) -> Durations:
+        """Times that the stages took in this run folder."""
+        raw = {path for name in RAW_READERS for path in self._raw_files(name)}
+        sizes = (path.stat().st_size for path in raw if path.is_file())
+        return Durations(self.folder / PRIVATE / DURATIONS, sum(sizes), self.workers)
+
     def made_from(self, stage: Stage) -> MadeFrom:
         """Current inputs of a stage."""
         raw = self._raw_files(stage.name)
@@ -146,7 +155,9 @@ class CampaignRun:
         except DamagedTable as error:  # of a table that is read in batches
             self._refuse_damaged(error.artifact, str(error))
         words = f"read {outcome.read}; left out {outcome.left_out}; {outcome.figure}"
-        return f"{words}; {time.perf_counter() - started:.2f} s"
+        seconds = time.perf_counter() - started
+        self.durations.note(stage.name, seconds)
+        return f"{words}; {seconds:.2f} s"
 
     def outcome(self, stage: Stage, progress: Progress) -> Outcome:
         """Call a stage with exactly its declared inputs."""

@@ -30,12 +30,14 @@ from truing.pipeline.stage_order import (
     needed_for,
     stage_module,
 )
+from truing.report.numbers import approximate_duration, count
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import did_you_mean
 from truing.stages.declaration import Stage
 
 _LOG = "defect.log"
+_WORTH_SAYING_S = 5.0
 _HINT = " (--workers N runs N at a time)"
 
 
@@ -95,11 +97,10 @@ def run_campaign(campaign: CampaignFolder, folder: Path, settings: RunOptions, c
         stages = settings.selection.stages(run.order)
         _validate(run)
         _check_before_photographs(run, stages, settings)
-        ran = [
-            stage.name
-            for k, stage in enumerate(stages, 1)
-            if _bring_up_to_date(run, stage, settings, console, f"{k}/{len(stages)}")
-        ]
+        ran = list[str]()
+        for k, stage in enumerate(stages, 1):
+            if _bring_up_to_date(run, stages, settings, console, k, is_first=not ran):
+                ran.append(stage.name)
         verdict = run.verdict(stages)
         run.save()
         if not ran:
@@ -147,8 +148,20 @@ def _check_before_photographs(run: CampaignRun, stages: tuple[Stage, ...], setti
         check_before_photographs(detached_run(run.campaign))
 
 
-def _bring_up_to_date(run: CampaignRun, stage: Stage, settings: RunOptions, console: RunConsole, number: str) -> bool:
-    """Run a stage unless it is fresh; returns True if it ran. ``number``: such as 2/9."""
+def _bring_up_to_date(
+    run: CampaignRun,
+    stages: tuple[Stage, ...],
+    settings: RunOptions,
+    console: RunConsole,
+    k: int,
+    *,
+    is_first: bool,
+) -> bool:
+    """Run stage ``k`` of the stages, counted from 1, unless it is fresh; returns True if it ran.
+
+    ``is_first``: no stage before it ran, so that it tells how long all will take.
+    """
+    stage, number = stages[k - 1], f"{k}/{len(stages)}"
     log = run.folder / _LOG
     with defects_logged(log, f"stage {stage.name}"):
         now = run.made_from(stage)
@@ -157,10 +170,25 @@ def _bring_up_to_date(run: CampaignRun, stage: Stage, settings: RunOptions, cons
         if status.state is Freshness.FRESH and not settings.selection.forces(stage, run.order):
             return False
         log.unlink(missing_ok=True)
-        with console.during(f"{number} {stage.name}") as progress:
+        if is_first and (words := _expected_time(run, stages, settings, k)):
+            console.line(words)
+        seconds = run.durations.expected([stage.name])
+        expected = "" if seconds is None else f" ({approximate_duration(seconds)})"
+        with console.during(f"{number} {stage.name}{expected}") as progress:
             closing = run.execute(stage, now, progress)
         console.line(f"{stage.name:<12} {number}: {closing}")
         return True
+
+
+def _expected_time(run: CampaignRun, stages: tuple[Stage, ...], settings: RunOptions, k: int) -> str:
+    """Time of stage ``k`` and of all later ones that have to run, in words; empty without a like run, or if short."""
+    later = stages[k - 1 :]
+    behind = {stage.name for stage, status in run.statuses() if status.state is not Freshness.FRESH}
+    names = [one.name for one in later if one.name in behind or settings.selection.forces(one, run.order)]
+    seconds = run.durations.expected(names)
+    if seconds is None or seconds < _WORTH_SAYING_S:
+        return ""
+    return f"{count(len(names), 'stage')} to run: {approximate_duration(seconds)}, as long as they took here before"
 
 
 def _print_location(run: CampaignRun, console: RunConsole) -> None:
