@@ -22,7 +22,7 @@ from truing.estimation.design.rival_design import (
 from truing.inference.observations import Frames, Observations
 from truing.report.diagnosis.findings import subject_words
 from truing.report.numbers import approximate_duration, count, rough
-from truing.report.wordings.catalogue import cause_words, confirming
+from truing.report.wordings.catalogue import cause_words, confirming, parameter_of_cause
 from truing.report.wordings.claim import Advice, AdviceKind
 from truing.report.wordings.nonparametric_wordings import columns_words
 from truing.schemas.artifacts import ARTIFACTS
@@ -345,8 +345,7 @@ def _sharper(reach: Reach, largest: _Largest, fitted: Fitted) -> tuple[Measureme
     plan = MeasurementPlan(
         purpose, Need.PRECISION, options, choice, expected, f"The uncertainty of {name} then {falls}."
     )
-    cause, subject = cause_words(largest.cause.id), subject_words(largest.cause.subject)
-    called = f"{name} ({cause}{f', {subject}' if subject else ''})"
+    called = parameter_of_cause(name, largest.cause.id, largest.cause.subject)
     if plan.has_gain:
         return plan, plan.advice(AdviceKind.SHARPEN, f"To determine {called} more precisely")
     what, more = options.what[0], count(choice.total, options.unit)

@@ -10,7 +10,7 @@ from typing import Any
 
 from truing.report.diagnosis.findings import subject_words
 from truing.report.tables import Tables, cell, table_or_none
-from truing.report.wordings.catalogue import cause_words
+from truing.report.wordings.catalogue import cause_words, noun_of_subject
 from truing.report.wordings.claim import Claim, ParameterSize
 from truing.report.wordings.nonparametric_wordings import columns_words
 from truing.schemas.covariates import names_in
@@ -65,13 +65,20 @@ class AssessedCause(Claim):
 
     @property
     def name(self) -> str:
-        """Cause with its subject: ``actuator gain, leg 3``."""
+        """Cause with its subject in a table: ``actuator gain, leg 3``."""
+        return f"{self._kind}, {subject_words(self.subject)}" if self.subject else self._kind
+
+    @property
+    def in_sentence(self) -> str:
+        """Cause with its subject in a sentence, no word twice: ``compliance of joint elbow``."""
+        return noun_of_subject(self._kind, self.subject)
+
+    @property
+    def _kind(self) -> str:
         kind = cause_words(self.cause)
         if self.is_noise and not self.is_remainder and self.cause == "unexplained":
-            kind = "noise not as declared"
-        elif self.cause == "unexplained" and self.follows:
-            kind = f"{kind} of {columns_words(self.follows)}"
-        return f"{kind}, {subject_words(self.subject)}" if self.subject else kind
+            return "noise not as declared"
+        return f"{kind} of {columns_words(self.follows)}" if self.cause == "unexplained" and self.follows else kind
 
 
 def assessed_causes(tables: Tables) -> list[AssessedCause]:

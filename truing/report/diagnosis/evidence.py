@@ -96,7 +96,7 @@ def _next_best(rows: list[AssessedCause], found: list[AssessedCause]) -> str:
     gap = first - (best.evidence or 0.0)
     if gap < math.log(EQUAL_ODDS):
         return _alone(best, found)
-    return f" The best rejected cause ({_kind(best)}) is {_times(gap)} times less probable than {found[0].name}."
+    return f" The best rejected cause ({_kind(best)}) is {_times(gap)} times less probable than {found[0].in_sentence}."
 
 
 def _alone(best: AssessedCause, found: list[AssessedCause]) -> str:
@@ -106,8 +106,8 @@ def _alone(best: AssessedCause, found: list[AssessedCause]) -> str:
         return ""
     other = _kind(best)
     return (
-        f" Taken alone, {other} (rejected) explains the data about as well as {first.name}. With the other findings "
-        f"in the model, {first.name} is more probable, and {other} explains no more than chance "
+        f" Taken alone, {other} (rejected) explains the data about as well as {first.in_sentence}. With the other "
+        f"findings in the model, {first.in_sentence} is more probable, and {other} explains no more than chance "
         f"(p {p_equals(best.p_value)})."
     )
 

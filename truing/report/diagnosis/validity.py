@@ -50,7 +50,7 @@ def _of_blocks(rows: list[AssessedCause], of: PartNames) -> list[str]:
         alike.setdefault((says, parts), []).append(row)
     texts = []
     for (says, parts), own in alike.items():
-        names = "; ".join(f"{row.name}, {_odds(row.left_out_gain or 0.0)}" for row in own)
+        names = "; ".join(f"{row.in_sentence}, {_odds(row.left_out_gain or 0.0)}" for row in own)
         each = "it" if len(own) == 1 else "each of them"
         texts.append(
             f"Cross-validation {says} {names}: {parts} that are sensitive to {each} were left out in turn and "

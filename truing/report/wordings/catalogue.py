@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from truing.report.diagnosis.findings import subject_words
 from truing.report.wordings.bench_wordings import BENCH
 from truing.report.wordings.chain_wordings import CHAIN
@@ -178,6 +180,33 @@ WORDINGS: dict[str, Wording] = {**MECHANISM, **BODIES, **BENCH, **_AXIS, **CHAIN
 def cause_words(cause: str) -> str:
     """Return a cause as a noun, ``actuator gain``; a cause from a package by its id."""
     return WORDINGS[cause].noun if cause in WORDINGS else cause.replace("-", " ")
+
+
+def cause_of_subject(cause: str, subject: str) -> str:
+    """Return a cause with its subject, and no word of either twice: ``compliance of joint elbow``, ``creep, fz``."""
+    return noun_of_subject(cause_words(cause), subject)
+
+
+def noun_of_subject(noun: str, subject: str) -> str:
+    """Return a noun with its subject; a noun that names the kind of its subject takes the subject instead."""
+    of = subject_words(subject)
+    kind = of.split()[0].removesuffix("s") if of else ""
+    if found := re.fullmatch(rf"(.+) of (?:an? |the )?{re.escape(kind)}s?", noun) if kind else None:
+        return f"{found[1]} of {of}"
+    head, _, rest = noun.partition(" ")
+    if head == kind and rest in _OF_KINDS:
+        return f"{rest} of {of}"
+    return f"{noun}, {of}" if of else noun
+
+
+def parameter_of_cause(parameter: str, cause: str, subject: str) -> str:
+    """Return a parameter with its cause and subject: ``amplitude (periodic error, axis)``, ``drift of leg 3``."""
+    whole = cause_of_subject(cause, subject)
+    return whole if set(parameter.split()) <= set(cause_words(cause).split()) else f"{parameter} ({whole})"
+
+
+# Quantities in nouns such as "joint gain" and "leg drift".
+_OF_KINDS = frozenset({"backlash", "clearance", "deformation", "drift", "gain", "offset", "stiffness"})
 
 
 def clause(claim: Claim) -> str:
