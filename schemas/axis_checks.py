@@ -38,6 +38,13 @@ OF_AXES: Checks = {
         CheckLimits("repeated rows beyond those expected by chance at this resolution", warn=0.0),
         "Delete the copies. If an encoder resolves no more, state its step in [noise].",
     ),
+    "axis-noise": QualityCheck(
+        "Is the scatter of an encoder smaller than its declared noise and that of the command allow?",
+        "Too large a declared noise hides small effects. Scatter: between neighbouring commands from one side.",
+        VerdictRule("significantly below 1/1.5 times"),
+        "Declare the encoder's and the command's real noise in [noise]. Larger scatter is tested by adequacy, with the "
+        "final model.",
+    ),
     "axis-approach": QualityCheck(
         "Were rows approached from both sides?",
         "Lost motion appears only between two directions of approach.",

@@ -311,7 +311,13 @@ class FileMapping(Section):
         description="interferometer: channel = raw column of its readings; gives one row per channel",
     )
     wide: TemplateOfNames | None = Field(
-        None, description='template of the raw names of coordinates, "{target}_{axis}"; gives one row per target'
+        None,
+        description='template of the raw names of coordinates, "{target}_{axis}"; gives one row per target. With '
+        'wide_values: of the names of other columns, such as "Run {cycle} {direction}"; gives one row per column',
+    )
+    wide_values: Name | None = Field(
+        None,
+        description="column of the table for the numbers of the columns that wide names, such as deviation_um",
     )
     arrays: dict[RawText, tuple[Name, ...]] = Field(
         default_factory=dict, description="raw column with several numbers per cell = names for these numbers"
@@ -320,7 +326,10 @@ class FileMapping(Section):
 
     @model_validator(mode="after")
     def _wide_names_targets(self) -> FileMapping:
-        if self.wide is not None and ("{axis}" not in self.wide or self.wide.count("{") < 2):
+        if self.wide_values is not None:
+            if self.wide is None or "{" not in self.wide or "{axis}" in self.wide:
+                raise ValueError('wide_values needs wide without {axis}, such as wide = "Run {cycle} {direction}"')
+        elif self.wide is not None and ("{axis}" not in self.wide or self.wide.count("{") < 2):
             raise ValueError('wide needs {axis} and the name of a column, such as "{target}_{axis}"')
         return self
 

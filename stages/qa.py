@@ -8,7 +8,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from truing.schemas.artifacts import ARTIFACTS
-from truing.schemas.mechanism import COLUMNS_OF_AXES, NOISE_OF_COMMANDS
+from truing.schemas.mechanism import COLUMNS_OF_AXES, NOISE_OF_COMMANDS, NOISE_OF_ENCODERS
 from truing.stages.declaration import Outcome, Progress, Stage, registered
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ DECLARATION = Stage(
             "mechanism.base",
             *COLUMNS_OF_AXES,
             *NOISE_OF_COMMANDS,
+            *NOISE_OF_ENCODERS,
         ),
         *("loading", "interferometer", "signals.range_mv", "signals.zero_mv", "signals.sensitivity_mv_per_n"),
         *("bodies", "noise.actuator_mm", "noise.signal_mv", "noise.load_n", "noise.load_nm", "qa", "accept"),

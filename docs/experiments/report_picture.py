@@ -1,18 +1,28 @@
 """The picture of a report in README.md: its verdict, its 3-D view and the matrix that explains it, of the page itself.
 
 truing run sample_data/telescope && python -m docs.experiments.report_picture runs/telescope/report.html
+
+What the picture shows is written beside it, so that a test tells when the page says something else.
 """
 
 from __future__ import annotations
 
 import base64
+import hashlib
+import json
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from tests.report.browser import Browser, Page
+from truing import Run, load
+from truing.report import rendering
 
 PICTURE = Path(__file__).parents[1] / "figures" / "report.png"
+FACTS = PICTURE.with_suffix(".json")
+AGAIN = "truing run sample_data/telescope && python -m docs.experiments.report_picture runs/telescope/report.html"
+_STYLE = Path(rendering.__file__).parent / "page.css"
 _WIDTH, _HEIGHT = 1240, 860
 _SHOWN = ("figure-deformation-0", "figure-deformation-2")
 # Leaves the verdict and two figures, side by side; what is operated has no place in a picture.
@@ -44,6 +54,24 @@ _ARRANGED = """
 """
 
 
+def shown_facts(run: Run) -> dict[str, Any]:
+    """What the picture shows of a run: the verdict, the words of both figures and their traces, and the style sheet."""
+    figures = run.figures
+    return {
+        "verdict": list(run.verdicts[0]),
+        "figures": [_figure_facts(figures[name.removeprefix("figure-")].to_plotly_json()) for name in _SHOWN],
+        "style": hashlib.sha256(_STYLE.read_bytes()).hexdigest(),
+    }
+
+
+def _figure_facts(figure: dict[str, Any]) -> dict[str, Any]:
+    """Title, axes, and kind and name of every trace."""
+    layout = figure["layout"]
+    axes = {key: axis.get("title", {}).get("text") for key, axis in sorted(layout.items()) if "axis" in key}
+    traces = [[trace["type"], trace.get("name")] for trace in figure["data"]]
+    return {"title": layout["title"]["text"], "axes": axes, "traces": traces}
+
+
 def main(page: Path) -> None:
     """Write the picture from a page."""
     with tempfile.TemporaryDirectory() as folder, Browser(Path(folder)) as browser:
@@ -53,6 +81,8 @@ def main(page: Path) -> None:
         clip = {"x": 0, "y": 0, "width": _WIDTH, "height": bottom, "scale": 1}
         told = shown.ask("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)
     PICTURE.write_bytes(base64.b64decode(told["data"]))
+    facts = shown_facts(load(page.parent))
+    FACTS.write_text(json.dumps(facts, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

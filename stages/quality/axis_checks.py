@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
+from scipy.special import chdtr
 
 from truing.arrays import Array
 from truing.belonging.axis_rows import RowSlipKind, slip_of_rows
 from truing.report.numbers import count, listed
-from truing.stages.common.axis_columns import AxisColumns, columns_of, command_sigma
+from truing.stages.common.axis_columns import AxisColumns, columns_of, command_sigma, encoder_sigma
 from truing.stages.common.point_arrays import number_column
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, CheckResults, not_evaluated
 
@@ -38,6 +39,8 @@ _FEW = 0.1  # share of the rows
 _FEWEST = 3
 # From here on, readings are so coarse that equal rows say nothing.
 _COARSE = 0.5
+# Pairs that show a scatter, the factor of a declared noise that is too large, and its level; digits of deviations.
+_FEWEST_PAIRS, _TOO_LARGE, _UNLIKELY, _DIGITS = 8, 1.5, 1e-3, 12
 
 
 def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
@@ -45,12 +48,14 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
     table = tables["configurations"]
     columns = columns_of(settings, table)
     limits = CampaignLimits(settings.campaign.kind, settings.qa.limits)
-    return CheckResults(
-        _checks(table, columns, command_sigma(settings), limits), f"{count(len(table), 'row')} of an axis"
-    )
+    sigmas = {name: encoder_sigma(settings, name) or 0.0 for name in columns.encoders}
+    found = _checks(table, columns, command_sigma(settings), sigmas, limits)
+    return CheckResults(found, f"{count(len(table), 'row')} of an axis")
 
 
-def _checks(table: pa.Table, columns: AxisColumns, off: float, limits: CampaignLimits) -> Iterator[Check]:
+def _checks(
+    table: pa.Table, columns: AxisColumns, off: float, sigmas: Mapping[str, float], limits: CampaignLimits
+) -> Iterator[Check]:
     rows = columns.rows(table, off)
     in_time = np.argsort(rows.order)
     command = rows.command[in_time]
@@ -61,8 +66,37 @@ def _checks(table: pa.Table, columns: AxisColumns, off: float, limits: CampaignL
             encoder, columns, command, columns.si(table, column)[in_time], np.array(rows.poses, object)[in_time]
         )
         yield _repeated_readings(encoder, command, raw, np.array(rows.poses, object)[in_time], off, limits)
+    deviations = columns.deviations(table)
+    for encoder, own in zip(columns.encoders, deviations.T, strict=True):
+        yield noise_of_rows(encoder, rows.command, rows.direction, own, float(np.hypot(off, sigmas[encoder])))
     yield _repeated(table, columns, np.array(rows.poses, object), limits)
     yield _approach(rows.direction, limits)
+
+
+def noise_of_rows(encoder: str, command: Array, direction: Array, deviations: Array, declared: float) -> Check:
+    """Check that deviations (N,), rad or m, scatter as much as declared: between pairs of neighbouring commands from
+    one side. Effects of the axis can only enlarge that scatter."""
+    if not declared > 0.0:
+        return not_evaluated("no declared noise", "axis-noise", encoder, "neither encoder nor command has a noise")
+    known = np.isfinite(command) & np.isfinite(deviations) & (direction != 0.0)
+    pairs = []
+    for side in (-1.0, 1.0):
+        own = np.flatnonzero(known & (np.sign(direction) == side))
+        own = own[np.argsort(command[own], kind="stable")]
+        pairs.append(deviations[own[: len(own) // 2 * 2]].reshape(-1, 2))
+    both = np.concatenate(pairs)
+    if len(both) < _FEWEST_PAIRS:
+        return not_evaluated("too few rows", "axis-noise", encoder, f"{count(len(both), 'pair')} of neighbouring rows")
+    if len(np.unique(np.round(both, _DIGITS))) < _COARSE * both.size:
+        return not_evaluated("too coarse", "axis-noise", encoder, "most readings repeat to the last digit")
+    squares = float(np.sum((both[:, 1] - both[:, 0]) ** 2)) / (2.0 * declared**2)
+    ratio = float(np.sqrt(squares / len(both)))
+    is_small = chdtr(len(both), squares * _TOO_LARGE**2) < _UNLIKELY
+    text = f"Neighbouring readings of {encoder} scatter by {ratio:.2g} times the declared noise"
+    text += (
+        ": the declared noise is too large, so that small effects may be missed. Correct [noise]" if is_small else ""
+    )
+    return Check("axis-noise", encoder, ratio, 1.0 / _TOO_LARGE, "1", WARN if is_small else PASS, f"{text}.")
 
 
 def _unit(encoder: str, column: str, columns: AxisColumns, command: Array, reading: Array) -> Check:

@@ -382,3 +382,27 @@ def test_a_constant_number_does_not_follow_the_decimal_mark_of_the_file(tmp_path
     found = read(tmp_path, entries={**entry, "number_rows": {"pose": 1}})
     assert found.faults == ()
     assert (found.columns["x_mm"], found.columns["sigma_x_mm"]) == ([1.5], [0.005])
+
+
+def test_runs_of_an_axis_as_columns_become_rows_with_run_and_direction(tmp_path):
+    text = "Target;Run 1 +;Run 1 -;Run 2 +;Run 2 -\n0;0.1;0.5;0.2;0.6\n10,5;1,1;;1.2;1.6\n"
+    written(tmp_path, "runs.csv", text.replace(".", ","))
+    entry = {
+        "path": "runs.csv", "separator": ";", "decimal": ",", "columns": {"target_mm": "Target"},
+        "wide": "Run {cycle} {direction}", "wide_values": "deviation_um", "constants": {"run": "x"},
+        "rename": {"direction": {r"\+": "forward", "-": "backward"}},
+    }  # fmt: skip
+    found = read(tmp_path, "positioning", entry)
+    assert found.faults == ()
+    rows = [(r["target_mm"], r["cycle"], r["direction"], r["deviation_um"]) for r in found.rows]
+    first = [(0.0, 1, "forward", 0.1), (0.0, 1, "backward", 0.5), (0.0, 2, "forward", 0.2), (0.0, 2, "backward", 0.6)]
+    assert rows == [*first, (10.5, 1, "forward", 1.1), (10.5, 2, "forward", 1.2), (10.5, 2, "backward", 1.6)]
+    assert found.records == [0, 0, 0, 0, 1, 1, 1]
+
+
+@pytest.mark.parametrize("keys", [{"wide_values": "deviation_um"}, {"wide": "{axis}", "wide_values": "deviation_um"}])
+def test_numbers_of_wide_columns_need_a_template_without_axis(tmp_path, keys):
+    written(tmp_path, "runs.csv", "Target,Run 1\n0,1\n")
+    with pytest.raises(CampaignFaults) as caught:
+        read(tmp_path, "positioning", {"path": "runs.csv", **keys})
+    assert "wide without {axis}" in str(caught.value.faults[0])

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from tests.formats.reading import read, written
 from tests.tolerance import assert_close
+from truing.formats.named_bench import positions_side_by_side
 from truing.formats.sniff import sniff_file
 
 ROWS = [(1, "P1", 1234.5, -0.25, 12.0), (1, "P2", -1.0, 2.0, 0.001), (2, "P1", 2345.625, 0.0, -7.5)]
@@ -115,3 +116,23 @@ def test_names_without_end_are_no_columns(tmp_path, name):
     """What looks for units and meanings in a name of thousands of marks tried every way to cut it."""
     guess = sniff_file(written(tmp_path, "a.csv", f"{name},y,z\n" + "1,2,3\n" * 20))
     assert guess.mapping.get("columns", {}) == {}
+
+
+@pytest.mark.parametrize(
+    ("heads", "wide", "directions"),
+    [
+        (("Run 1 Forward (um)", "Run 1 Reverse (um)"), "Run {cycle} {direction} (um)", {"Forward", "Reverse"}),
+        (("Lauf1+", "Lauf1-"), "Lauf{cycle}{direction}", {r"\+", r"\-"}),
+        (("1_up", "1_down"), "{cycle}_{direction}", {"up", "down"}),
+    ],
+)
+def test_runs_of_an_axis_side_by_side_are_recognised(heads, wide, directions):
+    found = positions_side_by_side(("Target (mm)", *heads))
+    assert found is not None
+    assert (found.table, found.mapping["wide"], found.mapping["wide_values"]) == ("positioning", wide, "deviation_um")
+    assert set(found.mapping["rename"]["direction"]) == directions
+
+
+@pytest.mark.parametrize("heads", [("Run 1 Forward", "Comment"), ("Channel 1 x", "Channel 1 y"), ("Run 1 Forward",)])
+def test_other_columns_beside_a_target_are_no_runs(heads):
+    assert positions_side_by_side(("Target (mm)", *heads)) is None

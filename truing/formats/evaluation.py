@@ -85,12 +85,23 @@ def widen(plan: MappingPlan, batch: RawBatch) -> RawBatch:
     repeated = pa.array(np.repeat(np.arange(batch.rows), count))
     of_groups = {position for group in groups for position in group.positions}
     columns = {key: values.take(repeated) for key, values in batch.columns.items() if key not in of_groups}
-    for axis, name in enumerate(COORDINATES):
-        columns[name] = _interleaved([batch.columns[group.positions[axis]] for group in groups])
+    for place, name in enumerate(plan.wide_columns):
+        columns[name] = _interleaved([batch.columns[group.positions[place]] for group in groups])
     for label in groups[0].labels:
         named = pa.array(np.tile(np.arange(count, dtype=np.int32), batch.rows))
         columns[label] = pa.DictionaryArray.from_arrays(named, strings([group.labels[label] for group in groups]))
-    return RawBatch(columns, np.repeat(batch.records, count), batch.faults)
+    records = np.repeat(batch.records, count)
+    if plan.entry.wide_values is None:
+        return RawBatch(columns, records, batch.faults)
+    given = _given(columns[plan.entry.wide_values])
+    kept = {key: values.filter(pa.array(given)) for key, values in columns.items()}
+    return RawBatch(kept, records[given], batch.faults)
+
+
+def _given(values: pa.Array) -> Mask:
+    """Return the mask of cells with content."""
+    texts = values.cast("string").to_pylist()
+    return np.array([bool(text and text.strip()) for text in texts], bool)
 
 
 def _interleaved(columns: list[pa.Array]) -> pa.Array:

@@ -44,10 +44,10 @@ class Misfit:
 
 @dataclass(frozen=True)
 class WideGroup:
-    """One target of a wide row: its values of the template's names, and the positions of its coordinates."""
+    """One target or other column of a wide row: values of the template's names, and positions of its numbers."""
 
     labels: dict[str, str]
-    positions: tuple[int, int, int]
+    positions: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -106,6 +106,11 @@ class MappingPlan:
         if self.entry.wide is None:
             return ()
         pattern = bounded(_template_pattern(self.entry.wide), "wide")
+        if self.entry.wide_values is not None:
+            matches = (
+                (match, place) for place, name in enumerate(self.all_names) if (match := pattern.fullmatch(name))
+            )
+            return tuple(WideGroup(match.groupdict(), (place,)) for match, place in matches)
         found: dict[tuple[tuple[str, str], ...], dict[str, int]] = {}
         for position, name in enumerate(self.all_names):
             if match := pattern.fullmatch(name):
@@ -121,7 +126,12 @@ class MappingPlan:
     @cached_property
     def spread(self) -> frozenset[str]:
         """Columns that come from conversion of wide rows to long ones."""
-        return frozenset((*self.wide[0].labels, *COORDINATES)) if self.wide else frozenset()
+        return frozenset((*self.wide[0].labels, *self.wide_columns)) if self.wide else frozenset()
+
+    @property
+    def wide_columns(self) -> tuple[str, ...]:
+        """Columns of the table that the numbers of wide rows become."""
+        return COORDINATES if self.entry.wide_values is None else (self.entry.wide_values,)
 
     def origin(self, name: str, within: str = "") -> Origin | None:
         """Return the origin of a column; None without one. ``within`` its own split, the raw column."""

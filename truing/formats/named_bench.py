@@ -47,6 +47,8 @@ _DIRECTIONS = {
         "minus",
         "neg",
         "negative",
+        "reverse",
+        "rev",
         "↓",
     ),
 }
@@ -134,6 +136,32 @@ def positions_of_axis(names: Sequence[str], data: Sequence[Sequence[str]], value
     mapping: dict[str, Any] = {"columns": columns, "constants": {"run": "1"}, **({"units": given} if given else {})}
     mapping |= {"rename": {"direction": {re.escape(raw): word for raw, word in words.items()}}} if words else {}
     return Proposal("positioning", mapping, "approaches of an axis to its targets")
+
+
+_RUN_HEAD = re.compile(
+    r"(?P<head>[^\d{}]*)(?P<cycle>\d+)(?P<between>[\s_-]*)(?P<direction>[^\s\d{}(\[]+)(?P<tail>[^{}]*)"
+)
+
+
+def positions_side_by_side(names: Sequence[str]) -> Proposal | None:
+    """Return approaches of an axis to its targets, with a column for each run and direction."""
+    target = _meanings(names, {"target_mm": _TARGET}).get("target_mm")
+    others = [name for name in names if name and name != target]
+    matches = [match for name in others if (match := _RUN_HEAD.fullmatch(name))]
+    if target is None or len(matches) < max(2, len(others)):
+        return None
+    common = {(match["head"], match["between"], match["tail"]) for match in matches}
+    words = {match["direction"]: _direction(match["direction"]) for match in matches}
+    if len(common) != 1 or set(words.values()) != {"forward", "backward"}:
+        return None
+    ((head, between, tail),) = common
+    units = {"target_mm": bare_and_unit(target)[1], "deviation_um": bare_and_unit(others[0])[1]}
+    given = {column: unit for column, unit in units.items() if unit not in (None, column.rsplit("_", 1)[-1])}
+    mapping: dict[str, Any] = {"columns": {"target_mm": target}, "wide": f"{head}{{cycle}}{between}{{direction}}{tail}"}
+    mapping |= {"wide_values": "deviation_um", "constants": {"run": "1"}, **({"units": given} if given else {})}
+    mapping |= {"rename": {"direction": {re.escape(raw): str(word) for raw, word in words.items() if raw != word}}}
+    doubts = () if units["deviation_um"] else ("the numbers are deviations in um, which no head says",)
+    return Proposal("positioning", mapping, "approaches of an axis to its targets, a column for each run", doubts)
 
 
 def _direction(cell: str) -> str | None:

@@ -20,7 +20,7 @@ from truing.formats.guess import (
     wide_template,
 )
 from truing.formats.heading import heading_of
-from truing.formats.named_bench import axis_rows, positions_of_axis, readings_under_load
+from truing.formats.named_bench import axis_rows, positions_of_axis, positions_side_by_side, readings_under_load
 from truing.formats.named_columns import Loads, PoseMapping, bare_poses, is_one_motion, load_columns, pose_columns
 from truing.formats.named_joints import JointReadings, bare_joints, configurations_of_joints
 from truing.formats.numbers import Notation
@@ -211,10 +211,13 @@ def _by_names(
         return Guess(mapping | _with_parts_of_names(names, data, found), names, table, tuple(notes))
     loads = load_columns(names) if table != "signals" else None
     meant = found.get("columns", {})
-    for proposal in (readings_under_load(names), positions_of_axis(names, data, values)):
+    proposals = readings_under_load(names), positions_of_axis(names, data, values), positions_side_by_side(names)
+    for proposal in proposals:
         if proposal is not None and table is None:
             empty = {"missing": [""]} if any(not cell.strip() for row in data for cell in row) else {}
-            return Guess(mapping | proposal.mapping | empty, names, proposal.table, (proposal.note,))
+            return Guess(
+                mapping | proposal.mapping | empty, names, proposal.table, (proposal.note,), doubts=proposal.doubts
+            )
     if loads is None and table != "signals":
         if (read := configurations_of_joints(names, data, values, meant, joints)) is not None:
             return _of_joints(read, mapping, names)

@@ -118,8 +118,8 @@ def _verdict_above_noise(one: Overall, none: str, short: str) -> SectionVerdict:
 def _verdict_below_noise(one: Overall, none: str) -> SectionVerdict:
     size = f"{rough(one.after)} {sign(one.unit)}"
     text = f"{none}the rms error of predictions is only {size}, significantly less than noise alone gives "
-    text += f"({rough(one.floor or 0.0)} {sign(one.unit)}): {one.why_below}. Correct [noise]: effects below the "
-    text += "declared noise cannot be found."
+    text += f"({rough(one.floor or 0.0)} {sign(one.unit)}): {one.why_below}. Correct [noise]: with it, small "
+    text += "effects may be missed."
     text = text[:1].upper() + text[1:]
     return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BELOW_NOISE, text, _times_noise(one), "1")
 

@@ -1,0 +1,24 @@
+"""The picture of a report shows what the page says now; no pixel is compared."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from docs.experiments.report_picture import AGAIN, FACTS, PICTURE, shown_facts
+from truing import load
+
+
+@pytest.mark.slow
+def test_the_picture_shows_what_the_page_says(sample_run: Path) -> None:
+    told, now = json.loads(FACTS.read_text(encoding="utf-8")), shown_facts(load(sample_run))
+    assert json.loads(json.dumps(now)) == told, f"draw the picture again by: {AGAIN}"
+
+
+def test_the_picture_was_drawn_with_its_facts() -> None:
+    assert PICTURE.read_bytes().startswith(b"\x89PNG")
+    told = json.loads(FACTS.read_text(encoding="utf-8"))
+    assert told["verdict"]
+    assert [figure["title"] for figure in told["figures"]]
