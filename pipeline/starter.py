@@ -266,7 +266,9 @@ def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any]) -> str | None
 
 def _common_unit(mapping: Mapping[str, Any], guess: Guess) -> str | None:
     """Assumed unit of all coordinates of files without a unit; None if columns have units of their own."""
-    if "unit" in mapping:
+    from truing.formats.units import bare_and_unit
+
+    if "unit" in mapping or "wide_values" in mapping or bare_and_unit(mapping.get("wide", ""))[1] is not None:
         return None
     is_bare = guess.table in ("points", "scans", "surfaces") and guess.columns == ("x", "y", "z")
     if "wide" in mapping or "rows_per_pose" in mapping or (is_bare and "columns" not in mapping):

@@ -17,11 +17,12 @@ import pytest
 from click.testing import Result
 from typer.testing import CliRunner
 
+from truing.formats.guess import Guess
 from truing.pipeline.command_line import app
 from truing.pipeline.console import RunConsole
 from truing.pipeline.init_campaign import init_campaign
 from truing.pipeline.init_questions import Question
-from truing.pipeline.starter import MARK
+from truing.pipeline.starter import MARK, assumed_unit
 from truing.schemas.campaign import read_campaign
 
 COMMAS = "Punkt;X;Y;Z\nP1;1,234;12,345;100,001\nP2;2,234;13,345;200,001\nP3;3,234;15,345;300,001\n"
@@ -203,3 +204,10 @@ def test_json_holds_files_open_points_and_what_was_taken(folder: Path) -> None:
     assert (points["unit"]["taken"], points["unit"]["answered"]) == ("m", True)
     assert (points["decimal"]["taken"], points["decimal"]["answered"]) == (",", False)
     assert points["body"]["taken"] is None
+
+
+@pytest.mark.parametrize(
+    ("wide", "assumed"), [("{body}:{target}.{axis} [mm]", None), ("{target}_{axis}", "mm"), ("{target} {axis}", "mm")]
+)
+def test_a_unit_in_the_heads_of_targets_side_by_side_is_not_assumed(wide: str, assumed: str | None) -> None:
+    assert assumed_unit("x_mm", Guess({"wide": wide}, (), "points")) == assumed

@@ -68,7 +68,7 @@ _KNOWN = {
     "role": r"role|rolle",
     "body": r"body|rigid[ _]?body|k(ö|oe)rper|corps|(point[ _]?)?group",
     "target": r"(target|marker|point)([ _]?(id|name|no|nr))?|label|(mess)?punkt([ _]?(nr|nummer|name))?|(ziel)?marke"
-    r"|ziel(punkt)?|nom|cible|smr|reflector|reflektor|nest",
+    r"|ziel(punkt)?|name|nom|cible|smr|reflector|reflektor|nest",
     "x_mm": r"x",
     "y_mm": r"y",
     "z_mm": r"z",
