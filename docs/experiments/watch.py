@@ -47,7 +47,7 @@ REPLAYS = (
         "x_mm",
         (22, 51, 136, 400),
     ),
-    Replay("ipa-ur10-random", 1, (0.6, 1.0), (20, 30, 40, 60, 80, 120, 160, 240, 400)),
+    Replay("ipa-ur10-random", 1, (0.6,), (20, 30, 40, 60, 80, 120, 160, 240, 400)),
 )
 
 
@@ -85,7 +85,7 @@ def _decision(told: dict[str, Any]) -> str:
 
 
 def rows(replays: Sequence[Replay], folder: Path) -> Iterator[tuple[str, ...]]:
-    """Rows of the table: campaign, requirement, first decision of one look, where the watch ends, and by all poses.
+    """Rows of the table: campaign, requirement, first decision of one look, where the watch ends, the last look.
 
     All looks of a replay are one watch: one campaign folder that grows, and one run.
     """
@@ -102,13 +102,8 @@ def rows(replays: Sequence[Replay], folder: Path) -> Iterator[tuple[str, ...]]:
                 sys.stdout.flush()
             first = next(((n, found) for n, found in decisions.items() if found in ("met", "not-met")), None)
             end = next(iter(ended.items()), None)
-            yield (
-                replay.name,
-                f"{limit:g} mm",
-                _words(first),
-                _words(end),
-                decisions[replay.poses[-1]].replace("-", " "),
-            )
+            last = replay.poses[-1], decisions[replay.poses[-1]]
+            yield replay.name, f"{limit:g} mm", *map(_words, (first, end, last))
 
 
 def _words(decision: tuple[int, str] | None) -> str:
@@ -120,8 +115,7 @@ def main() -> None:
     """Replay all, and write the table."""
     with tempfile.TemporaryDirectory() as folder:
         found = list(rows(REPLAYS, Path(folder)))
-    last = REPLAYS[0].poses[-1]
-    heads = "campaign", "limit of x", "first decision", "watch ends", f"with {last:,} poses"
+    heads = "campaign", "limit of x", "first decision", "watch ends", "last look"
     head = f"| {' | '.join(heads)} |\n{'| --- ' * len(heads)}|\n"
     table = head + "".join(f"| {' | '.join(row)} |\n" for row in found)
     before, rest = PAGE.read_text(encoding="utf-8").split(_MARKS[0])
