@@ -256,9 +256,9 @@ def relate_survey(body: BodyPoints) -> RelationTest:
         trials.append((RecordSlip(SlipKind.UNIT, "points of body", (body.name,), factor), _typical(scaled.rms)))
     slip, after = min(trials, key=lambda trial: trial[1])
     if after > _FIFTH * before and _typical(scaled.rms) <= _FIFTH * before:
-        size = RecordSlip(SlipKind.SCALE, "points of body", (body.name,), 1.0 / float(np.nanmedian(scaled.scale)))
+        other = RecordSlip(SlipKind.SCALE, "points of body", (body.name,), 1.0 / float(np.nanmedian(scaled.scale)))
         as_large = replace(tested, state=RelationState.ATTENTION, reason="scale", tried=3)
-        return replace(as_large, slips=(size,), misfit_explained=1e3 * _typical(scaled.rms))
+        return replace(as_large, slips=(other,), misfit_explained=1e3 * _typical(scaled.rms))
     if after > _FIFTH * before:
         size = float(np.sqrt(np.mean(np.sum((body.survey - body.survey.mean(axis=0)) ** 2, axis=1))))
         state = RelationState.FAILS if before > _OTHER_BODY * size else RelationState.ATTENTION

@@ -314,8 +314,8 @@ def _sets_of_inputs(rows: Array, spectra: _Spectra, level: float) -> Iterator[tu
         inputs = tuple(name for name in spectra.columns if _probability(name, odds) >= _INCLUDED)
         best = max((own for own in odds if set(inputs) <= set(own)), key=lambda own: odds[own])
         functions, squares = _explained(rest, spectra, best)
-        if inputs:
-            yield inputs, max(0.0, min(1.0, squares / total)), p_value
+        if inputs and squares > 0.0:  # no more than chance is no prediction, whatever its evidence
+            yield inputs, min(1.0, squares / total), p_value
         spectra = spectra.beyond(functions)
         if spectra.held is None or spectra.held.shape[1] > _MOST_HELD * len(rest):
             return
