@@ -95,6 +95,8 @@ def _row(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice) ->
     shown, claim = words.shown.of_effect(verdict.before, verdict.after), claim_of(verdict.cause, legs)
     facts = _facts(verdict, diagnosis, words, claim)
     advice = words.next_measurement.get(cause.key) or confirming(claim, cause.confirm)
+    if verdict.course is not None and cause.key not in words.next_measurement:
+        advice = replace(advice, words=remainder_advice(verdict.course.follows))
     return {
         "cause": cause.id,
         "verdict": verdict.verdict,
@@ -182,6 +184,8 @@ def _facts(verdict: Verdict, diagnosis: CauseDiagnosis, words: DetectionAdvice, 
         fitted_words=shown.fitted,
         held_out_words=shown.held_out,
         drive=shown.drive,
+        course=None if verdict.course is None else verdict.course.follows,
+        is_course_beside=verdict.course is not None and verdict.course.is_beside,
     )
 
 

@@ -28,11 +28,19 @@ FRICTION = cause("unexplained", "leg4", catalogued=False)
 ELSEWHERE = cause("unexplained", "leg2", catalogued=False)
 
 
+def always(first: Any, second: Any) -> bool:
+    return True
+
+
+def never(first: Any, second: Any) -> bool:
+    return False
+
+
 def doubted(of_one: float, *, unnamed: Any = FRICTION) -> set[str]:
     """Doubted names of a gain with log odds of 40, then a gap with 5, next to an effect with log odds ``of_one``."""
     first, second = scored({GAIN.key: 40.0, GAP.key: 10.0, unnamed.key: of_one}), scored({GAP.key: 5.0})
     last = SimpleNamespace(candidates=[candidate(unnamed)])
-    return several_for_one([(GAIN, candidate(GAIN), first), (GAP, candidate(GAP), second)], last)
+    return several_for_one([(GAIN, candidate(GAIN), first), (GAP, candidate(GAP), second)], last, always)
 
 
 def test_two_names_are_doubted_where_one_effect_is_as_probable() -> None:
@@ -51,14 +59,15 @@ def test_an_effect_of_another_subject_is_no_rival() -> None:
 def test_a_single_name_is_not_concerned() -> None:
     last = SimpleNamespace(candidates=[candidate(FRICTION)])
     first = scored({GAIN.key: 40.0, FRICTION.key: 60.0})
-    assert several_for_one([(GAIN, candidate(GAIN), first)], last) == set()
+    assert several_for_one([(GAIN, candidate(GAIN), first)], last, always) == set()
 
 
 def test_two_steps_of_one_zero_are_doubted_and_steps_of_two_are_not() -> None:
-    def steps(other: str) -> set[str]:
+    def steps(other: str, alike: Any = always) -> set[str]:
         own = [cause("zero-step", "run 4"), cause("zero-step", other, onset=9)]
         now = scored({one.key: 30.0 for one in own})
-        return several_for_one([(one, candidate(one), now) for one in own], SimpleNamespace(candidates=[]))
+        return several_for_one([(one, candidate(one), now) for one in own], SimpleNamespace(candidates=[]), alike)
 
     assert len(steps("run 4")) == 2
     assert steps("run 5") == set()
+    assert steps("run 4", never) == set(), "no course of one pattern is behind both"

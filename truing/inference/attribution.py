@@ -33,12 +33,15 @@ _FIELDS = 8  # smooth patterns over the places of a group, in addition to its co
 _THRESHOLDS = 0.08, 0.2, 0.4  # widths of play operators, relative to the range of an input
 _LOOK_BACK = 0.5  # plausible effect of an input's history, relative to that of the input
 _DISTINCT = 1e-2  # functions below this share of the strongest are dropped
+_REPEATED = 0.7  # fewer distinct values than this share: functions of any form can be told from chance
 _LEAST_VARIANCE = 1e-6  # the same for variances along eigenvectors
 _PROBABLE_PAIRS = 6  # pairs to which third inputs are added
 _INCLUDED = 0.9  # probability from which on an input is named
 _MOST_SETS = 3  # sets of inputs that are named in turn
 _MOST_HELD = 0.5  # largest number of functions held fixed, as a share of the epochs
 _FEWEST_EPOCHS = 20
+_FEWEST_OF_PLACE = 12
+_MOST_FREE = 400  # with more epochs, courses without any input are not tried
 _MOST_COURSES = 4  # of one group
 _DRAWS_OF_NOISE = 20
 _CLIPPED = 4.0  # residuals beyond so many robust standard deviations are clipped
@@ -93,6 +96,45 @@ def attributed(fitted: FittedModel[CauseT], level: float, level_of_course: float
         for inputs, share, p_value in _sets_of_inputs(one.rows, known[key], least):
             found.append(Attributed(one.channels, inputs, part * share, min(1.0, max(p_value * tests, LEAST_P))))
     return tuple(_merged(found))
+
+
+def random_courses(fitted: FittedModel[CauseT]) -> dict[tuple[str, ...], list[Array]]:
+    """Return random courses over the epochs as functions (B, m), of unit variance on average, by the inputs followed.
+
+    They are smooth in an input, with its history or without, or linear in all inputs. Courses that follow no input
+    walk in the order of the epochs, or have no order.
+    """
+    order, groups = fitted.scene.covariates.get(_ORDER), fitted.model.error_groups
+    columns, whole = _columns(fitted, groups), np.ones(len(fitted.measured.values), bool)
+    spectra = _Spectra(columns, _InTime(_at_epochs(order, whole), _at_epochs(groups, whole)))
+    found: dict[tuple[str, ...], list[Array]] = {(name,): list(spectra.functions((name,))) for name in columns}
+    if len(inputs := tuple(name for name in fitted.scene.inputs if name in columns)) > 1:
+        together = np.column_stack([columns[name] for name in inputs])
+        found[inputs] = [_standard(together), *([] if (levels := _levels(together)) is None else [levels])]
+    if len(whole) <= _MOST_FREE:
+        walk = [] if order is None else [np.tri(len(whole))[np.argsort(np.argsort(order))]]
+        found[()] = [*walk, np.eye(len(whole))]
+    return {name: [_of_unit_variance(own) for own in several] for name, several in found.items()}
+
+
+def _of_unit_variance(functions: Array) -> Array:
+    return np.asarray(functions / np.sqrt(np.mean(np.sum(_centred(functions) ** 2, 1))))
+
+
+def p_value_of_dependence(rest: Array, own: Mask, fitted: FittedModel[CauseT]) -> float:
+    """Return the p-value of a dependence of errors on inputs, in places ``own`` (B, K) of errors (B, K, d)."""
+    at, channels = np.asarray(own.any(1)), own.any(0)
+    if at.sum() < _FEWEST_OF_PLACE:
+        return 1.0
+    rows = np.nan_to_num(np.where(own[..., None], rest, 0.0)[at][:, channels].reshape(int(at.sum()), -1))
+    groups = fitted.model.error_groups
+    columns = {name: values[at] for name, values in _columns(fitted, groups).items() if np.ptp(values[at]) > 0.0}
+    if not columns or not rows.any():
+        return 1.0
+    in_time = _InTime(_at_epochs(fitted.scene.covariates.get(_ORDER), at), _at_epochs(groups, at))
+    whole = _clipped(_condensed(_centred(rows)))
+    odds = _odds_of_sets(whole, _Spectra(columns, in_time))
+    return float(min(1.0, np.exp(-np.logaddexp.reduce(list(odds.values())))))
 
 
 def _at_epochs(values: Array | Integers | None, at: Mask) -> Array | None:
@@ -245,7 +287,7 @@ class _Spectra:
     def of(self, inputs: tuple[str, ...]) -> list[_Spectrum]:
         """Return the spectra of a set of inputs, one for each length scale, and for the history of a single input."""
         if inputs not in self._known:
-            found = (self._spectrum(functions) for functions in self._functions(inputs))
+            found = (self._spectrum(functions) for functions in self.functions(inputs))
             self._known[inputs] = [own for own in found if own is not None]
         return self._known[inputs]
 
@@ -264,12 +306,14 @@ class _Spectra:
         """Degrees of freedom of residuals."""
         return len(next(iter(self.columns.values()))) - 1 - (0 if self.held is None else self.held.shape[1])
 
-    def _functions(self, inputs: tuple[str, ...]) -> Iterator[Array]:
+    def functions(self, inputs: tuple[str, ...]) -> Iterator[Array]:
         own = np.column_stack([self.columns[name] for name in inputs])
         is_time = len(inputs) == 1 and inputs[0] in self._timed
         marks = _landmarks(_standard(own), _MOST_FUNCTIONS)
         for scale in _SCALES_OF_TIME if is_time else _SCALES:
             yield _smooth(own, marks, scale)
+        if not is_time and (levels := _levels(own)) is not None:
+            yield levels
         if len(inputs) == 1 and not is_time and (history := self.in_time.history(own[:, 0])) is not None:
             past = _LOOK_BACK * _standard(history)
             yield past
@@ -400,6 +444,13 @@ def _smooth(columns: Array, marks: Array, scale: float) -> Array:
     values, vectors = np.linalg.eigh(_gaussian_kernel(marks, marks, scale))
     kept = values > 1e-4 * values[-1]
     return np.asarray(_gaussian_kernel(x, marks, scale) @ (vectors[:, kept] / np.sqrt(values[kept])))
+
+
+def _levels(columns: Array) -> Array | None:
+    """Return indicators (n, m) of the distinct values of inputs (n, D), for functions of any form; None where too few
+    are repeated."""
+    distinct, number = np.unique(np.round(_standard(columns), 9), axis=0, return_inverse=True)
+    return np.eye(len(distinct))[number.ravel()] if len(distinct) <= _REPEATED * len(columns) else None
 
 
 def _landmarks(x: Array, most: int) -> Array:

@@ -12,8 +12,10 @@ import numpy as np
 
 from truing.inference.adequacy import is_unordered
 from truing.inference.arrays import Array, Mask
+from truing.inference.attribution import p_value_of_dependence
 from truing.inference.choice import is_real
 from truing.inference.fitted_model import FittedModel, Fitter, residuals_of_inputs
+from truing.inference.heavy_tails import is_of_place, p_value_of_repeats
 from truing.inference.model import CauseT, ScatterCandidate
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level, variance_gain
 from truing.inference.rounds import Round
@@ -65,10 +67,27 @@ class NoiseSelection(Generic[CauseT]):
         return self.fitter.scatter(final, kinds, self.dependence_level)
 
     def _weighted(self, fitted: FittedModel[CauseT], found: NoiseDependence) -> NoiseDependence:
-        """Weight observations by a noise dependence; a cause of it is doubted if residuals there may be correlated."""
+        """Weight observations by a noise dependence; a cause of it is doubted where an effect without a name may act
+        instead."""
         own, rest = found.driver.values > 0.5, self.fitter.known_residuals(fitted)
-        is_noise = found.driver.cause is None or is_unordered(rest, own, fitted, _SURELY_NOISE)
-        return replace(self.fitter.with_noise_dependence(fitted, found), doubt="" if is_noise else Reason.UNNAMED)
+        doubt = ""
+        if found.driver.cause is not None:
+            is_noise = is_unordered(rest, own, fitted, _SURELY_NOISE)
+            doubt = self._doubt(rest, own, fitted) if is_noise else Reason.UNNAMED
+        return replace(self.fitter.with_noise_dependence(fitted, found), doubt=doubt)
+
+    def _doubt(self, rest: Array, own: Mask, fitted: FittedModel[CauseT]) -> str:
+        """Return the reason to doubt that errors (B, K, d) in places ``own`` (B, K) scatter; empty where there is none.
+
+        Scatter is normal, larger than elsewhere next to heavy tails, different at repeats, and of no input.
+        """
+        repeats = self.fitter.repeats
+        is_random = (
+            is_of_place(rest, own)
+            and (repeats is None or p_value_of_repeats(rest, own, repeats) > _ORDERED)
+            and p_value_of_dependence(rest, own, fitted) > self.dependence_level
+        )
+        return "" if is_random else Reason.NOT_RANDOM
 
     def dependences(self, final: FittedModel[CauseT], kinds: Sequence[CauseT], most: int) -> list[NoiseDependence]:
         """Return up to ``most`` dependences of the noise, one after the other.

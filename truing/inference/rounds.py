@@ -153,6 +153,11 @@ class Round(Generic[CauseT]):
         """Probability of every kind of cause, among all kinds and none."""
         return probabilities({kind: self.posterior(candidate) for kind, candidate in self.best.items()})
 
+    def choice(self, candidate: CauseCandidate[CauseT]) -> float:
+        """Return the prior probability of a candidate among those of its kind on the same subject."""
+        alike = (c for c in self.candidates if c.kind == candidate.kind and c.cause.subject == candidate.cause.subject)
+        return min(1.0, candidate.prior / max(sum(c.prior for c in alike), 1e-300))
+
     def scale_holds(self, candidate: CauseCandidate[CauseT], rivals: Sequence[CauseCandidate[CauseT]]) -> bool:
         """Return True if a candidate stays the most probable when plausible scales are tripled."""
         own = self._log_odds_at_triple_scale(candidate)
@@ -368,7 +373,7 @@ class Score:
 
 def scores_of(candidates: Sequence[CauseCandidate[CauseT]], fitted: FittedModel[CauseT], along: Array) -> list[Score]:
     """Return the scores of candidates, from the parts (B, C) of the residual along the pathways."""
-    parts = [_parts_of(candidate.signature, along) for candidate in candidates]
+    parts = [parts_of(candidate.signature, along) for candidate in candidates]
     evidence = log_evidences_of(candidates, fitted, parts)
     found = []
     for candidate, own, log_odds in zip(candidates, parts, evidence, strict=True):
@@ -379,7 +384,7 @@ def scores_of(candidates: Sequence[CauseCandidate[CauseT]], fitted: FittedModel[
     return found
 
 
-def _parts_of(own: Signature, along: Array) -> Array:
+def parts_of(own: Signature, along: Array) -> Array:
     """Return the parts (r,) of a residual along a candidate's unit directions, from those along the pathways (B, C)."""
     if not own.rank:
         return np.zeros(0)

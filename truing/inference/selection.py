@@ -8,7 +8,7 @@ on something, observations are weighted accordingly and the search is repeated.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Generic
 
@@ -22,6 +22,7 @@ from truing.inference.block_gain import gain_in_blocks
 from truing.inference.blocks import EpochBlocks
 from truing.inference.choice import CandidateChoice, choose, confirmed, is_outdone, is_real, is_worth_reporting
 from truing.inference.fitted_model import FittedModel, Fitter, ScreenedValue
+from truing.inference.free_course import CourseRival, course_rival, move_alike
 from truing.inference.model import CampaignModel, CauseT, ConditionsLike, ConditionsT, ScatterCandidate
 from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level
 from truing.inference.noise_selection import NoiseSelection
@@ -122,6 +123,7 @@ class _Accepted(Generic[CauseT]):
     before: FittedModel[CauseT]  # the model without it
     after: FittedModel[CauseT]
     is_outdone: bool  # a nonparametric effect was more probable, but was refused
+    choice: float  # prior probability of its shape among those of its kind on its subject
     probability: float  # of its kind among all that explain the same
 
     @property
@@ -196,18 +198,22 @@ class CauseSelection(Generic[CauseT]):
         is_noisier |= any(own.driver.cause is None for own in noise_dependences)
         holds = searched.end.is_complete and adequacy.p_value > self._settings.doubted_level and not is_noisier
         # If the model holds a nonparametric effect, any catalogued cause may be a part of it. The same doubt holds if
-        # noise is larger in several periods, or in one while inputs scatter: an unknown effect is then more likely.
+        # noise is larger in several periods, or in one while inputs scatter: an unknown effect is then more likely. So
+        # it is where larger noise is not random.
         periods = sum(own.driver.cause is not None for own in noise_dependences)
         fewest = 1 if scatters else _SEVERAL_PERIODS
         is_named = all(own.catalogued for own in final.causes) and periods < fewest
+        is_named &= not any(own.doubt for own in noise_dependences)
         outdone = {step.cause.key for step in searched.kept if step.is_outdone or self._is_incomplete(step, searched)}
-        outdone |= several_for_one([(s.cause, s.candidate, s.round) for s in searched.kept], searched.rounds[-1])
+        outdone |= self._several_for_one(searched)
+        rivals = self._course_rivals(searched, outdone) if holds and is_named else {}
+        outdone |= rivals.keys() | self._smaller(searched, rivals.keys())
         is_clear = holds and is_named and not outdone and all(verdict.verdict != SUSPECTED for verdict in verdicts)
         attributions = () if is_clear and searched.kept else self._attributed(searched, holds=holds)
         # What inputs predict is no scatter, though it may pass for one.
         is_named &= bool(searched.kept) or not attributions
         doubt = Reason.INADEQUATE if not holds else None if is_named else Reason.UNNAMED
-        verdicts = [self._checked_verdict(verdict, final, doubt, outdone) for verdict in verdicts]
+        verdicts = [self._checked_verdict(verdict, final, doubt, outdone, rivals) for verdict in verdicts]
         # Where only the name is open the model is right all the same.
         is_sure = doubt is None and all(v.verdict != SUSPECTED or v.reason is Reason.ALTERNATIVE for v in verdicts)
         left = "" if is_sure else doubt or Reason.UNNAMED  # residuals of a doubtful model hold more than noise
@@ -250,6 +256,44 @@ class CauseSelection(Generic[CauseT]):
         last = searched.rounds[-1]
         return last.p_value_of_rivals(step.candidate, step.round) <= self._settings.dependence_level
 
+    def _course_rivals(self, searched: _Searched[CauseT], outdone: set[str]) -> dict[str, CourseRival]:
+        """Return the random courses that compete with accepted causes, by their keys; none for the causes that clearly
+        beat them."""
+        found: dict[str, CourseRival] = {}
+        for step in searched.kept:
+            if step.cause.catalogued and step.cause.key not in outdone:
+                self._progress(f"random courses in place of {step.cause.id}")
+                without = self._without_cause(searched, step.cause.key)
+                size = step.candidate.signature.parameters
+                rival = course_rival(searched.final, without, step.cause, size, step.choice)
+                if rival is not None and not rival.is_clear:
+                    found[step.cause.key] = rival
+        return found
+
+    @staticmethod
+    def _several_for_one(searched: _Searched[CauseT]) -> set[str]:
+        """Return the keys of accepted causes that may be a single effect without a name."""
+        sizes = {step.cause.key: step.candidate.signature.parameters for step in searched.kept}
+
+        def alike(first: CauseT, second: CauseT) -> bool:
+            return move_alike(searched.final, (first, sizes[first.key]), (second, sizes[second.key]))
+
+        accepted = [(step.cause, step.candidate, step.round) for step in searched.kept]
+        return several_for_one(accepted, searched.rounds[-1], alike)
+
+    @staticmethod
+    def _smaller(searched: _Searched[CauseT], doubted: Collection[str]) -> set[str]:
+        """Return the keys of accepted causes that are smaller than one of those ``doubted``: what a wrong name leaves
+        may pass for another."""
+        squares = {step.cause.key: step.round.scores[step.candidate.key].squares for step in searched.kept}
+        largest = max((squares[key] for key in doubted), default=0.0)
+        return {key for key, own in squares.items() if own < largest}
+
+    def _without_cause(self, searched: _Searched[CauseT], key: str) -> FittedModel[CauseT]:
+        """Return the fit of the final model without one of its accepted causes."""
+        others = (step.cause for step in searched.kept if step.cause.key != key)
+        return self._fitter.fitted((*self._given, *others), searched.final)
+
     def _paying(self, searched: _Searched[CauseT]) -> tuple[_Searched[CauseT], list[Verdict[CauseT]]]:
         """Return the search without the accepted causes that do not pay, and all verdicts. Those causes are suspected,
         and the final model does not hold them.
@@ -275,8 +319,7 @@ class CauseSelection(Generic[CauseT]):
     def _next_to_others(self, verdict: Verdict[CauseT], searched: _Searched[CauseT]) -> Verdict[CauseT]:
         """Return a verdict with the errors of the final model, and of the final model without the cause."""
         final = searched.final
-        others = (step.cause for step in searched.kept if step.cause.key != verdict.cause.key)
-        without = self._fitter.predicted(self._fitter.fitted((*self._given, *others), final))
+        without = self._fitter.predicted(self._without_cause(searched, verdict.cause.key))
         held_out = (without.held_out, final.held_out)
         return replace(verdict, before=without.error, after=final.error, floor=final.floor, held_out=held_out)
 
@@ -292,14 +335,19 @@ class CauseSelection(Generic[CauseT]):
         return replace(searched, kept=kept, final=final)
 
     def _checked_verdict(
-        self, verdict: Verdict[CauseT], final: FittedModel[CauseT], doubt: Reason | None, outdone: set[str]
+        self,
+        verdict: Verdict[CauseT],
+        final: FittedModel[CauseT],
+        doubt: Reason | None,
+        outdone: set[str],
+        rivals: Mapping[str, CourseRival],
     ) -> Verdict[CauseT]:
         """Return a verdict after checks on the final model: a found cause that fails one is only suspected.
 
         Predictions may contradict it. A catalogued cause is also doubted if the final model is inadequate or holds a
         nonparametric effect of which the cause may be a part. So it is if a nonparametric effect was more probable but
-        refused, or still explains something next to the cause; or if other causes that explain the same are too
-        probable.
+        refused, or still explains something next to the cause; if ``rivals`` has random courses against it; or if
+        other causes that explain the same are too probable.
         """
         if verdict.verdict != FOUND:
             return verdict
@@ -309,7 +357,10 @@ class CauseSelection(Generic[CauseT]):
             return verdict
         verdict = replace(verdict, share_explained=share_explained(final, verdict.cause))
         if doubt is not None or verdict.cause.key in outdone:
-            return replace(verdict, verdict=SUSPECTED, reason=doubt or Reason.UNNAMED)
+            course = rivals.get(verdict.cause.key)
+            reason = doubt or (Reason.UNNAMED if course is None else Reason.COURSE)
+            share = verdict.share_explained if course is None else course.share
+            return replace(verdict, verdict=SUSPECTED, reason=reason, course=course, share_explained=share)
         if verdict.probability < _NAMED:
             return replace(verdict, verdict=SUSPECTED, reason=Reason.ALTERNATIVE)
         return verdict
@@ -409,7 +460,7 @@ class CauseSelection(Generic[CauseT]):
             if predicts_worse(current.fitted.held_out, after.held_out, covered):
                 worse.append(first_order(current, chosen.candidate, REJECTED, self._fitter.held_out, Reason.HELD_OUT))
                 continue
-            outdone = is_outdone(current, chosen.candidate, refused)
+            outdone, choice = is_outdone(current, chosen.candidate, refused), current.choice(chosen.candidate)
             if not chosen.of_two:  # accepted: two rounds at once need twice the memory
                 current, chosen = self._closed(rounds), chosen.light()
             next_round = self._round(after, kinds, len(rounds))
@@ -420,7 +471,7 @@ class CauseSelection(Generic[CauseT]):
             probability = chosen.probability
             if not chosen.of_two:
                 probability = closed.probability_of_name(chosen.candidate, next_round)
-            found.append(_Accepted(chosen.light(), closed, cause, closed.fitted, after, outdone, probability))
+            found.append(_Accepted(chosen.light(), closed, cause, closed.fitted, after, outdone, choice, probability))
             rounds.append(next_round)
 
     @staticmethod

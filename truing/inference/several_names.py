@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import combinations
 from typing import TypeAlias
 
 import numpy as np
@@ -16,15 +16,22 @@ from truing.inference.search import CauseCandidate
 AcceptedCause: TypeAlias = tuple[CauseT, CauseCandidate[CauseT], Round[CauseT]]
 
 
-def several_for_one(accepted: Sequence[AcceptedCause[CauseT]], last: Round[CauseT]) -> set[str]:
+def several_for_one(
+    accepted: Sequence[AcceptedCause[CauseT]],
+    last: Round[CauseT],
+    move_alike: Callable[[CauseT, CauseT], bool],
+) -> set[str]:
     """Return the keys of accepted causes that share a subject and may be a single effect without a name.
 
     Together they are not clearly more probable than one nonparametric effect of their subject, among the candidates of
-    the ``last`` round. Or they are of one kind: a course has several steps.
+    the ``last`` round. Or they are of one kind and ``move_alike``: a course has several steps.
     """
     named = [one for one in accepted if one[0].catalogued]
-    kinds = Counter((cause.subject, cause.id) for cause, _, _ in named if cause.subject)
-    found = {cause.key for cause, _, _ in named if kinds[cause.subject, cause.id] > 1}
+    found: set[str] = set()
+    for first, second in combinations([cause for cause, _, _ in named], 2):
+        is_one_kind = first.subject and (first.subject, first.id) == (second.subject, second.id)
+        if is_one_kind and move_alike(first, second):
+            found |= {first.key, second.key}
     for subject in {cause.subject for cause, _, _ in named}:
         own = [one for one in named if one[0].subject == subject]
         if len(own) > 1 and _odds_of_one(own, last) > -np.log(RIVAL_FACTOR):

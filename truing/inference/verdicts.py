@@ -11,6 +11,7 @@ import numpy as np
 from truing.inference.arrays import Array
 from truing.inference.block_gain import BlockGain
 from truing.inference.fitted_model import FittedModel
+from truing.inference.free_course import CourseRival
 from truing.inference.model import OBSERVED, CauseT, ConditionsLike
 from truing.inference.observations import Epochs, Observations, whitened_columns
 from truing.inference.prediction import NoiseFloor, PredictionError, prediction_error
@@ -36,6 +37,8 @@ class Reason(StrEnum):
     INADEQUATE = "inadequate"  # the final model does not hold as a whole
     ALTERNATIVE = "alternative"  # another cause may explain the same
     UNNAMED = "unnamed"  # it may be a part of a nonparametric or unknown effect
+    COURSE = "course"  # a random course of the same effect is as probable, or acts next to it
+    NOT_RANDOM = "not-random"  # its errors repeat, depend on an input, or are a few large ones, unlike scatter
     UNPAID = "unpaid"  # predictions do not improve with it
     ELSEWHERE = "elsewhere"  # blocks of epochs left out are less probable with it
 
@@ -61,6 +64,7 @@ class Verdict(Generic[CauseT]):
     own: FittedModel[CauseT] | None = None  # the model with it: after its acceptance, or as a rival in its place
     reason: Reason | None = None
     rival: CauseT | None = None  # the cause from which it is indistinguishable
+    course: CourseRival | None = None  # random courses that are as probable as the cause, or act next to it
     share_explained: float | None = None  # its share of the squares that it and nonparametric effects explain together
     # For accepted causes: whether the campaign declares groupings of epochs, and the gain in blocks left out.
     blocks_asked: bool = False

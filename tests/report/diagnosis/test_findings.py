@@ -54,6 +54,15 @@ def test_a_finding_says_what_where_how_large_and_how_sure():
     )
 
 
+def test_a_name_doubted_by_another_course_says_which_and_where():
+    doubted = replace(FACTS, verdict="suspected", reason_code="course", share=0.72)
+    beside = explanation(replace(doubted, course=("rho3_mm",), is_course_beside=True))
+    assert_says(beside, "suspected", "depends on rho3_mm", "acts next to it")
+    assert_says(beside, "72 %")
+    in_place = explanation(replace(doubted, course=()))
+    assert_says(in_place, "suspected", "wanders or jumps in time", "about as probable in its place")
+
+
 @pytest.mark.parametrize(
     ("subject", "words"),
     [

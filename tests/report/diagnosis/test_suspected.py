@@ -154,7 +154,7 @@ def test_a_search_that_was_ended_is_said_first_with_what_is_left() -> None:
     assert "leg 3" in part.lead
 
 
-@pytest.mark.parametrize("doubt", ["inadequate", "unnamed"])
+@pytest.mark.parametrize("doubt", ["inadequate", "unnamed", "not-random"])
 def test_a_scatter_that_is_suspected_is_told_with_its_reason(doubt: str) -> None:
     size = {"scatter": {"value": 0.02, "sigma": 0.002, "unit": "mm"}}
     doubted = row("approach-scatter", "suspected", subject="leg3", parameters=size, reason_code=doubt)

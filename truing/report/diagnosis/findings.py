@@ -17,6 +17,8 @@ DOUBTS = {
     "alternative": "other causes, or an effect without a name, may explain the same",
     "held-out": "it predicts held-out data worse than the model without it",
     "elsewhere": "it predicts left-out parts of the campaign (runs, days, regions) worse than the model without it",
+    "course": "an effect without a name on the same parts explains the data as well, or acts next to it",
+    "not-random": "these errors are not random: they repeat, depend on an input, or a few large ones are most of them",
     "unpaid": "it does not reduce the error of the simulation",
 }
 # Data that a cause needs for its test, by the reason code of an untested row.
@@ -81,6 +83,8 @@ class Facts:
     fitted_words: str = "the calibration poses"
     held_out_words: str = "held-out poses"
     drive: str = "the readings"
+    course: tuple[str, ...] | None = None  # inputs that an unnamed effect on the same parts follows
+    is_course_beside: bool = False  # it acts next to the cause; otherwise it is as probable in its place
 
 
 def explanation(facts: Facts) -> str:
@@ -161,8 +165,17 @@ def _other_subjects(facts: Facts) -> str:
 def _suspected(facts: Facts) -> str:
     return (
         f"It may be that {facts.clause}{_sizes(facts)}.{_largest_change(facts)}{_share(facts)} "
-        f"This is suspected, not confirmed: {DOUBTS[facts.reason_code]}. {_improvement(facts)}{_other_subjects(facts)}"
+        f"This is suspected, not confirmed: {_doubt(facts)}. {_improvement(facts)}{_other_subjects(facts)}"
     )
+
+
+def _doubt(facts: Facts) -> str:
+    """Return the reason why a cause is only suspected."""
+    if facts.course is None:
+        return DOUBTS[facts.reason_code]
+    course = f"depends on {_joined_names(facts.course)}" if facts.course else "wanders or jumps in time"
+    place = "acts next to it" if facts.is_course_beside else "is about as probable in its place"
+    return f"an effect without a name on the same parts that {course} {place}"
 
 
 def _indistinguishable(facts: Facts) -> str:

@@ -1,0 +1,95 @@
+"""A name stands where its own course moves what it claims, and is doubted where another course moves the same."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.inference.toy_campaign import DRIVES, POINTS, POSES, READINGS, TEMPLATE, channels, measured
+from truing.inference.free_course import CourseRival, course_rival
+from truing.inference.noise import components
+
+ASKED = np.random.default_rng(1).uniform(-1, 1, (POSES, DRIVES))
+TIME = np.linspace(0.0, 1.0, POSES)
+GAIN, DRIFT = ASKED[:, 0], TIME - 0.5
+SIZE = 4.0  # of an effect's course over its root mean square, in sigmas of a reading
+CAMPAIGNS = 8
+
+
+def _fitted(rng: np.random.Generator, moved: NDArray, design: NDArray, values: NDArray) -> tuple[Any, Any]:
+    """A cause of a design (B, drives, P), and what stands in for a fit that leaves moved drives (B, drives)."""
+    effect = np.einsum("bmd,bd->bm", TEMPLATE.by_local[..., READINGS], moved)
+    whitened = measured(rng, effect)
+    cause = SimpleNamespace(key="own", parameters=lambda _: [SimpleNamespace(scale=1.0)] * design.shape[-1])
+    inputs = {f"drive{one}": ASKED[:, one] for one in range(DRIVES)}
+    return cause, SimpleNamespace(
+        pathways=channels(whitened),
+        fit=SimpleNamespace(whitened=whitened),
+        noise=components(whitened, 3 * POINTS, READINGS),
+        model=SimpleNamespace(part_count=DRIVES, error_groups=None),
+        measured=SimpleNamespace(values=np.zeros((POSES, 1))),
+        scene=SimpleNamespace(covariates={"order": TIME, "time": TIME}, inputs=inputs),
+        design_matrix=lambda _: {"drive": design},
+        values=lambda _: (values, np.eye(len(values))),
+    )
+
+
+def _against(moved: NDArray, design: NDArray, values: NDArray) -> list[CourseRival]:
+    """Random courses against a cause with these values, where ``moved`` (B, drives) is what acts."""
+    found = []
+    for seed in range(CAMPAIGNS):
+        cause, final = _fitted(np.random.default_rng(seed), moved - design @ values, design, values)
+        _, without = _fitted(np.random.default_rng(seed), moved, design, values)
+        rival = course_rival(final, without, cause, len(values), 1.0)
+        assert rival is not None
+        found.append(rival)
+    return found
+
+
+def _of_first(course: NDArray) -> NDArray:
+    return course[:, None] * np.eye(DRIVES)[0]
+
+
+def _rivals(moved: NDArray, course: NDArray) -> list[CourseRival]:
+    """Random courses against a cause of the first drive along ``course``, where it moves by ``moved`` (B,)."""
+    moved = SIZE * moved / np.sqrt(np.mean(moved**2))
+    value = float(course @ moved / (course @ course))
+    return _against(_of_first(moved), _of_first(course)[..., None], np.array([value]))
+
+
+def _clear(moved: NDArray, course: NDArray) -> int:
+    return sum(rival.is_clear for rival in _rivals(moved, course))
+
+
+def test_names_of_the_right_course_stand() -> None:
+    assert _clear(GAIN, GAIN) >= CAMPAIGNS - 1
+    assert _clear(DRIFT, DRIFT) >= CAMPAIGNS - 1
+
+
+def test_a_name_of_several_patterns_stands_where_each_follows_all_inputs() -> None:
+    design = np.einsum("di,bj->bdij", np.eye(DRIVES), ASKED).reshape(POSES, DRIVES, -1)
+    values = SIZE * np.random.default_rng(3).normal(size=DRIVES**2)
+    assert sum(rival.is_clear for rival in _against(design @ values, design, values)) >= CAMPAIGNS - 1
+
+
+def test_a_gain_is_doubted_where_a_drive_errs_smoothly() -> None:
+    rivals = _rivals(GAIN + np.sin(4.0 * GAIN + 0.5), GAIN)
+    assert sum(rival.is_clear for rival in rivals) <= 1
+    assert sum(rival.follows == ("drive0",) for rival in rivals) >= CAMPAIGNS - 1
+
+
+def test_a_drift_is_doubted_where_counts_are_lost() -> None:
+    lost = np.searchsorted(np.array([0.12, 0.2, 0.7]), TIME).astype(float)
+    rivals = _rivals(lost - lost.mean(), DRIFT)
+    assert sum(rival.is_clear for rival in rivals) <= 1
+    assert all(rival.follows in {(), ("time",)} for rival in rivals)
+
+
+def test_a_name_is_told_its_share_of_what_acts() -> None:
+    shares = [rival.share for rival in _rivals(GAIN + np.sin(4.0 * GAIN + 0.5), GAIN) if rival.is_beside]
+    assert shares
+    assert all(0.2 < share < 1.0 for share in shares)
+    assert all(rival.share == 1.0 for rival in _rivals(GAIN, GAIN) if not rival.is_beside)

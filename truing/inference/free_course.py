@@ -1,0 +1,208 @@
+"""Tests of an accepted name against random courses of its own effect.
+
+An effect moves its pathways in a few patterns, each along a course over the epochs. A name claims the courses. Here the
+patterns are kept, and a course is a random function instead: of any input, of its history, a walk in time, or without
+any order. Such a course must explain nothing next to the name, and must be clearly less probable in its place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from truing.inference.arrays import Array
+from truing.inference.attribution import random_courses
+from truing.inference.evidence import log_evidence
+from truing.inference.fitted_model import FittedModel
+from truing.inference.model import CauseT
+from truing.inference.rounds import RIVAL_FACTOR, parts_of
+from truing.inference.search import total_of
+from truing.inference.signatures import Pathways, signatures_of
+
+# Patterns that hold less than this share of an effect's squares are not tested, nor more than so many.
+_LEAST_PATTERN, _MOST_PATTERNS = 0.1, 3
+_LEAST_LOADING = 1e-6  # of a pathway in a pattern of unit length
+_FEWEST_EPOCHS = 12
+_MOST_LEFT = 4.0  # squares of patterns that are not tested, in units of the noise
+_MOST_PRODUCTS = 2e11  # of numbers, about a minute
+_ALIKE = 0.7  # cosine of two patterns from which on one course may be behind both
+
+# Inputs that a course follows; none if it walks in time or has no order.
+Inputs: TypeAlias = tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class MovedPattern:
+    """One pattern of an effect: the change (C,) of each pathway, for its course (B, 1) of unit mean square."""
+
+    pathways: Mapping[str, Array]
+    course: Array
+
+    def design(self, functions: Array) -> dict[str, Array]:
+        """Return the design (B, C, m) of the pattern along functions (B, m)."""
+        return {name: own[None, :, None] * functions[:, None, :] for name, own in self.pathways.items()}
+
+
+@dataclass(frozen=True)
+class CourseRival:
+    """The most probable random course against a name: the inputs that it ``follows``, its log odds ``beside`` the name,
+    and the log odds by which it is ``behind`` in its place, infinite where the name has too many patterns.
+
+    ``share``: squares that the name explains, over those that it and the course next to it explain beyond chance.
+    """
+
+    follows: Inputs
+    beside: float
+    behind: float
+    share: float
+
+    @property
+    def is_clear(self) -> bool:
+        """True if no random course is nearly as probable as the name, or acts next to it."""
+        return not self.is_beside and bool(self.behind >= np.log(RIVAL_FACTOR))
+
+    @property
+    def is_beside(self) -> bool:
+        """True if a random course acts next to the name."""
+        return bool(self.beside > np.log(RIVAL_FACTOR))
+
+
+def course_rival(
+    final: FittedModel[CauseT], without: FittedModel[CauseT], cause: CauseT, size: int, choice: float
+) -> CourseRival | None:
+    """Return the random courses against a cause of the ``final`` model; None where there are too few epochs,
+    or too many values.
+
+    ``without`` is the final model without the cause; all parameters after the first ``size`` are the cause's shape;
+    ``choice`` is the prior probability of its shape among all that it may have on its subject.
+    """
+    patterns, left = _patterns_of(final, cause, size)
+    if not patterns:
+        return None
+    courses = random_courses(final)
+    moved = max(int(sum(np.count_nonzero(own) for own in pattern.pathways.values())) for pattern in patterns)
+    functions = sum(own.shape[1] for several in courses.values() for own in several)
+    if len(patterns[0].course) * moved**2 * functions > _MOST_PRODUCTS:
+        return None
+    beside = [_likeliest(final, pattern, courses) for pattern in patterns]
+    instead = [_likeliest(without, pattern, courses) for pattern in patterns]
+    named, behind = _lead(without, patterns, instead)
+    if left > _MOST_LEFT:  # random courses would absorb patterns that are not tested
+        behind = np.inf
+    next_to_it = max(beside, key=lambda one: one.odds)
+    odds = next_to_it.odds - np.log(len(patterns))
+    is_beside = odds > np.log(RIVAL_FACTOR)
+    chosen = next_to_it if is_beside else max(instead, key=lambda one: one.odds)
+    share = named / max(named + (next_to_it.squares if is_beside else 0.0), 1e-300)
+    return CourseRival(chosen.follows, float(odds), float(behind + np.log(choice)), share)
+
+
+def move_alike(final: FittedModel[CauseT], first: tuple[CauseT, int], second: tuple[CauseT, int]) -> bool:
+    """Return True if the leading patterns of two causes are alike, so that one course may be behind both.
+
+    Each comes with the number of its parameters before those of its shape.
+    """
+    found = [pattern for own in (first, second) for pattern in _patterns_of(final, *own)[0][:1]]
+    names = tuple(final.pathways.places)
+    weight, places = _sensitivity(final.pathways, names), final.pathways.places
+    each = [
+        np.concatenate([own.pathways.get(name, np.zeros(places[name].stop - places[name].start)) for name in names])
+        * weight
+        for own in found
+    ]
+    if len(each) < 2:
+        return True
+    return bool(abs(each[0] @ each[1]) > _ALIKE * np.linalg.norm(each[0]) * np.linalg.norm(each[1]))
+
+
+@dataclass(frozen=True)
+class _Courses:
+    """Random courses of a pattern: their log odds over none, averaged over all inputs; and of the most probable ones
+    the log odds, the functions (B, m), the squares explained beyond chance, and the inputs followed."""
+
+    odds: float
+    best: float
+    functions: Array
+    squares: float
+    follows: Inputs = ()
+
+
+def _likeliest(
+    fitted: FittedModel[CauseT], pattern: MovedPattern, courses: Mapping[Inputs, Sequence[Array]]
+) -> _Courses:
+    """Return the random courses of a pattern."""
+    every = iter(_evidences(fitted, [pattern.design(own) for several in courses.values() for own in several]))
+    found = []
+    for follows, several in courses.items():
+        own = [
+            _Courses(odds, odds, functions, squares) for functions, (odds, squares) in zip(several, every, strict=False)
+        ]
+        best = max(own, key=lambda one: one.odds)
+        odds = float(np.logaddexp.reduce([one.odds for one in own]) - np.log(len(own)))
+        found.append(replace(best, odds=odds, follows=follows))
+    odds = float(np.logaddexp.reduce([one.odds for one in found]) - np.log(len(found)))
+    return replace(max(found, key=lambda one: one.odds), odds=odds)
+
+
+def _lead(
+    without: FittedModel[CauseT], patterns: Sequence[MovedPattern], instead: Sequence[_Courses]
+) -> tuple[float, float]:
+    """Return the squares that the courses of a name explain, and their log odds over random courses in their place.
+
+    All patterns together: each alone would absorb a part of the others. A random course pays for the choice among all.
+    """
+    designs = [
+        [pattern.design(pattern.course) for pattern in patterns],
+        [pattern.design(one.functions) for pattern, one in zip(patterns, instead, strict=True)],
+    ]
+    together = [{name: np.concatenate([one[name] for one in own], -1) for name in own[0]} for own in designs]
+    (named, squares), (free, _) = _evidences(without, together)
+    return squares, named - free - sum(one.odds - one.best for one in instead)
+
+
+def _evidences(fitted: FittedModel[CauseT], designs: Sequence[Mapping[str, Array]]) -> list[tuple[float, float]]:
+    """Return the log odds of random combinations of the columns of each design, and the squares that they explain
+    beyond chance."""
+    pathways = fitted.pathways
+    along = pathways.along(fitted.fit.whitened.rest[None])[0]
+    total, freedom = total_of(fitted)
+    found = []
+    for own in signatures_of(pathways, designs):
+        parts = parts_of(own, along)
+        odds = float(log_evidence(parts, own.strengths, total, freedom)) if own.rank else 0.0
+        found.append((odds, max(float(parts @ parts) - own.rank * total / freedom, 0.0)))
+    return found
+
+
+def _patterns_of(fitted: FittedModel[CauseT], cause: CauseT, size: int) -> tuple[list[MovedPattern], float]:
+    """Return the leading patterns of an effect that the model holds, and the squares of all others, in units of the
+    noise."""
+    pathways, designs = fitted.pathways, fitted.design_matrix(cause)
+    epochs = len(pathways.columns)
+    names = tuple(name for name in pathways.places if name in designs)
+    if epochs < _FEWEST_EPOCHS or not names:
+        return [], 0.0
+    scale = np.array([own.scale for own in cause.parameters(fitted.model.part_count)])
+    values = (fitted.values(cause)[0] / scale)[:size]
+    parts = [np.broadcast_to(designs[name][..., :size] @ values, (epochs, designs[name].shape[1])) for name in names]
+    weight = _sensitivity(pathways, names)
+    effect = np.concatenate(parts, 1) * weight
+    _, sizes, along = np.linalg.svd(effect, full_matrices=False)  # largest first
+    ends = np.cumsum([part.shape[1] for part in parts])[:-1]
+    kept = int(np.sum(sizes[:_MOST_PATTERNS] ** 2 > _LEAST_PATTERN * np.sum(sizes**2)))
+    found = []
+    for size_of_it, loading in zip(sizes[:kept], along, strict=False):
+        unit = size_of_it / np.sqrt(epochs)
+        own = np.where(np.abs(loading) > _LEAST_LOADING, loading, 0.0)
+        pattern = np.split(unit * own / np.where(weight > 0.0, weight, 1.0), ends)
+        found.append(MovedPattern(dict(zip(names, pattern, strict=True)), (effect @ loading / unit)[:, None]))
+    return found, float(np.sum(sizes[kept:] ** 2))
+
+
+def _sensitivity(pathways: Pathways, names: tuple[str, ...]) -> Array:
+    """Return the mean signal-to-noise ratio (C,) of a unit change of each pathway."""
+    index = pathways.index(names)
+    return np.asarray(np.sqrt(np.diagonal(pathways.gram, axis1=1, axis2=2)[:, index].mean(0)))

@@ -1,0 +1,95 @@
+"""Heavy tails as the unnamed rival of a cause by which some measurements scatter more than others.
+
+A name says that everything in one place scatters more. A few large errors anywhere may look the same. So the size of
+each error is Student's t, with any number of degrees of freedom, and the name must be needed next to it.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from truing.inference.arrays import Array, Integers, Mask
+
+_FREEDOMS = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 15.0, 1e3)  # the last is a normal distribution
+_STEPS = 30
+_FEWEST_REPEATS = 4
+# Log likelihood ratios: a place must be needed by the first, and tails there must not exceed the second.
+_NEEDED, _HEAVY = float(np.log(20.0)), 5.0
+
+
+def is_of_place(rest: Array, own: Mask) -> bool:
+    """Return True if errors (B, K, d) are larger in places ``own`` (B, K) than heavy tails explain, and normal there.
+
+    Tails are those of single coordinates, or of all coordinates of an epoch together. The channels concerned are
+    compared at other epochs, or with other channels if all of their epochs are concerned.
+    """
+    always = bool(np.all(own.all(0) | ~own.any(0)))
+    channels = np.ones(own.shape[1], bool) if always else own.any(0)
+    squares, inside = rest[:, channels] ** 2, own[:, channels]
+    each, where = squares.ravel(), np.repeat(inside.ravel(), rest.shape[2])
+    needed, tails = [log_odds_of_place(each, 1, where)], [log_odds_of_tails(each[where], 1)]
+    known = np.isfinite(squares)
+    if not always and (size := int(known.any(0).sum())) > 1:
+        whole = np.where(known, squares, 0.0).sum((1, 2)) / np.maximum(known.sum((1, 2)), 1) * size
+        whole[~known.any((1, 2))] = np.nan
+        during = np.asarray(inside.any(1))
+        needed.append(log_odds_of_place(whole, size, during))
+        tails.append(log_odds_of_tails(whole[during], size))
+    return min(needed) > _NEEDED and max(tails) < _HEAVY
+
+
+def p_value_of_repeats(rest: Array, own: Mask, repeats: Integers) -> float:
+    """Return the p-value of the F test of equal means at repeats of a command, of errors (B, K, d) in places ``own``
+    (B, K).
+
+    ``repeats`` (B,): number of each epoch's command, -1 for none. Random errors differ at each repeat.
+    """
+    from scipy.special import fdtrc
+
+    between, within, freedom = 0.0, 0.0, [0, 0]
+    for channel in np.flatnonzero(own.any(0)):
+        at = own[:, channel] & (repeats >= 0) & np.isfinite(rest[:, channel]).all(1)
+        if not at.any():
+            continue
+        rows, (_, number, count) = rest[at, channel], np.unique(repeats[at], return_inverse=True, return_counts=True)
+        means = np.stack([np.bincount(number, column) for column in rows.T], -1) / count[:, None]
+        within += float(np.sum((rows - means[number]) ** 2))
+        between += float(np.sum(count[:, None] * (means - rows.mean(0)) ** 2))
+        freedom[0] += (len(count) - 1) * rows.shape[1]
+        freedom[1] += (len(rows) - len(count)) * rows.shape[1]
+    if min(freedom) < _FEWEST_REPEATS or within <= 0.0:
+        return 1.0
+    return float(fdtrc(*freedom, between / freedom[0] / (within / freedom[1])))
+
+
+def log_odds_of_place(square: Array, size: int, own: Mask) -> float:
+    """Return the log likelihood ratio of a separate scale in one place, next to heavy tails of any shape.
+
+    ``square`` (n,): squares of errors of ``size`` coordinates each, NaN where unknown; ``own`` (n,): True in the place.
+    """
+    known = np.isfinite(square)
+    inside, outside = square[known & own], square[known & ~own]
+    if not len(inside) or not len(outside):
+        return 0.0
+    apart = [log_likelihood(inside, size, nu) + log_likelihood(outside, size, nu) for nu in _FREEDOMS]
+    together = [log_likelihood(square[known], size, nu) for nu in _FREEDOMS]
+    return max(apart) - max(together)
+
+
+def log_odds_of_tails(square: Array, size: int) -> float:
+    """Return the log likelihood ratio of heavy tails over a normal distribution, both with a scale of their own."""
+    known = square[np.isfinite(square)]
+    every = [log_likelihood(known, size, nu) for nu in _FREEDOMS] if len(known) else [0.0]
+    return max(every) - every[-1]
+
+
+def log_likelihood(square: Array, size: int, freedom: float) -> float:
+    """Return the log likelihood of errors of Student's t at the likeliest scale, up to a constant of their number."""
+    scale = float(np.mean(square)) / size
+    for _ in range(_STEPS):
+        scale = float(np.mean((freedom + size) / (freedom + square / max(scale, 1e-300)) * square)) / size
+    scale = max(scale, 1e-300)
+    each = math.lgamma((freedom + size) / 2.0) - math.lgamma(freedom / 2.0) - size / 2.0 * math.log(freedom * scale)
+    return len(square) * each - (freedom + size) / 2.0 * float(np.sum(np.log1p(square / (freedom * scale))))
