@@ -149,10 +149,11 @@ def _body_views(tables: Mapping[str, pa.Table], around: PoseSurroundings) -> lis
     """Every body of the observations, fitted robustly pose by pose."""
     observations, survey = tables["observations"], tables.get("survey")
     bodies = dict.fromkeys(observations.column("body").to_pylist())
-    return [_view(observations, survey, body, around) for body in bodies]
+    return [viewed(observations, survey, body, around) for body in bodies]
 
 
-def _view(observations: pa.Table, survey: pa.Table | None, body: str, around: PoseSurroundings) -> BodyView:
+def viewed(observations: pa.Table, survey: pa.Table | None, body: str, around: PoseSurroundings) -> BodyView:
+    """Return one body of the observations, fitted robustly pose by pose to its survey, or to its first shape."""
     place = survey_points(survey, body) if survey is not None else None
     is_surveyed = place is not None and bool(place.targets)
     if place is None or not is_surveyed:

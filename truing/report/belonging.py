@@ -228,7 +228,7 @@ _WORDS = {
     SlipKind.DIRECTION: lambda slip: f"{_slip_subject(slip)} pointing the opposite way",
     SlipKind.FROZEN: lambda slip: f"{_slip_subject(slip)} frozen: the value does not change while the machine moves",
     SlipKind.STRAY: lambda slip: (
-        f"{_slip_subject(slip)} far from the pose: a misread digit, or a value from another row"
+        f"{_slip_subject(slip)} far from the pose: a misread digit, a value from another row, or a wrong point"
     ),
     SlipKind.ROUNDED: lambda slip: (
         f"{_slip_subject(slip)} recorded in steps of {slip.offset:.4g} mm, much larger than the noise"

@@ -81,6 +81,23 @@ def test_a_few_poses_far_off_fail_and_are_listed(tmp_path: Path) -> None:
     assert "pose 5, pose 21, pose 42 far from the pose" in message
 
 
+def test_a_wrong_target_of_the_base_blames_no_readings(tmp_path: Path) -> None:
+    """It turns the frame of its pose, so that the tool seems far from where the joints put it."""
+
+    def with_a_base(campaign: Path) -> None:
+        points = pd.read_csv(campaign / "points.csv")
+        places = 1e3 * np.random.default_rng(2).uniform(-0.5, 0.5, (4, 3))
+        base = pd.DataFrame(places, columns=["x_mm", "y_mm", "z_mm"]).assign(target=["B1", "B2", "B3", "B4"])
+        base = base.merge(points[["pose"]].drop_duplicates(), how="cross").assign(body="base_link")
+        base.loc[base["pose"].isin([7, 19]) & base["target"].eq("B2"), "x_mm"] += 300.0
+        pd.concat([points, base]).to_csv(campaign / "points.csv", index=False)
+        text = (campaign / "campaign.toml").read_text(encoding="utf-8").replace('frame = "campaign"', 'frame = "pose"')
+        (campaign / "campaign.toml").write_text(text, encoding="utf-8")
+
+    assert checked(tmp_path, None, with_a_base)[:2] == (0, "pass")
+    assert checked(tmp_path / "b", three_wrong_rows, with_a_base)[1] == "fail"
+
+
 def test_poses_that_a_person_excludes_are_not_tested(tmp_path: Path) -> None:
     def exclude(campaign: Path) -> None:
         with (campaign / "campaign.toml").open("a", encoding="utf-8") as file:
