@@ -159,11 +159,26 @@ class Whitened:
         informative[: len(own)] = own
         return informative
 
-    def rough_basis(self) -> Array:
-        """Return the basis (N, G) in single precision."""
-        if self.whole is None:
-            return self.compact.mapped(self._inverse, np.float32)
+    @cached_property
+    def _rough_basis(self) -> Array:
+        """The basis (N, G) in single precision."""
         return self.basis.astype(np.float32)
+
+    def prepare_draws(self) -> None:
+        """Form what `without_shared_roughly` needs, before several threads call it."""
+        _ = self._inverse if self.whole is None else self._rough_basis
+
+    def without_draws(self) -> None:
+        """Free the array that only `without_shared_roughly` needs."""
+        self.__dict__.pop("_rough_basis", None)
+
+    def without_shared_roughly(self, rows: Array) -> Array:
+        """Return rows (D, N) without their projection on the space that the shared unknowns explain, all in single
+        precision. A compact problem takes few products in double precision, instead of many with its basis."""
+        if self.whole is not None:
+            return np.asarray(rows - (rows @ self._rough_basis) @ self._rough_basis.T)
+        shared = self._inverse @ (self._inverse.T @ self.compact.products(rows.T.astype(float)))
+        return np.asarray(rows - self.compact.mapped(shared, np.float32).T)
 
     def along_basis(self, parts: Array) -> Array:
         """Return rows (N, ...) from their parts (G, ...) along the basis."""

@@ -205,7 +205,8 @@ class Search(Generic[CauseT]):
 
     def _prepare(self) -> None:
         """Form what both searches share, before they run at once."""
-        _ = self._standard, self._flipped_level, self._members, self._banks, self.pathways._rough
+        _ = self._standard, self._flipped_level, self._members, self._banks
+        self.pathways.prepare_draws()
         for family in self.families:
             _ = family.signatures.inverse
 

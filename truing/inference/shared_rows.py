@@ -127,9 +127,11 @@ class SharedRows:
         found[np.diag_indices(len(found))] += 1.0  # the priors
         common, size = self.columns[0, : self.common], len(found)
         wide = self.own[..., : self.common].reshape(self.of_epochs, self.common)
-        of_few = np.swapaxes(self.own[..., self.common :], 1, 2) @ self.own
+        few, of_few = self.columns[:, self.common :], np.swapaxes(self.own[..., self.common :], 1, 2) @ self.own
         whole = np.zeros((size + 1, size + 1))
-        np.add.at(whole, (self.columns[:, self.common :, None], self.columns[:, None]), of_few)
+        np.add.at(whole, (few[:, :, None], few[:, None]), of_few[..., self.common :])
+        if few.size:
+            whole[:, common] = self._sums_of_few(few, of_few[..., : self.common])
         whole[np.ix_(common, common)] = wide.T @ wide
         others = np.delete(np.arange(size), common)
         whole[np.ix_(common, others)] = whole[np.ix_(others, common)].T

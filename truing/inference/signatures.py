@@ -97,19 +97,25 @@ class Pathways:
         if rows.dtype == np.float64:
             columns, own = self.columns, np.stack([self.whitened.without_shared(row) for row in rows])
         else:
-            columns, basis = self._rough
-            own = rows - (rows @ basis) @ basis.T
+            columns = self._rough
+            own = self.whitened.without_shared_roughly(rows)
         epochs, height, _ = columns.shape
         own = own[:, : epochs * height].reshape(len(rows), epochs, height)
         return np.asarray(np.matmul(own.transpose(1, 0, 2), columns).transpose(1, 0, 2))
 
     @cached_property
-    def _rough(self) -> tuple[Array, Array]:
-        return self.columns.astype(np.float32), self.whitened.rough_basis()
+    def _rough(self) -> Array:
+        return self.columns.astype(np.float32)
+
+    def prepare_draws(self) -> None:
+        """Form the arrays that only draws need, before several searches use them at once."""
+        _ = self._rough
+        self.whitened.prepare_draws()
 
     def without_draws(self) -> None:
         """Free the arrays that only draws need."""
         self.__dict__.pop("_rough", None)
+        self.whitened.without_draws()
 
     def index(self, names: tuple[str, ...]) -> Integers:
         """Return the indices of the named pathways, in that order."""
