@@ -8,3 +8,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 Integers = NDArray[np.intp]
+
+
+def index_or_slice(index: Integers) -> Integers | slice:
+    """Return indices (n,) as a slice where they are contiguous, which avoids a copy."""
+    return slice(index[0], index[-1] + 1) if len(index) and np.all(np.diff(index) == 1) else index

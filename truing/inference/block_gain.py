@@ -65,9 +65,10 @@ def block_gain(whitened: Whitened, own: slice, value: Array, possible: Sequence[
     left = start - whitened.moved(_embedded(step, kept))
     shape = whitened.own.shape[:2]
     by_epoch = [each[: shape[0] * shape[1]].reshape(shape) for each in (whitened.rest, left, effect)]
+    whole = _log_determinant(gram), _log_determinant(gram[np.ix_(kept, kept)])
     for blocks in possible:
         each = (np.flatnonzero(blocks.numbers == number) for number in range(blocks.count))
-        gains = [_gain_of(whitened, gram, by_epoch, kept, block) for block in each]
+        gains = [_gain_of(whitened, gram, whole, by_epoch, kept, block) for block in each]
         informative = [gain for gain in gains if gain is not None]
         if len(informative) >= FEWEST_TELLING:
             return BlockGain(blocks.kind, len(informative), float(np.sum(informative)))
@@ -81,28 +82,45 @@ def _embedded(values: Array, places: Mask) -> Array:
     return found
 
 
-def _gain_of(whitened: Whitened, gram: Array, by_epoch: Sequence[Array], kept: Mask, block: Integers) -> float | None:
+def _gain_of(
+    whitened: Whitened,
+    gram: Array,
+    whole: tuple[float, float],
+    by_epoch: Sequence[Array],
+    kept: Mask,
+    block: Integers,
+) -> float | None:
     """Return the gain in one block of epochs (b,); None where the block is not informative. ``by_epoch``: residuals
     (B, H) of fits to everything, with the cause and without, and its effect; ``kept`` (G,): unknowns except the
-    cause's."""
+    cause's; ``whole``: log determinants of the normal matrix, of all unknowns and of these."""
     rest, left, effect = (each[block].ravel() for each in by_epoch)
-    own = whitened.rows_at(block).reshape(len(effect), len(kept))
-    others = gram - own.T @ own
     size = float(np.sum(effect**2))
     if size < _LEAST_EFFECT:
         return None
-    uncertain = np.linalg.inv(others)[np.ix_(~kept, ~kept)]
-    if float(np.sum((own[:, ~kept] @ uncertain) * own[:, ~kept])) > size:
+    own = whitened.rows_at(block).reshape(len(effect), len(kept))
+    others = gram - own.T @ own
+    factor = np.linalg.cholesky(others)
+    uncertain = own[:, ~kept] @ _solved(factor, np.eye(len(kept))[:, ~kept]).T
+    if float(np.sum(uncertain**2)) > size:
         return None
-    within = np.ix_(kept, kept)
-    without = _log_density(own[:, kept], gram[within], others[within], left)
-    return _log_density(own, gram, others, rest) - without
+    within = np.linalg.cholesky(others[np.ix_(kept, kept)])
+    return _log_density(own, whole[0], factor, rest) - _log_density(own[:, kept], whole[1], within, left)
 
 
-def _log_density(rows: Array, gram: Array, others: Array, rest: Array) -> float:
+def _log_density(rows: Array, whole: float, others: Array, rest: Array) -> float:
     """Return the log density of a block predicted from all other rows, up to a constant. ``rows`` (n, G) of the block;
-    ``gram`` and ``others`` (G, G): normal matrices with it and without; ``rest`` (n,): residuals of the fit to
-    everything."""
-    along = rows.T @ rest
-    squares = float(rest @ rest + along @ np.linalg.solve(others, along))
-    return 0.5 * float(np.linalg.slogdet(others)[1] - np.linalg.slogdet(gram)[1] - squares)
+    ``whole``: log determinant of the normal matrix with it; ``others`` (G, G): Cholesky factor of that without it;
+    ``rest`` (n,): residuals of the fit to everything."""
+    squares = float(rest @ rest + np.sum(_solved(others, rows.T @ rest) ** 2))
+    return 0.5 * (2.0 * float(np.sum(np.log(np.diagonal(others)))) - whole - squares)
+
+
+def _log_determinant(gram: Array) -> float:
+    return float(np.linalg.slogdet(gram)[1])
+
+
+def _solved(factor: Array, values: Array) -> Array:
+    """Return the solution (G, ...) of a lower triangular system (G, G) for values (G, ...)."""
+    from scipy.linalg import solve_triangular
+
+    return np.asarray(solve_triangular(factor, values, lower=True))

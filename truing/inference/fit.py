@@ -13,7 +13,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from truing.inference.arrays import Array, Integers
+from truing.inference.arrays import Array, Integers, Mask, index_or_slice
 from truing.inference.linear_problem import LinearisedModel, Whitened, columns_of, whiten
 from truing.inference.model import Predict
 from truing.inference.observations import Frames, Observations
@@ -57,9 +57,19 @@ class Fit:
         self.__dict__.pop("whitened", None)
 
 
-def fit_model(predict: Predict, measured: Observations, frames: Frames, shared: Array, local: Array) -> Fit:
-    """Return the maximum of posterior probability over shared (G,) and local (B, H) unknowns and frames."""
-    problem = linearise(predict, measured, frames, shared, local, compact=True)
+def fit_model(
+    predict: Predict,
+    measured: Observations,
+    frames: Frames,
+    shared: Array,
+    local: Array,
+    start: LinearisedModel | None = None,
+) -> Fit:
+    """Return the maximum of posterior probability over shared (G,) and local (B, H) unknowns and frames.
+
+    ``start``: the linearised problem at these unknowns, if known.
+    """
+    problem = start or linearise(predict, measured, frames, shared, local, compact=True)
     past, state, iterations = _Past(), FitState.NOT_SETTLED, _MAX_ITERATIONS
     for iteration in range(_MAX_ITERATIONS):
         whitened = whiten(problem)
@@ -134,8 +144,8 @@ def linearise(
     turned = measured.whitener @ frames.R[:, None]
     by_local = np.concatenate([measured.whitener @ frames.columns(arms), turned @ found.by_local], -1)
     epochs, height = len(arms), arms.shape[1] * arms.shape[2]
-    kept = columns_of(np.any(found.by_shared, (1, 2))) if compact else None
-    slopes = found.by_shared if kept is None else _column_derivatives(found.by_shared, kept[0])
+    kept = columns_of(_acting(found.by_shared)) if compact else None
+    slopes = found.by_shared if kept is None else _column_derivatives(found.by_shared, *kept)
     return LinearisedModel(
         residual=(measured.whitener @ gap[..., None]).reshape(epochs, -1),
         by_local=by_local.reshape(epochs, height, by_local.shape[-1]),
@@ -152,11 +162,20 @@ def linearise(
     )
 
 
-def _column_derivatives(slopes: Array, columns: Integers) -> Array:
+def _acting(slopes: Array) -> Mask:
+    """Return True for shared unknowns that act in each epoch, (B, G), from derivatives (B, K, d, G)."""
+    found = np.zeros((len(slopes), slopes.shape[-1]), bool)
+    for channel, axis in np.ndindex(slopes.shape[1:3]):  # a long campaign's derivatives are too many to compare at once
+        found |= slopes[:, channel, axis] != 0.0
+    return found
+
+
+def _column_derivatives(slopes: Array, columns: Integers, common: int) -> Array:
     """Return derivatives (B, K, d, C) of the columns (B, C) of each epoch, from those of all, (B, K, d, G); zero for
-    column G."""
-    own = np.take_along_axis(slopes, np.minimum(columns, slopes.shape[-1] - 1)[:, None, None], 3)
-    return np.asarray(own * (columns < slopes.shape[-1])[:, None, None])
+    column G. The first ``common`` columns are the same in all epochs."""
+    few = columns[:, None, None, common:]
+    own = np.take_along_axis(slopes, np.minimum(few, slopes.shape[-1] - 1), 3) * (few < slopes.shape[-1])
+    return np.concatenate([slopes[..., index_or_slice(columns[0, :common])], own], -1)
 
 
 def _rotated_slopes(turned: Array, slopes: Array) -> Array:

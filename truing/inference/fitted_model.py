@@ -268,7 +268,8 @@ class Fitter(Generic[CauseT]):
         model, measured, fit = fitted.model, fitted.measured, fitted.fit
         others = replace(measured, seen=measured.seen & ~own[:, None])
         local = np.where(own[:, None], 0.0, fit.local)
-        without = fit_model(model.predict, others, fit.frames, fit.shared, local)
+        start = fit.whitened.problem.without(own)
+        without = fit_model(model.predict, others, fit.frames, fit.shared, local, start)
         return prediction_error(model, measured, fit.frames, without.shared)
 
     def screen(self, fitted: FittedModel[CauseT]) -> bool:

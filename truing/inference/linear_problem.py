@@ -8,7 +8,7 @@ a prior is a row of the identity. Local unknowns are eliminated epoch by epoch, 
 from __future__ import annotations
 
 from collections.abc import Mapping, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -54,6 +54,18 @@ class LinearisedModel:
             return np.asarray(self.by_shared @ shared)
         own = np.concatenate([shared, np.zeros((1, *shared.shape[1:]))])[self.columns]
         return np.asarray(self.by_shared @ own if shared.ndim > 1 else (self.by_shared @ own[..., None])[..., 0])
+
+    def without(self, epochs: Mask) -> LinearisedModel:
+        """Return the problem without the measurements of some epochs (B,), whose local unknowns are zero."""
+        kept = ~epochs[:, None]
+        return replace(
+            self,
+            residual=self.residual * kept,
+            by_local=self.by_local * kept[..., None],
+            by_shared=self.by_shared * kept[..., None],
+            local_value=self.local_value * kept,
+            present=self.present & kept,
+        )
 
     @property
     def squares(self) -> float:

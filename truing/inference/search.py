@@ -15,7 +15,7 @@ from typing import Generic
 
 import numpy as np
 
-from truing.inference.arrays import Array, Integers
+from truing.inference.arrays import Array, Integers, index_or_slice
 from truing.inference.channel_signatures import (
     ChannelSignatures,
     RotatedChannels,
@@ -124,7 +124,7 @@ class Search(Generic[CauseT]):
             by_index.setdefault(own.index.tobytes(), {}).setdefault(own.rank, []).append(number)
         return [
             (
-                _index_or_slice(self._visible_candidates[next(iter(ranks.values()))[0]].signature.index),
+                index_or_slice(self._visible_candidates[next(iter(ranks.values()))[0]].signature.index),
                 [self._bank(n) for n in ranks.values()],
             )
             for ranks in by_index.values()
@@ -258,11 +258,6 @@ class Search(Generic[CauseT]):
     def _flipped_level(self) -> float:
         tested = self.pathways.whitened.present & (self.pathways.whitened.leverage < 0.999)
         return float(np.mean(self._standard[tested] ** 2))
-
-
-def _index_or_slice(index: Integers) -> Integers | slice:
-    """Return pathway indices (n,) as a slice where they are contiguous, which avoids a copy."""
-    return slice(index[0], index[-1] + 1) if np.all(np.diff(index) == 1) else index
 
 
 def _signs(rng: np.random.Generator, count: int, size: int) -> Array:
