@@ -96,9 +96,13 @@ def _as_artifact(name: str, rows: pd.DataFrame) -> pa.Table:
 
 def _frames(tables: Mapping[str, pa.Table]) -> dict[str, pd.DataFrame]:
     """Return the tables as data frames, each with the reason, as an attribute, if its stage was not evaluated."""
+    import pandas
+
     from truing.report.tables import WHY_NOT
 
-    frames = {name: table.to_pandas() for name, table in tables.items()}
+    # Tables of a page are short: texts as Python objects cost less than a call of Arrow for each step.
+    with pandas.option_context("mode.string_storage", "python"):
+        frames = {name: table.to_pandas() for name, table in tables.items()}
     for name, frame in frames.items():  # only the reason, because pandas copies attributes with every step
         if why := provenance_of(tables[name].schema).get(WHY_NOT, ""):
             frame.attrs[WHY_NOT] = why
