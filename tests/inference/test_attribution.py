@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truing.inference import attribution
-from truing.inference.attribution import _dependences, _InTime, courses
+from truing.inference.attribution import _dependences, _distinct, _InTime, courses
 
 EPOCHS, LEVEL = 60, 0.005
 NAMES = ("temperature_c", "load_n", "rho1_mm", "rho2_mm")
@@ -136,3 +136,9 @@ def test_the_course_of_an_unknown_pattern_is_recovered() -> None:
 def test_few_epochs_and_nothing_measured_have_no_course(shape: tuple[int, int]) -> None:
     assert not list(courses(np.random.default_rng(13).normal(size=shape)))
     assert not list(courses(np.zeros((60, 30))))
+
+
+def test_distinct_rows_are_those_of_numpy() -> None:
+    rows = np.random.default_rng(3).integers(-2, 3, (40, 3)).astype(float)
+    assert len(np.unique(rows, axis=0)) < len(rows)
+    assert np.array_equal(_distinct(rows), np.unique(rows, axis=0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_close
-from truing.inference.fit import FitState, fit_model
+from truing.inference.fit import FitState, fit_model, linearise
 from truing.inference.observations import Frames, Observations
 
 TRUE, STEEP, PRIOR = 0.4, 30.0, 1e4
@@ -83,3 +83,17 @@ def test_a_fit_settles_where_full_steps_shrink_by_a_tenth_each(away: float) -> N
     assert fit.state == FitState.SETTLED
     assert fit.iterations < 12
     assert_close(PRIOR * fit.shared, best, atol=0.1 * sigma)
+
+
+def test_a_problem_without_epochs_is_that_of_observations_without_them() -> None:
+    model = Saturating(TRUE + np.linspace(-0.02, 0.02, 9))
+    unknowns = Frames.of_numbers(9), np.array([0.5]), np.zeros((9, 0))
+    values = model.predict(np.array([TRUE / PRIOR]), np.zeros((9, 0))).values
+    measured = Observations(values, np.full((9, 1, 1, 1), 1e-10), np.ones((9, 1), bool))
+    own = np.arange(9) < 3
+    others = replace(measured, seen=measured.seen & ~own[:, None])
+    found = linearise(model.predict, measured, *unknowns).without(own)
+    expected = linearise(model.predict, others, *unknowns)
+    assert np.abs(expected.residual[own]).max() == 0.0 < np.abs(expected.residual[~own]).min()
+    for name in ("residual", "by_local", "by_shared", "local_value", "present"):
+        assert np.array_equal(getattr(found, name), getattr(expected, name)), name

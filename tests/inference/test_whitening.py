@@ -88,6 +88,17 @@ def test_a_compact_problem_leaves_what_the_same_one_at_full_width_leaves() -> No
     assert_close(own.problem.moved(steps), wide.problem.moved(steps), atol=1e-12, what="moved")
 
 
+@pytest.mark.parametrize("few", [False, True])
+def test_draws_lose_what_the_shared_unknowns_explain(few: bool) -> None:
+    problem = of_few_poses(draw(8, missing=True))
+    whitened = whiten(compact(problem) if few else problem)
+    drawn = np.random.default_rng(9).standard_normal((3, len(whitened.residual)), np.float32)
+    free = np.array([row - whitened.rows @ np.linalg.lstsq(whitened.rows, row)[0] for row in drawn.astype(float)])
+    found = whitened.without_shared_roughly(drawn)
+    assert found.dtype == np.float32
+    assert_close(found, free, atol=1e-5)
+
+
 def test_unknowns_none_of_which_act_in_most_poses_are_solved_for() -> None:
     problem = of_few_poses(draw(6))
     problem = replace(problem, by_shared=problem.by_shared * (np.arange(SHARED) != 3))
