@@ -474,7 +474,7 @@ def _landmarks(x: Array, most: int) -> Array:
 def _distinct(rows: Array) -> Array:
     """Return the distinct ones of rows (n, D), sorted; in a fraction of the time that `numpy.unique` takes."""
     ordered = rows[np.lexsort(rows.T[::-1])]
-    return ordered[np.concatenate([[True], np.any(ordered[1:] != ordered[:-1], 1)])]
+    return np.asarray(ordered[np.concatenate([[True], np.any(ordered[1:] != ordered[:-1], 1)])])
 
 
 def _exponents(first: Array, second: Array) -> Array:
