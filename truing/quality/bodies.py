@@ -21,6 +21,7 @@ _ODD_POSE = 1e-6
 # Shares of a body's points.
 MOST_GROSS = 0.5
 _FEW_GROSS = 0.1
+_LEAST_FACTOR = 10.0  # of noise: effects that nobody modelled scatter points by less
 _MOST_SCALE = 0.02  # of one: a larger factor is another unit or another body
 _OWN_SCATTER = 0.5  # least share of the residuals that scatters from pose to pose, if noise explains them
 _MEDIAN_OF_THREE = 2.366  # median of chi-square with three degrees of freedom
@@ -155,7 +156,7 @@ def with_most_points(body: BodyView, around: PoseSurroundings) -> BodyView:
         return body
     for change in (_with_fitting_scale, _with_fitting_noise):
         changed = change(body, around)
-        if changed.gross_share <= _FEW_GROSS:
+        if changed.gross_share <= _FEW_GROSS and not 1.0 < changed.noise_factor < _LEAST_FACTOR:
             return changed
     return body
 

