@@ -44,6 +44,7 @@ _FEWEST_OF_PLACE = 12
 _MOST_FREE = 400  # with more epochs, courses without any input are not tried
 _MOST_COURSES = 4  # of one group
 _DRAWS_OF_NOISE = 20
+_LEAST_SHARE = 1e-6  # of the squares; less is told of no input
 _CLIPPED = 4.0  # residuals beyond so many robust standard deviations are clipped
 
 
@@ -95,6 +96,8 @@ def attributed(fitted: FittedModel[CauseT], level: float, level_of_course: float
         tests, part = (len(tried), 1.0) if one.course is None else (1, one.course)
         least = level / tests if one.course is None else level_of_course
         for inputs, share, p_value in _sets_of_inputs(one.rows, known[key], least):
+            if part * share < _LEAST_SHARE:
+                continue
             found.append(Attributed(one.channels, inputs, part * share, min(1.0, max(p_value * tests, LEAST_P))))
     return tuple(_merged(found))
 
