@@ -15,6 +15,7 @@ from truing.inference.noise import components
 ASKED = np.random.default_rng(1).uniform(-1, 1, (POSES, DRIVES))
 TIME = np.linspace(0.0, 1.0, POSES)
 GAIN, DRIFT = ASKED[:, 0], TIME - 0.5
+SIDE = np.where(np.random.default_rng(2).random(POSES) > 0.5, 1.0, -1.0)
 SIZE = 4.0  # of an effect's course over its root mean square, in sigmas of a reading
 CAMPAIGNS = 8
 
@@ -24,7 +25,7 @@ def _fitted(rng: np.random.Generator, moved: NDArray, design: NDArray, values: N
     effect = np.einsum("bmd,bd->bm", TEMPLATE.by_local[..., READINGS], moved)
     whitened = measured(rng, effect)
     cause = SimpleNamespace(key="own", parameters=lambda _: [SimpleNamespace(scale=1.0)] * design.shape[-1])
-    inputs = {f"drive{one}": ASKED[:, one] for one in range(DRIVES)}
+    inputs = {"side": SIDE} | {f"drive{one}": ASKED[:, one] for one in range(DRIVES)}
     return cause, SimpleNamespace(
         pathways=channels(whitened),
         fit=SimpleNamespace(whitened=whitened),
@@ -67,6 +68,22 @@ def _clear(moved: NDArray, course: NDArray) -> int:
 def test_names_of_the_right_course_stand() -> None:
     assert _clear(GAIN, GAIN) >= CAMPAIGNS - 1
     assert _clear(DRIFT, DRIFT) >= CAMPAIGNS - 1
+
+
+def test_a_name_that_depends_on_a_side_is_not_its_own_rival() -> None:
+    """Any function of an input with two values is one effect, which the name claims; other inputs still compete."""
+    assert _clear(SIDE, SIDE) >= CAMPAIGNS - 1
+    assert _clear(SIDE * (1.0 + GAIN), SIDE) <= 1
+
+
+def test_a_large_effect_is_compared_after_its_refit() -> None:
+    """Linear in its parameters, the name leaves errors that random courses absorb."""
+    moved = SIZE * GAIN / np.sqrt(np.mean(GAIN**2))
+    cause, final = _fitted(np.random.default_rng(0), 0.0 * _of_first(moved), _of_first(GAIN)[..., None], np.ones(1))
+    _, without = _fitted(np.random.default_rng(0), _of_first(moved + moved**3), _of_first(GAIN)[..., None], np.ones(1))
+    rival = course_rival(final, without, cause, 1, 1.0)
+    assert rival is not None
+    assert rival.is_clear
 
 
 def test_a_name_of_several_patterns_stands_where_each_follows_all_inputs() -> None:

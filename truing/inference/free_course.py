@@ -30,6 +30,8 @@ _MOST_LEFT = 4.0  # squares of patterns that are not tested, in units of the noi
 _MOST_PRODUCTS = 2e11  # of numbers, about a minute
 _ALIKE = 0.7  # cosine of two patterns from which on one course may be behind both
 
+_SAME_COURSE = 0.01  # share of a name's squares that may differ from functions that are the same effect
+
 # Inputs that a course follows; none if it walks in time or has no order.
 Inputs: TypeAlias = tuple[str, ...]
 
@@ -82,7 +84,12 @@ def course_rival(
     patterns, left = _patterns_of(final, cause, size)
     if not patterns:
         return None
-    courses = random_courses(final)
+    own = np.concatenate([pattern.course for pattern in patterns], 1)
+    courses = {
+        follows: kept
+        for follows, several in random_courses(final).items()
+        if (kept := [functions for functions in several if not _are_alike(functions, own)])
+    }
     moved = max(int(sum(np.count_nonzero(own) for own in pattern.pathways.values())) for pattern in patterns)
     functions = sum(own.shape[1] for several in courses.values() for own in several)
     if len(patterns[0].course) * moved**2 * functions > _MOST_PRODUCTS:
@@ -90,6 +97,7 @@ def course_rival(
     beside = [_likeliest(final, pattern, courses) for pattern in patterns]
     instead = [_likeliest(without, pattern, courses) for pattern in patterns]
     named, behind = _lead(without, patterns, instead)
+    behind += _gained_by_refit(final, without, named, len(patterns))
     if left > _MOST_LEFT:  # random courses would absorb patterns that are not tested
         behind = np.inf
     next_to_it = max(beside, key=lambda one: one.odds)
@@ -98,6 +106,16 @@ def course_rival(
     chosen = next_to_it if is_beside else max(instead, key=lambda one: one.odds)
     share = named / max(named + (next_to_it.squares if is_beside else 0.0), 1e-300)
     return CourseRival(chosen.follows, float(odds), float(behind + np.log(choice)), share)
+
+
+def _are_alike(functions: Array, courses: Array) -> bool:
+    """Return True if functions (B, m) of an input are no more than the courses (B, n) of a name, as those of an input
+    with two values are those of a name that has one: then both are the same effect."""
+    about, own = functions - functions.mean(axis=0), courses - courses.mean(axis=0)
+    basis, sizes, _ = np.linalg.svd(about, full_matrices=False)
+    basis = basis[:, sizes > _LEAST_LOADING * max(float(sizes[0]), 1e-300)]
+    left = own - basis @ (basis.T @ own)
+    return basis.shape[1] <= own.shape[1] and bool(np.sum(left**2) < _SAME_COURSE * np.sum(own**2))
 
 
 def move_alike(final: FittedModel[CauseT], first: tuple[CauseT, int], second: tuple[CauseT, int]) -> bool:
@@ -161,6 +179,15 @@ def _lead(
     together = [{name: np.concatenate([one[name] for one in own], -1) for name in own[0]} for own in designs]
     (named, squares), (free, _) = _evidences(without, together)
     return squares, named - free - sum(one.odds - one.best for one in instead)
+
+
+def _gained_by_refit(final: FittedModel[CauseT], without: FittedModel[CauseT], named: float, patterns: int) -> float:
+    """Return the log odds that a name gains by its refit: a large effect is not linear in its parameters, and random
+    courses absorb what the linear name leaves."""
+    total, freedom = total_of(without)
+    left = total - named - patterns * total / freedom
+    refit, _ = total_of(final)
+    return max(0.0, freedom / 2.0 * float(np.log(max(left, refit) / refit)))
 
 
 def _evidences(fitted: FittedModel[CauseT], designs: Sequence[Mapping[str, Array]]) -> list[tuple[float, float]]:

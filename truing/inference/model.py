@@ -55,6 +55,10 @@ class CauseLike(Protocol):
     def is_higher_order(self) -> bool:
         """True if this adds higher-order terms to a cause that must be accepted first."""
 
+    @property
+    def has_law(self) -> bool:
+        """True if it claims a law; False if it only claims which input something follows."""
+
     def excludes(self, other: Self, /) -> bool:
         """True if a model that holds this cause cannot take up another."""
 

@@ -261,7 +261,7 @@ class CauseSelection(Generic[CauseT]):
         beat them."""
         found: dict[str, CourseRival] = {}
         for step in searched.kept:
-            if step.cause.catalogued and step.cause.key not in outdone:
+            if step.cause.catalogued and step.cause.has_law and step.cause.key not in outdone:
                 self._progress(f"random courses in place of {step.cause.id}")
                 without = self._without_cause(searched, step.cause.key)
                 size = step.candidate.signature.parameters

@@ -165,7 +165,9 @@ def _with_fitting_scale(body: BodyView, around: PoseSurroundings) -> BodyView:
     """Return the body with its survey in the scale of the measured points; units are no scale of this kind."""
     seen = body.points.seen & body.frame & body.framed[:, None]
     source = np.broadcast_to(body.survey.points, body.points.points.shape)
-    scale = float(np.nanmedian(umeyama(source, body.points.points, seen.astype(float), with_scale=True).scale))
+    fitted = umeyama(source, body.points.points, seen.astype(float), with_scale=True).scale
+    known = fitted[np.isfinite(fitted)]
+    scale = float(np.median(known)) if len(known) else np.inf
     if not abs(scale - 1.0) <= _MOST_SCALE:
         return body
     place = replace(body.survey, points=scale * body.survey.points)

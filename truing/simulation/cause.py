@@ -177,6 +177,11 @@ class Cause(Generic[SceneT_contra]):
         return False
 
     @property
+    def has_law(self) -> bool:
+        """True if the cause claims a law; False if it only claims which input something follows."""
+        return True
+
+    @property
     def is_persistent(self) -> bool:
         """True if the effect stays with the machine; False if it depends on the time or the targets of one campaign."""
         return True

@@ -58,6 +58,11 @@ class BodyCause(PointCause):
         """Body concerned."""
         return self.body
 
+    @property
+    def has_law(self) -> bool:
+        """False: a body follows an input by no known law, and is described by smooth functions of it."""
+        return False
+
     def missing_input(self, scene: PointScene) -> Missing | None:
         """Return the input that was not recorded; None for a mechanism, whose platform and base have other causes."""
         return None if scene.legs else self.lacking
