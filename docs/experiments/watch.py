@@ -35,7 +35,7 @@ class Replay:
     limits_mm: tuple[float, ...]
     poses: tuple[int, ...]
     key: str = "x_mm"
-    excluded: tuple[int, ...] = ()  # poses with a wrong target, which the check of belonging names
+    excluded: tuple[int, ...] = ()  # poses with a wrong target
 
 
 REPLAYS = (

@@ -83,7 +83,7 @@ class Watched:
         return " ".join([*parts, *([f"Next: {self.following}"] if self.following else [])])
 
     def confirmation(self) -> list[str]:
-        """Return how a decision is confirmed, as one sentence; nothing where none is to be confirmed."""
+        """Return one sentence on the confirmation of a decision; empty where none is to be confirmed."""
         if self.enough is not Enough.TO_CONFIRM or self.poses_to_confirm is None:
             return []
         return [f"It is confirmed when {self.poses_to_confirm} compared poses or more say the same."]
@@ -127,7 +127,7 @@ class RequirementLook:
 
 
 def requirement_look(tables: Tables) -> RequirementLook | None:
-    """Return what a round says on the requirements; None where the model that judges them does not hold.
+    """Return the decision of a round on the requirements; None where the model that judges them does not hold.
 
     All requirements have to be met, so the least certain one counts; for *not met* one of all, with its share.
     """
