@@ -124,8 +124,11 @@ def test_pose_amplification_and_legs_change_the_view_by_the_keyboard(drawn):
     assert every[0] == 1.0
     assert shows(drawn, to_draw(scene, last, 1.0))
     assert not shows(drawn, to_draw(scene, last, scene.gain))
+    ranges = f"JSON.stringify(['xaxis', 'yaxis', 'zaxis'].map((axis) => {VIEW}.layout.scene[axis].range))"
+    before = drawn.value(ranges)
     for leg in (2, 5):
         press(drawn, f'.legs input[value="{leg}"]', " ", 32)
+    assert drawn.value(ranges) == before  # the ring keeps its place
     assert shows(drawn, to_draw(scene, last, 1.0, (2, 5)))
     assert not shows(drawn, to_draw(scene, last, 1.0))
     told = drawn.value("[...document.querySelectorAll('#deformation .of-legs p')].map((p) => p.textContent)")
@@ -135,6 +138,26 @@ def test_pose_amplification_and_legs_change_the_view_by_the_keyboard(drawn):
     labels = f"{VIEW}.layout.scene.annotations.map((note) => note.text)"
     assert drawn.value(labels) == [label(scene.names[k]) for k in np.flatnonzero(np.isin(scene.leg, (2, 5)))]
     assert not drawn.complaints()
+
+
+def test_a_table_is_sorted_by_a_click_on_its_head_and_filtered_by_words(drawn):
+    """Twice the same head sorts downwards; numbers are ordered by size, whatever their unit."""
+    table = "[...document.querySelectorAll('table')].find((one) => one.tBodies[0].rows.length > 12)"
+    head = f"{table}.tHead.querySelector('th')"
+    column = f"[...{table}.tBodies[0].rows].map((row) => row.cells[0].textContent.trim())"
+    before = drawn.value(column)
+    drawn.value(f"{head}.click()")
+    up = drawn.value(column)
+    drawn.value(f"{head}.click()")
+    down = drawn.value(column)
+    assert sorted(up) == sorted(down) == sorted(before)
+    assert up[0] == down[-1] != down[0]
+    field = f"{table}.closest('.listing').querySelector('.filter')"
+    changed = f"{field}.dispatchEvent(new Event('input', {{ bubbles: true }}))"
+    drawn.value(f"{field}.value = {table}.tBodies[0].rows[0].textContent; {changed}")
+    left = drawn.value(f"[...{table}.tBodies[0].rows].filter((row) => !row.matches('.filtered')).length")
+    assert 1 <= left < len(before)
+    drawn.value(f"{field}.value = ''; {changed}")
 
 
 def test_the_numbers_of_a_figure_are_a_file(drawn, tmp_path):

@@ -49,7 +49,7 @@ window.Scene = (() => {
       return [{ x, y, z, text, showarrow: false, yshift: 10, font: { size: 11 }, bgcolor: "rgba(255,255,255,0.7)" }];
     });
 
-  // The box holds all steps, so that it stands still while one goes through them.
+  // The box holds all steps and all legs, so that it stands still while one goes through them.
   const box = (scene, chosen) => {
     const low = [Infinity, Infinity, Infinity];
     const high = low.map((value) => -value);
@@ -60,7 +60,8 @@ window.Scene = (() => {
         high[i] = Math.max(high[i], value);
       });
     };
-    scene.place.forEach((_, step) => shown(scene, { ...chosen, step }).forEach(({ points }) => points.forEach(hold)));
+    const every = { ...chosen, legs: scene.legs };
+    scene.place.forEach((_, step) => shown(scene, { ...every, step }).forEach(({ points }) => points.forEach(hold)));
     const widest = Math.max(...low.map((value, i) => high[i] - value));
     const margin = 0.02 * widest + 1e-6;
     const whole = widest + 2 * margin;

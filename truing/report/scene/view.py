@@ -207,10 +207,9 @@ def _slider(scene: DrawnScene) -> dict[str, Any]:
 
 
 def _box(scene: DrawnScene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the corners (3,) of everything shown over all steps without a chosen leg."""
-    place = scene.place[:, ~scene.own].reshape(-1, 3)
-    parts = [place, (scene.place + scene.gain * scene.shift)[:, ~scene.own].reshape(-1, 3)]
-    if scene.all_legs and scene.lower is not None and scene.upper is not None:
+    """Return the corners (3,) of everything that can be shown, over all steps and legs."""
+    parts = [scene.place.reshape(-1, 3), (scene.place + scene.gain * scene.shift).reshape(-1, 3)]
+    if scene.lower is not None and scene.upper is not None:
         parts += [scene.lower.reshape(-1, 3), scene.upper.reshape(-1, 3)]
     if scene.arrow is not None:
         parts.append(scene.arrow.reshape(-1, 3))
