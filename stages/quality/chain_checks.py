@@ -84,13 +84,15 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
     ):
         return _not_tested("no-poses")
     try:
-        tested = _tested(_compared(tables, settings))
+        compared = _links_compared(tables, settings)
+        if compared is None:
+            return _not_tested("no-poses")
+        tested = _tested(compared)
         if tested.slips and all(slip.kind is SlipKind.STRAY for slip in tested.slips):
             # A wrong target bends the frame of its link: the pose misses, though its readings are right.
-            return _tested(_compared(tables, settings, _out_of_place))
+            compared = _links_compared(tables, settings, _out_of_place)
+            return tested if compared is None else _tested(compared)
         return tested
-    except _TooFewPosesError:
-        return _not_tested("no-poses")
     except ValueError:
         return _not_tested("no-frame")
 
@@ -106,29 +108,38 @@ def _out_of_place(tables: Mapping[str, pa.Table], body: str, points: PosePoints)
     return found
 
 
-class _TooFewPosesError(ValueError):
-    pass
-
-
-def _compared(tables: Mapping[str, pa.Table], settings: Campaign, wrong: Screen | None = None) -> _Compared:
-    """Return the chain and what was measured on its links, without the points ``wrong``."""
+def _links_compared(
+    tables: Mapping[str, pa.Table], settings: Campaign, wrong: Screen | None = None
+) -> _Compared | None:
+    """Return the chain and what was measured on its links, without the points ``wrong``; None for too few poses."""
     tree, table = tree_of(tables["joints"]), tables["configurations"]
     measured = measured_links(tables, tree, pose_ids(table), wrong)
     usable = _usable(tree, table, measured)
     usable &= is_framed(measured, reference_link(settings, measured))
     usable &= ~excluded_poses(settings.exclude, pose_ids(table))
     if usable.sum() < _FEWEST_POSES:
-        raise _TooFewPosesError
-    conditions = _conditions(tree, table, settings, measured, usable)
-    return _Compared(
+        return None
+    return _compared(
         tree,
         table,
+        settings,
         measured,
-        conditions,
         usable,
-        rows_of(settings.mechanism),
-        lambda other: nominal_fit(other, settings, measured, conditions, usable),
+        lambda other, conditions: nominal_fit(other, settings, measured, conditions, usable),
     )
+
+
+def _compared(
+    tree: Tree,
+    table: pa.Table,
+    settings: Campaign,
+    measured: MeasuredLinks,
+    usable: Mask,
+    fit_of: Callable[[Tree, ChainConditions], NominalFit],
+) -> _Compared:
+    conditions = _conditions(tree, table, settings, measured, usable)
+    rows = rows_of(settings.mechanism)
+    return _Compared(tree, table, measured, conditions, usable, rows, lambda other: fit_of(other, conditions))
 
 
 def joints_against_distances(tables: Mapping[str, pa.Table], settings: Campaign) -> RelationTest:
@@ -138,16 +149,14 @@ def joints_against_distances(tables: Mapping[str, pa.Table], settings: Campaign)
     usable = _usable(tree, table, measured)
     if usable.sum() < _FEWEST_POSES:
         return _not_tested("no-poses", _DISTANCES)
-    conditions = _conditions(tree, table, settings, measured, usable)
     # The ground, which stands beside the chain, is no row of its description.
-    compared = _Compared(
+    compared = _compared(
         tree,
         table,
+        settings,
         measured,
-        conditions,
         usable,
-        rows_of(settings.mechanism),
-        lambda other: fit_of_distances(with_ground(other), measured, conditions, usable),
+        lambda other, conditions: fit_of_distances(with_ground(other), measured, conditions, usable),
     )
     tested = replace(_tested(compared), subject=_DISTANCES)
     if tested.state is not RelationState.OK:

@@ -179,7 +179,10 @@ def noise_size(bodies: Sequence[BodyView], relations: Sequence[RelationTest]) ->
     apart = [body for body in bodies if body.noise_factor > 1.0 and body.name not in rounded]
     elsewhere = [body.name for body in bodies if body.gross_share > MOST_GROSS or body.noise_factor > 1.0]
     if not apart and elsewhere:
-        why = f"most points of {listed(elsewhere)} are far from their places, and not by scatter alone"
+        why = (
+            f"most points of {listed(elsewhere)} are outside the declared noise, but by less than 10 times, or not by "
+        )
+        why += "scatter"
         return not_evaluated("size of the noise", "noise-size", "", why)
     if not apart:
         return Check(

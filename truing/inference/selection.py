@@ -204,10 +204,7 @@ class CauseSelection(Generic[CauseT]):
         fewest = 1 if scatters else _SEVERAL_PERIODS
         is_named = all(own.catalogued for own in final.causes) and periods < fewest
         is_named &= not any(own.doubt for own in noise_dependences)
-        outdone = {step.cause.key for step in searched.kept if step.is_outdone or self._is_incomplete(step, searched)}
-        outdone |= self._several_for_one(searched)
-        rivals = self._course_rivals(searched, outdone) if holds and is_named else {}
-        outdone |= rivals.keys() | self._smaller(searched, rivals.keys())
+        outdone, rivals = self._outdone(searched, compares_courses=holds and is_named)
         is_clear = holds and is_named and not outdone and all(verdict.verdict != SUSPECTED for verdict in verdicts)
         attributions = () if is_clear and searched.kept else self._attributed(searched, holds=holds)
         # What inputs predict is no scatter, though it may pass for one.
@@ -255,6 +252,16 @@ class CauseSelection(Generic[CauseT]):
         """Return True if nonparametric rivals of an accepted cause still explain something next to it."""
         last = searched.rounds[-1]
         return last.p_value_of_rivals(step.candidate, step.round) <= self._settings.dependence_level
+
+    def _outdone(
+        self, searched: _Searched[CauseT], *, compares_courses: bool
+    ) -> tuple[set[str], dict[str, CourseRival]]:
+        """Return the keys of accepted causes beside or in place of which an effect without a name may act, and the
+        random courses among these effects."""
+        outdone = {step.cause.key for step in searched.kept if step.is_outdone or self._is_incomplete(step, searched)}
+        outdone |= self._several_for_one(searched)
+        rivals = self._course_rivals(searched, outdone) if compares_courses else {}
+        return outdone | rivals.keys() | self._smaller(searched, rivals.keys()), rivals
 
     def _course_rivals(self, searched: _Searched[CauseT], outdone: set[str]) -> dict[str, CourseRival]:
         """Return the random courses that compete with accepted causes, by their keys; none for the causes that clearly
