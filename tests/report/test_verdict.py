@@ -15,6 +15,7 @@ from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, rejected, ro
 from tests.sentences import assert_says
 from truing.belonging.relation import RelationState
 from truing.report.head import build_head
+from truing.report.quality_section import quality_verdict
 from truing.report.rendering.render import render_page
 from truing.report.section_verdict import SectionVerdict, verdict_rows
 from truing.report.sections import build_sections
@@ -209,6 +210,16 @@ def test_data_that_do_not_belong_together_lead_everything_and_gate():
     assert gates(verdict_frame(tables).to_dict("records")) == ["belonging", "quality"]
     accepted = apart.assign(accepted=["M. Keller: known", None])
     assert gates(verdict_frame(tables | {"qa": accepted}).to_dict("records")) == []
+
+
+def test_a_warning_on_consistency_is_told_once():
+    """It belongs to the verdict on consistency; the one on quality tells its own warnings."""
+    apart, noisy = ("points-against-survey", "warn"), ("noise", "warn")
+    for told, tells in (((apart,), False), ((apart, noisy), True)):
+        verdict = quality_verdict({"qa": checks(*told)}, {})
+        assert verdict is not None
+        assert verdict.state is RelationState.ATTENTION
+        assert ("First: " in verdict.explanation) is tells
 
 
 def test_only_a_failure_of_the_data_gates():

@@ -133,9 +133,10 @@ def quality_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> Sec
             "quality", RelationState.FAILS, ReasonCode.CHECK_FAILED, _failed_words(failed, qa, also), failed
         )
     if len(warned):
-        first = printed(warned["message"].iloc[0])
+        own = warned[~_withholding_rows(warned)]
+        first = f"First: {printed(own['message'].iloc[0])}" if len(own) else "See Quality."
         needs = "needs" if len(warned) == 1 else "need"
-        text = f"No quality check failed; {len(warned)} of {len(qa)} {needs} attention. First: {first}{also}"
+        text = f"No quality check failed; {len(warned)} of {len(qa)} {needs} attention. {first}{also}"
         return _of_checks("quality", RelationState.ATTENTION, ReasonCode.CHECK_WARNS, text, warned)
     if (qa["verdict"] == "not evaluated").all():
         text = f"None of the {len(qa)} quality checks could be evaluated.{also}"
