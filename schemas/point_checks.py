@@ -137,7 +137,7 @@ OF_POINTS: Checks = {
     ),
     "noise-size": QualityCheck(
         "Do most points of a body agree within the declared noise?",
-        "If not, but all scatter alike, the declared noise is too small by a factor, often by another unit. Then "
+        "Where most points do not, but all scatter alike, the declared noise is too small, often by another unit. Then "
         "every point would be a gross error, and every small deviation an effect.",
         VerdictRule(
             fails="most points of a body are gross errors by the declared noise, few by 10 times or more of it"
