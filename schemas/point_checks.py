@@ -109,6 +109,24 @@ OF_POINTS: Checks = {
         "Correct the named axis, unit or names in the export or in its mapping.",
         withholds="poses",
     ),
+    "points-among-poses": QualityCheck(
+        "Does one shape fit the points of a body without survey in all poses?",
+        "A pose or a target in another unit, with exchanged axes or names, or from another row, spoils the shape, and "
+        "every result that follows from it.",
+        VerdictRule(
+            warns="above 10 sigma of a point, unexplained", fails="a recording error in some poses or targets explains it"
+        ),
+        "Correct the named poses or targets in the export. Not evaluated: fewer than three poses with four targets.",
+        withholds="poses",
+    ),
+    "drives-against-poses": QualityCheck(
+        "Does a body rotate by the angles that the column of the drive reads?",
+        "With readings of other poses, in another unit or frozen, a deformation is attributed to wrong angles.",
+        VerdictRule(fails="a body follows the drive in most poses, and not in the others"),
+        "Correct the named readings, or exclude the named poses. Not evaluated: several drives, or no body that rotates "
+        "with the drive.",
+        withholds="models",
+    ),
     "copied-poses": QualityCheck(
         "Is each pose a separate measurement?",
         "Points equal in every digit are a copy, or the instrument stood still.",

@@ -16,8 +16,10 @@ from truing.belonging.body_point_tests import (
     joined_results,
     poses_with_slips,
     relate_copies,
+    relate_poses,
     relate_survey,
 )
+from truing.belonging.drive_tests import DrivenBody, relate_drive
 from truing.belonging.load_tests import MILLIVOLT, KnownBench, relate_loads
 from truing.belonging.plausible_slips import RecordedColumn
 from truing.belonging.reading_hypotheses import MeasuredMotion
@@ -51,6 +53,7 @@ _VERDICTS = {
     RelationState.NOT_TESTED: NOT_EVALUATED,
 }
 _LEGS = 6
+_DEGREES = "_deg"  # end of the names of columns with angles
 _SINGULAR = 1e12  # condition of the legs' influence, from which on legs do not carry every load
 
 
@@ -89,6 +92,7 @@ def relations_of_points(
         else _groups(configurations, np.flatnonzero(positions(configurations.column("pose"), around.poses) >= 0))
     )
     own = [body for body in bodies if body.name in surveyed]
+    others = [body for body in bodies if body.name not in surveyed]
     points = {
         body.name: _points(body, _as_others(body, own, tables["observations"], around, order), around, order, groups)
         for body in own
@@ -99,7 +103,9 @@ def relations_of_points(
     return (
         _copies(bodies, around),
         *joined_results(tuple(map(relate_survey, points.values()))),
+        *joined_results(tuple(relate_poses(_points(body, (), around, order, groups)) for body in others)),
         *_readings(bodies, around, configurations, surveyed, settings, odd),
+        *_drives(bodies, around, configurations, settings),
     )
 
 
@@ -129,6 +135,7 @@ def _points(
         groups,
         others,
         body.noise_factor,
+        tuple(np.array(body.survey.targets, dtype=object)[frame].tolist()),
     )
 
 
@@ -192,6 +199,32 @@ def _readings(
     )
     poses = tuple(str(around.poses[pose]) for pose in at)
     return relate_readings(motion, ReadingNames(columns, poses, _groups(configurations, found.row[usable])))
+
+
+def _drives(
+    bodies: Sequence[BodyView], around: PoseSurroundings, configurations: pa.Table | None, settings: Campaign
+) -> Iterator[RelationTest]:
+    """Yield the test of the readings of a single rotary drive against the rotations of the bodies, relative to the
+    reference body if there is one."""
+    columns = [name for name in settings.campaign.drives if name.endswith(_DEGREES)]
+    if configurations is None or len(columns) != 1 or columns[0] not in configurations.column_names:
+        return
+    pose = positions(configurations.column("pose"), around.poses)
+    rows = np.flatnonzero(pose >= 0)
+    readings, pose = number_column(configurations, columns[0])[rows], pose[rows]
+    reference = next((body for body in bodies if body.name == settings.bodies.reference), None)
+    driven = []
+    for body in bodies:
+        if body is reference:
+            continue
+        ok = body.fit.ok if reference is None else body.fit.ok & reference.fit.ok
+        kept = np.flatnonzero(ok[pose] & np.isfinite(readings))
+        R = body.fit.R[pose[kept]]
+        if reference is not None:
+            R = np.swapaxes(reference.fit.R[pose[kept]], 1, 2) @ R
+        names = tuple(str(around.poses[at]) for at in pose[kept])
+        driven.append(DrivenBody(body.name, columns[0], R, readings[kept], names, _groups(configurations, rows[kept])))
+    yield relate_drive(driven)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from truing.arrays import Array, Index
 from truing.belonging.counted_times import merely_counts
-from truing.quality.bodies import BodyView, PoseSurroundings, body_view, first_shape, with_most_points
+from truing.quality.bodies import BodyView, PoseSurroundings, body_view, shape_of_poses, with_most_points
 from truing.report.numbers import count
 from truing.schemas.columns import COLUMNS
 from truing.stages.common.point_arrays import number_column, pose_points, survey_points
@@ -153,11 +153,11 @@ def _body_views(tables: Mapping[str, pa.Table], around: PoseSurroundings) -> lis
 
 
 def viewed(observations: pa.Table, survey: pa.Table | None, body: str, around: PoseSurroundings) -> BodyView:
-    """Return one body of the observations, fitted robustly pose by pose to its survey, or to its first shape."""
+    """Return one body of the observations, fitted robustly pose by pose to its survey, or to the shape of most poses."""
     place = survey_points(survey, body) if survey is not None else None
     is_surveyed = place is not None and bool(place.targets)
     if place is None or not is_surveyed:
-        place = first_shape(pose_points(observations, body, around.poses))
+        place = shape_of_poses(pose_points(observations, body, around.poses))
     points = pose_points(observations, body, around.poses, place.targets)
     return with_most_points(body_view(body, place, points, around, is_surveyed=is_surveyed), around)
 

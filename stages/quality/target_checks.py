@@ -173,9 +173,9 @@ def moved_targets(body: BodyView, around: PoseSurroundings, share: float) -> Ite
 
 
 def noise_size(bodies: Sequence[BodyView], relations: Sequence[RelationTest]) -> Check:
-    """Check whether the declared noise is so small that by it most points of a body would be gross errors. Numbers
-    recorded in coarse steps are told by their relation, which only warns."""
-    rounded = {name for one in relations if one.reason == "rounded" for name in one.subject.split()}
+    """Check whether the declared noise is so small that by it most points of a body would be gross errors. A body
+    with a recording error, such as coarse steps, is told by its relation."""
+    rounded = {name for one in relations if one.reason in ("rounded", "slip") for name in one.subject.split()}
     apart = [body for body in bodies if body.noise_factor > 1.0 and body.name not in rounded]
     elsewhere = [body.name for body in bodies if body.gross_share > MOST_GROSS or body.noise_factor > 1.0]
     if not apart and elsewhere:

@@ -1,16 +1,18 @@
-"""Tests of measured points against the survey of their body, pose by pose, and of copied poses."""
+"""Tests of measured points against the survey or the common shape of their body, and of copied poses."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, permutations, product
+from itertools import combinations
 
 import numpy as np
 
 from truing.arrays import Array, Index, Mask
+from truing.belonging.axes_changes import AXES_CHANGES
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, RelationState, RelationTest, SlipKind, both_ways
 from truing.belonging.slips_in_rows import rounding, row_places
+from truing.belonging.target_rows import exchanged_names, rows_of_wrong_target, slip_of_target
 from truing.estimation.rigid_poses.umeyama import umeyama
 
 _FIFTH = 0.2  # largest share of the misfit that may remain after a slip is undone
@@ -22,9 +24,9 @@ _NEARER = 3.0  # factor by which one change of axes must bring points nearer to 
 _WITHIN = 1.5  # largest distance of points with the right axes, over that of the other poses from their median
 _LEAST_TARGETS = 4  # three points are congruent to their mirror image
 _MOST_TARGETS = 40  # most targets of a body for the test of exchanged labels
-_AXES = ("x_mm", "y_mm", "z_mm")
-SURVEY, COPIES = "points-against-survey", "copied-poses"
+SURVEY, POSES, COPIES = "points-against-survey", "points-among-poses", "copied-poses"
 _POSES_TO_COMPARE = 2
+_FEWEST_COMPARED = 3  # poses: of two that differ, nothing tells which is right
 _FLAT = 0.02  # thickness over length, below which a body is its own mirror image
 _MISFIT = 10.0  # sigmas of a point, from which a body does not fit its survey
 _OTHER_BODY = 0.05  # misfit over a body's size (rms from its middle) that no deformation explains
@@ -55,7 +57,7 @@ class BodyPoints:
     which is noise_factor times the declared one.
 
     ``poses`` (B,) in the order of the file; ``groups``: columns that group poses, with their values; ``others``: the
-    recorded points paired with the surveys of other bodies.
+    recorded points paired with the surveys of other bodies; ``targets`` (T,): their names.
     """
 
     name: str
@@ -67,6 +69,7 @@ class BodyPoints:
     groups: tuple[tuple[str, tuple[str, ...]], ...] = ()
     others: tuple[AsOtherBody, ...] = ()
     noise_factor: float = 1.0
+    targets: tuple[str, ...] = ()
 
     def subset(self, rows: Index) -> BodyPoints:
         """Return the body in some poses."""
@@ -104,6 +107,8 @@ def slips_in_poses(body: BodyPoints, limit: float) -> tuple[tuple[RecordSlip, ..
     plain = _fitted(own.survey, own.points, own.seen)
     mirrored = _fitted(own.survey * [-1.0, 1.0, 1.0], own.points, own.seen)
     trials = [*_in_other_units(own), _Trial(SlipKind.MIRRORED, "points", 1.0, mirrored), *_of_other_bodies(own)]
+    exchanged = exchanged_names(own.targets, own.survey, own.points, own.seen, plain, limit)
+    trials += [_Trial(SlipKind.PARTS_EXCHANGED, quantity, 1.0, misfit) for quantity, misfit in exchanged]
     after = np.stack([trial.misfit for trial in trials])
     best, least = after.argmin(axis=0), after.min(axis=0)
     is_better = (plain > limit) & (least < _FIFTH * plain)
@@ -136,7 +141,7 @@ def _slips(body: BodyPoints, trials: Sequence[_Trial], which: Index, plain: Arra
         kept = right | (trial.misfit > _HALF * plain) | ((which >= 0) & ~rows)
         axes = _changed_axes(body, rows, right) if trial.kind is SlipKind.MIRRORED else np.full(len(rows), -1)
         for change in dict.fromkeys(axes[rows].tolist()):
-            slip = _CHANGES[change].slip if change >= 0 else RecordSlip(trial.kind, trial.quantity, (), trial.factor)
+            slip = AXES_CHANGES[change].slip if change >= 0 else RecordSlip(trial.kind, trial.quantity, (), trial.factor)
             own = rows & (axes == change)
             where = row_places(own, kept | (rows & ~own), body.poses, body.groups)
             yield _Named(replace(slip, subjects=(*where, body.name)), own | (~kept & ~rows))
@@ -177,30 +182,6 @@ def _labels_explain(body: BodyPoints, rows: Mask, mirrored: Array) -> bool:
     return bool(np.nanmin(fitted.rms) <= _AS_OTHERS * mirrored[row])
 
 
-@dataclass(frozen=True)
-class _Change:
-    """A change of axes that undoes a slip: right = recorded @ matrix."""
-
-    slip: RecordSlip
-    matrix: Array
-
-
-def _changes() -> Iterator[_Change]:
-    """Yield changes of axes that mirror: an odd number of signs, or two axes exchanged."""
-    for signs in product((1.0, -1.0), repeat=3):
-        if np.prod(signs) < 0.0:
-            turned = " and ".join(name for name, sign in zip(_AXES, signs, strict=True) if sign < 0.0)
-            yield _Change(RecordSlip(SlipKind.SIGN, f"{turned} of points"), np.diag(signs))
-    for order in permutations(range(3)):
-        matrix = np.eye(3)[:, list(order)]
-        if np.linalg.det(matrix) < 0.0:
-            moved = " and ".join(_AXES[axis] for axis in range(3) if order[axis] != axis)
-            yield _Change(RecordSlip(SlipKind.COLUMNS, f"{moved} of points"), matrix)
-
-
-_CHANGES = tuple(_changes())
-
-
 def _changed_axes(body: BodyPoints, rows: Mask, right: Mask) -> Index:
     """Return the change (B,) that brings mirrored poses to the place of the right ones; -1 where none clearly does.
     None does where the instrument was moved."""
@@ -211,7 +192,7 @@ def _changed_axes(body: BodyPoints, rows: Mask, right: Mask) -> Index:
     middle[known] = np.nanmedian(points[right][:, known], axis=0)
     spread = _WITHIN * float(np.nanmax(_rms_distance(points[right], middle)))
     for row in np.flatnonzero(rows).tolist():
-        apart = np.array([_rms_distance((points[row] @ change.matrix)[None], middle)[0] for change in _CHANGES])
+        apart = np.array([_rms_distance((points[row] @ change.matrix)[None], middle)[0] for change in AXES_CHANGES])
         nearest, second = np.argsort(apart)[:2]
         if apart[nearest] <= spread and apart[second] > _NEARER * apart[nearest]:
             found[row] = nearest
@@ -240,7 +221,7 @@ def relate_survey(body: BodyPoints) -> RelationTest:
     tested = RelationTest(
         SURVEY, RelationState.OK, "agrees", body.name, 1e3 * before, unit="mm", limit=1e3 * _MISFIT * body.sigma
     )
-    if slips := slips_in_poses(body, _MISFIT * body.sigma)[0]:
+    if slips := _slips_of_some(body, _MISFIT * body.sigma, is_surveyed=True):
         return replace(tested, state=RelationState.FAILS, reason="slip", misfit=None, slips=slips, tried=2)
     declared = body.sigma / body.noise_factor
     if (step := rounding(points[body.seen[usable]], before, declared)) is not None and before < _ALL_ROUNDED * step:
@@ -266,6 +247,37 @@ def relate_survey(body: BodyPoints) -> RelationTest:
     return replace(
         tested, state=RelationState.FAILS, reason="slip", slips=(slip,), misfit_explained=1e3 * after, tried=2
     )
+
+
+def relate_poses(body: BodyPoints) -> RelationTest:
+    """Return the test of the points of a body without a survey: does one shape, that of most poses (``survey``), fit
+    all poses? A slip that all poses share changes the shape alike, and is hidden."""
+    usable = body.seen.sum(axis=1) >= _LEAST_TARGETS
+    if usable.sum() < _FEWEST_COMPARED:
+        reason = "few-poses" if (body.seen.sum(axis=1) >= _LEAST_TARGETS - 1).any() else "few-targets"
+        return RelationTest(POSES, RelationState.NOT_TESTED, reason, body.name)
+    before, limit = _typical(_fitted(body.survey, body.points, body.seen)[usable]), _MISFIT * body.sigma
+    tested = RelationTest(POSES, RelationState.OK, "agrees", body.name, 1e3 * before, unit="mm", limit=1e3 * limit)
+    # A slip scatters all points alike where the shape comes from both sorts of poses: the declared noise shows it.
+    if slips := _slips_of_some(body, limit / body.noise_factor, is_surveyed=False):
+        return replace(tested, state=RelationState.FAILS, reason="slip", misfit=None, slips=slips, tried=4)
+    if before > limit:
+        return replace(tested, state=RelationState.ATTENTION, reason="no-shape", tried=4)
+    alike = (
+        RecordSlip(SlipKind.UNIT, "all points of body", (body.name,)),
+        RecordSlip(SlipKind.MIRRORED, "all points of body", (body.name,)),
+    )
+    return replace(tested, tried=4, hidden=alike)
+
+
+def _slips_of_some(body: BodyPoints, limit: float, *, is_surveyed: bool) -> tuple[RecordSlip, ...]:
+    """Return the slips in some poses of a body, or in the rows of one of its targets."""
+    if slips := slips_in_poses(body, limit)[0]:
+        return slips
+    points = (body.targets, body.survey, body.points, body.seen)
+    rows = rows_of_wrong_target(*points, limit, body.poses, body.groups, is_surveyed=is_surveyed)
+    slip = None if rows is None else slip_of_target(rows)
+    return () if slip is None else (replace(slip, subjects=(*slip.subjects, body.name)),)
 
 
 def poses_with_slips(body: BodyPoints) -> Mask:

@@ -11,6 +11,7 @@ from truing.arrays import Array, Mask
 from truing.estimation.quality import Scatter
 from truing.estimation.response import consistent_responses
 from truing.estimation.rigid_poses.points import PosePoints, SurveyPoints
+from truing.estimation.rigid_poses.procrustes import common_shape
 from truing.estimation.rigid_poses.rigid import RigidFit
 from truing.estimation.rigid_poses.robust import consensus
 from truing.estimation.rigid_poses.umeyama import umeyama
@@ -24,6 +25,7 @@ _FEW_GROSS = 0.1
 _LEAST_FACTOR = 10.0  # of noise: effects that nobody modelled scatter points by less
 _MOST_SCALE = 0.02  # of one: a larger factor is another unit or another body
 _OWN_SCATTER = 0.5  # least share of the residuals that scatters from pose to pose, if noise explains them
+_OF_MEDIAN = np.pi / 2.0  # variance of a median, over that of a mean
 _MEDIAN_OF_THREE = 2.366  # median of chi-square with three degrees of freedom
 
 
@@ -107,13 +109,25 @@ class BodyView:
         return self.points.seen & ~self.gross & self.fit.ok[:, None]
 
 
-def first_shape(points: PosePoints) -> SurveyPoints:
-    """Return the pose that shows most targets, as a substitute for a survey with its measurement noise."""
-    richest = int(points.seen.sum(axis=1).argmax())
-    seen = points.seen[richest]
-    names = tuple(t for t, s in zip(points.targets, seen, strict=True) if s)
-    count = len(names)
-    return SurveyPoints(names, points.points[richest, seen], points.cov[richest, seen], np.zeros(count, np.int64))
+def shape_of_poses(points: PosePoints) -> SurveyPoints:
+    """Return the shape that most poses agree on, as a substitute for a survey, with its covariance.
+
+    Where no poses agree it is the pose that shows most targets: then nothing tells which pose is right.
+    """
+    variance = np.einsum("btii->bt", points.cov) / 3.0
+    sigma = float(np.sqrt(np.median(variance[points.seen]))) if points.seen.any() else 0.0
+    place = common_shape(points.points, points.seen, sigma)
+    known = np.isfinite(place).all(axis=-1)
+    if known.sum() < _LEAST_TARGETS:
+        richest = int(points.seen.sum(axis=1).argmax())
+        known, place = points.seen[richest], points.points[richest]
+        cov = points.cov[richest]
+    else:
+        often = points.seen.sum(axis=0)
+        mean = np.where(points.seen, variance, 0.0).sum(axis=0) / np.maximum(often, 1)
+        cov = (mean * np.minimum(_OF_MEDIAN / np.maximum(often, 1), 1.0))[:, None, None] * np.eye(3)
+    names = tuple(name for name, own in zip(points.targets, known, strict=True) if own)
+    return SurveyPoints(names, place[known], cov[known], np.zeros(len(names), np.int64))
 
 
 def _gross_attachments(residuals: Array, sigma: Array, seen: Mask, covariates: Array) -> Mask:
