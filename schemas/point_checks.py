@@ -114,7 +114,8 @@ OF_POINTS: Checks = {
         "A pose or a target in another unit, with exchanged axes or names, or from another row, spoils the shape, and "
         "every result that follows from it.",
         VerdictRule(
-            warns="above 10 sigma of a point, unexplained", fails="a recording error in some poses or targets explains it"
+            warns="above 10 sigma of a point, unexplained",
+            fails="a recording error in some rows explains it",
         ),
         "Correct the named poses or targets in the export. Not evaluated: fewer than three poses with four targets.",
         withholds="poses",
@@ -123,7 +124,7 @@ OF_POINTS: Checks = {
         "Does a body rotate by the angles that the column of the drive reads?",
         "With readings of other poses, in another unit or frozen, a deformation is attributed to wrong angles.",
         VerdictRule(fails="a body follows the drive in most poses, and not in the others"),
-        "Correct the named readings, or exclude the named poses. Not evaluated: several drives, or no body that rotates "
+        "Correct the named readings, or exclude the named poses. Not evaluated: several drives, or no body rotates "
         "with the drive.",
         withholds="models",
     ),

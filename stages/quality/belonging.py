@@ -10,9 +10,11 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Array, Index, Mask
+from truing.belonging.axes_changes import AXES_CHANGES
 from truing.belonging.body_point_tests import (
     AsOtherBody,
     BodyPoints,
+    is_flat,
     joined_results,
     poses_with_slips,
     relate_copies,
@@ -24,9 +26,17 @@ from truing.belonging.load_tests import MILLIVOLT, KnownBench, relate_loads
 from truing.belonging.plausible_slips import RecordedColumn
 from truing.belonging.reading_hypotheses import MeasuredMotion
 from truing.belonging.reading_tests import READINGS, ReadingNames, relate_readings
-from truing.belonging.relation import DISPLACEMENT_UNITS, FRINGE_SHARES, ROTATION_UNITS, RelationState, RelationTest
+from truing.belonging.relation import (
+    DISPLACEMENT_UNITS,
+    FRINGE_SHARES,
+    ROTATION_UNITS,
+    RecordSlip,
+    RelationState,
+    RelationTest,
+)
 from truing.estimation.covariance import relative
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
+from truing.estimation.rigid_poses.umeyama import umeyama
 from truing.quality.bodies import BodyView, PoseSurroundings
 from truing.report.belonging import message
 from truing.schemas.columns import COLUMNS
@@ -219,12 +229,24 @@ def _drives(
             continue
         ok = body.fit.ok if reference is None else body.fit.ok & reference.fit.ok
         kept = np.flatnonzero(ok[pose] & np.isfinite(readings))
-        R = body.fit.R[pose[kept]]
+        at = pose[kept]
+        R, mirrored = body.fit.R[at], [(slip, own[at]) for slip, own in _mirrored(body)] if reference is None else []
         if reference is not None:
-            R = np.swapaxes(reference.fit.R[pose[kept]], 1, 2) @ R
-        names = tuple(str(around.poses[at]) for at in pose[kept])
-        driven.append(DrivenBody(body.name, columns[0], R, readings[kept], names, _groups(configurations, rows[kept])))
+            R = np.swapaxes(reference.fit.R[at], 1, 2) @ R
+        names, groups = tuple(str(around.poses[one]) for one in at), _groups(configurations, rows[kept])
+        driven.append(DrivenBody(body.name, columns[0], R, readings[kept], names, groups, mirrored))
     yield relate_drive(driven)
+
+
+def _mirrored(body: BodyView) -> Iterator[tuple[RecordSlip, Array]]:
+    """Yield changes of axes that mirror, with the rotations (B, 3, 3) of a flat body after each."""
+    source = body.survey.points[body.frame]
+    if not is_flat(source):
+        return
+    seen = body.good[:, body.frame].astype(float)
+    for change in AXES_CHANGES:
+        points = body.points.points[:, body.frame] @ change.matrix
+        yield change.slip, umeyama(source, points, seen).R
 
 
 @dataclass(frozen=True)

@@ -153,7 +153,7 @@ def _body_views(tables: Mapping[str, pa.Table], around: PoseSurroundings) -> lis
 
 
 def viewed(observations: pa.Table, survey: pa.Table | None, body: str, around: PoseSurroundings) -> BodyView:
-    """Return one body of the observations, fitted robustly pose by pose to its survey, or to the shape of most poses."""
+    """Return one body of the observations, fitted robustly to its survey, or to the shape of most poses."""
     place = survey_points(survey, body) if survey is not None else None
     is_surveyed = place is not None and bool(place.targets)
     if place is None or not is_surveyed:

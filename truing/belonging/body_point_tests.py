@@ -141,7 +141,9 @@ def _slips(body: BodyPoints, trials: Sequence[_Trial], which: Index, plain: Arra
         kept = right | (trial.misfit > _HALF * plain) | ((which >= 0) & ~rows)
         axes = _changed_axes(body, rows, right) if trial.kind is SlipKind.MIRRORED else np.full(len(rows), -1)
         for change in dict.fromkeys(axes[rows].tolist()):
-            slip = AXES_CHANGES[change].slip if change >= 0 else RecordSlip(trial.kind, trial.quantity, (), trial.factor)
+            slip = (
+                AXES_CHANGES[change].slip if change >= 0 else RecordSlip(trial.kind, trial.quantity, (), trial.factor)
+            )
             own = rows & (axes == change)
             where = row_places(own, kept | (rows & ~own), body.poses, body.groups)
             yield _Named(replace(slip, subjects=(*where, body.name)), own | (~kept & ~rows))
@@ -231,7 +233,7 @@ def relate_survey(body: BodyPoints) -> RelationTest:
         return replace(rounded, slips=(slip,), tried=2)
     if before <= _MISFIT * body.sigma:
         mirrored_slip = (RecordSlip(SlipKind.MIRRORED, "points or survey of body", (body.name,)),)
-        return replace(tested, tried=2, hidden=mirrored_slip if _is_flat(body.survey) else ())
+        return replace(tested, tried=2, hidden=mirrored_slip if is_flat(body.survey) else ())
     trials = [(RecordSlip(SlipKind.MIRRORED, "points or survey of body", (body.name,)), _typical(mirrored.rms))]
     if (factor := _unit(scaled.scale)) is not None:
         trials.append((RecordSlip(SlipKind.UNIT, "points of body", (body.name,), factor), _typical(scaled.rms)))
@@ -312,7 +314,7 @@ def _unit(scale: Array) -> float | None:
     return nearest if abs(np.log(abs(factor) / nearest)) < _SCALE else None
 
 
-def _is_flat(survey: Array) -> bool:
+def is_flat(survey: Array) -> bool:
     """Return True if a body is its own mirror image within rounding."""
     size = np.linalg.svd(survey - survey.mean(axis=0), compute_uv=False)
     return bool(size[-1] <= _FLAT * size[0])

@@ -29,7 +29,11 @@ _FACTORS = (1.0, _RADIANS, 1.0 / _RADIANS)
 @dataclass(frozen=True)
 class DrivenBody:
     """A body with its measured rotations (B, 3, 3), the readings (B,) of a drive in degrees, and names of the poses in
-    the order of the file."""
+    the order of the file.
+
+    ``mirrored``: changes of axes with the rotations (B, 3, 3) that the points show after each, for a flat body, which
+    is its own mirror image.
+    """
 
     body: str
     column: str
@@ -37,7 +41,7 @@ class DrivenBody:
     readings: Array
     poses: Sequence[str]
     groups: Sequence[tuple[str, Sequence[str]]] = ()
-
+    mirrored: Sequence[tuple[RecordSlip, Array]] = ()
 
     def shifted(self, shift: int) -> DrivenBody:
         """Return the body with each pose's reading taken ``shift`` rows further down, without poses that have none."""
@@ -125,7 +129,7 @@ def _lines(body: DrivenBody, reference: int) -> Iterator[_Line]:
     for factor in _FACTORS:
         for sign in (1.0, -1.0):
             along = angle - sign * factor * body.readings
-            along = along - np.median(along)
+            along = along - _mode(along, limit)
             departure = np.abs(along) + np.where(off_axis > 2.0 * limit, off_axis, 0.0)
             yield _Line(factor, body.readings + sign * along / factor, departure, limit)
 
@@ -135,7 +139,13 @@ def _common_axis(turned: Array, size: Array) -> Array:
     clear = turned[size > _CLEAR * size.max()]
     units = clear / np.linalg.norm(clear, axis=1)[:, None]
     off = np.linalg.norm(np.cross(units[:, None], turned[None]), axis=2)
-    return np.asarray(units[int(np.argmin(np.median(off, axis=1)))])
+    return np.asarray(units[int(np.argmin(np.quantile(off, _FOLLOW, axis=1)))])
+
+
+def _mode(values: Array, near: float) -> float:
+    """Return the median of the largest group of values (B,) that are near one of them."""
+    close = np.abs(values[:, None] - values) <= near
+    return float(np.median(values[close[int(close.sum(axis=1).argmax())]]))
 
 
 def _shift(body: DrivenBody) -> RecordSlip | None:
@@ -149,11 +159,16 @@ def _shift(body: DrivenBody) -> RecordSlip | None:
 
 def _slip(body: DrivenBody, line: _Line) -> RecordSlip:
     """Return the slip that explains the poses which do not follow: two exchanged, a frozen reading, or others."""
+    where = tuple(row_places(~line.follows, line.follows, body.poses, body.groups))
+    for slip, rotations in body.mirrored:
+        undone = np.where(line.follows[:, None, None], body.rotations, rotations)
+        right = _best_line(replace(body, rotations=undone))
+        if right is not None and right.follows.all():
+            return replace(slip, subjects=(*where, body.body))
     apart = np.flatnonzero(~line.follows)
     expected, recorded = line.expected[apart], body.readings[apart]
     if len(apart) == _TWO and (np.abs(expected - recorded[::-1]) <= line.limit).all():
         return RecordSlip(SlipKind.ROWS_EXCHANGED, body.column, tuple(body.poses[row] for row in apart))
-    where = tuple(row_places(~line.follows, line.follows, body.poses, body.groups))
     if len(apart) > _TWO and np.ptp(recorded) == 0.0 and np.ptp(expected) > 2.0 * line.limit:
         return RecordSlip(SlipKind.FROZEN, body.column, where)
     return RecordSlip(SlipKind.STRAY, f"{body.column} or points", where)
