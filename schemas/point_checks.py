@@ -117,7 +117,7 @@ OF_POINTS: Checks = {
             warns="above 10 sigma of a point, unexplained",
             fails="a recording error in some rows explains it",
         ),
-        "Correct the named poses or targets in the export. Not evaluated: fewer than three poses with four targets.",
+        "Correct the named poses or targets in the export. Not evaluated: fewer than three poses with three targets.",
         withholds="poses",
     ),
     "drives-against-poses": QualityCheck(
@@ -170,7 +170,7 @@ OF_POINTS: Checks = {
         "against the multiple.",
         VerdictRule(
             "significantly above 1.1 times or below 1/1.1",
-            "significantly above 1.5 times; one axis above 2.5 times",
+            "significantly above 1.5 times; one axis above 2.5 times; below 1/100: another unit",
         ),
         "Declare the instrument's real noise (`[noise]`, sigma columns), or find the vibration: tripod, traffic, "
         "exposure.",

@@ -156,6 +156,12 @@ def _against_targets(run: PositioningRun, match: TargetMatch) -> Check:
         text += f" With this, the misfit is {match.explained:.3g} mm."
         if match.rivals:
             text += f" Equally likely: {'; or '.join(slip_words(slip) for slip in match.rivals[:_FEW])}."
+    elif match.single:
+        rows = ", ".join(map(str, match.single[:_FEW]))
+        text += (
+            f" {'Row' if len(match.single) == 1 else 'Rows'} {rows} alone {'is' if len(match.single) == 1 else 'are'}"
+        )
+        text += " far from the target: a misread digit, or the value of another row."
     elif match.misfit > limit:
         text += " No tested recording error explains this."
     verdict = FAIL if _contradicts_targets(run, match) else WARN if match.misfit > _NOTED * travel else PASS

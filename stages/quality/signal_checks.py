@@ -11,7 +11,13 @@ from truing.arrays import Array, Index
 from truing.estimation.design.observability import Observability, inseparable, observe
 from truing.estimation.interferometry.log_quality import saturated
 from truing.estimation.interferometry.recorded_steps import LOADS
-from truing.estimation.sensor.exchanged_loads import RowExchange, least_difference, search_exchanges
+from truing.estimation.sensor.exchanged_loads import (
+    RowExchange,
+    StrayLoad,
+    least_difference,
+    search_exchanges,
+    stray_loads,
+)
 from truing.estimation.sensor.load_table import LoadTable, least_signal, load_table
 from truing.quality.loading import LoadingView, predicted_by_loads, scatter_of_signal
 from truing.report.numbers import count as counted
@@ -26,6 +32,15 @@ _MILLIVOLT = 1e-3
 _APART = 1e3  # loads that differ from a combination of others by less than that part of their size are that combination
 _ROUNDING = 1e-6  # of the largest signal: what is left of a combination that is exactly none
 _FEWEST = 8
+_NEARLY_EQUAL = 0.05  # of loads asked for by signals, and recorded with a mistake undone
+_MISTAKES = (
+    (0.1, "a tenth of it"),
+    (10.0, "ten times as much"),
+    (1e-3, "a thousandth of it"),
+    (1e3, "a thousand times as much"),
+    (-1.0, "the opposite sign"),
+    (9.80665, "as for kgf in place of N"),
+)
 
 
 def signal_checks(view: LoadingView, settings: Campaign, turned: frozenset[int], share: float) -> Iterator[Check]:
@@ -88,6 +103,8 @@ def _noise(view: LoadingView, noise_mv: float | None) -> Check:
     text = f"signals: the scatter is {ratio:.3g} times the declared noise, median of {counted(len(known), 'signal')}."
     if slip and ratio > 1.0:
         slip += " Otherwise signals depend on an input that was not recorded."
+    if slip and ratio < 1.0:
+        slip += " Or are the signals in another unit?"
     return Check("noise", "signals", ratio, FAR, "1", WARN if slip else PASS, text + slip)
 
 
@@ -138,12 +155,13 @@ def _exchanged(view: LoadingView, rows: Index, loaded: int, independent: int, sh
     """Rows whose loads stand in each other's place, by the signals."""
     steps = view.steps
     if loaded > independent or len(rows) < 3 * (len(steps.signals) + 1):
-        yield not_evaluated(
-            "exchanged rows", "exchanged-rows", "", "too few signals or rows to predict the loads of each row"
-        )
+        why = "too few signals or rows to predict the loads of each row"
+        yield not_evaluated("loads of single rows", "stray-loads", "", why)
+        yield not_evaluated("exchanged rows", "exchanged-rows", "", why)
         return
     table = load_table(steps.signal[rows], steps.load[rows], steps.run[rows])
     found, unseen = search_exchanges(table, share)
+    yield from _stray(view, rows, stray_loads(table, {row for one in found for row in (one.first, one.second)}))
     for one in found:
         yield _pair(view, rows, one)
     if unseen:
@@ -151,6 +169,32 @@ def _exchanged(view: LoadingView, rows: Index, loaded: int, independent: int, sh
         yield not_evaluated("exchanged rows", "exchanged-rows", "other pairs", why)
     elif not found:
         yield _no_exchange_found(table, share)
+
+
+def _stray(view: LoadingView, rows: Index, stray: list[StrayLoad] | None) -> Iterator[Check]:
+    """Single rows whose signals ask for another load."""
+    if stray is None:
+        why = "the signals of many rows ask for other loads: these are no single mistakes"
+        yield not_evaluated("loads of single rows", "stray-loads", "", why)
+        return
+    for one in stray:
+        place = view.places(rows[[one.row]])[0]
+        name = LOADS[one.component]
+        unit = "N" if name.startswith("f") else "N m"
+        text = (
+            f"{place}: {name} is recorded as {one.written:.6g} {unit}, and the signals ask for {one.asked:.4g} {unit}"
+        )
+        yield Check("stray-loads", place, one.sigmas, 0.0, "1", FAIL, f"{text}{_likely(one)}.")
+    if not stray:
+        yield Check("stray-loads", "", 0.0, 0.0, "1", PASS, "The signals of every row ask for the recorded load.")
+
+
+def _likely(one: StrayLoad) -> str:
+    """Return the mistake that turns the load asked for into the recorded one, as the end of a sentence."""
+    for factor, words in _MISTAKES:
+        if one.written and abs(one.asked / (factor * one.written) - 1.0) < _NEARLY_EQUAL:
+            return f", {words}"
+    return ": a misread digit, the load of another row, or a disturbed signal"
 
 
 def _no_exchange_found(table: LoadTable, share: float) -> Check:

@@ -215,8 +215,9 @@ def noise(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Ch
     declared = 1e3 * float(np.median(declared_sigma[good]))
     first = _noise_check(body.name, "", whole, _NOISE_TOLERATED, share / 2, around.shared)
     slip = unit_slip(float(whole.ratio[0]), declared, "mm")
-    is_warned = slip and first.verdict == PASS
-    yield replace(first, message=first.message + slip, verdict=WARN if is_warned else first.verdict)
+    if slip and whole.ratio[0] < 1.0:
+        slip += " Or are the points in m in place of mm?"
+    yield replace(first, message=first.message + slip, verdict=FAIL if slip else first.verdict)
     for k, axis in enumerate("xyz"):
         one = Scatter(scatter.chi_square[k : k + 1], scatter.dof[k : k + 1])
         yield _noise_check(body.name, axis, one, _AXIS_NOISE_TOLERATED, share / 6, around.shared)

@@ -12,7 +12,7 @@ from truing.arrays import Array, Index, Mask
 from truing.belonging.axes_changes import AXES_CHANGES
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, RelationState, RelationTest, SlipKind, both_ways
 from truing.belonging.slips_in_rows import rounding, row_places
-from truing.belonging.target_rows import exchanged_names, rows_of_wrong_target, slip_of_target
+from truing.belonging.target_rows import exchanged_names, frozen_targets, rows_of_wrong_target, slip_of_target
 from truing.estimation.rigid_poses.umeyama import umeyama
 
 _FIFTH = 0.2  # largest share of the misfit that may remain after a slip is undone
@@ -22,7 +22,7 @@ _AS_OTHERS = 3.0  # typical misfits of the other poses up to which a slip explai
 _SCALE = 0.02  # tolerance of the logarithm of a factor between units
 _NEARER = 3.0  # factor by which one change of axes must bring points nearer to the other poses than the next best
 _WITHIN = 1.5  # largest distance of points with the right axes, over that of the other poses from their median
-_LEAST_TARGETS = 4  # three points are congruent to their mirror image
+_LEAST_TARGETS = 3  # three points are congruent to their mirror image, which they do not show
 _MOST_TARGETS = 40  # most targets of a body for the test of exchanged labels
 SURVEY, POSES, COPIES = "points-against-survey", "points-among-poses", "copied-poses"
 _POSES_TO_COMPARE = 2
@@ -276,6 +276,8 @@ def _slips_of_some(body: BodyPoints, limit: float, *, is_surveyed: bool) -> tupl
     """Return the slips in some poses of a body, or in the rows of one of its targets."""
     if slips := slips_in_poses(body, limit)[0]:
         return slips
+    if frozen := tuple(frozen_targets(body.targets, body.points, body.seen, limit / _MISFIT, body.poses)):
+        return tuple(replace(slip, subjects=(*slip.subjects, body.name)) for slip in frozen)
     points = (body.targets, body.survey, body.points, body.seen)
     rows = rows_of_wrong_target(*points, limit, body.poses, body.groups, is_surveyed=is_surveyed)
     slip = None if rows is None else slip_of_target(rows)

@@ -23,7 +23,7 @@ _FIFTH = 0.2  # largest share of the misfit that may remain after a slip is undo
 _OTHERS_AGREE = 0.9  # share of the poses in which all other targets agree
 _SHIFTS = (1, -1, 2, -2)
 _FEWEST_EQUAL = 3  # successive poses with equal numbers of a target
-_MOVED = 10.0  # limits of the misfit by which the other targets tell that the body moved meanwhile
+_MOVED = 30.0  # sigmas by which the other targets tell that the body moved meanwhile
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def rows_of_wrong_target(
 
 def slip_of_target(rows: TargetRows) -> RecordSlip | None:
     """Return the slip that explains why a target is not at its expected place; None if none does."""
-    slips = (_frozen(rows), *_scaled(rows), *_with_other_axes(rows), *_shifted(rows))
+    slips = (*_scaled(rows), *_with_other_axes(rows), *_shifted(rows))
     explaining = [(after, slip) for found in slips if found is not None for after, slip in (found,)]
     return min(explaining, key=lambda one: one[0])[1] if explaining else None
 
@@ -132,21 +132,33 @@ def _shifted(rows: TargetRows) -> Iterator[Explained | None]:
         yield _explained(rows, moved, slip, 1.0, measured)
 
 
-def _frozen(rows: TargetRows) -> Explained | None:
-    """Return the slip of a target whose numbers stay equal over successive poses while the body moves."""
-    same, expected = np.zeros(len(rows.known), bool), rows.expected
-    equal = np.all(rows.measured[1:] == rows.measured[:-1], axis=1) & rows.known[1:] & rows.known[:-1]
-    first = 0
-    for end in np.flatnonzero(np.append(~equal, True)):
-        stretch = slice(first, end + 1)
-        moved = np.ptp(expected[stretch], axis=0).max()
-        if end + 1 - first >= _FEWEST_EQUAL and moved > _MOVED * rows.limit:
-            same[stretch] = True
-        first = end + 1
-    if not same.any():
-        return None
-    slip = RecordSlip(SlipKind.FROZEN, f"points of target {rows.name}")
-    return 0.0, _placed(slip, rows, same)
+def frozen_targets(
+    names: Sequence[str], points: Array, seen: Mask, sigma: float, poses: Sequence[str]
+) -> Iterator[RecordSlip]:
+    """Yield targets whose numbers stay equal over successive poses while the other targets of the body move.
+
+    points (B, T, 3) in m with noise sigma, m; seen (B, T).
+    """
+    for target, name in enumerate(names):
+        rows = np.flatnonzero(seen[:, target])
+        own = points[rows, target]
+        ends = np.flatnonzero(np.append(np.any(own[1:] != own[:-1], axis=1), True)) if len(rows) else ()
+        frozen, first = np.zeros(len(seen), bool), 0
+        for end in ends:
+            stretch = rows[first : end + 1]
+            if len(stretch) >= _FEWEST_EQUAL and _others_move(points[stretch], seen[stretch], target, sigma):
+                frozen[stretch] = True
+            first = end + 1
+        if frozen.any():
+            kept = seen[:, target] & ~frozen
+            yield RecordSlip(SlipKind.FROZEN, f"points of target {name}", tuple(row_places(frozen, kept, poses, ())))
+
+
+def _others_move(points: Array, seen: Mask, target: int, sigma: float) -> bool:
+    others = seen.all(axis=0)
+    others[target] = False
+    moved = np.ptp(points[:, others], axis=0).max(axis=1)
+    return bool(others.any() and moved.min() > _MOVED * sigma)
 
 
 def _explained(
@@ -195,7 +207,7 @@ def exchanged_names(
     poses are left to the test of single labels.
     """
     bad = np.flatnonzero(misfit > limit)
-    if not _FEWEST_OTHERS < len(names) <= MOST_TARGETS or len(bad) < max(_FEWEST_POSES, _LEAST_SHARE * len(seen)):
+    if not _FEWEST_OTHERS <= len(names) <= MOST_TARGETS or len(bad) < max(_FEWEST_POSES, _LEAST_SHARE * len(seen)):
         return
     pairs = list(combinations(range(len(names)), 2))
     after = np.full((len(pairs), len(bad)), np.inf)

@@ -108,10 +108,10 @@ _REASONS = {
     "legs-singular": "are singular: at the measured poses they do not constrain one motion of the platform",
     "regular": "constrain the platform in all six directions",
     "no-follower": "were not compared: no body rotates about one axis by the angle of the drive",
-    "few-poses": "were not compared: fewer than three poses show four targets",
+    "few-poses": "were not compared: fewer than three poses show three targets",
     "no-shape": "fit no common shape within their noise, and no tested recording error explains it: the body is not "
     "rigid, or the noise is larger than declared",
-    "few-targets": "were not compared: fewer than four targets were seen",
+    "few-targets": "were not compared: fewer than three targets were seen",
     "no-fit": "do not agree, and neither a mirror image nor another unit explains it",
     "no-displacements": "were not compared: the campaign holds no readings of the platform's motion",
     "no-response": "were not compared: no run has changing loads and readings that respond to them",

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from tests.estimation.sensor.toy_sensor import RANGE, loads, sensor
-from truing.estimation.sensor.exchanged_loads import exchanged_loads, least_difference, search_exchanges
+from tests.tolerance import assert_close
+from truing.estimation.sensor.exchanged_loads import exchanged_loads, least_difference, search_exchanges, stray_loads
 from truing.estimation.sensor.load_table import LoadTable, load_table
 
 
@@ -198,3 +199,22 @@ def test_no_rows_are_exchanged_where_further_terms_explain_more():
     """Too few rows for the terms themselves: the matrix is kept, whose misfit is no exchange."""
     for seed in range(8):
         assert exchanged_loads(_bent(seed, 2.0, 1.0, rows=90)) == []
+
+
+@pytest.mark.parametrize("factor", [10.0, -1.0, 0.1])
+def test_a_load_with_a_wrong_digit_is_named_with_what_the_signals_ask_for(factor: float) -> None:
+    table = _table(seed=3)
+    row = int(np.argmax(np.abs(table.loads[:, 2])))
+    right = float(table.loads[row, 2])
+    table.loads[row, 2] *= factor
+    found = stray_loads(table)
+    assert found is not None
+    assert [(one.row, one.component) for one in found] == [(row, 2)]
+    assert_close(found[0].asked, right, atol=0.03 * abs(right))
+
+
+def test_right_loads_are_not_stray_and_many_wrong_ones_are_no_single_mistakes() -> None:
+    table = _table(seed=4)
+    assert stray_loads(table) == []
+    table.loads[:12] *= 3.0
+    assert stray_loads(table) is None

@@ -27,6 +27,7 @@ from truing.estimation.rotation import exp_so3, rigid_motions
 
 # Noise ratios that are tried to include poses: bodies may flex by more than their noise.
 _RATIOS = (1.0, 3.0, 10.0, 30.0)
+_STARTS, _ALIKE = 5, 200  # poses that are tried as the start, of so many that share most targets
 _REFINEMENTS = 10
 _SHAPE_SETTLED = 0.01  # relative to the noise
 _TURNS = 3
@@ -43,24 +44,51 @@ def common_shape(points: NDArray, mask: NDArray, sigma: float) -> NDArray:
     """Return the shape (N, 3), in m, of targets in connected poses; NaN for the others.
 
     points (B, N, 3) in m, mask (B, N), sigma: standard deviation per coordinate of a point, in m. Starts from the pose
-    that shares most targets with the others. The others are added by consensus with the shape, those with most common
-    targets first. Each target is put at its median over the poses, where most poses saw it if it was moved. Axes of
-    the first pose's measurement frame, origin at the mean of its targets. All NaN if no pose has three targets.
+    that shares most targets with the others, or from another one if few poses agree with that. The others are added by
+    consensus with the shape, those with most common targets first. Each target is put at its median over the poses,
+    where most poses saw it if it was moved. Axes of the start's measurement frame, origin at the mean of its targets.
+    All NaN if no pose has three targets.
     """
     points = np.where(mask[..., None], points, 0.0)
     shared = mask.astype(float) @ mask.sum(axis=0)  # targets in common with each pose, summed over all poses
-    first = int(np.argmax(shared * (mask.sum(axis=1) >= 3)))
-    if mask[first].sum() < 3 or sigma <= 0.0:
+    possible = np.flatnonzero((mask.sum(axis=1) >= 3) & (shared > 0.0))
+    if not possible.size or sigma <= 0.0:
         return np.full(points.shape[1:], np.nan)
+    richest = possible[np.argsort(-shared[possible], kind="stable")]
+    starts = richest[np.unique(np.linspace(0, min(len(richest), _ALIKE) - 1, _STARTS).astype(int))]
+    best: _Agreeing | None = None
+    for first in starts:  # a gross error in the first pose would make all others disagree
+        found = _agreeing_from(int(first), points, mask, sigma)
+        best = found if best is None or found.agreed.sum() > best.agreed.sum() else best
+        if 2 * best.agreed.any(axis=1).sum() > len(possible):
+            break
+    assert best is not None
+    shape, known = best.shape, best.known
+    return np.where(known[:, None], _refined(shape, known, points, mask, best.agreed, best.needed), np.nan)
+
+
+@dataclass(frozen=True)
+class _Agreeing:
+    """A shape (N, 3), m, its known targets (N,), the points (B, N) that agree with it, and the noise that these need,
+    m."""
+
+    shape: NDArray
+    known: NDArray
+    agreed: NDArray
+    needed: float
+
+
+def _agreeing_from(first: int, points: NDArray, mask: NDArray, sigma: float) -> _Agreeing:
+    """Return the shape of one pose, renewed with all poses that agree."""
     known, needed = mask[first].copy(), sigma
     shape = np.where(known[:, None], points[first] - points[first][known].mean(axis=0), 0.0)
-    agreed = np.zeros_like(mask)  # points of each pose that agree with the shape
+    agreed = np.zeros_like(mask)
     agreed[first] = known
     for ratio in _RATIOS:
         while _add_agreeing_poses(shape, known, points, mask, agreed, ratio * sigma):
             needed = ratio * sigma
             shape, known = _renewed(shape, known, points, mask, agreed, needed)
-    return np.where(known[:, None], _refined(shape, known, points, mask, agreed, needed), np.nan)
+    return _Agreeing(shape, known, agreed, needed)
 
 
 def _add_agreeing_poses(

@@ -7,6 +7,7 @@ difference of the two; a gross error or a bad channel does not cause that.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,6 +29,8 @@ _FALSE_ALARM = 1e-3  # probability of naming any exchange in a table without one
 _LARGE = 5000  # rows; in larger tables two rows hardly affect the fit, which is repeated only at the end
 _ALIKE = 2.0  # ratio of sizes up to which rows count as equally far off
 _BY_CHANCE = 0.05  # expected accidental exchanges among rows that are far off for other reasons
+# A load is stray from so many sigmas and such a share of the range on; the share of rows that may be.
+_STRAY, _STRAY_SHARE, _FEW_STRAY = 20.0, 0.05, 0.02
 # For a zero per run: rows per column, and share of the loads' variance within runs.
 _ROWS_PER_COLUMN, _WITHIN_SHARE = 4.0, 0.2
 
@@ -135,6 +138,42 @@ def least_difference(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> NDA
     found = np.zeros(table.loads.shape[1])
     found[applied] = least * np.where(np.isfinite(sigma), sigma, 0.0)
     return found
+
+
+@dataclass(frozen=True)
+class StrayLoad:
+    """A row (from 0) whose signals ask for another load: the component with the largest difference over its range, its
+    load as written and as the signals ask for it, in units of loads, and the difference in sigmas."""
+
+    row: int
+    component: int
+    written: float
+    asked: float
+    sigmas: float
+
+
+def stray_loads(table: LoadTable, exchanged: Collection[int] = ()) -> list[StrayLoad] | None:
+    """Return the rows whose load differs from what the signals ask for by far more than noise and by a clear share of
+    its range, except those ``exchanged``; None where these are so many that they are no single mistakes.
+
+    By the fit of `search_exchanges`, without any exchange. One disturbed signal looks like a wrong load.
+    """
+    applied = np.flatnonzero(np.ptp(table.loads, axis=0) > 0)
+    loads = table.loads[:, applied]
+    *_, rest, sigma = _calibrated(table.signals, loads, _zeros(table, loads))
+    span = np.quantile(loads, 1.0 - _FEW_STRAY, axis=0) - np.quantile(loads, _FEW_STRAY, axis=0)
+    share = np.abs(rest) / np.where(span > 0.0, span, np.inf)
+    worst = np.argmax(share, axis=1)
+    every = np.arange(len(loads))
+    size = np.abs(rest / sigma)[every, worst]
+    single = ~np.isin(every, list(exchanged))
+    rows = np.flatnonzero((share[every, worst] > _STRAY_SHARE) & (size > _STRAY) & single)
+    if len(rows) > max(1.0, _FEW_STRAY * len(loads)):
+        return None
+    return [
+        StrayLoad(int(row), int(applied[at]), float(loads[row, at]), float(loads[row, at] - rest[row, at]), float(one))
+        for row, at, one in zip(rows, worst[rows], size[rows], strict=True)
+    ]
 
 
 def _exchange(loads: NDArray, one: RowExchange) -> None:
