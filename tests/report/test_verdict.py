@@ -222,6 +222,18 @@ def test_a_warning_on_consistency_is_told_once():
         assert ("First: " in verdict.explanation) is tells
 
 
+@pytest.mark.parametrize(
+    ("adequacy", "first"), [(RelationState.ATTENTION, "belonging"), (RelationState.OK, "diagnosis")]
+)
+def test_tables_that_hardly_match_lead_a_model_that_is_incomplete(adequacy, first):
+    codes = {"belonging": ReasonCode.DEPARTS, "adequacy": ReasonCode.LACK_OF_FIT, "diagnosis": ReasonCode.FOUND}
+    states = {"adequacy": adequacy}
+    told = {
+        name: SectionVerdict(name, states.get(name, RelationState.ATTENTION), code, "") for name, code in codes.items()
+    }
+    assert leading(told).section == first
+
+
 def test_only_a_failure_of_the_data_gates():
     tables = of(*rejected(), pull_sums=made.pull_sums(900.0).assign(p_value=1e-54)) | misfit(5.15)
     assert campaign(tables).state == RelationState.FAILS

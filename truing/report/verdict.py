@@ -86,8 +86,12 @@ def _verdicts_in_state(
 
 
 def _attention_order(verdicts: Mapping[str, SectionVerdict]) -> tuple[str, ...]:
-    """Return the order of sections that need attention; the diagnosis comes first if noise is declared wrong."""
+    """Return the order of sections that need attention; the diagnosis comes first if noise is declared wrong. Tables
+    that hardly match come before a model that is incomplete because of it."""
     codes = {name: one.reason_code for name, one in verdicts.items()}
+    incomplete = "adequacy" in verdicts and verdicts["adequacy"].state != RelationState.OK
+    if codes.get("belonging") == ReasonCode.DEPARTS and incomplete:
+        return ("belonging", *_LEADS)
     wrong_noise = codes.get("diagnosis") == ReasonCode.NOISE
     below = codes.get("diagnosis") == ReasonCode.FOUND and codes.get("adequacy") == ReasonCode.BELOW_NOISE
     return ("diagnosis", *_LEADS) if wrong_noise or below else _LEADS
