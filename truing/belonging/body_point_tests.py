@@ -22,7 +22,7 @@ _AS_OTHERS = 3.0  # typical misfits of the other poses up to which a slip explai
 _SCALE = 0.02  # tolerance of the logarithm of a factor between units
 _NEARER = 3.0  # factor by which one change of axes must bring points nearer to the other poses than the next best
 _WITHIN = 1.5  # largest distance of points with the right axes, over that of the other poses from their median
-_LEAST_TARGETS = 3  # three points are congruent to their mirror image, which they do not show
+_MIRROR_TARGETS, _LEAST_TARGETS = 4, 3  # three points are congruent to their mirror image
 _MOST_TARGETS = 40  # most targets of a body for the test of exchanged labels
 SURVEY, POSES, COPIES = "points-against-survey", "points-among-poses", "copied-poses"
 _POSES_TO_COMPARE = 2
@@ -96,10 +96,8 @@ def slips_in_poses(body: BodyPoints, limit: float) -> tuple[tuple[RecordSlip, ..
     limit: largest misfit, m, of points that fit their survey. No slip where every pose, or none, is right as recorded,
     and none in poses with fewer than four targets.
     """
-    usable = np.flatnonzero(
-        np.max([one.sum(axis=1) for one in (body.seen, *(other.seen for other in body.others))], axis=0)
-        >= _LEAST_TARGETS
-    )
+    most_seen = np.max([one.sum(axis=1) for one in (body.seen, *(other.seen for other in body.others))], axis=0)
+    usable = np.flatnonzero(most_seen >= _enough(most_seen))
     concerned = np.zeros(len(body.seen), bool)
     if not len(usable):
         return (), concerned
@@ -147,6 +145,14 @@ def _slips(body: BodyPoints, trials: Sequence[_Trial], which: Index, plain: Arra
             own = rows & (axes == change)
             where = row_places(own, kept | (rows & ~own), body.poses, body.groups)
             yield _Named(replace(slip, subjects=(*where, body.name)), own | (~kept & ~rows))
+
+
+def _enough(count: Index) -> int:
+    """Return the number of targets that a pose needs, from those seen in each pose (B,): four, where most poses have
+    them, for fewer would only seem right if all were mirrored."""
+    return (
+        _MIRROR_TARGETS if 2 * np.sum(count >= _MIRROR_TARGETS) >= np.sum(count >= _LEAST_TARGETS) else _LEAST_TARGETS
+    )
 
 
 def _fitted(survey: Array, points: Array, seen: Mask) -> Array:
@@ -210,7 +216,8 @@ def _rms_distance(points: Array, middle: Array) -> Array:
 
 def relate_survey(body: BodyPoints) -> RelationTest:
     """Return the test of a body's points against its survey: not mirrored, and in the same unit."""
-    usable = body.seen.sum(axis=1) >= _LEAST_TARGETS
+    count = body.seen.sum(axis=1)
+    usable = count >= _enough(count)
     if not usable.any():
         return RelationTest(SURVEY, RelationState.NOT_TESTED, "few-targets", body.name)
     points, weight = body.points[usable], body.seen[usable].astype(float)
@@ -237,6 +244,12 @@ def relate_survey(body: BodyPoints) -> RelationTest:
     trials = [(RecordSlip(SlipKind.MIRRORED, "points or survey of body", (body.name,)), _typical(mirrored.rms))]
     if (factor := _unit(scaled.scale)) is not None:
         trials.append((RecordSlip(SlipKind.UNIT, "points of body", (body.name,), factor), _typical(scaled.rms)))
+    plain_rms = _fitted(body.survey, body.points, body.seen)
+    limit = _MISFIT * body.sigma
+    for quantity, left in exchanged_names(body.targets, body.survey, body.points, body.seen, plain_rms, limit):
+        after = _typical(np.where(np.isfinite(plain_rms) & ~np.isfinite(left), plain_rms, left)[usable])
+        if after <= limit:
+            trials.append((RecordSlip(SlipKind.PARTS_EXCHANGED, quantity, (body.name,)), after))
     slip, after = min(trials, key=lambda trial: trial[1])
     if after > _FIFTH * before and _typical(scaled.rms) <= _FIFTH * before:
         other = RecordSlip(SlipKind.SCALE, "points of body", (body.name,), 1.0 / float(np.nanmedian(scaled.scale)))
@@ -254,9 +267,10 @@ def relate_survey(body: BodyPoints) -> RelationTest:
 def relate_poses(body: BodyPoints) -> RelationTest:
     """Return the test of the points of a body without a survey: does one shape, that of most poses (``survey``), fit
     all poses? A slip that all poses share changes the shape alike, and is hidden."""
-    usable = body.seen.sum(axis=1) >= _LEAST_TARGETS
+    count = body.seen.sum(axis=1)
+    usable = count >= _enough(count)
     if usable.sum() < _FEWEST_COMPARED:
-        reason = "few-poses" if (body.seen.sum(axis=1) >= _LEAST_TARGETS - 1).any() else "few-targets"
+        reason = "few-poses" if usable.any() else "few-targets"
         return RelationTest(POSES, RelationState.NOT_TESTED, reason, body.name)
     before, limit = _typical(_fitted(body.survey, body.points, body.seen)[usable]), _MISFIT * body.sigma
     tested = RelationTest(POSES, RelationState.OK, "agrees", body.name, 1e3 * before, unit="mm", limit=1e3 * limit)
