@@ -36,6 +36,7 @@ _OTHER_PLACES = 20.0
 _EXPECTED_SIGMA = f"a standard deviation above 0, from {LEAST_SIGMA_MM:g} to {MOST_SIGMA_MM:g} mm"
 _CORRELATIONS = ("corr_xy", "corr_xz", "corr_yz")
 _SAMPLED_POSES = 5
+_SAME_RATIO = 1.5  # largest over smallest ratio of distances, if only the unit differs
 _MANY = 1 << 20
 
 
@@ -77,12 +78,20 @@ def _fault(file: str, body: str, ratio: float, where: str) -> Fault:
 
 
 def _ratio(seen: Mapping[str, Array], surveyed: Mapping[str, Array]) -> float:
-    """Ratio of a body's size to its survey, by common targets; 0 if unknown."""
+    """Ratio of a body's size to its survey, by distances of common targets; 0 if unknown, or if the distances differ in
+    their ratios: then single targets are wrong, and not the unit."""
     common = [target for target in seen if target in surveyed]
-    if len(common) < 2:
+    own, expected = (_distances(np.array([points[target] for target in common])) for points in (seen, surveyed))
+    if not expected.size or not expected.min() > 0.0:
         return 0.0
-    size = _size(np.array([surveyed[target] for target in common]))
-    return _size(np.array([seen[target] for target in common])) / size if size else 0.0
+    ratios = own / expected
+    return float(np.median(ratios)) if ratios.max() <= _SAME_RATIO * ratios.min() else 0.0
+
+
+def _distances(points: Array) -> Array:
+    """Distances between all pairs of points (T, 3), flat."""
+    first, second = np.triu_indices(len(points), 1)
+    return np.asarray(np.linalg.norm(points[first] - points[second], axis=-1)) if len(points) > 1 else np.empty(0)
 
 
 def _size(points: Array) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 FAR = 100.0  # times either way: no instrument is misjudged so far, a unit soon is
+_CONSTANT = 1e-8  # of the declared noise: numbers that do not scatter but for rounding tell nothing of its unit
 _NEAR = 5.0  # times about a unit's own factor, and twice that where so much was declared that gross errors count in
 _SIZES = {  # of other units, in the one of the key
     "mm": {"um": 1e-3, "nm": 1e-6, "m": 1e3},
@@ -20,7 +21,7 @@ def unit_slip(ratio: float, declared: float, unit: str) -> str:
 
     Empty if both are of one size. ``declared`` is in the unit of its key.
     """
-    if not (math.isfinite(ratio) and ratio > 0.0) or 1.0 / FAR <= ratio <= FAR:
+    if not (math.isfinite(ratio) and ratio > _CONSTANT) or 1.0 / FAR <= ratio <= FAR:
         return ""
     sizes = _SIZES.get(unit, {})
     near = {other: abs(math.log(size / ratio)) for other, size in sizes.items()}

@@ -17,6 +17,7 @@ from truing.estimation.rigid_poses.umeyama import umeyama
 
 _FIFTH = 0.2  # largest share of the misfit that may remain after a slip is undone
 _HALF = 0.5  # share of the misfit below which a pose is better with the slip undone
+_COARSE = 0.02  # share of the misfit that remains after a unit is undone, by which coarse numbers do not fit
 _AS_RIGHT = 5.0  # typical misfits up to which a pose is right as recorded
 _AS_OTHERS = 3.0  # typical misfits of the other poses up to which a slip explains a pose
 _SCALE = 0.02  # tolerance of the logarithm of a factor between units
@@ -29,6 +30,7 @@ _POSES_TO_COMPARE = 2
 _FEWEST_COMPARED = 3  # poses: of two that differ, nothing tells which is right
 _FLAT = 0.02  # thickness over length, below which a body is its own mirror image
 _MISFIT = 10.0  # sigmas of a point, from which a body does not fit its survey
+_LARGEST_BEND = 0.1  # misfit over a body's size beyond which a pose is not right, however the others are
 _OTHER_BODY = 0.05  # misfit over a body's size (rms from its middle) that no deformation explains
 _ALL_ROUNDED = 1.0  # rms misfit of points over the step of their numbers; rounding of three coordinates gives 0.5
 _CHANCE = 1e-6  # probability that two measurements of one campaign agree in every digit
@@ -111,10 +113,10 @@ def slips_in_poses(body: BodyPoints, limit: float) -> tuple[tuple[RecordSlip, ..
     best, least = after.argmin(axis=0), after.min(axis=0)
     is_better = (plain > limit) & (least < _FIFTH * plain)
     typical = float(np.median(np.where(is_better, least, plain)))
-    right = ~is_better & (plain <= max(limit, _AS_RIGHT * typical))
+    right = ~is_better & (plain <= max(limit, min(_AS_RIGHT * typical, _LARGEST_BEND * _size(own.survey))))
     is_unit = np.array([trial.kind is SlipKind.UNIT for trial in trials])[best]
     # a factor of a thousand shows in the size alone: numbers in metres may be coarse
-    slipped = is_better & (is_unit | (least <= max(_AS_OTHERS * typical, limit)))
+    slipped = is_better & (is_unit & (least <= _COARSE * plain) | (least <= max(_AS_OTHERS * typical, limit)))
     if not right.any() or not slipped.any():
         return (), concerned
     named = tuple(_slips(own, trials, np.where(slipped, best, -1), plain, right))
@@ -256,8 +258,7 @@ def relate_survey(body: BodyPoints) -> RelationTest:
         as_large = replace(tested, state=RelationState.ATTENTION, reason="scale", tried=3)
         return replace(as_large, slips=(other,), misfit_explained=1e3 * _typical(scaled.rms))
     if after > _FIFTH * before:
-        size = float(np.sqrt(np.mean(np.sum((body.survey - body.survey.mean(axis=0)) ** 2, axis=1))))
-        state = RelationState.FAILS if before > _OTHER_BODY * size else RelationState.ATTENTION
+        state = RelationState.FAILS if before > _OTHER_BODY * _size(body.survey) else RelationState.ATTENTION
         return replace(tested, state=state, reason="no-fit", tried=2)
     return replace(
         tested, state=RelationState.FAILS, reason="slip", slips=(slip,), misfit_explained=1e3 * after, tried=2
@@ -296,6 +297,11 @@ def _slips_of_some(body: BodyPoints, limit: float, *, is_surveyed: bool) -> tupl
     rows = rows_of_wrong_target(*points, limit, body.poses, body.groups, is_surveyed=is_surveyed)
     slip = None if rows is None else slip_of_target(rows)
     return () if slip is None else (replace(slip, subjects=(*slip.subjects, body.name)),)
+
+
+def _size(survey: Array) -> float:
+    """Return the root mean square distance, m, of points (T, 3) from their middle."""
+    return float(np.sqrt(np.mean(np.sum((survey - survey.mean(axis=0)) ** 2, axis=1))))
 
 
 def poses_with_slips(body: BodyPoints) -> Mask:

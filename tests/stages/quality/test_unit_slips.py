@@ -51,7 +51,7 @@ def test_micrometres_written_for_millimetres_are_told_by_qa_and_check(tmp_path) 
     qa = run_line(made, "ingest", "qa")[0]["qa"].to_pandas().set_index(["check", "subject"])
     row = qa.loc[("noise", "base")]
     assert row["value"] < 0.01
-    assert row["verdict"] == "warn"
+    assert row["verdict"] == "fail"
     assert f"Did you mean {value:.3g} um" in row["message"]
     lines = CliRunner().invoke(app, ["check", str(made)]).output.splitlines()
     said = [line for line in lines if "Did you mean" in line]
