@@ -46,7 +46,7 @@ class DrivenBody:
     def shifted(self, shift: int) -> DrivenBody:
         """Return the body with each pose's reading taken ``shift`` rows further down, without poses that have none."""
         rows = np.arange(max(-shift, 0), len(self.readings) - max(shift, 0))
-        names = tuple(self.poses[row] for row in rows)
+        names = tuple(self.poses[row] for row in rows.tolist())
         return replace(self, rotations=self.rotations[rows], readings=self.readings[rows + shift], poses=names)
 
 
@@ -168,7 +168,7 @@ def _slip(body: DrivenBody, line: _Line) -> RecordSlip:
     apart = np.flatnonzero(~line.follows)
     expected, recorded = line.expected[apart], body.readings[apart]
     if len(apart) == _TWO and (np.abs(expected - recorded[::-1]) <= line.limit).all():
-        return RecordSlip(SlipKind.ROWS_EXCHANGED, body.column, tuple(body.poses[row] for row in apart))
+        return RecordSlip(SlipKind.ROWS_EXCHANGED, body.column, tuple(body.poses[row] for row in apart.tolist()))
     if len(apart) > _TWO and np.ptp(recorded) == 0.0 and np.ptp(expected) > 2.0 * line.limit:
         return RecordSlip(SlipKind.FROZEN, body.column, where)
     return RecordSlip(SlipKind.STRAY, f"{body.column} or points", where)

@@ -142,7 +142,7 @@ def frozen_targets(
     for target, name in enumerate(names):
         rows = np.flatnonzero(seen[:, target])
         own = points[rows, target]
-        ends = np.flatnonzero(np.append(np.any(own[1:] != own[:-1], axis=1), True)) if len(rows) else ()
+        ends = np.flatnonzero(np.append(np.any(own[1:] != own[:-1], axis=1), True)).tolist() if len(rows) else []
         frozen, first = np.zeros(len(seen), bool), 0
         for end in ends:
             stretch = rows[first : end + 1]
@@ -155,7 +155,7 @@ def frozen_targets(
 
 
 def _others_move(points: Array, seen: Mask, target: int, sigma: float) -> bool:
-    others = seen.all(axis=0)
+    others: Mask = np.asarray(seen.all(axis=0))
     others[target] = False
     moved = np.ptp(points[:, others], axis=0).max(axis=1)
     return bool(others.any() and moved.min() > _MOVED * sigma)
