@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Generic, TypeAlias
 
 import numpy as np
 
@@ -43,9 +43,26 @@ class MovedPattern:
     pathways: Mapping[str, Array]
     course: Array
 
-    def design(self, functions: Array) -> dict[str, Array]:
-        """Return the design (B, C, m) of the pattern along functions (B, m)."""
-        return {name: own[None, :, None] * functions[:, None, :] for name, own in self.pathways.items()}
+
+@dataclass(frozen=True)
+class _Moved(Generic[CauseT]):
+    """Patterns of an effect as pathways of a fitted model, named by their number; a course is a thin design over
+    them."""
+
+    fitted: FittedModel[CauseT]
+    pathways: Pathways
+
+    def evidences(self, designs: Sequence[Mapping[str, Array]]) -> list[tuple[float, float]]:
+        """Return the log odds of random combinations of the columns of each design, and the squares that they explain
+        beyond chance."""
+        along = self.pathways.along(self.fitted.fit.whitened.rest[None])[0]
+        total, freedom = total_of(self.fitted)
+        found = []
+        for own in signatures_of(self.pathways, designs):
+            parts = parts_of(own, along)
+            odds = float(log_evidence(parts, own.strengths, total, freedom)) if own.rank else 0.0
+            found.append((odds, max(float(parts @ parts) - own.rank * total / freedom, 0.0)))
+        return found
 
 
 @dataclass(frozen=True)
@@ -90,13 +107,15 @@ def course_rival(
         for follows, several in random_courses(final).items()
         if (kept := [functions for functions in several if not _are_alike(functions, own)])
     }
-    moved = max(int(sum(np.count_nonzero(own) for own in pattern.pathways.values())) for pattern in patterns)
+    width = max(int(sum(np.count_nonzero(own) for own in pattern.pathways.values())) for pattern in patterns)
     functions = sum(own.shape[1] for several in courses.values() for own in several)
-    if len(patterns[0].course) * moved**2 * functions > _MOST_PRODUCTS:
+    if len(patterns[0].course) * width**2 * functions > _MOST_PRODUCTS:
         return None
-    beside = [_likeliest(final, pattern, courses) for pattern in patterns]
-    instead = [_likeliest(without, pattern, courses) for pattern in patterns]
-    named, behind = _lead(without, patterns, instead)
+    motions, places = [pattern.pathways for pattern in patterns], range(len(patterns))
+    moved_beside, moved = (_Moved(own, own.pathways.combined(motions)) for own in (final, without))
+    beside = [_likeliest(moved_beside, place, courses) for place in places]
+    instead = [_likeliest(moved, place, courses) for place in places]
+    named, behind = _lead(moved, patterns, instead)
     behind += _gained_by_refit(final, without, named, len(patterns))
     if left > _MOST_LEFT:  # random courses would absorb patterns that are not tested
         behind = np.inf
@@ -148,11 +167,9 @@ class _Courses:
     follows: Inputs = ()
 
 
-def _likeliest(
-    fitted: FittedModel[CauseT], pattern: MovedPattern, courses: Mapping[Inputs, Sequence[Array]]
-) -> _Courses:
-    """Return the random courses of a pattern."""
-    every = iter(_evidences(fitted, [pattern.design(own) for several in courses.values() for own in several]))
+def _likeliest(moved: _Moved[CauseT], place: int, courses: Mapping[Inputs, Sequence[Array]]) -> _Courses:
+    """Return the random courses of the pattern at a place."""
+    every = iter(moved.evidences([_design(place, own) for several in courses.values() for own in several]))
     found = []
     for follows, several in courses.items():
         own = [
@@ -165,19 +182,27 @@ def _likeliest(
     return replace(max(found, key=lambda one: one.odds), odds=odds)
 
 
-def _lead(
-    without: FittedModel[CauseT], patterns: Sequence[MovedPattern], instead: Sequence[_Courses]
-) -> tuple[float, float]:
+def _design(place: int, functions: Array) -> dict[str, Array]:
+    """Return the design (B, 1, m) of the pattern at a place along functions (B, m)."""
+    return {str(place): functions[:, None]}
+
+
+def _together(functions: Sequence[Array]) -> dict[str, Array]:
+    """Return the design of all patterns, each along functions (B, m_i) of its own."""
+    ends = np.cumsum([own.shape[1] for own in functions])
+    wide = [np.zeros((len(own), 1, int(ends[-1]))) for own in functions]
+    for own, design, end in zip(functions, wide, ends, strict=True):
+        design[:, 0, end - own.shape[1] : end] = own
+    return {str(place): design for place, design in enumerate(wide)}
+
+
+def _lead(moved: _Moved[CauseT], patterns: Sequence[MovedPattern], instead: Sequence[_Courses]) -> tuple[float, float]:
     """Return the squares that the courses of a name explain, and their log odds over random courses in their place.
 
     All patterns together: each alone would absorb a part of the others. A random course pays for the choice among all.
     """
-    designs = [
-        [pattern.design(pattern.course) for pattern in patterns],
-        [pattern.design(one.functions) for pattern, one in zip(patterns, instead, strict=True)],
-    ]
-    together = [{name: np.concatenate([one[name] for one in own], -1) for name in own[0]} for own in designs]
-    (named, squares), (free, _) = _evidences(without, together)
+    both = [pattern.course for pattern in patterns], [one.functions for one in instead]
+    (named, squares), (free, _) = moved.evidences([_together(functions) for functions in both])
     return squares, named - free - sum(one.odds - one.best for one in instead)
 
 
@@ -188,20 +213,6 @@ def _gained_by_refit(final: FittedModel[CauseT], without: FittedModel[CauseT], n
     left = total - named - patterns * total / freedom
     refit, _ = total_of(final)
     return max(0.0, freedom / 2.0 * float(np.log(max(left, refit) / refit)))
-
-
-def _evidences(fitted: FittedModel[CauseT], designs: Sequence[Mapping[str, Array]]) -> list[tuple[float, float]]:
-    """Return the log odds of random combinations of the columns of each design, and the squares that they explain
-    beyond chance."""
-    pathways = fitted.pathways
-    along = pathways.along(fitted.fit.whitened.rest[None])[0]
-    total, freedom = total_of(fitted)
-    found = []
-    for own in signatures_of(pathways, designs):
-        parts = parts_of(own, along)
-        odds = float(log_evidence(parts, own.strengths, total, freedom)) if own.rank else 0.0
-        found.append((odds, max(float(parts @ parts) - own.rank * total / freedom, 0.0)))
-    return found
 
 
 def _patterns_of(fitted: FittedModel[CauseT], cause: CauseT, size: int) -> tuple[list[MovedPattern], float]:

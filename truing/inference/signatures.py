@@ -121,6 +121,27 @@ class Pathways:
         """Return the indices of the named pathways, in that order."""
         return np.concatenate([np.arange(self.places[name].start, self.places[name].stop) for name in names])
 
+    def combined(self, motions: Sequence[Mapping[str, Array]]) -> Pathways:
+        """Return new pathways named by their number. Each moves some of these together, by the weights (C_i,) of each
+        pathway."""
+        names = tuple(name for name in self.places if any(name in own for own in motions))
+        sizes = {name: self.places[name].stop - self.places[name].start for name in names}
+        weights = np.stack([_concatenated(own, sizes) for own in motions], 1)
+        moved = weights.any(1)
+        index, weights = self.index(names)[moved], weights[moved]
+        part = self.part(index)
+        of_inputs = np.broadcast_to(0.0, (len(self.gram), len(motions), len(motions)))
+        if self.has_inputs:
+            of_inputs = weights.T @ (part.input_gram @ weights)
+        return Pathways(
+            self.whitened,
+            {str(number): slice(number, number + 1) for number in range(len(motions))},
+            self.columns[:, :, index] @ weights,
+            None if self.shared is None else weights.T @ self.shared[:, index],
+            weights.T @ (part.gram @ weights),
+            of_inputs,
+        )
+
     def part(self, index: Integers) -> _Part:
         """Return the arrays of the pathways that an index selects."""
         key = index.tobytes()
@@ -137,6 +158,11 @@ class Pathways:
     @cached_property
     def _parts(self) -> dict[bytes, _Part]:
         return {}
+
+
+def _concatenated(parts: Mapping[str, Array], sizes: Mapping[str, int]) -> Array:
+    """Return parts (C_i,) side by side, in the order of their sizes; zero for those that are missing."""
+    return np.concatenate([parts.get(name, np.zeros(size)) for name, size in sizes.items()])
 
 
 def pathways_of(
