@@ -36,6 +36,7 @@ class Saturating:
             known_by_shared=np.empty((0, 1)),
             shared_known=np.ones(1, bool),
             local_known=np.empty(0, bool),
+            zero_columns=None,
         )
 
 
@@ -67,6 +68,7 @@ class Bent:
             known_by_shared=np.empty((0, 1)),
             shared_known=np.ones(1, bool),
             local_known=np.empty(0, bool),
+            zero_columns=None,
         )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from truing.inference.arrays import Array, Integers, Mask, index_or_slice
 from truing.inference.linear_problem import LinearisedModel, Whitened, columns_of, whiten
-from truing.inference.model import Predict
+from truing.inference.model import Predict, PredictionLike, ZeroColumns
 from truing.inference.observations import Frames, Observations
 
 _MAX_ITERATIONS = 25
@@ -144,8 +144,7 @@ def linearise(
     turned = measured.whitener @ frames.R[:, None]
     by_local = np.concatenate([measured.whitener @ frames.columns(arms), turned @ found.by_local], -1)
     epochs, height = len(arms), arms.shape[1] * arms.shape[2]
-    kept = columns_of(_acting(found.by_shared)) if compact else None
-    slopes = found.by_shared if kept is None else _column_derivatives(found.by_shared, *kept)
+    slopes, columns, common = _slopes(found, compact)
     return LinearisedModel(
         residual=(measured.whitener @ gap[..., None]).reshape(epochs, -1),
         by_local=by_local.reshape(epochs, height, by_local.shape[-1]),
@@ -157,9 +156,23 @@ def linearise(
         present=np.repeat(measured.seen, measured.size, axis=1),
         local_known=np.concatenate([np.zeros(frames.size, bool), found.local_known]),
         shared_known=found.shared_known,
-        columns=None if kept is None else kept[0],
-        common=0 if kept is None else kept[1],
+        columns=columns,
+        common=common,
     )
+
+
+def _slopes(found: PredictionLike, compact: bool) -> tuple[Array, Integers | None, int]:
+    """Return a prediction's derivatives (B, K, d, G) by the shared unknowns; or, compact, those (B, K, d, C) by the
+    columns (B, C) of each epoch, these columns, and how many of them are common to all epochs."""
+    zeros, slopes = found.zero_columns, found.by_shared
+    if compact:
+        acting = _acting(slopes)
+        kept = columns_of(acting if zeros is None else np.concatenate([zeros.acting, acting], 1))
+        if kept is not None:
+            return _column_derivatives(slopes, zeros, *kept), *kept
+    if zeros is not None:
+        slopes = np.concatenate([zeros.at(np.arange(zeros.size)), slopes], -1)
+    return slopes, None, 0
 
 
 def _acting(slopes: Array) -> Mask:
@@ -170,12 +183,21 @@ def _acting(slopes: Array) -> Mask:
     return found
 
 
-def _column_derivatives(slopes: Array, columns: Integers, common: int) -> Array:
-    """Return derivatives (B, K, d, C) of the columns (B, C) of each epoch, from those of all, (B, K, d, G); zero for
-    column G. The first ``common`` columns are the same in all epochs."""
-    few = columns[:, None, None, common:]
-    own = np.take_along_axis(slopes, np.minimum(few, slopes.shape[-1] - 1), 3) * (few < slopes.shape[-1])
-    return np.concatenate([slopes[..., index_or_slice(columns[0, :common])], own], -1)
+def _column_derivatives(slopes: Array, zeros: ZeroColumns | None, columns: Integers, common: int) -> Array:
+    """Return derivatives (B, K, d, C) of the columns (B, C) of each epoch, from those of all unknowns, or of all after
+    the zeros, (B, K, d, G - Z); zero for column G. The first ``common`` columns are the same in all epochs."""
+    first = 0 if zeros is None else zeros.size
+    few = columns[:, common:]
+    alike, each = columns[0, :common], (few - first)[:, None, None]
+    acting = (each >= 0) & (each < slopes.shape[-1])
+    own = np.zeros((*slopes.shape[:3], few.shape[1]))
+    if slopes.shape[-1]:
+        own += np.take_along_axis(slopes, np.where(acting, each, 0), 3) * acting
+    parts = [slopes[..., index_or_slice(alike[alike >= first] - first)], own]
+    if zeros is not None:
+        own += zeros.at(few)
+        parts.insert(0, zeros.at(alike[alike < first]))
+    return np.concatenate(parts, -1)
 
 
 def _rotated_slopes(turned: Array, slopes: Array) -> Array:

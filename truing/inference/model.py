@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Generic, Protocol, Self, TypeVar
 
+import numpy as np
+
 from truing.inference.arrays import Array, Integers, Mask
 
 # Pathway of causes that act on the observations themselves; its motions are the identity.
@@ -161,6 +163,32 @@ class SceneLike(Protocol[CauseT]):
         """Return the candidates of a kind that make inputs or observations scatter."""
 
 
+@dataclass(frozen=True)
+class ZeroColumns:
+    """Derivatives by the first Z shared unknowns, of which each number observed follows at most one: zeros of runs.
+
+    ``place`` (B, K) is the unknown, -1 for none; ``slope`` (B, K) the derivative by it.
+    """
+
+    size: int
+    place: Integers
+    slope: Array
+
+    @property
+    def acting(self) -> Mask:
+        """True for unknowns that act in each epoch, (B, Z)."""
+        found = np.zeros((len(self.place), self.size + 1), bool)
+        epochs = np.arange(len(self.place))[:, None]
+        found[epochs, np.where(self.slope != 0.0, self.place, self.size)] = True
+        return found[:, : self.size]
+
+    def at(self, columns: Integers) -> Array:
+        """Return the derivatives (B, K, 1, n) by unknowns (B, n), or (n,) if they are the same in all epochs; zero for
+        other unknowns."""
+        same = self.place[..., None] == (columns if columns.ndim == 1 else columns[:, None])
+        return np.asarray((same * self.slope[..., None])[:, :, None])
+
+
 class PredictionLike(Protocol):
     """Prediction of a model, with derivatives per prior sigma, and whitened rows of prior knowledge that concern no
     epoch."""
@@ -171,7 +199,11 @@ class PredictionLike(Protocol):
 
     @property
     def by_shared(self) -> Array:
-        """Their derivatives (B, K, d, G) by the shared unknowns."""
+        """Their derivatives (B, K, d, G) by the shared unknowns; without the first Z if there are zero columns."""
+
+    @property
+    def zero_columns(self) -> ZeroColumns | None:
+        """Their derivatives by the first Z shared unknowns, if these are zeros of runs."""
 
     @property
     def by_local(self) -> Array:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from truing.simulation.cause import OBSERVED, CauseT, Effect, Scene
 
 if TYPE_CHECKING:
-    from truing.inference.model import Split
+    from truing.inference.model import Split, ZeroColumns
     from truing.simulation.prior_campaign import CampaignPrior
 
 
@@ -27,12 +27,13 @@ class Prediction:
     """
 
     values: NDArray  # (B, K, d)
-    by_shared: NDArray  # (B, K, d, G)
+    by_shared: NDArray  # (B, K, d, G), or (B, K, d, G - Z) after zero columns
     by_local: NDArray  # (B, K, d, H)
     known_residual: NDArray  # (E,) whitened, measured - predicted
     known_by_shared: NDArray  # (E, G) whitened
     shared_known: NDArray  # (G,) whether the prior is knowledge, not a wide default
     local_known: NDArray  # (H,)
+    zero_columns: ZeroColumns | None = None
 
 
 @dataclass(frozen=True)
@@ -236,8 +237,16 @@ class ChannelModel(EffectsModel[CauseT]):
 
         return found
 
-    def _fill_effects(self, by_shared: NDArray, shared: NDArray, slopes: Callable[[CauseT, NDArray], NDArray]) -> None:
-        """Fill the derivatives (B, K, G) by the parameters of effects, given the function ``slopes``."""
+    def _fill_effects(
+        self,
+        by_shared: NDArray,
+        shared: NDArray,
+        slopes: Callable[[CauseT, NDArray], NDArray],
+        first: int = 0,
+    ) -> None:
+        """Fill the derivatives (B, K, G - first) by the parameters of effects, given the function ``slopes``; without
+        those of the first shared unknowns."""
         for effect in self.effects(shared):
+            place = self.layout[effect.cause.key]
             own = slopes(effect.cause, effect.values) * self.effect_sigma(effect.cause)
-            by_shared[..., self.layout[effect.cause.key]] = own
+            by_shared[..., place.start - first : place.stop - first] = own

@@ -47,6 +47,7 @@ class Prediction:
     known_by_shared: np.ndarray
     shared_known: np.ndarray
     local_known: np.ndarray
+    zero_columns: None = None
 
 
 @dataclass(frozen=True)

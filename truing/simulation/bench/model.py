@@ -15,7 +15,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.model import Split
+from truing.inference.model import Split, ZeroColumns
 from truing.simulation.bench.causes.reading_causes import FIELDS, BenchScene, ReadingCause
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions
 from truing.simulation.bench.load_steps import CHANNELS, IN_RUN, LINEAR, LOADS, LoadSteps, ReadingState
@@ -239,7 +239,8 @@ class BenchModel(ChannelModel[ReadingCause]):
         forward_pass = self._forward_pass(shared, local)
         points = self._with_zeros(forward_pass.state.readings, shared)[..., None]
         slopes = self._by_shared(shared, forward_pass)[:, :, None] if by_shared else None
-        return self._prediction(shared, points, slopes, forward_pass.from_wrench(self._load_errors)[:, :, None])
+        found = self._prediction(shared, points, slopes, forward_pass.from_wrench(self._load_errors)[:, :, None])
+        return replace(found, zero_columns=self._zero_columns) if by_shared else found
 
     def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[ReadingCause, NDArray], NDArray]:
         return self._forward_pass(shared, local).of_cause
@@ -269,6 +270,12 @@ class BenchModel(ChannelModel[ReadingCause]):
     @cached_property
     def _zero_of(self) -> NDArray:
         return self.known.zeros.at(self.conditions.run, len(self.known.channels))
+
+    @cached_property
+    def _zero_columns(self) -> ZeroColumns:
+        """Derivatives of the readings by zeros, which come first among the shared unknowns."""
+        slope = np.append(self.known.zeros.sigma, 0.0)[self._zero_of]
+        return ZeroColumns(len(self.known.zeros.run), self._zero_of, slope)
 
     def _with_zeros(self, readings: NDArray, shared: NDArray) -> NDArray:
         zeros = np.append(shared[self.layout["zero"]] * self.known.zeros.sigma, 0.0)
@@ -305,28 +312,25 @@ class BenchModel(ChannelModel[ReadingCause]):
         return pass_through(self.steps, wrench, response.compliance, rows, seen, self.effects(shared))
 
     def _by_shared(self, shared: NDArray, forward_pass: BenchForwardPass) -> NDArray:
-        """Return the readings' derivatives (B, K, G) by the shared unknowns."""
-        slopes = np.zeros((*forward_pass.state.readings.shape, self.shared_size))
-        index = self._zero_of
-        step, channel = np.nonzero(index >= 0)
-        slopes[step, channel, self.layout["zero"].start + index[step, channel]] = self.known.zeros.sigma[
-            index[step, channel]
-        ]
+        """Return the readings' derivatives (B, K, G - Z) by the shared unknowns after the zeros."""
+        first = self.layout["zero"].stop
+        layout = {name: slice(own.start - first, own.stop - first) for name, own in self.layout.items()}
+        slopes = np.zeros((*forward_pass.state.readings.shape, self.shared_size - first))
         sensor, wrench = self.known.sensor, forward_pass.after[Step.DRIVE].wrench
         by_stiffness = sensor.by_stiffness(shared[self.layout["stiffness"]])
         for name, response in (("geometry", sensor.by_geometry), ("stiffness", by_stiffness)):
             if len(response.compliance):
-                slopes[..., self.layout[name]] = self._by_response(response, shared, wrench, forward_pass)
+                slopes[..., layout[name]] = self._by_response(response, shared, wrench, forward_pass)
         for name, by_wrench in self._by_signals(shared).items():
             signals = np.einsum("sjn,bj->bsn", by_wrench, wrench)
             motion = np.zeros((len(wrench), _AXES, signals.shape[-1]))
-            slopes[..., self.layout[name]] = forward_pass.from_readings(np.concatenate([motion, signals], 1))
+            slopes[..., layout[name]] = forward_pass.from_readings(np.concatenate([motion, signals], 1))
         if self.known.optics.size:
             motion = forward_pass.after[Step.STRUCTURE].deflection.sum(-1)
             seen = self.known.optics.slopes(self.steps, motion)
             still = np.zeros((len(wrench), self.known.signals, self.known.optics.size))
-            slopes[..., self.layout["optics"]] = forward_pass.from_readings(np.concatenate([seen, still], 1))
-        self._fill_effects(slopes, shared, forward_pass.of_cause)
+            slopes[..., layout["optics"]] = forward_pass.from_readings(np.concatenate([seen, still], 1))
+        self._fill_effects(slopes, shared, forward_pass.of_cause, first)
         return slopes
 
     def _by_response(
