@@ -82,14 +82,15 @@ class SharedRows:
     def combined(self, products: Array, designs: Array, during: slice = slice(None)) -> Array:
         """Sums (G, P) over some epochs of products (b, n, C) with each epoch's own columns, weighted by designs
         (b, n, P)."""
-        epochs, count, size = designs.shape
+        size = designs.shape[-1]
+        designs = designs.reshape(-1, size)
         found = np.zeros((self.size + 1, size))
-        wide = products[..., : self.common].reshape(epochs * count, self.common)
-        found[self.columns[0, : self.common]] = wide.T @ designs.reshape(-1, size)
+        found[self.columns[0, : self.common]] = (
+            products[..., : self.common].reshape(len(designs), self.common).T @ designs
+        )
         few = self.columns[during, self.common :]
         if few.size:
-            of_few = np.swapaxes(products[..., self.common :], 1, 2) @ designs
-            found += self._sums_of_few(few, of_few)
+            found += self._few(few, products[..., self.common :]) @ designs
         return found[: self.size]
 
     def weighted(self, products: Array, weights: Array) -> Array:
@@ -104,13 +105,14 @@ class SharedRows:
             found[:, number] += (own @ weights.T).T
         return found[..., : self.size]
 
-    def _sums_of_few(self, few: Integers, values: Array) -> Array:
-        """Sums (G + 1, P) of values (b, c, P) of the columns (b, c)."""
+    def _few(self, few: Integers, values: Array) -> csr_array:
+        """Sparse matrix (G + 1, b n) of values (b, n, c) of the columns (b, c). Most are zero: a reading has the zero
+        of its own run and channel."""
         from scipy.sparse import csr_array
 
-        places = few.ravel(), np.arange(few.size)
-        ones = csr_array((np.ones(few.size), places), shape=(self.size + 1, few.size))
-        return np.asarray(ones @ values.reshape(few.size, -1))
+        epoch, row, place = np.nonzero(values)
+        at = few[epoch, place], epoch * values.shape[1] + row
+        return csr_array((values[epoch, row, place], at), shape=(self.size + 1, values.shape[0] * values.shape[1]))
 
     def _few_by_epoch(self, few: Integers, values: Array) -> csr_array:
         """Sparse matrix (G + 1, b) of values (b, c) of the columns (b, c)."""
@@ -127,11 +129,11 @@ class SharedRows:
         found[np.diag_indices(len(found))] += 1.0  # the priors
         common, size = self.columns[0, : self.common], len(found)
         wide = self.own[..., : self.common].reshape(self.of_epochs, self.common)
-        few, of_few = self.columns[:, self.common :], np.swapaxes(self.own[..., self.common :], 1, 2) @ self.own
         whole = np.zeros((size + 1, size + 1))
-        np.add.at(whole, (few[:, :, None], few[:, None]), of_few[..., self.common :])
-        if few.size:
-            whole[:, common] = self._sums_of_few(few, of_few[..., : self.common])
+        if self.columns.shape[1] > self.common:
+            few = self._few(self.columns[:, self.common :], self.own[..., self.common :])
+            whole += (few @ few.T).toarray()
+            whole[:, common] = few @ wide
         whole[np.ix_(common, common)] = wide.T @ wide
         others = np.delete(np.arange(size), common)
         whole[np.ix_(common, others)] = whole[np.ix_(others, common)].T
