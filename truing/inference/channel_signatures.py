@@ -12,6 +12,11 @@ from truing.inference.linear_problem import Whitened
 from truing.inference.model import OBSERVED
 from truing.inference.signatures import INFORMATIVE, Pathways
 
+# Shapes are multiplied as a sparse matrix if fewer than this share of their values is not zero.
+_SPARSE = 0.05
+# Epochs during which a channel was not seen are left out of products if fewer than this share of all is left.
+_MOSTLY_LIVE = 0.9
+
 
 @dataclass(frozen=True)
 class RotatedChannels:
@@ -38,12 +43,23 @@ class RotatedChannels:
             len(weights), channels, size, -1
         )
 
+    @cached_property
+    def live(self) -> list[tuple[Integers, Integers]]:
+        """Channels that were seen at the same epochs, and these epochs."""
+        seen = np.trace(self.gram, axis1=2, axis2=3) > 0.0
+        if seen.mean() > _MOSTLY_LIVE:  # then a single product is faster
+            return [(np.arange(seen.shape[1]), np.arange(len(seen)))]
+        patterns, number = np.unique(seen, axis=1, return_inverse=True)
+        return [(np.flatnonzero(number.ravel() == n), np.flatnonzero(own)) for n, own in enumerate(patterns.T)]
+
     def along(self, parts: Array) -> Array:
         """Return the parts (B, T, q, D) of residuals along these axes, from those along the pathway (D, B, C)."""
         (count, members), (height, _) = self.channels.shape, self.rotations.shape[2:]
         own = parts.reshape(*parts.shape[:2], -1, height // members)[:, :, self.channels]
         own = own.reshape(*parts.shape[:2], count, height)
         rotations = self.rotations.astype(parts.dtype, copy=False)  # single precision is enough for draws
+        if rotations.shape[2:] == (1, 1):
+            return np.multiply(own.transpose(1, 2, 3, 0), rotations, order="C")
         return np.asarray(np.einsum("dbtx,btxy->btyd", own, rotations, optimize=True))
 
 
@@ -99,9 +115,27 @@ class ChannelSignatures:
     def scores(self, along: Array) -> Array:
         """Return the scores (S, T, d m, D) of residuals, from their parts (B, T, d, D) along the observations' axes."""
         epochs, channels, size, draws = along.shape
-        shapes = self.values.transpose(0, 2, 1).reshape(-1, epochs).astype(along.dtype, copy=False)
-        found = (shapes @ along.reshape(epochs, -1)).reshape(len(self.values), -1, channels, size, draws)
+        shapes = self._shapes.astype(along.dtype, copy=False)
+        if self._is_sparse:
+            from scipy.sparse import csr_array
+
+            found = csr_array(shapes) @ along.reshape(epochs, -1)
+        else:
+            found = np.empty((len(shapes), channels, size, draws), along.dtype)
+            for own, during in self.rotated.live:
+                part = along[np.ix_(during, own)]
+                found[:, own] = (shapes[:, during] @ part.reshape(len(part), -1)).reshape(len(shapes), -1, size, draws)
+        found = found.reshape(len(self.values), -1, channels, size, draws)
         return found.transpose(0, 2, 1, 3, 4).reshape(len(self.values), channels, -1, draws)
+
+    @cached_property
+    def _shapes(self) -> Array:
+        """The shapes as rows (S m, B)."""
+        return self.values.transpose(0, 2, 1).reshape(-1, self.values.shape[1])
+
+    @cached_property
+    def _is_sparse(self) -> bool:
+        return bool(np.count_nonzero(self._shapes) < _SPARSE * self._shapes.size)
 
     def squares(self, along: Array) -> Array:
         """Return the reduction of the sum of squares by each candidate, (D, S, T); ``along`` as in `scores`."""

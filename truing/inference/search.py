@@ -7,7 +7,7 @@ comes from the same search on simulated residuals and on sign-flipped ones.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -43,6 +43,10 @@ _QUANTILE = 0.02
 _TAIL = 0.01
 # Smallest p-value reported: no noise is normal so far out.
 LEAST_P = 1e-9
+# Values that are always zero are left out of products if fewer than this share is left.
+_MOSTLY_LIVE = 0.9
+# Columns that candidates share are multiplied once if fewer than this share of all is distinct.
+_MOSTLY_DISTINCT = 0.5
 # Number of single channels with the most evidence that become candidates of their own.
 _BEST_MEMBERS = 4
 # Prior probability, within its kind, that an accepted nonparametric effect has higher-order terms.
@@ -87,6 +91,77 @@ class ChannelFamily(Generic[CauseT]):
 
 
 @dataclass(frozen=True)
+class _Bank:
+    """Unit designs of candidates on the same pathways, as rows in single precision.
+
+    ``place``: the pathways, or the numbers (n,) of those values of (B C,) that are not always zero; ``parts``: designs
+    (r * k, n) of k candidates of rank r each, sorted by direction first, and the candidates' numbers (k,). Where many
+    share their columns, ``columns`` (u, n) are the distinct ones, and designs (r * k, u) combine these.
+    """
+
+    place: Integers | slice
+    is_flat: bool
+    columns: Array | None
+    parts: list[tuple[Array, list[int]]]
+
+    def scores(self, along: Array) -> Iterator[tuple[Array, list[int]]]:
+        """Yield scores (D, r, k) of candidates from parts (D, B, C) along the pathways, and the candidates' numbers."""
+        flat = along.reshape(len(along), -1)[:, self.place] if self.is_flat else along[:, :, self.place]
+        own = flat.reshape(len(along), -1)
+        if self.columns is not None:
+            own = own @ self.columns.T
+        for designs, numbers in self.parts:
+            yield (own @ designs.T).reshape(len(along), -1, len(numbers)), numbers
+
+
+def _bank_of(pathways: Pathways, alike: Sequence[Signature], numbers: Sequence[int]) -> _Bank:
+    """Return the bank of candidates on the same pathways, with their numbers."""
+    index = alike[0].index
+    live = np.diagonal(pathways.gram, axis1=1, axis2=2)[:, index] > 0.0  # a channel that was not read moves nothing
+    is_flat = bool(live.mean() < _MOSTLY_LIVE)
+    rows = np.flatnonzero(live) if is_flat else slice(None)
+    place = index_or_slice(index)
+    if is_flat:
+        place = np.asarray(np.arange(len(live))[:, None] * pathways.columns.shape[2] + index).ravel()[rows]
+    designs = [own.design[rows] for own in alike]
+    loadings = [own.loadings / own.strengths for own in alike]
+    distinct = _distinct_columns(designs)
+    columns = None
+    if distinct is not None:
+        columns, designs = distinct
+    ranks: dict[int, list[int]] = {}
+    for member, own in enumerate(alike):
+        ranks.setdefault(own.rank, []).append(member)
+    parts = []
+    for members in ranks.values():
+        wide = np.stack([(designs[m] @ loadings[m]).T.astype(np.float32) for m in members], 1)
+        parts.append((wide.reshape(-1, wide.shape[-1]), [numbers[m] for m in members]))
+    return _Bank(place, is_flat, columns, parts)
+
+
+def _distinct_columns(designs: Sequence[Array]) -> tuple[Array, list[Array]] | None:
+    """Return the distinct columns (u, n) of designs (n, P_i), in single precision, and the designs (u, P_i) that make
+    them of these; None where most columns are distinct."""
+    weights = np.cos(np.arange(len(designs[0])))  # equal columns have equal sums
+    sums = [(weights @ design).astype(np.float32).tolist() for design in designs]
+    if len({one for own in sums for one in own}) > _MOSTLY_DISTINCT * sum(map(len, sums)):
+        return None
+    found: list[Array] = []
+    places: dict[float, list[int]] = {}
+    members: list[list[int]] = []
+    for design, own in zip(designs, sums, strict=True):
+        members.append([])
+        for column, key in zip(design.T, own, strict=True):
+            alike = places.setdefault(key, [])
+            place = next((n for n in alike if np.array_equal(found[n], column)), len(found))
+            if place == len(found):
+                alike.append(place)
+                found.append(column)
+            members[-1].append(place)
+    return np.stack(found).astype(np.float32), [np.eye(len(found))[:, own] for own in members]
+
+
+@dataclass(frozen=True)
 class Search(Generic[CauseT]):
     """All candidates on one fit; ``shares`` are the shares of the false-alarm budget by kind."""
 
@@ -115,34 +190,20 @@ class Search(Generic[CauseT]):
         return [candidate for candidate in self.candidates if candidate.signature.rank]
 
     @cached_property
-    def _banks(self) -> list[tuple[Integers | slice, list[tuple[Array, list[int]]]]]:
-        """Candidates by pathways and rank r: their place, their stacked unit designs (r * n, B * C), and their numbers
-        (n,). Designs are sorted by direction first."""
-        by_index: dict[bytes, dict[int, list[int]]] = {}
+    def _banks(self) -> list[_Bank]:
+        """Candidates that can be seen, those on the same pathways together."""
+        alike: dict[bytes, list[int]] = {}
         for number, candidate in enumerate(self._visible_candidates):
-            own = candidate.signature
-            by_index.setdefault(own.index.tobytes(), {}).setdefault(own.rank, []).append(number)
-        return [
-            (
-                index_or_slice(self._visible_candidates[next(iter(ranks.values()))[0]].signature.index),
-                [self._bank(n) for n in ranks.values()],
-            )
-            for ranks in by_index.values()
-        ]
-
-    def _bank(self, numbers: list[int]) -> tuple[Array, list[int]]:
-        designs = np.stack([self._visible_candidates[n].signature.unit_design.T.astype(np.float32) for n in numbers], 1)
-        return designs.reshape(-1, designs.shape[-1]), numbers
+            alike.setdefault(candidate.signature.index.tobytes(), []).append(number)
+        own = [candidate.signature for candidate in self._visible_candidates]
+        return [_bank_of(self.pathways, [own[n] for n in numbers], numbers) for numbers in alike.values()]
 
     def squares(self, along: Array) -> Array:
         """Return the reduction of the sum of squares by each candidate that can be seen, (D, candidates)."""
         found = np.empty((len(along), len(self._visible_candidates)))
-        for place, banks in self._banks:
-            own = along[:, :, place].reshape(len(along), -1)
-            for designs, numbers in banks:
-                scores = own @ designs.T
-                np.square(scores, out=scores)
-                found[:, numbers] = scores.reshape(len(along), -1, len(numbers)).sum(1)
+        for bank in self._banks:
+            for scores, numbers in bank.scores(along):
+                found[:, numbers] = np.sum(scores**2, 1)
         return found
 
     def maxima(self, along: Array) -> Array:
@@ -155,13 +216,14 @@ class Search(Generic[CauseT]):
     def _of_families(self, parts: Array) -> list[Array]:
         """Return the largest reduction (D,) in every family of channels, from parts (D, B, C) along the
         observations."""
-        found: list[Array] = []
-        last, along = None, parts
-        for own in (families.signatures for families in self.families):
-            if own.rotated is not last:
-                last, along = own.rotated, own.rotated.along(parts)
-            found.append(own.squares(along).reshape(len(parts), -1).max(1))
-        return found
+        found: dict[int, Array] = {}
+        own = [family.signatures for family in self.families]
+        for rotated in {id(one.rotated): one.rotated for one in own}.values():
+            along = rotated.along(parts)
+            for place, one in enumerate(own):
+                if one.rotated is rotated:
+                    found[place] = one.squares(along).reshape(len(parts), -1).max(1)
+        return [found[place] for place in range(len(own))]
 
     @cached_property
     def _members(self) -> list[list[int]]:
