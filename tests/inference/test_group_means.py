@@ -126,9 +126,8 @@ def test_an_effect_of_the_region_is_found_by_region() -> None:
 
     def seen_by(effect: np.ndarray) -> tuple[float, str]:
         values = rng.normal(size=(poses, width)) + effect[:, None]
-        plain = EpochResiduals(
-            values, np.ones((poses, width), bool), np.ones((poses, width)), np.zeros((poses, width, 1))
-        )
+        ones = np.ones((poses, width))
+        plain = EpochResiduals(values, ones > 0.0, ones, 0.0 * ones, lambda own: np.zeros((width, 1)))
         (test,) = by_region(plain, columns)
         return test.p_value, test.along
 

@@ -6,7 +6,9 @@ fit (ANOVA; Draper and Smith, Applied Regression Analysis, 2.1).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -14,19 +16,24 @@ from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.linear_problem import Whitened
 from truing.inference.observations import Frames, Observations
 
+Rows = TypeVar("Rows", Array, Mask)
+
 
 @dataclass(frozen=True)
 class EpochResiduals:
     """Residuals (B, N) of unit noise in axes that all epochs share: of observations, then of inputs.
 
     ``seen`` (B, N) marks valid residuals; ``redundancy`` (B, N) is the share of each that its epoch's own unknowns
-    leave; ``basis`` (B, N, G) is orthonormal over all epochs and spans what the shared unknowns explain.
+    leave. Rows (B, N, G), orthonormal over all epochs, span what the shared unknowns explain: ``explained`` (B, N) are
+    their squares before the rotation, which leaves the sum over a place as it is; ``summed`` returns their sums (N, G)
+    over some epochs.
     """
 
     values: Array
     seen: Mask
     redundancy: Array
-    basis: Array
+    explained: Array
+    summed: Callable[[Integers], Array]
 
 
 @dataclass(frozen=True)
@@ -55,13 +62,19 @@ def epoch_residuals(whitened: Whitened, measured: Observations, frames: Frames, 
     present = whitened.present[rows].reshape(epochs, height)
     local = np.sum((_rotated_rows(turn, whitened.local_basis, inputs, count * size)) ** 2, -1)
     seen = _observed_and_inputs(present, inputs, count * size)
-    basis = _rotated_rows(turn, whitened.basis_at(slice(None)), inputs, count * size)
-    basis *= seen[..., None]
+    explained = _observed_and_inputs(whitened.leverage_of_shared[rows].reshape(epochs, height), inputs, count * size)
+
+    def summed(own: Integers) -> Array:
+        return whitened.basis_summed(
+            own, lambda basis: np.sum(_rotated_rows(turn[own], basis, inputs, count * size) * seen[own, :, None], 0)
+        )
+
     return EpochResiduals(
         np.where(seen, _rotated_rows(turn, rest, inputs, count * size)[..., 0], 0.0),
         seen,
         np.where(seen, 1.0 - local, 0.0),
-        basis,
+        np.where(seen, explained, 0.0),
+        summed,
     )
 
 
@@ -81,7 +94,8 @@ def _rotated_rows(turn: Array, rows: Array, inputs: slice, observed: int) -> Arr
     return np.concatenate([own.reshape(epochs, observed, -1), of_inputs], 1)
 
 
-def _observed_and_inputs(rows: Mask, inputs: slice, observed: int) -> Mask:
+def _observed_and_inputs(rows: Rows, inputs: slice, observed: int) -> Rows:
+    """Return the columns of observations, followed by those of inputs, of values (B, H) of rows."""
     return np.concatenate([rows[:, :observed], rows[:, observed + inputs.start : observed + inputs.stop]], 1)
 
 
@@ -100,11 +114,10 @@ def means_against_scatter(residuals: EpochResiduals, groups: Integers, fewest: f
         weight = np.where(count > 1, 1.0 / np.maximum(count, 1), 0.0)  # sum of squares of a mean over the squared sum
         of_mean = weight * residuals.values[own].sum(0) ** 2
         whole = np.where(count > 1, residuals.values[own] ** 2, 0.0).sum()
-        basis = residuals.basis[own][:, count > 1]  # no second copy: it is large
-        explained = weight[count > 1, None] * basis.sum(0) ** 2
+        explained = residuals.explained[own][:, count > 1].sum()
         squares += of_mean.sum(), whole - of_mean.sum()
-        own_freedom = (weight * redundancy).sum() - explained.sum()
-        freedom += own_freedom, redundancy.sum() - np.vdot(basis, basis) - own_freedom
+        own_freedom = (weight * redundancy).sum() - (weight @ residuals.summed(own) ** 2).sum()
+        freedom += own_freedom, redundancy.sum() - explained - own_freedom
         beyond += len(own) - 1
     if beyond < fewest or not (freedom > 1.0).all():
         return None

@@ -7,7 +7,7 @@ a prior is a row of the identity. Local unknowns are eliminated epoch by epoch, 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Set
+from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -102,11 +102,17 @@ class Whitened:
         """Return the derivatives (b, M + H, G) in the rows of some epochs."""
         return self.own[epochs] if self.whole is not None else self.compact.at(epochs)
 
-    def basis_at(self, epochs: Integers | slice) -> Array:
-        """Return the rows (b, M + H, G) of the basis that belong to some epochs."""
+    def basis_summed(self, epochs: Integers, summed: Callable[[Array], Array]) -> Array:
+        """Return a sum (n, G), linear in the rows (b, M + H, G), of the rows of the basis that belong to some
+        epochs."""
         if self.whole is None:
-            return self.compact.at(epochs) @ self._inverse
-        return self.basis[: self.own.shape[0] * self.own.shape[1]].reshape(self.own.shape)[epochs]
+            return np.asarray(summed(self.compact.at(epochs)) @ self._inverse)
+        return summed(self._basis_of_epochs[epochs])
+
+    @property
+    def _basis_of_epochs(self) -> Array:
+        """Rows (B, M + H, G) of the basis of a problem that is not compact, without those that concern no epoch."""
+        return self.basis[: self.own.shape[0] * self.own.shape[1]].reshape(self.own.shape)
 
     @cached_property
     def _factor(self) -> Array:
@@ -148,7 +154,7 @@ class Whitened:
     def basis(self) -> Array:
         """Orthonormal basis (N, G) of the space that the shared unknowns explain.
 
-        It is large, so nothing keeps that of a compact problem: `basis_at`, `rest` and `leverage` do without.
+        It is large, so nothing keeps that of a compact problem: `basis_summed`, `rest` and `leverage` do without.
         """
         nearly = _times_upper(self._informative_rows, self._inverse)
         orthonormal = _times_upper(nearly, _inverse_of(np.linalg.cholesky(nearly.T @ nearly).T))
@@ -220,7 +226,7 @@ class Whitened:
         if self.whole is None:
             shared = self.compact.followed(self.covariance(), rows)
         else:
-            basis = self.basis_at(slice(None))[:, rows]
+            basis = self._basis_of_epochs[:, rows]
             shared = basis @ np.swapaxes(basis, 1, 2)
         return np.asarray(local @ np.swapaxes(local, 1, 2) + shared)
 
@@ -238,7 +244,7 @@ class Whitened:
             each = np.arange(count)
             whole = self.taken(slice(0, count * size)).reshape(-1, count, size, count, size)
             return np.moveaxis(whole[:, each, :, each], 0, 1)
-        rows = (self.local_basis, self.basis_at(slice(None)))
+        rows = (self.local_basis, self._basis_of_epochs)
         parts = (own[:, : count * size].reshape(len(own), count, size, -1) for own in rows)
         return np.asarray(sum(part @ np.swapaxes(part, -1, -2) for part in parts))
 
@@ -246,13 +252,15 @@ class Whitened:
     def leverage(self) -> Array:
         """Share (N,) of each row that the unknowns follow; 1 where nothing is left to test."""
         local = np.sum(self.local_basis**2, -1).ravel()
-        shared = np.sum(self.basis**2, -1) if self.whole is not None else self._leverage_of_shared
-        shared[: len(local)] += local
-        return np.asarray(np.minimum(shared, 1.0))
+        found = self.leverage_of_shared.copy()
+        found[: len(local)] += local
+        return np.asarray(np.minimum(found, 1.0))
 
-    @property
-    def _leverage_of_shared(self) -> Array:
-        """Share (N,) of each row of a compact problem that the shared unknowns follow."""
+    @cached_property
+    def leverage_of_shared(self) -> Array:
+        """Share (N,) of each row that the shared unknowns follow."""
+        if self.whole is not None:
+            return np.asarray(np.sum(self.basis**2, -1))
         covariance = self.covariance()
         of_epochs = np.diagonal(self.compact.followed(covariance, slice(None)), axis1=1, axis2=2)
         extra = self.problem.extra_by_shared

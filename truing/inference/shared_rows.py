@@ -143,10 +143,15 @@ class SharedRows:
         """Covariance (B, n, n) of some rows of each epoch, by a covariance (G, G) of the shared unknowns."""
         wide = np.zeros((self.size + 1, self.size + 1))
         wide[: self.size, : self.size] = covariance
-        found = []
+        common, found = self.columns[0, : self.common], []
+        among, beside = wide[np.ix_(common, common)], wide[:, common]
         for first in range(0, len(self.own), _AT_ONCE):
-            own, columns = self.own[first : first + _AT_ONCE, rows], self.columns[first : first + _AT_ONCE]
-            found.append(own @ wide[columns[:, :, None], columns[:, None]] @ np.swapaxes(own, 1, 2))
+            own = self.own[first : first + _AT_ONCE, rows]
+            few = self.columns[first : first + _AT_ONCE, self.common :]
+            alike, single = own[..., : self.common], own[..., self.common :]
+            both = (single @ beside[few]) @ np.swapaxes(alike, 1, 2)
+            found.append((alike @ among) @ np.swapaxes(alike, 1, 2) + both + np.swapaxes(both, 1, 2))
+            found[-1] += single @ wide[few[:, :, None], few[:, None]] @ np.swapaxes(single, 1, 2)
         return np.concatenate(found)
 
     def mapped(self, matrix: Array, kind: type[np.floating] = np.float64) -> Array:
