@@ -20,6 +20,7 @@ from truing.inference.model import (
     ConditionsLike,
     ConditionsT,
     Model,
+    PartialDesign,
     ScatterCandidate,
     SceneLike,
 )
@@ -95,6 +96,11 @@ class FittedModel(Generic[CauseT]):
     def design_matrix(self) -> Callable[[CauseT], Mapping[str, Array]]:
         """Function that returns the design of a candidate by pathway, linearised at this fit."""
         return self.model.design_matrix(self.fit.shared, self.fit.local)
+
+    @cached_property
+    def partial_designs(self) -> Callable[[CauseT], Mapping[str, Array | PartialDesign]]:
+        """Function that returns the same design, where it may hold only the places that a candidate moves."""
+        return self.model.partial_designs(self.fit.shared, self.fit.local)
 
     @property
     def input_rows(self) -> slice:

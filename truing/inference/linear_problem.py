@@ -334,7 +334,7 @@ def whiten(problem: LinearisedModel) -> Whitened:
         rows = _shared_rows(problem, basis)
         own = rows[: basis.shape[0] * basis.shape[1]].reshape(*basis.shape[:2], -1)
         return Whitened(problem, basis, factor, own, stacked, rows)
-    own = bare.without_local(_padded(problem.by_shared, count))
+    own = bare.without_local(_padded(problem.by_shared, count)) if count else problem.by_shared
     return Whitened(problem, basis, factor, own, stacked)
 
 

@@ -164,6 +164,14 @@ class SceneLike(Protocol[CauseT]):
 
 
 @dataclass(frozen=True)
+class PartialDesign:
+    """Design (B, n, P) of a candidate over the places (n,) of a pathway that it moves; all others stay."""
+
+    places: Integers
+    values: Array
+
+
+@dataclass(frozen=True)
 class ZeroColumns:
     """Derivatives by the first Z shared unknowns, of which each number observed follows at most one: zeros of runs.
 
@@ -336,6 +344,9 @@ class Model(Protocol[CauseT]):
 
     def design_matrix(self, shared: Array, local: Array) -> Callable[[CauseT], Mapping[str, Array]]:
         """Return the function from a cause to its change (B or 1, C, P) of each pathway, per plausible scale."""
+
+    def partial_designs(self, shared: Array, local: Array) -> Callable[[CauseT], Mapping[str, Array | PartialDesign]]:
+        """Return the same function, for candidates; its designs may hold only the places that move."""
 
     def rotations(self, shared: Array, local: Array) -> Array:
         """Return the rotations (B, K, d, d) from the axes of the channels' groups to those of the observations."""

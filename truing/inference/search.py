@@ -437,7 +437,7 @@ def _proposed(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[C
         for proposed in (admissible(fitted, scene.candidates(kind)), higher):
             weights = np.array([scene.prior(cause) for cause in proposed])
             whole = max(weights.sum(), 1e-300) / (HIGHER_ORDER_SHARE if higher else 1.0)
-            own = signatures_of(pathways, (fitted.design_matrix(cause) for cause in proposed))
+            own = signatures_of(pathways, (fitted.partial_designs(cause) for cause in proposed))
             for cause, weight, one in zip(proposed, weights / whole, own, strict=True):
                 found.append(CauseCandidate(cause, kind.id, one, float(weight)))
     return found

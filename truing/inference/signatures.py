@@ -15,7 +15,7 @@ import numpy as np
 
 from truing.inference.arrays import Array, Integers
 from truing.inference.linear_problem import Whitened
-from truing.inference.model import OBSERVED
+from truing.inference.model import OBSERVED, PartialDesign
 from truing.inference.observations import Frames, Observations, whitened_columns
 
 # Directions in which a plausible effect stays below this many sigma are not tested.
@@ -321,7 +321,7 @@ def signature(pathways: Pathways, designs: Mapping[str, Array]) -> Signature:
     return signatures_of(pathways, [designs])[0]
 
 
-def signatures_of(pathways: Pathways, designs: Iterable[Mapping[str, Array]]) -> list[Signature]:
+def signatures_of(pathways: Pathways, designs: Iterable[Mapping[str, Array | PartialDesign]]) -> list[Signature]:
     """Return the signatures of candidates, each from its designs (B or 1, C_i, P) by pathway, per plausible scale."""
     acting = [_acting(pathways, own) for own in designs]
     alike: dict[bytes, list[tuple[int, _Acting]]] = {}
@@ -339,16 +339,23 @@ def signatures_of(pathways: Pathways, designs: Iterable[Mapping[str, Array]]) ->
     return found
 
 
-def _acting(pathways: Pathways, designs: Mapping[str, Array]) -> _Acting | None:
+def _acting(pathways: Pathways, designs: Mapping[str, Array | PartialDesign]) -> _Acting | None:
     epochs = len(pathways.columns)
-    names = tuple(name for name in pathways.places if name in designs)
-    parts = [np.broadcast_to(designs[name], (epochs, *designs[name].shape[1:])) for name in names]
+    places, parts = [], []
+    for name, place in pathways.places.items():
+        if (own := designs.get(name)) is not None:
+            is_partial = isinstance(own, PartialDesign)
+            places.append(place.start + (own.places if is_partial else np.arange(place.stop - place.start)))
+            values = own.values if is_partial else own
+            parts.append(np.broadcast_to(values, (epochs, *values.shape[1:])))
     if not parts:
         return None
-    design = np.concatenate(parts, 1)
+    index, design = (places[0], parts[0]) if len(parts) == 1 else (np.concatenate(places), np.concatenate(parts, 1))
     acting = (design != 0.0).reshape(epochs, -1)  # whole rows reduce faster, and there are thousands of candidates
     of_pathway = acting.any(0).reshape(design.shape[1:]).any(1)
-    return _Acting(pathways.index(names)[of_pathway], design[:, of_pathway], _extent(acting.any(1)))
+    if not of_pathway.all():
+        index, design = index[of_pathway], design[:, of_pathway]
+    return _Acting(index, design, _extent(acting.any(1)))
 
 
 def _explained(pathways: Pathways, alike: Sequence[_Acting]) -> list[Array]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from truing.simulation.cause import OBSERVED, CauseT, Effect, Scene
 
 if TYPE_CHECKING:
-    from truing.inference.model import Split, ZeroColumns
+    from truing.inference.model import PartialDesign, Split, ZeroColumns
     from truing.simulation.prior_campaign import CampaignPrior
 
 
@@ -171,6 +171,16 @@ class EffectsModel(ABC, Generic[CauseT]):
         """Write the values of effects into the shared unknowns (G,), in place."""
         for effect in effects:
             shared[self.layout[effect.cause.key]] = effect.values / self.effect_sigma(effect.cause)
+
+    @abstractmethod
+    def design_matrix(self, shared: NDArray, local: NDArray) -> Callable[[CauseT], dict[str, NDArray]]:
+        """Return the function from a cause to its change of each pathway (B, C_i, P) per plausible scale."""
+
+    def partial_designs(
+        self, shared: NDArray, local: NDArray
+    ) -> Callable[[CauseT], Mapping[str, NDArray | PartialDesign]]:
+        """Return the same function, for candidates; its designs may hold only the places that move."""
+        return self.design_matrix(shared, local)
 
     def effect_scale(self, cause: CauseT) -> NDArray:
         """Return the plausible scale (P,) of a cause's parameters, SI."""

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -61,6 +61,11 @@ class LoadSteps:
     wavelength_m: float
     legs: LegElasticity | None = None  # if the elements of the legs are known
     arms: Mapping[str, tuple[float, ...]] = field(default_factory=dict)  # m, of the first of two units, by load axis
+
+    @cached_property
+    def functions(self) -> dict[Hashable, NDArray]:
+        """Values (B, m) of functions of these steps, by the effects that follow them."""
+        return {}
 
     @cached_property
     def code(self) -> NDArray:

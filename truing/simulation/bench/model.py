@@ -7,7 +7,7 @@ the place of poses, and channels of dimension one that of targets.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -15,12 +15,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.inference.model import Split, ZeroColumns
+from truing.inference.model import PartialDesign, Split, ZeroColumns
 from truing.simulation.bench.causes.reading_causes import FIELDS, BenchScene, ReadingCause
 from truing.simulation.bench.known_readings import KnownReadings, ReadingConditions
 from truing.simulation.bench.load_steps import CHANNELS, IN_RUN, LINEAR, LOADS, LoadSteps, ReadingState
 from truing.simulation.bench.six_upur.uncertain_sensor import Response
-from truing.simulation.cause import Effect, Step
+from truing.simulation.cause import OBSERVED, Effect, Step
 from truing.simulation.effects_model import ChannelModel, Prediction
 from truing.simulation.inputs import ORDER, TIME, ranks
 from truing.simulation.trace import Trace
@@ -241,6 +241,22 @@ class BenchModel(ChannelModel[ReadingCause]):
         slopes = self._by_shared(shared, forward_pass)[:, :, None] if by_shared else None
         found = self._prediction(shared, points, slopes, forward_pass.from_wrench(self._load_errors)[:, :, None])
         return replace(found, zero_columns=self._zero_columns) if by_shared else found
+
+    def partial_designs(
+        self, shared: NDArray, local: NDArray
+    ) -> Callable[[ReadingCause], Mapping[str, NDArray | PartialDesign]]:
+        """Return the function from a candidate to its design; one that the load steps determine holds its channels
+        only."""
+        whole, steps = self.design_matrix(shared, local), self.steps
+
+        def found(cause: ReadingCause) -> Mapping[str, NDArray | PartialDesign]:
+            own = None if cause.key in self.layout else cause.channel_slopes(steps)
+            if own is None:
+                return whole(cause)
+            channels, along = np.flatnonzero(own[0]), own[1] * self.effect_scale(cause)
+            return {OBSERVED: PartialDesign(channels, np.repeat(along[:, None], len(channels), 1))}
+
+        return found
 
     def _slopes_at(self, shared: NDArray, local: NDArray) -> Callable[[ReadingCause, NDArray], NDArray]:
         return self._forward_pass(shared, local).of_cause

@@ -64,13 +64,25 @@ class ChannelCause(ReadingCause):
         """Return the relative prior weight of a channel, or of all linear ones together."""
         return 1.0 if self.channel else _ALL_SHARE * len(read_channels(scene))
 
-    def at_own(self, state: ReadingState, values: NDArray) -> NDArray:
-        """Return values (B, P) as changes (B, K, P) of the readings of its channels."""
-        own = at_channels(state.steps, self.channel)
-        return np.asarray(values[:, None] * own[:, None])
+
+class ChannelCourse(ChannelCause):
+    """A cause that changes the readings of its channels alike, as the load steps alone determine."""
+
+    def along(self, steps: LoadSteps) -> NDArray:
+        """Return the derivative (B, P) of the readings."""
+        raise NotImplementedError
+
+    def channel_slopes(self, steps: LoadSteps) -> tuple[NDArray, NDArray]:
+        """Return its channels and the derivative of their readings."""
+        return at_channels(steps, self.channel), self.along(steps)
+
+    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+        """Return the same derivative of all readings, zero for other channels."""
+        own, along = self.channel_slopes(state.steps)
+        return np.asarray(along[:, None] * own[:, None])
 
 
-class RunChannelCause(ChannelCause):
+class RunChannelCause(ChannelCourse):
     """A cause that acts on a channel in a run; ``lone``: no other channel of the platform was read in this run."""
 
     run: int | str
@@ -152,15 +164,14 @@ class ZeroDrift(RunChannelCause):
         unit, si = unit_of(self.channel)
         return (Parameter("rate", f"{unit}/h", self.scale_per_s, si / HOUR),)
 
-    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+    def along(self, steps: LoadSteps) -> NDArray:
         """Return d readings / d rate: the time since the run's start, s."""
-        steps = state.steps
         passed = np.where(steps.run == self.run, steps.in_run_s, 0.0) if self.of_run else steps.in_run_s
-        return self.at_own(state, passed[:, None])
+        return np.asarray(passed[:, None])
 
 
 @dataclass(frozen=True)
-class ThermalDrift(ChannelCause):
+class ThermalDrift(ChannelCourse):
     """A channel's reading depends on temperatures of material and air, relative to the first step of each run."""
 
     channel: str = "dz"
@@ -193,13 +204,13 @@ class ThermalDrift(ChannelCause):
         scale = _PER_KELVIN[unit] * si
         return tuple(Parameter(_NAMES[column], f"{unit}/K", scale, si) for column in self.columns)
 
-    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+    def along(self, steps: LoadSteps) -> NDArray:
         """Return d readings / d drift: the temperatures minus those of the run's first step."""
-        return self.at_own(state, np.stack([state.steps.since_first(column) for column in self.columns], -1))
+        return np.stack([steps.since_first(column) for column in self.columns], -1)
 
 
 @dataclass(frozen=True)
-class DeadPath(ChannelCause):
+class DeadPath(ChannelCourse):
     """The refractive index of air changes the length of an uncompensated path, relative to the start of each run."""
 
     channel: str = ""
@@ -221,9 +232,9 @@ class DeadPath(ChannelCause):
         """Return the length of the path."""
         return (Parameter("dead_path", "mm", _PLAUSIBLE_PATH_M, MM),)
 
-    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+    def along(self, steps: LoadSteps) -> NDArray:
         """Return d readings / d path: the index minus that of the run's first step."""
-        return self.at_own(state, state.steps.index_since_first[:, None])
+        return np.asarray(steps.index_since_first[:, None])
 
 
 def linear_or_all(scene: BenchScene) -> list[str]:

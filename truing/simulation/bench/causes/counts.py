@@ -18,7 +18,7 @@ from truing.simulation.bench.causes.reading_causes import (
     is_signal,
     read_channels,
 )
-from truing.simulation.bench.load_steps import ReadingState
+from truing.simulation.bench.load_steps import LoadSteps, ReadingState
 from truing.simulation.cause import Parameter, ReportedParameter, Step
 
 _PLAUSIBLE_COUNT = 3.0
@@ -81,10 +81,10 @@ class FringeSlip(RunChannelCause):
         """Return the number of half wavelengths."""
         return (Parameter("count", "1", _PLAUSIBLE_COUNT),)
 
-    def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
+    def along(self, steps: LoadSteps) -> NDArray:
         """Return d readings / d count: half a wavelength, from the step on."""
-        late = (state.steps.run == self.run) & (state.steps.rank >= self.from_rank)
-        return self.at_own(state, self.half_wavelength_m * late[:, None].astype(float))
+        late = (steps.run == self.run) & (steps.rank >= self.from_rank)
+        return np.asarray(self.half_wavelength_m * late[:, None])
 
     def reported(self, values: NDArray, covariance: NDArray, legs: int) -> tuple[ReportedParameter, ...]:
         """Return the nearest integer, or the shift in um if the data exclude an integer; and the first affected

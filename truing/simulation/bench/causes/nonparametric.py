@@ -130,14 +130,23 @@ class NonparametricReadingEffect(NonparametricEffect[BenchScene], ReadingCause):
         """Return the relative prior weight: proportionality to one input is more probable than the other forms."""
         return super().prior(scene) * self.weight
 
+    def channel_slopes(self, steps: LoadSteps) -> tuple[NDArray, NDArray]:
+        """Return its channel and the values of the functions."""
+        return np.array([name == self.channel for name in steps.channels]), self.functions(steps)
+
     def slopes(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return the values of the functions at the channel's readings."""
-        basis = self.functions(state.steps)
-        own = np.array([name == self.channel for name in state.steps.channels])
+        own, basis = self.channel_slopes(state.steps)
         return np.asarray(basis[:, None] * own[:, None])
 
     def functions(self, steps: LoadSteps) -> NDArray:
-        """Return the values (B, m) of the functions."""
+        """Return the values (B, m) of the functions, the same for all channels."""
+        alike = replace(self, channel="", scale=1.0, weight=1.0)
+        if alike not in steps.functions:
+            steps.functions[alike] = self._functions(steps)
+        return steps.functions[alike]
+
+    def _functions(self, steps: LoadSteps) -> NDArray:
         if self.form == MEMORY:
             return _previous_loads(steps, self.columns[0])
         if self.form == REST:

@@ -52,6 +52,11 @@ class ReadingCause(Cause[BenchScene]):
         """Return the derivative (B, ..., P) of its field by the parameters at values (P,), SI."""
         raise NotImplementedError
 
+    def channel_slopes(self, steps: LoadSteps) -> tuple[NDArray, NDArray] | None:
+        """Return the mask (K,) of the channels whose readings it changes, and the derivative (B, P) of each, where the
+        load steps alone determine it; None for other causes."""
+        return None
+
     def moved(self, state: ReadingState, values: NDArray) -> NDArray:
         """Return the change of its field at values (P,); for a linear cause, slopes times values."""
         return np.asarray(self.slopes(state, values) @ values)
