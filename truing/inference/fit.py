@@ -171,7 +171,7 @@ def _slopes(found: PredictionLike, compact: bool) -> tuple[Array, Integers | Non
         if kept is not None:
             return _column_derivatives(slopes, zeros, *kept), *kept
     if zeros is not None:
-        slopes = np.concatenate([zeros.at(np.arange(zeros.size)), slopes], -1)
+        slopes = zeros.before(slopes)
     return slopes, None, 0
 
 

@@ -196,6 +196,10 @@ class ZeroColumns:
         same = self.place[..., None] == (columns if columns.ndim == 1 else columns[:, None])
         return np.asarray((same * self.slope[..., None])[:, :, None])
 
+    def before(self, slopes: Array) -> Array:
+        """Return derivatives (B, K, 1, G) by all unknowns, from those (B, K, 1, G - Z) by the others."""
+        return np.concatenate([self.at(np.arange(self.size)), slopes], -1)
+
 
 class PredictionLike(Protocol):
     """Prediction of a model, with derivatives per prior sigma, and whitened rows of prior knowledge that concern no

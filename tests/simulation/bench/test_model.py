@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tests.simulation.bench.sensor_benches import ARCSEC, GAINS, LARGEST, SIGMA, bench
 from tests.tolerance import assert_close
+from truing.inference.model import PartialDesign
 from truing.simulation.bench.causes.beams import AbbeOffset, CosineError
 from truing.simulation.bench.causes.channels import DeadPath, ThermalDrift, ZeroDrift
 from truing.simulation.bench.causes.counts import Crosstalk, FringeSlip
@@ -75,7 +76,9 @@ def test_derivatives_are_exact(signals: bool) -> None:
     shared, local = _unknowns(model)
     found = model.predict(shared, local)
     noise = model.known.sigma[:, None, None]
-    for part, size, slopes in (("shared", model.shared_size, found.by_shared), ("local", 6, found.by_local)):
+    assert found.zero_columns is not None
+    by_shared = found.zero_columns.before(found.by_shared)
+    for part, size, slopes in (("shared", model.shared_size, by_shared), ("local", 6, found.by_local)):
         for n in range(size):
             nudge = 1j * STEP * np.eye(size)[n]
             at = (shared + nudge, local) if part == "shared" else (shared, local + nudge)
@@ -89,12 +92,17 @@ def test_candidates_act_as_they_do_once_they_are_among_the_unknowns() -> None:
     """What a search is told of a candidate is the prediction's derivative at zero, whatever was accepted before."""
     model = bench().model(*MANY)
     shared, local = _unknowns(model)
-    design_matrix = model.design_matrix(shared, local)
+    design_matrix, partial_designs = model.design_matrix(shared, local), model.partial_designs(shared, local)
     for kind in catalogue_of_readings().values():
         for cause in [c for c in kind.candidates(model.scene) if all(c.key != own.key for own in MANY)][::211]:
             wider = model.with_causes((*model.causes, cause))
-            slopes = wider.predict(model.embedded(shared, wider), local).by_shared[:, :, 0, wider.layout[cause.key]]
+            found = wider.predict(model.embedded(shared, wider), local)
+            assert found.zero_columns is not None
+            slopes = found.zero_columns.before(found.by_shared)[:, :, 0, wider.layout[cause.key]]
             design = design_matrix(cause)["observed"]
+            if isinstance(partial := partial_designs(cause)["observed"], PartialDesign):
+                assert_close(partial.values, design[:, partial.places], atol=0.0, what=cause.key)
+                assert not np.delete(design, partial.places, 1).any()
             expected = slopes / cause.reach / SIGMA[:, None]
             atol = 1e-11 * max(np.abs(expected).max(initial=0.0), 1e-9)
             assert_close(design / SIGMA[:, None], expected, atol=atol, what=cause.key)
