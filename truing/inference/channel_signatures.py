@@ -14,6 +14,8 @@ from truing.inference.signatures import INFORMATIVE, Pathways
 
 # Shapes are multiplied as a sparse matrix if fewer than this share of their values is not zero.
 _SPARSE = 0.05
+# Most values of the parts that shared unknowns explain at a time.
+_MOST_AT_ONCE = 2**21
 # Epochs during which a channel was not seen are left out of products if fewer than this share of all is left.
 _MOSTLY_LIVE = 0.9
 
@@ -33,15 +35,21 @@ class RotatedChannels:
     gram: Array
     whitened: Whitened
 
-    def explained(self, weights: Array) -> Array:
-        """Return the part (W, T, q, G) of the channels that the shared unknowns explain, summed with weights (W, B)."""
-        epochs, channels, size, _ = self.shared.shape
+    def explained(self, weights: Array, chosen: slice) -> Array:
+        """Return the part (W, t, q, G) of some channels that the shared unknowns explain, summed with weights (W, B)."""
+        shared = self.shared[:, chosen]
+        epochs, channels, size, _ = shared.shape
         if self.whitened.whole is not None:
-            return (weights @ self.shared.reshape(epochs, -1)).reshape(len(weights), channels, size, -1)
-        found = self.whitened.compact.weighted(self.shared.reshape(epochs, channels * size, -1), weights)
+            return (weights @ shared.reshape(epochs, -1)).reshape(len(weights), channels, size, -1)
+        found = self.whitened.compact.weighted(shared.reshape(epochs, channels * size, -1), weights)
         return self.whitened.onto_basis(found.reshape(-1, found.shape[-1]).T).T.reshape(
             len(weights), channels, size, -1
         )
+
+    @property
+    def unknowns(self) -> int:
+        """Number of shared unknowns G."""
+        return len(self.whitened.problem.shared_value)
 
     @cached_property
     def live(self) -> list[tuple[Integers, Integers]]:
@@ -151,11 +159,15 @@ def channel_signatures(rotated: RotatedChannels, values: Array, usable: Mask) ->
     """
     epochs, channels, size = rotated.shared.shape[:3]
     shapes, count = values.shape[0], values.shape[2]
-    explained = rotated.explained(values.transpose(0, 2, 1).reshape(-1, epochs))
-    explained = explained.reshape(shapes, count, channels, size, -1).swapaxes(1, 2)
-    explained = explained.reshape(shapes, channels, size * count, -1)
+    weights = values.transpose(0, 2, 1).reshape(-1, epochs)
     pairs = values[..., :, None] * values[..., None, :]
     whole = pairs.transpose(0, 2, 3, 1).reshape(-1, epochs) @ rotated.gram.reshape(epochs, -1)
     whole = whole.reshape(shapes, count, count, channels, size, size).transpose(0, 3, 1, 4, 2, 5)
     whole = whole.reshape(shapes, channels, size * count, size * count)
-    return ChannelSignatures(rotated, values, whole - explained @ np.swapaxes(explained, -1, -2), usable)
+    at_once = max(1, _MOST_AT_ONCE // (len(weights) * size * rotated.unknowns))
+    for first in range(0, channels, at_once):
+        chosen = slice(first, first + at_once)
+        explained = rotated.explained(weights, chosen).reshape(shapes, count, -1, size, rotated.unknowns)
+        explained = explained.swapaxes(1, 2).reshape(shapes, -1, size * count, rotated.unknowns)
+        whole[:, chosen] -= explained @ np.swapaxes(explained, -1, -2)
+    return ChannelSignatures(rotated, values, whole, usable)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 # Epochs whose products are formed at a time.
 _AT_ONCE = 64
+_ROWS_AT_ONCE = 1024
 
 
 @dataclass(frozen=True)
@@ -77,20 +78,20 @@ class SharedRows:
 
     def of_epoch_rows(self, rows: Array) -> Array:
         """Products (G, P) of the columns with rows (B, H, P) of epochs, zero in all other rows."""
-        return self.combined(self.own, rows)
+        return self.combined(self.own, rows, few=self._few_of_own)
 
-    def combined(self, products: Array, designs: Array, during: slice = slice(None)) -> Array:
+    def combined(
+        self, products: Array, designs: Array, during: slice = slice(None), few: csr_array | None = None
+    ) -> Array:
         """Sums (G, P) over some epochs of products (b, n, C) with each epoch's own columns, weighted by designs
-        (b, n, P)."""
+        (b, n, P). ``few``: the part of the products that `few_of` returns, if known."""
         size = designs.shape[-1]
         designs = designs.reshape(-1, size)
+        wide = products.reshape(len(designs), products.shape[-1])[:, : self.common]
         found = np.zeros((self.size + 1, size))
-        found[self.columns[0, : self.common]] = (
-            products[..., : self.common].reshape(len(designs), self.common).T @ designs
-        )
-        few = self.columns[during, self.common :]
-        if few.size:
-            found += self._few(few, products[..., self.common :]) @ designs
+        found[self.columns[0, : self.common]] = wide.T @ designs
+        if self.columns.shape[1] > self.common:
+            found += (self.few_of(products, during) if few is None else few) @ designs
         return found[: self.size]
 
     def weighted(self, products: Array, weights: Array) -> Array:
@@ -99,27 +100,33 @@ class SharedRows:
         found = np.zeros((len(weights), count, self.size + 1))
         common = weights @ products[..., : self.common].reshape(epochs, count * self.common)
         found[..., self.columns[0, : self.common]] = common.reshape(len(weights), count, self.common)
-        few = self.columns[:, self.common :]
-        for number in range(count if few.size else 0):
-            own = self._few_by_epoch(few, products[:, number, self.common :])
-            found[:, number] += (own @ weights.T).T
+        for number in range(count if self.columns.shape[1] > self.common else 0):
+            found[:, number] += (self.few_of(products[:, number : number + 1]) @ weights.T).T
         return found[..., : self.size]
 
-    def _few(self, few: Integers, values: Array) -> csr_array:
-        """Sparse matrix (G + 1, b n) of values (b, n, c) of the columns (b, c). Most are zero: a reading has the zero
-        of its own run and channel."""
+    def few_of(self, products: Array, during: slice = slice(None)) -> csr_array:
+        """Sparse matrix (G + 1, b n) of products (b, n, C) with those columns of some epochs that act in few. Most are
+        zero: a reading has the zero of its own run and channel."""
         from scipy.sparse import csr_array
 
+        columns, values = self.columns[during, self.common :], products[..., self.common :]
         epoch, row, place = np.nonzero(values)
-        at = few[epoch, place], epoch * values.shape[1] + row
+        at = columns[epoch, place], epoch * values.shape[1] + row
         return csr_array((values[epoch, row, place], at), shape=(self.size + 1, values.shape[0] * values.shape[1]))
 
-    def _few_by_epoch(self, few: Integers, values: Array) -> csr_array:
-        """Sparse matrix (G + 1, b) of values (b, c) of the columns (b, c)."""
-        from scipy.sparse import csr_array
+    @cached_property
+    def _few_of_own(self) -> csr_array:
+        return self.few_of(self.own)
 
-        places = few.ravel(), np.repeat(np.arange(len(few)), few.shape[1])
-        return csr_array((values.ravel(), places), shape=(self.size + 1, len(few)))
+    @cached_property
+    def _rows_of_few(self) -> csr_array:
+        """The same, a row (G + 1,) for each row of the epochs."""
+        return self._few_of_own.T.tocsr()
+
+    @property
+    def _wide(self) -> Array:
+        """Columns (B H, c) that are common to all epochs."""
+        return self.own.reshape(self.of_epochs, self.own.shape[2])[:, : self.common]
 
     @cached_property
     def gram(self) -> Array:
@@ -128,10 +135,9 @@ class SharedRows:
         found = self.extra.T @ self.extra
         found[np.diag_indices(len(found))] += 1.0  # the priors
         common, size = self.columns[0, : self.common], len(found)
-        wide = self.own[..., : self.common].reshape(self.of_epochs, self.common)
+        wide, few = self._wide, self._few_of_own
         whole = np.zeros((size + 1, size + 1))
         if self.columns.shape[1] > self.common:
-            few = self._few(self.columns[:, self.common :], self.own[..., self.common :])
             whole += (few @ few.T).toarray()
             whole[:, common] = few @ wide
         whole[np.ix_(common, common)] = wide.T @ wide
@@ -157,11 +163,9 @@ class SharedRows:
     def mapped(self, matrix: Array, kind: type[np.floating] = np.float64) -> Array:
         """Products (N, P) of all rows with a matrix (G, P), in a given precision; formed for some epochs at a time."""
         found = np.empty((self.count, matrix.shape[1]), kind)
-        wide = np.concatenate([matrix, np.zeros((1, matrix.shape[1]))])
-        epochs = found[: self.of_epochs].reshape(*self.own.shape[:2], -1)
-        for first in range(0, len(self.own), _AT_ONCE):
-            chosen = np.s_[first : first + _AT_ONCE]
-            common = self.own[chosen, :, : self.common] @ wide[self.columns[0, : self.common]]
-            epochs[chosen] = common + self.own[chosen, :, self.common :] @ wide[self.columns[chosen, self.common :]]
+        few, common = np.concatenate([matrix, np.zeros((1, matrix.shape[1]))]), matrix[self.columns[0, : self.common]]
+        for first in range(0, self.of_epochs, _ROWS_AT_ONCE):
+            chosen = np.s_[first : min(first + _ROWS_AT_ONCE, self.of_epochs)]
+            found[chosen] = self._wide[chosen] @ common + self._rows_of_few[chosen] @ few
         found[self.of_epochs :] = np.concatenate([self.extra @ matrix, matrix])
         return found

@@ -10,13 +10,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truing.inference.arrays import Array, Integers
+from truing.inference.arrays import Array, Integers, index_or_slice
 from truing.inference.linear_problem import Whitened
 from truing.inference.model import OBSERVED, PartialDesign
 from truing.inference.observations import Frames, Observations, whitened_columns
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 # Directions in which a plausible effect stays below this many sigma are not tested.
 INFORMATIVE = 0.3
@@ -63,7 +67,7 @@ class Pathways:
     def explained(self, index: Integers, during: slice = slice(None)) -> Array:
         """Return ``shared`` (B, n, G or c) for some pathways, at some epochs."""
         if self.shared is not None:
-            return self.shared[during][:, index]
+            return self.shared[during][:, index_or_slice(index)]
         return np.swapaxes(self.columns[during][:, :, index], 1, 2) @ self._basis[during]
 
     @property
@@ -74,9 +78,13 @@ class Pathways:
     def explained_by_design(self, index: Integers, design: Array, during: slice) -> Array:
         """Return the part (G, P) of designs (B, n, P) over some pathways that the shared unknowns explain."""
         if self.is_compact:
-            return self.whitened.onto_basis(
-                self.whitened.compact.combined(self.explained(index, during), design, during)
+            products, few = self.explained(index, during), self._few_of(index)
+            few = (
+                few
+                if len(products) == len(self.columns)
+                else few[:, during.start * len(index) : during.stop * len(index)]
             )
+            return self.whitened.onto_basis(self.whitened.compact.combined(products, design, during, few))
         size, (_, height, _) = design.shape[-1], self.columns.shape
         # The order of the products that needs fewer operations.
         if self.shared is None and height * size < len(index) * (height + size):
@@ -84,6 +92,17 @@ class Pathways:
             return np.asarray(self._basis[during].reshape(-1, self._basis.shape[-1]).T @ moved.reshape(-1, size))
         shared = self.explained(index, during)
         return np.asarray((design.reshape(-1, size).T @ shared.reshape(-1, shared.shape[-1])).T)
+
+    def _few_of(self, index: Integers) -> csr_array:
+        """Return the products of some pathways with columns that act in few epochs, as `SharedRows.few_of` does."""
+        key = index.tobytes()
+        if key not in self._known_few:
+            self._known_few[key] = self.whitened.compact.few_of(self.explained(index))
+        return self._known_few[key]
+
+    @cached_property
+    def _known_few(self) -> dict[bytes, csr_array]:
+        return {}
 
     @property
     def _basis(self) -> Array:
