@@ -36,7 +36,7 @@ class RotatedChannels:
     whitened: Whitened
 
     def explained(self, weights: Array, chosen: slice) -> Array:
-        """Return the part (W, t, q, G) of some channels that the shared unknowns explain, summed with weights (W, B)."""
+        """Return the part (W, t, q, G) of some channels that the shared unknowns explain, by weights (W, B)."""
         shared = self.shared[:, chosen]
         epochs, channels, size, _ = shared.shape
         if self.whitened.whole is not None:

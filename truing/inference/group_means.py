@@ -66,7 +66,7 @@ def epoch_residuals(whitened: Whitened, measured: Observations, frames: Frames, 
 
     def summed(own: Integers) -> Array:
         return whitened.basis_summed(
-            own, lambda basis: np.sum(_rotated_rows(turn[own], basis, inputs, count * size) * seen[own, :, None], 0)
+            own, lambda basis: _rotated_rows(turn[own], basis, inputs, count * size) * seen[own, :, None]
         )
 
     return EpochResiduals(

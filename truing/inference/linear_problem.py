@@ -102,12 +102,12 @@ class Whitened:
         """Return the derivatives (b, M + H, G) in the rows of some epochs."""
         return self.own[epochs] if self.whole is not None else self.compact.at(epochs)
 
-    def basis_summed(self, epochs: Integers, summed: Callable[[Array], Array]) -> Array:
-        """Return a sum (n, G), linear in the rows (b, M + H, G), of the rows of the basis that belong to some
-        epochs."""
+    def basis_summed(self, epochs: Integers, turned: Callable[[Array], Array]) -> Array:
+        """Return the sum (n, G) over some epochs of the rows of the basis, turned from rows (b, M + H, ...) to
+        (b, n, ...)."""
         if self.whole is None:
-            return np.asarray(summed(self.compact.at(epochs)) @ self._inverse)
-        return summed(self._basis_of_epochs[epochs])
+            return np.asarray(self.compact.summed(turned(self.own[epochs]), epochs) @ self._inverse)
+        return np.asarray(turned(self._basis_of_epochs[epochs]).sum(0))
 
     @property
     def _basis_of_epochs(self) -> Array:

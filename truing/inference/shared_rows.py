@@ -104,6 +104,14 @@ class SharedRows:
             found[:, number] += (self.few_of(products[:, number : number + 1]) @ weights.T).T
         return found[..., : self.size]
 
+    def summed(self, rows: Array, epochs: Integers) -> Array:
+        """Sum (n, G) of rows (b, n, C) with the columns of some epochs."""
+        found = np.zeros((rows.shape[1], self.size + 1))
+        few = self.columns[epochs, self.common :]
+        np.add.at(found, (np.arange(len(found))[:, None], few[:, None]), rows[..., self.common :])
+        found[:, self.columns[0, : self.common]] = rows[..., : self.common].sum(0)
+        return found[:, : self.size]
+
     def few_of(self, products: Array, during: slice = slice(None)) -> csr_array:
         """Sparse matrix (G + 1, b n) of products (b, n, C) with those columns of some epochs that act in few. Most are
         zero: a reading has the zero of its own run and channel."""
