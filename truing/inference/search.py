@@ -35,6 +35,8 @@ from truing.inference.signatures import (
 
 # Random numbers drawn at a time.
 _BLOCK = 2_500_000
+# Values of residuals that are searched at a time.
+_AT_ONCE = 2**20
 # Limit of the standardised residuals that are sign-flipped; larger ones are effects, not noise.
 _LARGEST = 5.0
 # Quantile of the null distribution that gives the cost of choosing among candidates.
@@ -274,7 +276,10 @@ class Search(Generic[CauseT]):
 
     def _smallest(self, rows: Array, noise: tuple[Array | float, Array | float]) -> Array:
         """Return the smallest uncorrected p of every kind (D, kinds) on residuals (D, N), at noise levels."""
-        return self.by_kind(self.maxima(self.pathways.along(rows)), noise)
+        count = max(_AT_ONCE // rows.shape[1], 1)
+        parts = [rows[first : first + count] for first in range(0, len(rows), count)]
+        maxima = [self.maxima(self.pathways.along(part)) for part in parts]  # the arrays between are large
+        return self.by_kind(np.concatenate(maxima), noise)
 
     def _drawn(self, count: int, height: int) -> Array:
         """Return simulated residuals (D, N)."""
