@@ -269,13 +269,20 @@ class _InTime:
 
 @dataclass(frozen=True)
 class _Spectrum:
-    """Eigenvectors (n, r) of the covariance of a random function at the epochs, and the roots (r,) of its eigenvalues.
+    """Eigenvectors of the covariance of a random function at the epochs, and the roots (r,) of its eigenvalues.
 
-    The function has unit variance on average.
+    The function has unit variance on average. The eigenvectors are ``functions`` (n, m), free of what is held, times
+    ``weights`` (m, r).
     """
 
-    vectors: Array
+    functions: Array
+    weights: Array
     strengths: Array
+
+    def along(self, rest: Array) -> Array:
+        """Return the parts (r, q) of residuals (n, q) along the eigenvectors; the residuals are free of what is held,
+        so the functions need not be."""
+        return np.asarray(self.weights.T @ (self.functions.T @ rest))
 
 
 @dataclass(frozen=True)
@@ -332,7 +339,11 @@ class _Spectra:
         if not kept.any():
             return None
         unit = values[kept] / values[kept].sum() * len(free)
-        return _Spectrum(free @ (vectors[:, kept] / np.sqrt(values[kept])), np.sqrt(unit))
+        return _Spectrum(functions, vectors[:, kept] / np.sqrt(values[kept]), np.sqrt(unit))
+
+    def vectors(self, spectrum: _Spectrum, chosen: Integers) -> Array:
+        """Return some eigenvectors (n, k) of a spectrum."""
+        return self.free(spectrum.functions) @ spectrum.weights[:, chosen]
 
     @cached_property
     def _timed(self) -> frozenset[str]:
@@ -400,7 +411,7 @@ def _log_evidence(rest: Array, spectra: _Spectra, inputs: tuple[str, ...]) -> Ar
 
 
 def _of_spectrum(rest: Array, spectrum: _Spectrum, freedom: int) -> Array:
-    along = (spectrum.vectors.T @ rest).T
+    along = spectrum.along(rest).T
     return log_evidence(along, spectrum.strengths, np.sum(rest**2, 0), freedom, _LARGEST_EFFECT / 3.0)
 
 
@@ -416,11 +427,11 @@ def _explained(rest: Array, spectra: _Spectra, inputs: tuple[str, ...]) -> tuple
     beyond chance."""
     evidence = [_of_spectrum(rest, own, spectra.freedom) for own in spectra.of(inputs)]
     best = spectra.of(inputs)[int(np.argmax(np.sum(np.maximum(evidence, 0.0), 1)))]
-    along = best.vectors.T @ rest
+    along = best.along(rest)
     strongest = np.argsort(-best.strengths)
     # A direction counts if noise of one unit leaves the effect visible there.
     count = int(np.clip(np.sum(best.strengths > 1.0), 1, max(spectra.freedom // 3, 1)))
-    basis = best.vectors[:, strongest[:count]]
+    basis = spectra.vectors(best, strongest[:count])
     squares = float(np.sum(along[strongest[:count]] ** 2))
     left = float(np.sum(rest**2)) - squares
     return basis, squares - count * left / max(spectra.freedom - count, 1)
