@@ -13,7 +13,7 @@ from typing import Generic
 
 import numpy as np
 
-from truing.inference.arrays import Array
+from truing.inference.arrays import Array, Integers
 from truing.inference.model import CauseT
 from truing.inference.search import CauseCandidate, ChannelFamily, Search
 from truing.inference.verdicts import NOT_TESTABLE, REJECTED, Reason, Verdict
@@ -73,7 +73,13 @@ class EffectSensitivity(Generic[CauseT]):
         """Return the probability of finding the effect at a size in plausible scales; zero if it is invisible."""
         if self.rule.rank == 0:
             return 0.0
-        return float(self.rule.power(size * self.per_scale).mean())
+        values, counts = self._distinct
+        return float(self.rule.power(size * values) @ counts / len(self.per_scale))
+
+    @cached_property
+    def _distinct(self) -> tuple[Array, Integers]:
+        """Distinct ratios and how often each occurs: a single parameter has one."""
+        return np.unique(self.per_scale, return_counts=True)
 
     def smallest(self, power: float = POWER) -> float | None:
         """Return the size, in plausible scales, that is found with the given power; None where no size is."""

@@ -298,7 +298,9 @@ def noise_dependence(rest: Array, candidates: Sequence[Driver], level: float) ->
     squares = np.maximum(np.nan_to_num(square) + _ADDED.get(size, 0.0), _LEAST)
     follows, spread = _log_moments(size)
     logs = np.where(known, np.log(squares) / follows, 0.0)
-    scores = [_slope(logs, known, driver, spread) for driver in candidates]
+    within = {driver.within.tobytes(): driver.within for driver in candidates}
+    centred = {key: _minus_group_means(logs, known, groups) for key, groups in within.items()}
+    scores = [_slope(centred[driver.within.tobytes()], known, driver, spread) for driver in candidates]
     # By the log likelihood. A cause must be clearly likelier than a column, because a column may be correlated with it.
     gains = [_gain(score, driver) for score, driver in zip(scores, candidates, strict=True)]
     best = int(np.argmax(gains))
@@ -333,10 +335,10 @@ def _log_moments(size: int) -> tuple[float, float]:
     return slope, (second - first**2) / slope**2
 
 
-def _slope(logs: Array, known: Mask, driver: Driver, spread: float) -> tuple[float, float]:
-    """Return the slope of the logarithms (B, K) along a driver, and its standard deviation. The variance of the
-    logarithms is taken to be at least ``spread``."""
-    y, x = _minus_group_means(logs, known, driver.within), _minus_group_means(driver.values, known, driver.within)
+def _slope(y: Array, known: Mask, driver: Driver, spread: float) -> tuple[float, float]:
+    """Return the slope of logarithms (B, K), less their group means, along a driver, and its standard deviation. The
+    variance of the logarithms is taken to be at least ``spread``."""
+    x = _minus_group_means(driver.values, known, driver.within)
     size = float(np.sum(x**2))
     if size <= 1e-12 * max(float(np.sum(driver.values[known] ** 2)), 1e-300):
         return 0.0, math.inf
