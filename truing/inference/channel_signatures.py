@@ -134,7 +134,7 @@ class ChannelSignatures:
                 part = along[np.ix_(during, own)]
                 found[:, own] = (shapes[:, during] @ part.reshape(len(part), -1)).reshape(len(shapes), -1, size, draws)
         found = found.reshape(len(self.values), -1, channels, size, draws)
-        return found.transpose(0, 2, 1, 3, 4).reshape(len(self.values), channels, -1, draws)
+        return np.asarray(found.transpose(0, 2, 1, 3, 4).reshape(len(self.values), channels, -1, draws))
 
     @cached_property
     def _shapes(self) -> Array:

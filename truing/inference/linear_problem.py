@@ -107,12 +107,13 @@ class Whitened:
         (b, n, ...)."""
         if self.whole is None:
             return np.asarray(self.compact.summed(turned(self.own[epochs]), epochs) @ self._inverse)
-        return np.asarray(turned(self._basis_of_epochs[epochs]).sum(0))
+        return np.asarray(turned(self.basis_at(epochs)).sum(0))
 
-    @property
-    def _basis_of_epochs(self) -> Array:
-        """Rows (B, M + H, G) of the basis of a problem that is not compact, without those that concern no epoch."""
-        return self.basis[: self.own.shape[0] * self.own.shape[1]].reshape(self.own.shape)
+    def basis_at(self, epochs: Integers | slice) -> Array:
+        """Return the rows (b, M + H, G) of the basis that belong to some epochs."""
+        if self.whole is None:
+            return self.compact.at(epochs) @ self._inverse
+        return self.basis[: self.own.shape[0] * self.own.shape[1]].reshape(self.own.shape)[epochs]
 
     @cached_property
     def _factor(self) -> Array:
@@ -226,7 +227,7 @@ class Whitened:
         if self.whole is None:
             shared = self.compact.followed(self.covariance(), rows)
         else:
-            basis = self._basis_of_epochs[:, rows]
+            basis = self.basis_at(slice(None))[:, rows]
             shared = basis @ np.swapaxes(basis, 1, 2)
         return np.asarray(local @ np.swapaxes(local, 1, 2) + shared)
 
@@ -244,7 +245,7 @@ class Whitened:
             each = np.arange(count)
             whole = self.taken(slice(0, count * size)).reshape(-1, count, size, count, size)
             return np.moveaxis(whole[:, each, :, each], 0, 1)
-        rows = (self.local_basis, self._basis_of_epochs)
+        rows = (self.local_basis, self.basis_at(slice(None)))
         parts = (own[:, : count * size].reshape(len(own), count, size, -1) for own in rows)
         return np.asarray(sum(part @ np.swapaxes(part, -1, -2) for part in parts))
 

@@ -363,10 +363,10 @@ def _acting(pathways: Pathways, designs: Mapping[str, Array | PartialDesign]) ->
     places, parts = [], []
     for name, place in pathways.places.items():
         if (own := designs.get(name)) is not None:
-            is_partial = isinstance(own, PartialDesign)
-            places.append(place.start + (own.places if is_partial else np.arange(place.stop - place.start)))
-            values = own.values if is_partial else own
-            parts.append(np.broadcast_to(values, (epochs, *values.shape[1:])))
+            if not isinstance(own, PartialDesign):
+                own = PartialDesign(np.arange(place.stop - place.start), own)
+            places.append(place.start + own.places)
+            parts.append(np.broadcast_to(own.values, (epochs, *own.values.shape[1:])))
     if not parts:
         return None
     index, design = (places[0], parts[0]) if len(parts) == 1 else (np.concatenate(places), np.concatenate(parts, 1))
