@@ -102,10 +102,17 @@ def test_runs_do_not_remember_what_came_before_them() -> None:
         np.testing.assert_allclose(history[3 * run : 3 * run + 3], history[:3])
 
 
-def test_a_column_that_counts_the_same_time_is_no_input_of_its_own() -> None:
-    time, groups = np.arange(12.0), np.repeat([0, 1], 6)
-    assert attribution._equal_but_for_constants(time - 6.0 * groups, time, groups)
-    assert not attribution._equal_but_for_constants(time**2, time, groups)
+def test_a_copy_of_a_column_is_no_input_of_its_own() -> None:
+    """Neither the same time within runs, nor an angle in degrees beside radians."""
+    time, groups = np.arange(12.0)[:, None], np.repeat([0, 1], 6)
+    since = time - 6.0 * groups[:, None]
+    assert attribution._is_copy(since, time, groups)
+    assert attribution._is_copy(time, since, groups)
+    assert attribution._is_copy(np.rad2deg(time), time, None)
+    assert not attribution._is_copy(since, time, None)
+    assert not attribution._is_copy(time**2, time, groups)
+    for one, other in ((groups[:, None], time), (time, groups[:, None])):
+        assert not attribution._is_copy(one, other, groups), "constant in each run"
 
 
 def _bends(size: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -98,6 +98,14 @@ def test_a_gain_is_doubted_where_a_drive_errs_smoothly() -> None:
     assert sum(rival.follows == ("drive0",) for rival in rivals) >= CAMPAIGNS - 1
 
 
+def test_a_size_that_varies_with_an_input_acts_next_to_a_name() -> None:
+    """The name holds on average; its share is that of the mean size, told with the input."""
+    factor = 1.0 + 0.7 * GAIN / GAIN.std()
+    rivals = _rivals(SIDE * factor, SIDE)
+    assert sum(rival.is_beside and rival.follows == ("drive0",) for rival in rivals) >= CAMPAIGNS - 1
+    assert abs(np.mean([rival.share for rival in rivals]) - 1.0 / 1.49) < 0.1
+
+
 def test_a_drift_is_doubted_where_counts_are_lost() -> None:
     lost = np.searchsorted(np.array([0.12, 0.2, 0.7]), TIME).astype(float)
     rivals = _rivals(lost - lost.mean(), DRIFT)

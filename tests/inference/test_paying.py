@@ -79,7 +79,7 @@ class _Selection(CauseSelection[Any]):
         self.of, self._given = verdicts, ()
         self._fitter: Any = SimpleNamespace(
             prepared=lambda causes, start: _Fit([cause.key for cause in causes]),
-            fitted=lambda causes, start: _Fit([cause.key for cause in causes]),
+            comparable=lambda causes, other: _Fit([cause.key for cause in causes]),
             predicted=lambda fitted: fitted,
         )
 

@@ -63,11 +63,12 @@ def test_a_single_name_is_not_concerned() -> None:
 
 
 def test_two_steps_of_one_zero_are_doubted_and_steps_of_two_are_not() -> None:
-    def steps(other: str, alike: Any = always) -> set[str]:
-        own = [cause("zero-step", "run 4"), cause("zero-step", other, onset=9)]
+    def steps(other: str, alike: Any = always, first: str = "run 4") -> set[str]:
+        own = [cause("zero-step", first), cause("zero-step", other, onset=9)]
         now = scored({one.key: 30.0 for one in own})
         return several_for_one([(one, candidate(one), now) for one in own], SimpleNamespace(candidates=[]), alike)
 
     assert len(steps("run 4")) == 2
+    assert len(steps("", first="")) == 2, "two jumps of a base, which is the only one"
     assert steps("run 5") == set()
     assert steps("run 4", never) == set(), "no course of one pattern is behind both"

@@ -40,7 +40,7 @@ def factors(rise: Callable[[float], float]) -> np.ndarray:
         )
 
     cause = Shaped()
-    return shape_covariance_factors(SimpleNamespace(fitted=fitted), fitted(("another", cause)), cause, 1)
+    return shape_covariance_factors(SimpleNamespace(comparable=fitted), fitted(("another", cause)), cause, 1)
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.evidence import log_evidence
@@ -39,6 +40,7 @@ _PROBABLE_PAIRS = 6  # pairs to which third inputs are added
 _INCLUDED = 0.9  # probability from which on an input is named
 _MOST_SETS = 3  # sets of inputs that are named in turn
 _MOST_HELD = 0.5  # largest number of functions held fixed, as a share of the epochs
+_COPY = 1e-9  # largest relative difference of two copies
 _FEWEST_EPOCHS = 20
 _FEWEST_OF_PLACE = 12
 _MOST_FREE = 400  # with more epochs, courses without any input are not tried
@@ -112,13 +114,24 @@ def random_courses(fitted: FittedModel[CauseT]) -> dict[tuple[str, ...], list[Ar
     columns, whole = _columns(fitted, groups), np.ones(len(fitted.measured.values), bool)
     spectra = _Spectra(columns, _InTime(_at_epochs(order, whole), _at_epochs(groups, whole)))
     found: dict[tuple[str, ...], list[Array]] = {(name,): list(spectra.functions((name,))) for name in columns}
-    if len(inputs := tuple(name for name in fitted.scene.inputs if name in columns)) > 1:
+    asked = [own[:, None] for own in map(_numbers, fitted.scene.inputs.values()) if own is not None]
+    inputs = tuple(name for name, own in columns.items() if any(_is_copy(own[:, None], one, None) for one in asked))
+    if len(inputs) > 1:
         together = np.column_stack([columns[name] for name in inputs])
         found[inputs] = [_standard(together), *([] if (levels := _levels(together)) is None else [levels])]
     if len(whole) <= _MOST_FREE:
         walk = [] if order is None else [np.tri(len(whole))[np.argsort(np.argsort(order))]]
         found[()] = [*walk, np.eye(len(whole))]
     return {name: [_of_unit_variance(own) for own in several] for name, several in found.items()}
+
+
+def random_factors(fitted: FittedModel[CauseT]) -> dict[tuple[str, ...], Array]:
+    """Return gentle random functions (B, m) of each input, of unit variance on average, by the input."""
+    columns = _columns(fitted, fitted.model.error_groups)
+    return {
+        (name,): _of_unit_variance(_centred(next(_smooth(own[:, None], _MOST_FUNCTIONS, _SCALES[-1:]))))
+        for name, own in columns.items()
+    }
 
 
 def _of_unit_variance(functions: Array) -> Array:
@@ -157,25 +170,34 @@ def _merged(found: Iterable[Attributed]) -> Iterator[Attributed]:
 
 
 def _columns(fitted: FittedModel[CauseT], groups: Integers | None) -> dict[str, Array]:
-    """Return the inputs (B,) that vary, without the order of the epochs and without copies of the same clock."""
+    """Return the inputs (B,) that vary, without the order of the epochs. Of copies, in other units or of one clock, the
+    first: functions of the others would count twice."""
     scene = fitted.scene
     found: dict[str, Array] = {}
     for name, values in {**scene.covariates, **scene.inputs}.items():
-        if np.ndim(values) == 1 and np.asarray(values).dtype.kind in "fiu" and name != _ORDER:
-            own = np.asarray(values, float)
-            if (
-                np.isfinite(own).all()
-                and np.ptp(own) > 0.0
-                and not any(_equal_but_for_constants(own, o, groups) for o in found.values())
-            ):
-                found[name] = own
+        own = _numbers(values)
+        if name == _ORDER or own is None:
+            continue
+        if not any(_is_copy(own[:, None], other[:, None], groups) for other in found.values()):
+            found[name] = own
     return found
 
 
-def _equal_but_for_constants(first: Array, second: Array, groups: Integers | None) -> bool:
-    """Return True if two columns (B,) differ only by a constant in each group."""
-    apart = _centred((first - second)[:, None], groups)
-    return bool(np.abs(apart).max() < 1e-9 * max(np.ptp(first), np.ptp(second)))
+def _numbers(values: NDArray) -> Array | None:
+    """Return a column (B,) of numbers; None if it holds something else, a gap, or a constant."""
+    if np.ndim(values) != 1 or np.asarray(values).dtype.kind not in "fiu":
+        return None
+    own = np.asarray(values, float)
+    return own if np.isfinite(own).all() and np.ptp(own) > 0.0 else None
+
+
+def _is_copy(first: Array, second: Array, groups: Integers | None) -> bool:
+    """Return True if two columns (B, 1) differ only by a factor, and by a constant in each group."""
+    sizes = np.ptp(first), np.ptp(second)
+    one, other = _centred(first / sizes[0], groups), _centred(second / sizes[1], groups)
+    product, squares = np.sum(one * other), (max(np.sum(own**2), 1e-300) for own in (other, one))
+    left = one - product / next(squares) * other, other - product / next(squares) * one
+    return bool(max(np.abs(own).max() for own in left) < _COPY)
 
 
 def _residuals(fitted: FittedModel[CauseT]) -> Iterator[_Residuals]:

@@ -238,22 +238,39 @@ class Fitter(Generic[CauseT]):
 
     def fitted(self, causes: tuple[CauseT, ...], start: FittedModel[CauseT] | None = None) -> FittedModel[CauseT]:
         """Return the fit of the model with some causes, started from another fit."""
+        return self._fitted(causes, self.model, self.calibration.measured, self._ratios, start)
+
+    def comparable(self, causes: tuple[CauseT, ...], other: FittedModel[CauseT]) -> FittedModel[CauseT]:
+        """Return the fit with some causes to the observations and the noise of another fit, so that their sums of
+        squares compare. Noise estimated since then is that of other causes."""
+        return self._fitted(causes, other.model, other.measured, other.learned, other)
+
+    def _fitted(
+        self,
+        causes: tuple[CauseT, ...],
+        plain: Model[CauseT],
+        measured: Observations,
+        ratios: tuple[float, float],
+        start: FittedModel[CauseT] | None,
+    ) -> FittedModel[CauseT]:
         self._progress("fitting " + (", ".join(cause.id for cause in causes) or "the plain simulation"))
-        model = self.model.with_causes(causes)
-        measured, frames = self.calibration.measured, self.calibration.frames
+        model = plain.with_causes(causes)
+        frames = self.calibration.frames
         shared = self.model.embedded(np.empty(0), model)
         local: Array = np.zeros((len(frames.t), model.local_size))
         if start is not None:
             shared, local = start.model.embedded(start.fit.shared, model), start.fit.local
             frames = start.fit.frames
         fit = fit_model(model.predict, measured, frames, shared, local)
-        return FittedModel(causes, model, measured, fit, self._predicted(causes, fit), self._seed, self._ratios)
+        return FittedModel(causes, model, measured, fit, self._predicted(causes, fit, ratios), self._seed, ratios)
 
-    def _predicted(self, causes: tuple[CauseT, ...], fit: Fit) -> PredictionError[CauseT] | None:
+    def _predicted(
+        self, causes: tuple[CauseT, ...], fit: Fit, ratios: tuple[float, float]
+    ) -> PredictionError[CauseT] | None:
         held = self.held_out
         if held is None or self._held_out_model is None:
             return None
-        model = self._held_out_model.rescaled(*self._ratios).with_causes(causes)
+        model = self._held_out_model.rescaled(*ratios).with_causes(causes)
         return prediction_error(model, held.measured, held.frames, fit.shared)
 
     def _left_out_in_turn(self, fitted: FittedModel[CauseT]) -> PredictionError[CauseT] | None:

@@ -2,7 +2,8 @@
 
 An effect moves its pathways in a few patterns, each along a course over the epochs. A name claims the courses. Here the
 patterns are kept, and a course is a random function instead: of any input, of its history, a walk in time, or without
-any order. Such a course must explain nothing next to the name, and must be clearly less probable in its place.
+any order. Such a course must explain nothing next to the name, nor must the name's own course with a size that varies
+with an input; and it must be clearly less probable in its place.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from typing import Generic, TypeAlias
 import numpy as np
 
 from truing.inference.arrays import Array
-from truing.inference.attribution import random_courses
+from truing.inference.attribution import random_courses, random_factors
 from truing.inference.evidence import log_evidence
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import CauseT
@@ -113,7 +114,9 @@ def course_rival(
         return None
     motions, places = [pattern.pathways for pattern in patterns], range(len(patterns))
     moved_beside, moved = (_Moved(own, own.pathways.combined(motions)) for own in (final, without))
-    beside = [_likeliest(moved_beside, place, courses) for place in places]
+    factors = random_factors(final)
+    varied = [_with_varied(courses, pattern.course, factors) for pattern in patterns]
+    beside = [_likeliest(moved_beside, place, varied[place]) for place in places]
     instead = [_likeliest(moved, place, courses) for place in places]
     named, behind = _lead(moved, patterns, instead)
     behind += _gained_by_refit(final, without, named, len(patterns))
@@ -125,6 +128,18 @@ def course_rival(
     chosen = next_to_it if is_beside else max(instead, key=lambda one: one.odds)
     share = named / max(named + (next_to_it.squares if is_beside else 0.0), 1e-300)
     return CourseRival(chosen.follows, float(odds), float(behind + np.log(choice)), share)
+
+
+def _with_varied(
+    courses: Mapping[Inputs, Sequence[Array]], course: Array, factors: Mapping[Inputs, Array]
+) -> dict[Inputs, list[Array]]:
+    """Return random courses, and next to them the course (B, 1) of a name with a size that varies with each input."""
+    varied = {follows: course * functions for follows, functions in factors.items()}
+    found = {follows: list(several) for follows, several in courses.items()}
+    for follows, functions in varied.items():
+        if not _are_alike(functions, course):
+            found.setdefault(follows, []).append(functions)
+    return found
 
 
 def _are_alike(functions: Array, courses: Array) -> bool:

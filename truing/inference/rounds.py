@@ -69,6 +69,12 @@ def share_explained(final: FittedModel[CauseT], cause: CauseT) -> float:
     return squares / (squares + beside)
 
 
+def act_on_same(fitted: FittedModel[CauseT], cause: CauseT, unnamed: CauseT) -> bool:
+    """Return True if a nonparametric effect acts on most of what a cause acts on."""
+    own, other = (signature(fitted.pathways, fitted.design_matrix(one)) for one in (cause, unnamed))
+    return own.share_on(fitted.pathways, other) > _SAME_GROUND
+
+
 def _acting(fitted: FittedModel[CauseT], pathways: Pathways, cause: CauseT) -> tuple[Signature, float]:
     """Return the signature of a cause that the model holds, and its squares over its own covariance."""
     values, covariance = fitted.values(cause)

@@ -28,7 +28,7 @@ from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level
 from truing.inference.noise_selection import NoiseSelection
 from truing.inference.observations import Epochs
 from truing.inference.prediction import predicts_worse
-from truing.inference.rounds import RIVAL_FACTOR, Round, score_round, share_explained
+from truing.inference.rounds import RIVAL_FACTOR, Round, act_on_same, score_round, share_explained
 from truing.inference.scatter import FoundScatter
 from truing.inference.search import CauseCandidate, Search
 from truing.inference.search_end import EndOfSearch, FurtherCauses
@@ -204,7 +204,7 @@ class CauseSelection(Generic[CauseT]):
         fewest = 1 if scatters else _SEVERAL_PERIODS
         is_named = all(own.catalogued for own in final.causes) and periods < fewest
         is_named &= not any(own.doubt for own in noise_dependences)
-        outdone, rivals = self._outdone(searched, compares_courses=holds and is_named)
+        outdone, rivals = self._outdone(searched, verdicts, compares_courses=holds and is_named)
         is_clear = holds and is_named and not outdone and all(verdict.verdict != SUSPECTED for verdict in verdicts)
         attributions = () if is_clear and searched.kept else self._attributed(searched, holds=holds)
         # What inputs predict is no scatter, though it may pass for one.
@@ -254,13 +254,14 @@ class CauseSelection(Generic[CauseT]):
         return last.p_value_of_rivals(step.candidate, step.round) <= self._settings.dependence_level
 
     def _outdone(
-        self, searched: _Searched[CauseT], *, compares_courses: bool
+        self, searched: _Searched[CauseT], verdicts: Sequence[Verdict[CauseT]], *, compares_courses: bool
     ) -> tuple[set[str], dict[str, CourseRival]]:
         """Return the keys of accepted causes beside or in place of which an effect without a name may act, and the
         random courses among these effects."""
         outdone = {step.cause.key for step in searched.kept if step.is_outdone or self._is_incomplete(step, searched)}
         outdone |= self._several_for_one(searched)
         rivals = self._course_rivals(searched, outdone) if compares_courses else {}
+        outdone |= self._beside_refused(searched, verdicts)
         return outdone | rivals.keys() | self._smaller(searched, rivals.keys()), rivals
 
     def _course_rivals(self, searched: _Searched[CauseT], outdone: set[str]) -> dict[str, CourseRival]:
@@ -289,6 +290,16 @@ class CauseSelection(Generic[CauseT]):
         return several_for_one(accepted, searched.rounds[-1], alike)
 
     @staticmethod
+    def _beside_refused(searched: _Searched[CauseT], verdicts: Sequence[Verdict[CauseT]]) -> set[str]:
+        """Return the keys of accepted causes that act on the same as a nonparametric effect which is significant next
+        to them, but predicts held-out epochs worse: something is there, in another form."""
+        worse = [own for own in searched.refused if own.reason is Reason.HELD_OUT]
+        worse += [own for own in verdicts if own.verdict == SUSPECTED]
+        refused = [own.cause for own in worse if not own.cause.catalogued]
+        named = [step.cause for step in searched.kept if step.cause.catalogued]
+        return {cause.key for cause in named if any(act_on_same(searched.final, cause, own) for own in refused)}
+
+    @staticmethod
     def _smaller(searched: _Searched[CauseT], doubted: Collection[str]) -> set[str]:
         """Return the keys of accepted causes that are smaller than one of those ``doubted``: what a wrong name leaves
         may pass for another."""
@@ -299,7 +310,7 @@ class CauseSelection(Generic[CauseT]):
     def _without_cause(self, searched: _Searched[CauseT], key: str) -> FittedModel[CauseT]:
         """Return the fit of the final model without one of its accepted causes."""
         others = (step.cause for step in searched.kept if step.cause.key != key)
-        return self._fitter.fitted((*self._given, *others), searched.final)
+        return self._fitter.comparable((*self._given, *others), searched.final)
 
     def _paying(self, searched: _Searched[CauseT]) -> tuple[_Searched[CauseT], list[Verdict[CauseT]]]:
         """Return the search without the accepted causes that do not pay, and all verdicts. Those causes are suspected,
@@ -539,7 +550,7 @@ class CauseSelection(Generic[CauseT]):
             return True
         if step.cause.key == step.candidate.key:  # no shape parameters
             return False
-        without = self._fitter.fitted((*self._given, *others), final)
+        without = self._fitter.comparable((*self._given, *others), final)
         gained = float(np.sum(without.fit.whitened.rest**2) - np.sum(final.fit.whitened.rest**2))
         return bool(null.raw(gained / final.noise_ratio**2, group, 1.0) <= limit)
 

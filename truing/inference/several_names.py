@@ -29,7 +29,7 @@ def several_for_one(
     named = [one for one in accepted if one[0].catalogued]
     found: set[str] = set()
     for first, second in combinations([cause for cause, _, _ in named], 2):
-        is_one_kind = first.subject and (first.subject, first.id) == (second.subject, second.id)
+        is_one_kind = (first.subject, first.id) == (second.subject, second.id)
         if is_one_kind and move_alike(first, second):
             found |= {first.key, second.key}
     for subject in {cause.subject for cause, _, _ in named}:

@@ -33,5 +33,5 @@ def shape_covariance_factors(fitter: Fitter[CauseT], final: FittedModel[CauseT],
 def _rise(fitter: Fitter[CauseT], final: FittedModel[CauseT], cause: CauseT, held: CauseT) -> float:
     """Return the rise of the sum of squares, in units of the noise, if a cause's shape is held at given values."""
     causes = tuple(held if other is cause else other for other in final.causes)
-    without = fitter.fitted(causes, final)
+    without = fitter.comparable(causes, final)
     return float(np.sum(without.fit.whitened.rest**2) - np.sum(final.fit.whitened.rest**2)) / final.noise_ratio**2

@@ -88,3 +88,20 @@ def test_the_parts_of_the_fit_sum_to_its_covariance(folder: Path) -> None:
     together = np.sum([part for _, part in parts], 0)
     assert np.abs(together - whole).max() < 1e-9 * np.abs(whole).max()
     assert {source.source for source, _ in parts if source} >= {"observations", "inputs", "links", "zeros"}
+
+
+def test_a_comparable_fit_keeps_the_noise_of_the_other_fit(folder: Path) -> None:
+    """What the fitter learns from a later fit changes no comparison with an earlier one."""
+    campaign = open_campaign(folder)
+    settings = campaign.validated()
+    plan = chain_plan_of(chain_tables(campaign, settings), settings)
+    hidden = Effect(JointGain("third"), np.array([5e-3]))
+    data = assembled_data(plan.drawn((hidden,), np.random.default_rng(0)), settings)
+    fitter = Fitter(data.model, data.calibration, None, 0)
+    plain, squares = fitter.fitted(()), {}
+    for name in ("before", "after"):
+        squares[name] = float(np.sum(fitter.comparable((hidden.cause,), plain).fit.whitened.rest ** 2))
+        again = float(np.sum(fitter.fitted((hidden.cause,), plain).fit.whitened.rest ** 2))
+        assert (abs(again / squares[name] - 1.0) < 1e-9) == (name == "before")
+        fitter.converged((), plain)  # noise without the effect is larger
+    assert abs(squares["after"] / squares["before"] - 1.0) < 1e-9
