@@ -27,7 +27,7 @@ def _noisiest(rest: NDArray) -> NDArray:
 
 
 def _said(draws: list[NDArray]) -> int:
-    return sum(is_of_place(rest, _noisiest(rest)) for rest in draws)
+    return sum(is_of_place(rest, _noisiest(rest), STEPS // RUN) for rest in draws)
 
 
 def test_a_run_that_is_noisier_is_named() -> None:
@@ -52,12 +52,30 @@ def test_outliers_of_single_channels_are_no_noisy_run() -> None:
     assert_between(_said(draws), 0, 2, what="named")
 
 
+def test_a_place_that_was_chosen_pays_for_the_choice() -> None:
+    """Of many stretches of equal noise one is noisy by chance; one that is noisier is named all the same."""
+    rng, length = np.random.default_rng(6), 4
+    stretches = [np.broadcast_to((abs(np.arange(STEPS) - at) < length / 2)[:, None], (STEPS, 1)) for at in range(STEPS)]
+
+    def named(size: float, tried: int) -> int:
+        found = 0
+        for _ in range(CAMPAIGNS):
+            rest = rng.normal(size=(STEPS, 1, 1)) * np.where(stretches[STEPS // 2], size, 1.0)[..., None]
+            own = max(stretches, key=lambda one: float(np.mean(rest[one] ** 2)))
+            found += is_of_place(rest, own, tried)
+        return found
+
+    assert_between(named(1.0, STEPS), 0, 1, what="named by chance")
+    assert_between(named(1.0, 1), 4, CAMPAIGNS, what="named if the choice were free")
+    assert_between(named(6.0, STEPS), CAMPAIGNS - 3, CAMPAIGNS, what="named where there is one")
+
+
 def test_an_input_that_scatters_at_all_epochs_is_compared_with_the_others() -> None:
     rng = np.random.default_rng(4)
     own = np.ones((STEPS, CHANNELS), bool) & (np.arange(CHANNELS) == 2)
-    assert is_of_place(_noise(rng) * np.where(own, 3.0, 1.0)[..., None], own)
+    assert is_of_place(_noise(rng) * np.where(own, 3.0, 1.0)[..., None], own, CHANNELS)
     heavy = rng.standard_t(1.5, (STEPS, CHANNELS, 1))
-    assert not is_of_place(heavy, own)
+    assert not is_of_place(heavy, own, CHANNELS)
 
 
 def test_errors_that_return_with_a_command_are_no_scatter() -> None:

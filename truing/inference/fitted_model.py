@@ -348,6 +348,10 @@ class Fitter(Generic[CauseT]):
             self._held_out_model = self._held_out_model.with_share(share)
         return share != split.share
 
+    def scatter_count(self, fitted: FittedModel[CauseT], kinds: Sequence[CauseT], *, of_inputs: bool) -> int:
+        """Return the number of candidates that make inputs, or observations, scatter."""
+        return sum(one.of_inputs == of_inputs for one in _scatters(fitted, kinds))
+
     def noise_dependence(
         self, fitted: FittedModel[CauseT], kinds: Sequence[CauseT], level: float
     ) -> NoiseDependence | None:

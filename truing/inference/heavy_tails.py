@@ -19,11 +19,12 @@ _FEWEST_REPEATS = 4
 _NEEDED, _HEAVY = float(np.log(20.0)), 5.0
 
 
-def is_of_place(rest: Array, own: Mask) -> bool:
+def is_of_place(rest: Array, own: Mask, tried: int) -> bool:
     """Return True if errors (B, K, d) are larger in places ``own`` (B, K) than heavy tails explain, and normal there.
 
-    Tails are those of single coordinates, or of all coordinates of an epoch together. The channels concerned are
-    compared at other epochs, or with other channels if all of their epochs are concerned.
+    The place was chosen among ``tried`` ones: a few large errors lie somewhere together by chance. Tails are those of
+    single coordinates, or of all coordinates of an epoch together. The channels concerned are compared at other epochs,
+    or with other channels if all of their epochs are concerned.
     """
     always = bool(np.all(own.all(0) | ~own.any(0)))
     channels = np.ones(own.shape[1], bool) if always else own.any(0)
@@ -37,7 +38,7 @@ def is_of_place(rest: Array, own: Mask) -> bool:
         during = np.asarray(inside.any(1))
         needed.append(log_odds_of_place(whole, size, during))
         tails.append(log_odds_of_tails(whole[during], size))
-    return min(needed) > _NEEDED and max(tails) < _HEAVY
+    return min(needed) > _NEEDED + math.log(max(tried, 1)) and max(tails) < _HEAVY
 
 
 def p_value_of_repeats(rest: Array, own: Mask, repeats: Integers) -> float:

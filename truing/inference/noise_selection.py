@@ -50,7 +50,7 @@ class NoiseSelection(Generic[CauseT]):
             return []
         if not self._outdoes_causes(self.fitter.known_residuals(first.fitted), found.driver.values > 0.5, first):
             return []
-        return [self._weighted(first.fitted, found)]
+        return [self._weighted(first.fitted, found, kinds)]
 
     def outright_scatter(
         self, first: Round[CauseT], kinds: Sequence[CauseT]
@@ -66,24 +66,33 @@ class NoiseSelection(Generic[CauseT]):
         """Return the cause that makes inputs scatter most significantly, and its p-value; None where there is none."""
         return self.fitter.scatter(final, kinds, self.dependence_level)
 
-    def _weighted(self, fitted: FittedModel[CauseT], found: NoiseDependence) -> NoiseDependence:
+    def _weighted(
+        self, fitted: FittedModel[CauseT], found: NoiseDependence, kinds: Sequence[CauseT]
+    ) -> NoiseDependence:
         """Weight observations by a noise dependence; a cause of it is doubted where an effect without a name may act
         instead."""
         own, rest = found.driver.values > 0.5, self.fitter.known_residuals(fitted)
         doubt = ""
         if found.driver.cause is not None:
             is_noise = is_unordered(rest, own, fitted, _SURELY_NOISE)
-            doubt = self._doubt(rest, own, fitted) if is_noise else Reason.UNNAMED
+            tried = self.fitter.scatter_count(fitted, kinds, of_inputs=False)
+            doubt = self._doubt(rest, own, fitted, tried) if is_noise else Reason.UNNAMED
         return replace(self.fitter.with_noise_dependence(fitted, found), doubt=doubt)
 
-    def _doubt(self, rest: Array, own: Mask, fitted: FittedModel[CauseT]) -> str:
-        """Return the reason to doubt that errors (B, K, d) in places ``own`` (B, K) scatter; empty where there is none.
+    def doubt_of_inputs(self, fitted: FittedModel[CauseT], own: Mask, kinds: Sequence[CauseT]) -> str:
+        """Return the reason to doubt that inputs ``own`` (B, H) scatter; empty where there is none."""
+        tried = self.fitter.scatter_count(fitted, kinds, of_inputs=True)
+        return self._doubt(residuals_of_inputs(fitted).standardised, own, fitted, tried)
+
+    def _doubt(self, rest: Array, own: Mask, fitted: FittedModel[CauseT], tried: int) -> str:
+        """Return the reason to doubt that errors (B, K, d) in places ``own`` (B, K), one of those ``tried``, scatter;
+        empty where there is none.
 
         Scatter is normal, larger than elsewhere next to heavy tails, different at repeats, and of no input.
         """
         repeats = self.fitter.repeats
         is_random = (
-            is_of_place(rest, own)
+            is_of_place(rest, own, tried)
             and (repeats is None or p_value_of_repeats(rest, own, repeats) > _ORDERED)
             and p_value_of_dependence(rest, own, fitted) > self.dependence_level
         )
@@ -98,7 +107,7 @@ class NoiseSelection(Generic[CauseT]):
         found: list[NoiseDependence] = []
         level = self.dependence_level
         while len(found) < most and (more := self.fitter.noise_dependence(final, kinds, level)):
-            found.append(self._weighted(final, more))
+            found.append(self._weighted(final, more, kinds))
             if len(found) < most:
                 final = self.fitter.converged(final.causes, final)
         return found

@@ -203,7 +203,7 @@ class CauseSelection(Generic[CauseT]):
         periods = sum(own.driver.cause is not None for own in noise_dependences)
         fewest = 1 if scatters else _SEVERAL_PERIODS
         is_named = all(own.catalogued for own in final.causes) and periods < fewest
-        is_named &= not any(own.doubt for own in noise_dependences)
+        is_named &= not any(own.doubt for own in (*noise_dependences, *scatters))
         outdone, rivals = self._outdone(searched, verdicts, compares_courses=holds and is_named)
         is_clear = holds and is_named and not outdone and all(verdict.verdict != SUSPECTED for verdict in verdicts)
         attributions = () if is_clear and searched.kept else self._attributed(searched, holds=holds)
@@ -226,7 +226,7 @@ class CauseSelection(Generic[CauseT]):
             tuple(replace(own, doubt=left or own.doubt) for own in noise_dependences),
             adequacy,
             searched.end,
-            tuple(replace(scatter, doubt=left) for scatter in scatters),
+            tuple(replace(scatter, doubt=left or scatter.doubt) for scatter in scatters),
             fitter.held_out,
             self._untestable_kinds(kinds, searched),
             tuple(fitter.blocks or ()),
@@ -410,9 +410,11 @@ class CauseSelection(Generic[CauseT]):
         """Return a new search with a wider prior for a candidate's inputs, and their scatter. All residuals of these
         inputs in the plain model count as scatter, because causes found before may have absorbed some of it; a real
         cause is found again."""
+        doubt = self._noise.doubt_of_inputs(plain, candidate.own, kinds)
         candidate = self._fitter.widen(plain, candidate, kinds)
         searched = self._searched(kinds)
-        return searched, self._fitter.input_scatter(searched.final, candidate, p_value)
+        found = self._fitter.input_scatter(searched.final, candidate, p_value)
+        return searched, replace(found, doubt=doubt)
 
     def _first_round(self, kinds: Sequence[CauseT]) -> list[Round[CauseT]]:
         """Return a list with the first round. The search goes on in this list, so that nothing else holds the large
