@@ -34,6 +34,7 @@ from truing.belonging.relation import (
     RelationState,
     RelationTest,
 )
+from truing.belonging.target_names import NamedTargets
 from truing.estimation.covariance import relative
 from truing.estimation.interferometry.recorded_steps import CHANNELS, READING_SI, RecordedSteps
 from truing.estimation.rigid_poses.umeyama import umeyama
@@ -146,6 +147,12 @@ def _points(
         others,
         body.noise_factor,
         tuple(np.array(body.survey.targets, dtype=object)[frame].tolist()),
+        NamedTargets(
+            tuple(body.survey.targets),
+            body.survey.points / body.survey_scale,
+            body.points.points[order],
+            body.points.seen[order],
+        ),
     )
 
 

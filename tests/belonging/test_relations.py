@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from truing.belonging.reading_hypotheses import MeasuredMotion
 from truing.belonging.reading_tests import ReadingNames
 from truing.belonging.reading_tests import relate_readings as relations
 from truing.belonging.relation import RelationState, SlipKind
+from truing.belonging.target_names import NamedTargets
 from truing.simulation.mechanisms.legs.closures import mechanism
 from truing.simulation.mechanisms.legs.kinematics import forward
 
@@ -65,6 +68,57 @@ def test_physics_is_no_slip(change) -> None:
     assert found.state is not RelationState.FAILS
 
 
+def _flipped(joints: np.ndarray, leg: int, axis: int) -> np.ndarray:
+    found = joints.copy()
+    found[leg, axis] *= -1.0
+    return found
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "quantity", "subjects"),
+    [
+        (lambda legs: {"a": _flipped(legs.a, 4, 1)}, SlipKind.SIGN, "y of a_mm of", ("leg 5",)),
+        (
+            lambda legs: {"a": _flipped(legs.a, 1, 1), "b": _flipped(legs.b, 1, 1)},
+            SlipKind.SIGN,
+            "y of a_mm and b_mm of",
+            ("leg 2",),
+        ),
+        (
+            lambda legs: {"b": legs.b[[0, 3, 2, 1, 4, 5]]},
+            SlipKind.PARTS_EXCHANGED,
+            "b_mm of [mechanism]",
+            ("leg 2", "leg 4"),
+        ),
+        (lambda legs: {"b": 2.0 * legs.b}, SlipKind.UNIT, "b_mm of [mechanism]", ()),
+        (lambda legs: {"l": legs.l + 0.05}, SlipKind.UNIT, "length_mm", ()),
+    ],
+    ids=["a sign of one joint", "a mirrored leg", "two joints", "diameter for radius", "legs 50 mm too long"],
+)
+def test_a_slip_in_the_description_is_named(change, kind: SlipKind, quantity: str, subjects: tuple[str, ...]) -> None:
+    motion, names = _motion(_travel())
+    wrong = replace(motion, legs=motion.legs.replace(**change(motion.legs)))
+    found = next(one for one in relations(wrong, names) if one.relation == "readings-against-poses")
+    assert found.state is RelationState.FAILS
+    assert [(slip.kind, slip.quantity, slip.subjects) for slip in found.slips] == [(kind, quantity, subjects)]
+
+
+def test_names_of_targets_in_any_order_are_found() -> None:
+    rng = np.random.default_rng(4)
+    survey = rng.uniform(-0.2, 0.2, (9, 3))
+    names, order = tuple(f"P{k}" for k in range(9)), rng.permutation(9)
+    points = survey[order] + 1e-5 * rng.standard_normal((6, 9, 3))
+    seen = rng.random((6, 9)) > 0.2
+    body = BodyPoints("platform", survey, points, seen, 1e-5, named=NamedTargets(names, survey, points, seen))
+    found = survey_of(body)
+    moved = [f"P{k} is P{place}" for k, place in enumerate(order) if k != place]
+    assert (found.state, [slip.kind for slip in found.slips]) == (RelationState.FAILS, [SlipKind.RELABELLED])
+    assert found.slips[0].subjects == (*moved, "platform")
+    other = rng.uniform(-0.2, 0.2, (6, 1, 3)) * np.ones((9, 1)) + rng.uniform(-0.2, 0.2, (9, 3))
+    foreign = replace(body, points=other, named=NamedTargets(names, survey, other, seen))
+    assert not survey_of(foreign).slips, "points of another body are in no order"
+
+
 def test_columns_of_legs_that_move_alike_cannot_be_told_apart() -> None:
     together = np.linspace(-1e-3, 1e-3, 15)[:, None] * np.ones(6)
     found = _readings(together)
@@ -108,6 +162,15 @@ def test_readings_written_down_in_coarse_steps_are_told() -> None:
     assert not _readings(_travel(), lambda r: (r / 1e-5).round() * 1e-5).slips  # a step that hardly shows
     found = _readings(_travel(40), lambda r: (r / 5e-5).round() * 5e-5)
     assert (found.state, found.reason, found.slips[0].kind) == (RelationState.ATTENTION, "rounded", SlipKind.ROUNDED)
+
+
+def test_readings_of_few_levels_are_told_by_their_last_digit() -> None:
+    """Levels that are multiples of 0.7 mm have been written to 0.1 mm all the same."""
+    levels = np.random.default_rng(6).integers(-2, 3, (40, 6)) * 7e-4
+    reached = levels + np.random.default_rng(7).normal(0.0, 3e-5, levels.shape)
+    found = _readings(reached, lambda r: (r / 1e-4).round() * 1e-4)
+    assert (found.state, found.reason) == (RelationState.ATTENTION, "rounded")
+    assert abs(found.slips[0].offset - 0.1) < 1e-9
 
 
 def test_a_drive_that_is_sent_to_round_numbers_and_reaches_them_wrote_none_down_in_steps() -> None:

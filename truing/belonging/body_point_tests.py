@@ -12,6 +12,7 @@ from truing.arrays import Array, Index, Mask
 from truing.belonging.axes_changes import AXES_CHANGES
 from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, RelationState, RelationTest, SlipKind, both_ways
 from truing.belonging.slips_in_rows import rounding, row_places
+from truing.belonging.target_names import NamedTargets, meant_order, renamed
 from truing.belonging.target_rows import exchanged_names, frozen_targets, rows_of_wrong_target, slip_of_target
 from truing.estimation.rigid_poses.umeyama import umeyama
 
@@ -59,7 +60,8 @@ class BodyPoints:
     which is noise_factor times the declared one.
 
     ``poses`` (B,) in the order of the file; ``groups``: columns that group poses, with their values; ``others``: the
-    recorded points paired with the surveys of other bodies; ``targets`` (T,): their names.
+    recorded points paired with the surveys of other bodies; ``targets`` (T,): their names; ``named``: all targets, also
+    those that define no frame.
     """
 
     name: str
@@ -72,6 +74,7 @@ class BodyPoints:
     others: tuple[AsOtherBody, ...] = ()
     noise_factor: float = 1.0
     targets: tuple[str, ...] = ()
+    named: NamedTargets | None = None
 
     def subset(self, rows: Index) -> BodyPoints:
         """Return the body in some poses."""
@@ -257,6 +260,12 @@ def relate_survey(body: BodyPoints) -> RelationTest:
         other = RecordSlip(SlipKind.SCALE, "points of body", (body.name,), 1.0 / float(np.nanmedian(scaled.scale)))
         as_large = replace(tested, state=RelationState.ATTENTION, reason="scale", tried=3)
         return replace(as_large, slips=(other,), misfit_explained=1e3 * _typical(scaled.rms))
+    if after > _FIFTH * before and body.named is not None and (found := _under_other_names(body.named)) is not None:
+        other, left = found
+        if left <= _FIFTH * before:
+            slip = RecordSlip(SlipKind.RELABELLED, "targets", (*renamed(body.named, other), body.name))
+            named = replace(tested, state=RelationState.FAILS, reason="slip", slips=(slip,), tried=3)
+            return replace(named, misfit_explained=1e3 * left)
     if after > _FIFTH * before:
         state = RelationState.FAILS if before > _OTHER_BODY * _size(body.survey) else RelationState.ATTENTION
         return replace(tested, state=state, reason="no-fit", tried=2)
@@ -302,6 +311,13 @@ def _slips_of_some(body: BodyPoints, limit: float, *, is_surveyed: bool) -> tupl
 def _size(survey: Array) -> float:
     """Return the root mean square distance, m, of points (T, 3) from their middle."""
     return float(np.sqrt(np.mean(np.sum((survey - survey.mean(axis=0)) ** 2, axis=1))))
+
+
+def _under_other_names(targets: NamedTargets) -> tuple[Index, float] | None:
+    """Return the order of a body's targets in which its points fit the survey best, and their misfit, m."""
+    if (order := meant_order(targets)) is None:
+        return None
+    return order, _typical(umeyama(targets.survey[order], targets.points, targets.seen.astype(float)).rms)
 
 
 def poses_with_slips(body: BodyPoints) -> Mask:

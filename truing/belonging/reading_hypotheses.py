@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import combinations, product
 
 import numpy as np
 from scipy.special import gammaln
@@ -124,6 +125,49 @@ def descriptions(motion: MeasuredMotion) -> Iterator[Description]:
     for shift in (1, -1):
         slip = RecordSlip(SlipKind.COLUMNS, "b_mm of [mechanism] against a_mm", (f"legs moved on by {shift}",))
         yield Description((slip,), legs.replace(b=np.roll(legs.b, shift, axis=-2)), p, R)
+
+
+def joint_descriptions(motion: MeasuredMotion) -> Iterator[Description]:
+    """Yield the mechanism with one slip undone in the joints of one leg, of two legs, or of one side.
+
+    These are too many to be tried where readings and poses agree.
+    """
+    legs, p, R = motion.legs, motion.p, motion.R
+    sides = {"a_mm": legs.a, "b_mm": legs.b}
+
+    def described(slip: RecordSlip, **changed: Array) -> Description:
+        return Description((slip,), legs.replace(**{name[0]: own for name, own in changed.items()}), p, R)
+
+    for name, joints in sides.items():
+        of = f"{name} of [mechanism]"
+        for factor in (*both_ways(LENGTH_FACTORS), 2.0, 0.5):
+            yield described(_unit(of, factor), **{name: factor * joints})
+        for axis in range(3):
+            if np.any(joints[:, axis] != 0.0):
+                mirror = np.where(np.arange(3) == axis, -1.0, 1.0)
+                yield described(RecordSlip(SlipKind.SIGN, f"{_AXES[axis]} of {of}"), **{name: joints * mirror})
+        yield described(RecordSlip(SlipKind.REVERSED, f"rows of {of}"), **{name: joints[::-1]})
+        for one, other in combinations(range(legs.count), 2):
+            order = np.arange(legs.count)
+            order[[one, other]] = other, one
+            slip = RecordSlip(SlipKind.PARTS_EXCHANGED, of, _legs_named((one, other)))
+            yield described(slip, **{name: joints[order]})
+    for leg, axis in product(range(legs.count), range(3)):
+        flipped = {}
+        for name, joints in sides.items():
+            if joints[leg, axis] != 0.0:
+                flipped[name] = joints.copy()
+                flipped[name][leg, axis] *= -1.0
+        for name, joints in flipped.items():
+            slip = RecordSlip(SlipKind.SIGN, f"{_AXES[axis]} of {name} of", _legs_named((leg,)))
+            yield described(slip, **{name: joints})
+        if len(flipped) > 1:
+            slip = RecordSlip(SlipKind.SIGN, f"{_AXES[axis]} of a_mm and b_mm of", _legs_named((leg,)))
+            yield described(slip, **flipped)
+
+
+def _legs_named(legs: tuple[int, ...]) -> tuple[str, ...]:
+    return tuple(f"leg {leg + 1}" for leg in legs)
 
 
 def _unit(quantity: str, factor: float) -> RecordSlip:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from truing.belonging.reading_hypotheses import (
     Written,
     best_written,
     descriptions,
+    joint_descriptions,
     reached,
 )
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
@@ -68,7 +70,8 @@ def relate_readings(motion: MeasuredMotion, names: ReadingNames) -> tuple[Relati
         return (RelationTest(READINGS, RelationState.NOT_TESTED, "no-poses"),)
     regular = relate_legs(motion)
     if regular is not None and regular.state is RelationState.FAILS:
-        return regular, RelationTest(READINGS, RelationState.NOT_TESTED, "legs-singular")
+        untested = RelationTest(READINGS, RelationState.NOT_TESTED, "legs-singular")
+        return regular, _slip_of_joints(motion, names) or untested
     try:
         found = _test(motion, names)
     except NotImplementedError:
@@ -121,20 +124,26 @@ def _test(motion: MeasuredMotion, names: ReadingNames) -> RelationTest:
             base, state=RelationState.FAILS, reason="unreached", misfit=float(len(asked)), limit=None, unit="1"
         )
     if explained := _explained(search, motion, names, base):
-        return explained
+        is_whole = 1e-3 * (explained.misfit_explained or 0.0) <= _MOVED * motion.noise
+        return explained if is_whole else _of_joints(motion, names, base) or explained
     if zero := _other_zero(motion, asked):
         return replace(base, state=RelationState.FAILS, reason="slip", misfit=abs(zero.offset), slips=(zero,))
-    if frozen := _frozen(motion, asked, names):
-        return replace(base, state=RelationState.FAILS, reason="slip", slips=frozen)
+    if frozen := _frozen(motion, asked, names):  # a wrong description asks readings to move that do not
+        found = replace(base, state=RelationState.FAILS, reason="slip", slips=frozen)
+        return _of_joints(motion, names, base) or found
     if not comparable:
-        return base
+        return _of_joints(motion, names, base) or base
     if moved <= 1e3 * _MOVED * motion.noise:
         return replace(base, state=RelationState.NOT_TESTED, reason="hardly-moved", misfit=None, limit=None)
     if strays := _single_slips(motion, asked, names):
         stray = replace(base, state=RelationState.FAILS, reason="slip", slips=strays)
         return (_test_of_part(motion, asked, names, base) or stray) if len(strays[0].subjects) > _SINGLE else stray
     if misfit > _APART * moved or len(legs):
-        return _test_of_part(motion, asked, names, base) or _without_name(motion, asked, names, base, legs)
+        return (
+            _test_of_part(motion, asked, names, base)
+            or _of_joints(motion, names, base)
+            or _without_name(motion, asked, names, base, legs)
+        )
     departs = misfit > _NOTED * moved
     return (_test_of_part(motion, asked, names, base) if departs else None) or _agreement_test(
         motion, search, names, base
@@ -146,11 +155,26 @@ def _explained(search: _Found, motion: MeasuredMotion, names: ReadingNames, base
     slips = (*search.meant.slips(names.columns, motion.readings), *_row_slips(search.order, names))
     if not 0 < len(slips) <= _MOST_SLIPS:
         return None
-    before, after = (1e3 * size for size in _halved(search.plain.misfit, _reordered(search.meant, search.order)))
+    sizes = _halved(search.plain.misfit, _reordered(search.meant, search.order), motion.noise)
+    before, after = (1e3 * size for size in sizes)
     explained = replace(
         base, state=RelationState.FAILS, reason="slip", misfit=before, misfit_explained=after, unit="mm"
     )
     return replace(explained, slips=slips, rivals=_rivals(search, names, motion, slips))
+
+
+def _slip_of_joints(motion: MeasuredMotion, names: ReadingNames) -> RelationTest | None:
+    """Return the slip of the description that explains readings and poses, where its legs do not hold the platform."""
+    try:
+        return _of_joints(motion, names, RelationTest(READINGS, RelationState.FAILS, "no-slip", unit="mm"))
+    except NotImplementedError:
+        return None
+
+
+def _of_joints(motion: MeasuredMotion, names: ReadingNames, base: RelationTest) -> RelationTest | None:
+    """Return the result if a slip in the joints of few legs, or of one side, explains the data."""
+    search = _search(motion, of_joints=True)
+    return _explained(search, motion, names, replace(base, tried=search.tried))
 
 
 def _test_of_part(motion: MeasuredMotion, asked: Array, names: ReadingNames, base: RelationTest) -> RelationTest | None:
@@ -289,12 +313,13 @@ class _Found:
     rivals: tuple[Written, ...]
 
 
-def _search(motion: MeasuredMotion) -> _Found:
+def _search(motion: MeasuredMotion, *, of_joints: bool = False) -> _Found:
+    """Return what was found among the mechanism as described and its slips; ``of_joints``: also those of few joints."""
     step = -(-len(motion.p) // _MOST_POSES)
     thin, tried = motion.every_nth(step), 0
     scored: list[tuple[Written, Description]] = []
     plain = None
-    for description in descriptions(motion):
+    for description in chain(descriptions(motion), joint_descriptions(motion) if of_joints else ()):
         own, meant, count = best_written(thin, description.every_nth(step), exchanged=False)
         plain = plain or own
         scored.append((meant, description))
@@ -324,17 +349,18 @@ def _explains_enough(plain: Written, best: Written, noise: float) -> bool:
     """Return True if slips explain more than all physical effects of the catalogue, and at least halve the misfit."""
     if best.evidence - plain.evidence <= _CLEAR:
         return False
-    before, after = _halved(plain.misfit, best.misfit)
+    before, after = _halved(plain.misfit, best.misfit, noise)
     asked = reached(best.description)
     left, moved = (_rms(one - one.mean(axis=0)) for one in (best.misfit, asked))
     return before > _MOVED * noise and after <= _HALVES * before and left <= _APART * moved
 
 
-def _halved(before: Array, after: Array) -> tuple[float, float]:
-    """Return the rms misfit, m, before and after slips are undone, about the mean of each leg or in total."""
+def _halved(before: Array, after: Array, noise: float) -> tuple[float, float]:
+    """Return the rms misfit, m, before and after slips are undone: about the mean of each leg if it is clear and
+    halved, or else in total, as where lengths are wrong."""
     pairs = [(_rms(one - one.mean(axis=0)), _rms(one)) for one in (before, after)]
     about, whole = zip(*pairs, strict=True)
-    return about if about[1] <= _HALVES * about[0] else whole
+    return about if about[1] <= _HALVES * about[0] and about[0] > _MOVED * noise else whole
 
 
 def _rivals(

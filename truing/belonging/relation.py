@@ -37,6 +37,7 @@ class SlipKind(StrEnum):
     ROUNDED = "rounded"  # written down in steps far above the noise
     FRINGES = "counted-in-fringes"  # numbers of fringes in place of lengths; multiplied by factor they are right
     MISLABELLED = "mislabelled"  # one part bears the label of another
+    RELABELLED = "relabelled"  # names of all parts are in another order
     CONVENTION = "convention"  # rows of a chain in the other convention of Denavit and Hartenberg
     SCALE = "scale"  # multiplied by factor, points have the size of their survey; no unit explains it
     REVERSED = "rows-reversed"  # from the last to the first

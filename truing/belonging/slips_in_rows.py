@@ -33,6 +33,7 @@ _FEW = 0.1  # share of all readings
 _MEDIAN = 1.4826
 _DIFFERENT = 4  # fewest different numbers of a column in a comparison
 _FEWEST_STEPS, _OFF_GRID = 2, 1e-3  # fewest differences that define a step, and their tolerance in steps
+_PER_NM, _COARSEST = 1e9, 7  # resolution of a file's lengths, 1/m, and the power of ten of the coarsest digit, 10 mm
 _ABOVE_NOISE = 3.0  # error by rounding over declared noise
 _ROUNDED = (0.5, 2.0)  # misfit over the error that the step of a column causes
 
@@ -294,11 +295,23 @@ def written_step(values: Array) -> float:
 def rounding(values: Array, misfit: float, noise: float) -> float | None:
     """Return the step, m, of numbers whose rounding error exceeds the declared noise and explains the rms misfit.
 
-    None also where the misfit is far smaller: a drive may be commanded to round numbers, and reach them.
+    None also where the misfit is far smaller: a drive may be commanded to round numbers, and reach them. Numbers of a
+    few levels have the levels' step; the last digit written is tried as well.
     """
-    step = written_step(values)
-    error = step / np.sqrt(12.0)
-    return step if error > _ABOVE_NOISE * noise and misfit > _ROUNDED[0] * error else None
+    for step in (written_step(values), last_digit(values)):
+        error = step / np.sqrt(12.0)
+        if error > _ABOVE_NOISE * noise and misfit > _ROUNDED[0] * error:
+            return step
+    return None
+
+
+def last_digit(values: Array) -> float:
+    """Return the largest power of ten, m, of which all values are multiples; 0 for none down to a nanometre."""
+    counted = np.round(values[np.isfinite(values)] * _PER_NM)
+    if not len(counted) or np.abs(values[np.isfinite(values)] * _PER_NM - counted).max() > _OFF_GRID:
+        return 0.0
+    powers = 10.0 ** np.arange(_COARSEST, -1, -1)
+    return float(next((power for power in powers if not np.any(counted % power)), 0.0) / _PER_NM)
 
 
 def rounded_to(readings: Array, misfit: float, noise: float) -> float | None:

@@ -27,6 +27,7 @@ RELATIONS = {
 
 _OF_RUNS = ("loads-against-readings", "signals-against-loads", "copied-runs")  # relations with comma-separated subjects
 _OF_DESCRIPTION = ("loads-against-readings", "signals-against-loads")  # relations that [mechanism] predicts
+_OF_READINGS = "readings-against-poses"
 _GOOD = 10.0  # %, misfit that tolerances and gains usually leave
 # Names of factors by quantity: recorded unit, and right unit.
 _FACTORS = {
@@ -140,7 +141,9 @@ def message(tested: RelationTest) -> str:
     if tested.reason == "rounded":
         error, noise = (f"{1e3 * (size or 0.0):.2g} µm" for size in (tested.misfit, tested.limit))
         words = "; ".join(map(slip_words, tested.slips))
-        return f"{sides} belong together, but: {words}. This causes an error of {error}; the declared noise is {noise}."
+        asked = " Are these commanded values in place of measured ones?" if tested.relation == _OF_READINGS else ""
+        text = f"{sides} belong together, but: {words}. This causes an error of {error}; the declared noise is {noise}."
+        return f"{text}{asked}"
     if tested.reason == "scale":
         by = 1.0 / tested.slips[0].factor - 1.0
         text = f"{sides} agree in shape, but lengths between points are {1e3 * abs(by):.2g} mm/m "
@@ -242,6 +245,10 @@ _WORDS = {
     SlipKind.COPIED: _copied,
     SlipKind.FRINGES: lambda slip: f"{_slip_subject(slip)} counted in fringes: multiply by {slip.factor:.7g} µm",
     SlipKind.MISLABELLED: lambda slip: f"{slip.quantity} recorded: {listed(slip.subjects)}",
+    SlipKind.RELABELLED: lambda slip: (
+        f"targets of {slip.subjects[-1]} under the names of others (in terms of the survey, "
+        f"{listed(slip.subjects[:-1])})"
+    ),
     SlipKind.SCALE: lambda slip: f"{_slip_subject(slip)} in another scale: multiply by {slip.factor:.5f}",
     SlipKind.CONVENTION: lambda slip: f'{slip.quantity} in the other convention: convention = "{slip.subjects[0]}"',
     SlipKind.REVERSED: lambda slip: f"{_slip_subject(slip)} in reversed order, the last row first",
