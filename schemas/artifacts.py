@@ -465,7 +465,7 @@ _DIAGNOSIS = (
     parquet(
         "pulls",
         "pulls of the geometry against its tolerances, before and after the extension",
-        "leg* parameter* pull_before pull_after identifiable",
+        "leg* parameter* pull_before pull_after identifiable offset_after explained_after unit",
     ),
     parquet(
         "pull_sums",

@@ -560,6 +560,8 @@ _CONCLUDED = (
         real(f"pull_{when}", "", f"shift from nominal over its expected standard deviation, {model}", nullable=True)
         for when, model in (("before", "no effect in the model"), ("after", "found effects in the model"))
     ),
+    real("offset_after", "unit", "error of the nominal value if it alone is wrong; empty for a sensor", nullable=True),
+    size("explained_after", "", "part of the sum of squared pulls that this error would explain", nullable=True),
     size("chi_square", "", "sum of squared pulls, with their correlations", nullable=True),
     integer("freedom", "number of independent pulls", minimum=0),
     *(

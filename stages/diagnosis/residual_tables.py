@@ -113,7 +113,7 @@ def pull_tables(before: FittedModel, after: FittedModel) -> dict[str, pa.Table]:
     geometries = [_geometry(one) for one in (before, after)]
     kept = zip(geometries[1].parameters, geometries[1].known, strict=True)
     names: list[PullName] = [(entry.leg + 1, entry.name) for entry, known in kept if known]
-    return _pull_tables(names, *map(_pulls_of_geometry, geometries))
+    return _pull_tables(names, *map(_pulls_of_geometry, geometries), in_si=True)
 
 
 def _geometry(fitted: FittedModel) -> IdentifiedGeometry:
@@ -129,7 +129,7 @@ def _pulls_of_geometry(geometry: IdentifiedGeometry) -> Pulls:
 
 def sensor_pull_tables(names: list[PullName], before: FittedModel, after: FittedModel) -> dict[str, pa.Table]:
     """The same of a sensor's geometry and stiffness, whose unknowns are these."""
-    return _pull_tables(names, *map(_pulls_of_sensor, (before, after)))
+    return _pull_tables(names, *map(_pulls_of_sensor, (before, after)), in_si=False)
 
 
 def _pulls_of_sensor(fitted: FittedModel) -> Pulls:
@@ -137,7 +137,9 @@ def _pulls_of_sensor(fitted: FittedModel) -> Pulls:
     return pulls(fitted.fit.shared[own], np.eye(len(own)), fitted.covariance()[np.ix_(own, own)])
 
 
-def _pull_tables(names: list[PullName], before: Pulls, after: Pulls) -> dict[str, pa.Table]:
+def _pull_tables(names: list[PullName], before: Pulls, after: Pulls, *, in_si: bool) -> dict[str, pa.Table]:
+    """Return the tables; ``in_si``: shifts are in m and 1, not in tolerances."""
+    is_length = np.array([not name.startswith("u_") for _, name in names], bool)
     rows, sums = Rows("pulls"), Rows("pull_sums")
     if names:
         rows.add(
@@ -146,6 +148,9 @@ def _pull_tables(names: list[PullName], before: Pulls, after: Pulls) -> dict[str
             pull_before=before.pull,
             pull_after=after.pull,
             identifiable=after.identifiable,
+            offset_after=np.where(is_length, 1e3, 1.0) * after.offset if in_si else np.nan * after.offset,
+            explained_after=after.explained,
+            unit=["mm" if long and in_si else "1" for long in is_length],
         )
         for model, one in (("plain", before), ("extended", after)):
             band = {"lower": one.lower, "upper": one.upper, "p_value": one.p_value}

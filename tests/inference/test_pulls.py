@@ -32,6 +32,17 @@ def drawn(problem, count, prior_scale=1.0, seed=7):
         yield pulls(shift, prior, posterior)
 
 
+def test_one_wrong_prior_is_found_with_its_size(problem):
+    """Its square is what the sum of all pulls loses, and its offset is the error of that prior."""
+    prior, jacobian, posterior = problem
+    wrong = 40.0 * np.eye(PARAMETERS)[2] * np.sqrt(np.diag(prior))
+    found = pulls(posterior @ jacobian.T @ (jacobian @ wrong), prior, posterior)
+    assert np.nanargmax(np.abs(found.pull)) == 2
+    assert abs(found.offset[2] / wrong[2] - 1.0) < 1e-9
+    assert np.nanargmax(found.explained) == 2
+    assert found.chi_square - found.explained[2] < 1e-6 * found.chi_square
+
+
 def test_pulls_are_unit_normal_and_their_sum_a_chi_square(problem):
     found = list(drawn(problem, DRAWS))
     told = found[0].identifiable

@@ -16,17 +16,22 @@ from truing.inference.arrays import Array, Mask
 # A parameter is identifiable if the data reduce its prior variance by at least this share.
 IDENTIFIABLE = 0.5
 _BAND = 0.95
+_TOLD = 0.01  # share of a prior variance by which the data reduce it at least where they say something
 
 
 @dataclass(frozen=True)
 class Pulls:
     """Pulls (P,), unit normal where model and priors are right; NaN where a parameter is not identifiable.
 
+    ``offset`` (P,): how far the prior of each one is off if it alone is wrong, in the unit of the shifts; this takes
+    ``explained`` (P,) from the sum. NaN where the data say next to nothing.
     ``chi_square`` sums up independent combinations of the identifiable parameters, ``freedom`` of them. ``lower`` and
     ``upper`` hold 95 % of such sums; ``p_value`` is the probability of a larger one.
     """
 
     pull: Array
+    offset: Array
+    explained: Array
     identifiable: Mask  # (P,)
     chi_square: float
     freedom: int
@@ -46,10 +51,19 @@ def pulls(shift: Array, prior: Array, posterior: Array) -> Pulls:
     determined = np.diag(gained) >= IDENTIFIABLE
     moved = shift / scale
     each = np.where(determined, moved / np.sqrt(np.where(determined, np.diag(gained), 1.0)), np.nan)
+    told = np.where(np.diag(gained) >= _TOLD, np.diag(gained), np.nan)
     variances, directions = np.linalg.eigh(gained[np.ix_(determined, determined)])
     kept = variances >= IDENTIFIABLE
     total = float(np.sum((directions[:, kept].T @ moved[determined]) ** 2 / variances[kept]))
-    return Pulls(each, determined, total, int(kept.sum()), *_chi_square_band(total, int(kept.sum())))
+    return Pulls(
+        each,
+        moved * scale / told,
+        moved**2 / told,
+        determined,
+        total,
+        int(kept.sum()),
+        *_chi_square_band(total, int(kept.sum())),
+    )
 
 
 def _chi_square_band(total: float, freedom: int) -> tuple[float, float, float]:

@@ -13,7 +13,7 @@ from tests.report import diagnosis_tables as made
 from tests.report.diagnosis_parts import part_of, state_of, text_of
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, row, rows
 from tests.sentences import assert_says
-from truing.report.diagnosis.pulls import changes, pulls
+from truing.report.diagnosis.pulls import changes, pulls, pulls_verdict
 from truing.report.head import build_head
 from truing.report.page import PageHead
 from truing.report.rendering.render import render_page
@@ -36,6 +36,31 @@ def test_pulls_are_compared_with_their_band(after, p, state, words):
     # sqrt(1080 / 30), and the band sqrt(16.8 / 30) .. sqrt(47 / 30).
     assert_says(part.lead, "Rms pull", "6.0", "without the causes")
     assert_says(part.lead, "95 %", "tolerances", "0.75 to 1.3")
+
+
+def _with_far_numbers(*pulls_of: tuple[int, str, float, float]):
+    """Tables of a campaign in which all pulls are 0.1 but these, each with the error of its number, mm."""
+    table = made.pulls().assign(pull_after=0.1, offset_after=0.03, explained_after=0.01, unit="mm")
+    for leg, name, pull, offset in pulls_of:
+        own = (table["leg"] == leg) & (table["parameter"] == name)
+        table.loc[own, ["pull_after", "offset_after", "explained_after"]] = pull, offset, pull**2
+    total = float((table["pull_after"] ** 2).sum())
+    return diagnosis_tables() | {"pulls": table, "pull_sums": made.pull_sums(max(total, 48.0)).assign(p_value=1e-9)}
+
+
+def test_one_wrong_number_of_the_description_is_named_with_its_size():
+    alone = pulls_verdict(_with_far_numbers((2, "b_x", -40.0, -10.0)), {})
+    assert alone is not None
+    assert_says(alone.explanation, "does not fit the machine", "one wrong number")
+    assert_says(alone.explanation, "Did you mean", "b_x of leg 2 smaller by 10 mm?")
+    assert "Equally likely" not in alone.explanation
+    both = pulls_verdict(_with_far_numbers((2, "b_x", -40.0, -10.0), (5, "a_x", 30.0, 9.0)), {})
+    assert both is not None
+    assert "Did you mean" not in both.explanation, "no single number explains two far ones"
+    assert "farther" in both.explanation
+    of_leg = pulls_verdict(_with_far_numbers((2, "b_x", -40.0, -10.0), (2, "a_x", 30.0, 9.0)), {})
+    assert of_leg is not None
+    assert_says(of_leg.explanation, "nearly all pulls are of leg 2")
 
 
 def test_pulls_of_parameters_that_the_data_do_not_determine_are_left_out():

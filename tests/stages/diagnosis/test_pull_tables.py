@@ -41,3 +41,6 @@ def test_only_what_the_data_tell_has_a_pull(tables) -> None:
     assert (rows["pull_after"].notna() == rows["identifiable"]).all()
     assert rows["pull_after"].abs().max() < 4.5
     assert rows["pull_before"].abs().max() > rows["pull_after"].abs().max()
+    assert rows["offset_after"][rows["identifiable"]].notna().all()
+    assert (np.sign(rows["offset_after"]) == np.sign(rows["pull_after"]))[rows["identifiable"]].all()
+    assert set(rows["unit"][rows["parameter"] == "l"]) == {"mm"}

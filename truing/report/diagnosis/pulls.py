@@ -26,6 +26,8 @@ _COLUMNS = {"pull_before": "without the causes", "pull_after": "with the causes"
 # Larger pulls are drawn at the edge, so that the others stay visible.
 _CLIPPED = 25.0
 _BAND = 1.96
+_AS_LIKELY = 10.0  # difference of squared pulls up to which two numbers explain the rest as well: odds of 150 to 1
+_NEARLY_ALL = 0.8  # share of the squares of all pulls
 _UNLIKELY = 1e-3  # p-value below which pulls fail
 _LOOK = ((ORANGE, "circle-open", -0.16), (BLUE, "circle", 0.16))
 # Most kinds of parameter on the axis; K has a kind per column.
@@ -74,11 +76,45 @@ def pulls_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> SectionVer
     last = _final_sums(sums)
     size, limit = (_rms(chi_square, last.freedom) for chi_square in (last.chi_square, last.upper))
     text = f"Pulls of the {of.built}: rms {rough(size)}; upper limit (95 %) if tolerances are realistic: "
-    text += f"{rough(limit)} (p {p_equals(last.p_value)}). {_verdict(last, of)}"
+    text += f"{rough(limit)} (p {p_equals(last.p_value)}). {_one_number(table, last) or _verdict(last, of)}"
     if last.chi_square <= last.upper:
         return SectionVerdict("pulls", RelationState.OK, ReasonCode.WITHIN_TOLERANCE, text, size, "1", limit)
     state = RelationState.FAILS if last.p_value < _UNLIKELY else RelationState.ATTENTION
     return SectionVerdict("pulls", state, ReasonCode.BEYOND_TOLERANCE, text, size, "1", limit)
+
+
+def _one_number(table: pd.DataFrame | None, last: Any) -> str:
+    """Return the sentence on the one number whose correction explains all pulls, or on the leg that holds most of them;
+    empty where there is neither."""
+    if table is None or last.chi_square <= last.upper or "offset_after" not in table:
+        return ""
+    known = table[table["identifiable"].astype(bool)].sort_values("explained_after", ascending=False)
+    if not len(known):
+        return ""
+    left = last.chi_square - float(known["explained_after"].iloc[0])
+    if known["offset_after"].isna().any() or not 0.0 <= left <= last.upper:
+        return _one_leg(known)
+    first, *others = known.itertuples()
+    near = [own for own in others if first.explained_after - own.explained_after < _AS_LIKELY][:_NAMED]
+    meant, *also = [_other_by(own) for own in (first, *near)]
+    text = f"The description does not fit the machine: one wrong number explains it. Did you mean {meant}?"
+    return f"{text} Equally likely: {'; or '.join(also)}." if also else text
+
+
+def _one_leg(known: pd.DataFrame) -> str:
+    """Return the sentence on the leg that holds nearly all squares of the pulls; empty where none does."""
+    by_leg = (known["pull_after"] ** 2).groupby(known["leg"]).sum()
+    if len(by_leg) < 2 or by_leg.max() < _NEARLY_ALL * by_leg.sum():
+        return ""
+    leg = int(by_leg.idxmax())
+    return f"The description does not fit the machine: nearly all pulls are of leg {leg}. Are its numbers right?"
+
+
+def _other_by(row: Any) -> str:
+    """Return a parameter with its correction: ``l of leg 3 larger by 20.0 mm``."""
+    factor, unit = print_unit(row.parameter, row.unit)
+    way = "larger" if row.offset_after > 0.0 else "smaller"
+    return f"{name_of(row.parameter, row.leg)} {way} by {rough(abs(factor * row.offset_after))} {unit}".strip()
 
 
 def _sums(tables: Tables) -> dict[str, Any]:
