@@ -173,7 +173,11 @@ def _slip_of_joints(motion: MeasuredMotion, names: ReadingNames) -> RelationTest
 
 def _of_joints(motion: MeasuredMotion, names: ReadingNames, base: RelationTest) -> RelationTest | None:
     """Return the result if a slip in the joints of few legs, or of one side, explains the data."""
+    if copied_columns(motion.readings):  # a leg that reads as its mirror image does is no mirrored leg
+        return None
     search = _search(motion, of_joints=True)
+    if not search.meant.description.slips or _row_slips(search.order, names):
+        return None
     return _explained(search, motion, names, replace(base, tried=search.tried))
 
 
