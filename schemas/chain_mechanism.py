@@ -109,8 +109,6 @@ class ChainMechanism(MechanismSection):
             raise ValueError("urdf beside closure: rows describe no branches that a loop could close")
         if self.closure is not None and not self.joints:
             raise ValueError("the joints that are read beside closure: it moves all others")
-        if self.closure is not None and self.gravity is not None:
-            raise ValueError("no gravity beside closure: how loops share weight among their joints is not computed")
         if self.gravity is not None and not any(self.gravity):
             raise ValueError("a direction as gravity: three numbers, not all zero")
         return self

@@ -14,7 +14,7 @@ from tests.tolerance import assert_close
 from truing.estimation.rotation import exp_so3, log_so3
 from truing.formats.urdf import read_urdf
 from truing.simulation.mechanisms.chains.closed_tree import ClosedTree, LoopClosure
-from truing.simulation.mechanisms.chains.tree import JointKind, Node, Tree
+from truing.simulation.mechanisms.chains.tree import STANDARD_GRAVITY, JointKind, Node, Tree, axis_twist
 from truing.stages.ingestion.chain_campaign import tree_of_urdf
 
 ARMS = ("arm_1", "arm_2", "arm_3")
@@ -101,6 +101,37 @@ def test_slopes_of_points_and_rotations_are_those_of_differences(tmp_path: Path)
             turned = log_so3(high.R[:, nodes] @ np.swapaxes(low.R[:, nodes], -1, -2)) / (2.0 * STEP)
             assert_close(by_points[..., n, c], moved, atol=3e-8, what=f"points by {n} {c}")
             assert_close(by_turns[..., n, c], turned, atol=3e-8, what=f"rotations by {n} {c}")
+
+
+def heavy(tree: ClosedTree) -> ClosedTree:
+    """The tree with a mass on every link, off its origin."""
+    nodes = [replace(node, mass=0.5 + k, com=np.array([0.02, -0.01 * k, 0.03])) for k, node in enumerate(tree.nodes)]
+    return replace(tree, nodes=tuple(nodes))
+
+
+def test_work_of_weight_is_the_slope_of_the_potential_energy(tmp_path: Path) -> None:
+    rng = np.random.default_rng(6)
+    for tree, joints in ((heavy(delta(tmp_path)), 3), (heavy(four_bar()), 1)):
+        q, down, com = rng.uniform(-0.4, 0.6, (5, joints)), np.array([0.3, 0.2, -0.9]), np.array([0.1, 0.0, 0.2])
+        payload = {tree.size - 1: (np.linspace(1.0, 2.0, 5), com)}
+        force, moment = tree.gravity_load(q, down, payload)
+        work = np.concatenate([force, moment], -1)
+        unit = STANDARD_GRAVITY * down / np.linalg.norm(down)
+
+        def height(twists: np.ndarray, tree: ClosedTree = tree, q: np.ndarray = q, payload: dict = payload) -> np.ndarray:  # type: ignore[type-arg]
+            frames = tree.frames(q, twists)
+            places = [(k, mass, frames.t[:, k] + frames.R[:, k] @ own) for k, mass, own in tree.weights(payload)]
+            return np.sum([mass * (place @ unit) for _, mass, place in places], 0)
+
+        for n, c in np.ndindex(tree.size, 6):
+            nudge = np.zeros((1, tree.size, 6))
+            nudge[0, n, c] = STEP
+            slope = (height(nudge) - height(-nudge)) / (2.0 * STEP)
+            assert_close(work[:, n, c], slope, atol=1e-6, what=f"N, N m by {n} {c}")
+        passive = [(k, node) for k, node in enumerate(tree.nodes) if node.reading in tree.closure.passive]
+        for k, node in passive:
+            own = work[:, k] @ axis_twist(node)
+            assert_close(own, np.zeros(5), atol=1e-12, what=f"no load on {node.joint}, which is free")
 
 
 def test_readings_at_which_two_circles_do_not_meet_are_told() -> None:

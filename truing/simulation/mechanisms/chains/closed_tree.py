@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
 from truing.schemas.installed import with_installed
-from truing.simulation.mechanisms.chains.tree import JointKind, Tree, TreeFrames
+from truing.simulation.mechanisms.chains.tree import STANDARD_GRAVITY, JointKind, Tree, TreeFrames
 from truing.simulation.mechanisms.legs.kinematics import bounded_steps
 
 # A lab's package names its own closures under this group: `"my-loops" = "my_package.loops:MyLoops"`.
@@ -189,6 +189,24 @@ class ClosedTree(Tree):
         return super().rotation_slopes(frames, nodes) + np.einsum(
             "bkis,bsnc->bkinc", moved, self.passive_slopes(frames)
         )
+
+    def gravity_load(
+        self, readings: NDArray, gravity: NDArray, payload: dict[int, tuple[NDArray, NDArray]]
+    ) -> tuple[Array, Array]:
+        """Return force (B, N, 3), N, and moment (B, N, 3), N m, of weight on each node, the loops closed.
+
+        They are the work of all weights per unit of the node's twist (principle of virtual work). That is what the node
+        carries if the loops transmit no more than their conditions ask, and joints that are not read have no friction.
+        Arguments, axes and origins are those of `Tree.gravity_load`.
+        """
+        frames, weights = self.frames(readings), self.weights(payload)
+        down = STANDARD_GRAVITY * gravity / np.sqrt(np.sum(gravity**2))
+        nodes = np.array([k for k, _, _ in weights], int)
+        coms = np.stack([com for *_, com in weights]) if weights else np.zeros((0, 3))
+        masses = np.stack([np.broadcast_to(mass, len(readings)) for _, mass, _ in weights] or [np.zeros(0)], -1)
+        places = frames.t[:, nodes] + np.einsum("bkij,kj->bki", frames.R[:, nodes], coms)
+        work = np.einsum("bk,i,bkinc->bnc", masses, down, self.point_slopes(frames, nodes, places))
+        return work[..., :3], work[..., 3:]
 
     def closing_modes(self, sigma: NDArray, others: NDArray) -> Array:
         """Return twists (N, 6, Q) per prior sigma: shifts of fixed closing links that the passive joints show.

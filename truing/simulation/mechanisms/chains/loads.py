@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from truing.simulation.cause import Parameter
 from truing.simulation.inputs import Missing
 from truing.simulation.mechanisms.chains.causes import ChainScene, JointCause, LinkCause
+from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
 from truing.simulation.mechanisms.chains.tree import JointKind
 
@@ -44,7 +45,8 @@ class ColumnTilt(LinkCause):
         """Return the base and every link that slides, in all directions or about one axis, where moments vary."""
         machine, found = scene.inputs_of_machine, []
         for k, node in enumerate(machine.tree.nodes):
-            if not (k == 0 or (node.kind is JointKind.PRISMATIC and node.reading == node.joint)):
+            slides = node.kind is JointKind.PRISMATIC and node.joint in machine.tree.readings
+            if not (k == 0 or slides):
                 continue
             varying = np.ptp(self._moment(machine, k), axis=0) > _VARIES
             axes = ["", *(axis for axis, own in zip(_AXES, varying, strict=True) if own)] if varying.any() else []
@@ -120,7 +122,12 @@ class JointSag(JointCause):
         return list(found.values())
 
     def applies(self, machine: ChainInputs) -> bool:
-        """True if gravity is known and no mass that the joint carries, except a payload that changes."""
+        """True if gravity is known and no mass that the joint carries, except a payload that changes.
+
+        Never in loops: there a joint also carries links that no joint above it moves.
+        """
+        if isinstance(machine.tree, ClosedTree):
+            return False
         own = machine.tree.node_of(machine.tree.readings.index(self.joint))
         carried = [node for k, node in enumerate(machine.tree.nodes) if machine.tree.above[k, own]]
         payload = machine.conditions.payload_kg
