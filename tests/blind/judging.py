@@ -19,6 +19,7 @@ import numpy as np
 from tests.blind.at_once import AT_ONCE
 from tests.blind.generator.folder import truth_path
 from tests.blind.generator.quaternions import Array
+from tests.loops import PACKAGE
 
 PROJECT = Path(__file__).resolve().parents[2]
 UNLUCKY = 1e-3  # a correct diagnosis fails a judgement at most once in a thousand draws
@@ -292,8 +293,8 @@ def _processor_seconds() -> float:
 
 
 def _one_thread() -> dict[str, str]:
-    # Two runs side by side would otherwise each start a thread per core.
-    return {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    # Two runs side by side would otherwise each start a thread per core. A delta robot needs its own closure.
+    return {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": PACKAGE}
 
 
 def through_the_command_line(folder: Path, stage: str) -> tuple[Path, str]:

@@ -19,6 +19,7 @@ from tests.tolerance import assert_between
 EXAGGERATED = (
     (("joint-settling", "base-drift"), "palletiser-4r", 3),
     (("joint-backlash", "column-tilt"), "column-lift", 2),
+    (("joint-compliance",), "delta", 4),
 )
 
 
@@ -40,7 +41,13 @@ def test_found_parameters_of_exaggerated_effects_agree_with_the_truth(exaggerate
         off = np.array([row.value[name] / effect.value[name] - 1.0 for name in numbers])
         assert np.abs(off).min() < 0.05, effect.cause
         counts[effect.cause] = len(numbers)
-    assert counts == {"joint-settling": 2, "base-drift": 6, "joint-backlash": 1, "column-tilt": 2}
+    assert counts == {
+        "joint-settling": 2,
+        "base-drift": 6,
+        "joint-backlash": 1,
+        "column-tilt": 2,
+        "joint-compliance": 1,
+    }
 
 
 def _truth(folder: Path) -> dict[str, object]:

@@ -99,6 +99,24 @@ def _by_screws(mechanism: dict[str, object], angles: Array) -> Array:
     return whole @ _whole(turned, np.array(home["position_mm"]) / 1e3)
 
 
+def _slides(arm: Arm, turned: Array, moved: Array) -> dict[str, float]:
+    """Values of the slides that loops move; the platform has to be level, its rods as long as they are."""
+    if arm.loops is None:
+        return {}
+    assert np.allclose(turned, np.eye(3))
+    start = sum((arm.joints[n].origin[:3, 3] for n in arm.passive), np.zeros(3))
+    return dict(zip([arm.joints[n].name for n in arm.passive], moved - start, strict=True))
+
+
+def test_rods_of_a_delta_are_as_long_as_its_description_says() -> None:
+    arm = _built("delta")
+    found = places(arm, at_rest(arm, _poses(arm, 20), 0))
+    for k in (1, 2, 3):
+        elbow, ball = (found.moved[:, arm.link(f"{part}_{k}")] for part in ("forearm", "ball"))
+        rod = arm.joints[[joint.name for joint in arm.joints].index(f"length_{k}")].origin[:3, 3]
+        assert np.allclose(np.linalg.norm(ball - elbow, axis=1), np.linalg.norm(rod), atol=1e-12)
+
+
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_all_notations_of_an_arm_give_the_same_places(name: str) -> None:
     arm = _built(name)
@@ -107,9 +125,9 @@ def test_all_notations_of_an_arm_give_the_same_places(name: str) -> None:
     text = urdf(with_other_frames(arm, np.random.default_rng(1)), name, on_floor=True)
     for n, row in enumerate(angles):
         wanted = _whole(turned[n], moved[n])
-        named = dict(zip(arm.names(), row, strict=True))
+        named = dict(zip(arm.names(), row, strict=True)) | _slides(arm, turned[n], moved[n])
         assert np.allclose(_by_urdf(text, named, arm.links[arm.tips[0]].name), wanted, atol=1e-9)
-        if name not in ("two-tips", "column-lift"):
+        if name not in ("two-tips", "column-lift", "delta"):
             screws = tomllib.loads("\n".join(mechanism_lines(Design(arm, "screws"))))
             assert np.allclose(_by_screws(screws, row), wanted, atol=1e-8)
         if name in ROWS:
@@ -123,7 +141,8 @@ def test_all_notations_of_an_arm_give_the_same_places(name: str) -> None:
 @pytest.mark.parametrize("name", LAYOUTS)
 def test_torque_of_gravity_is_the_slope_of_the_potential_energy(name: str) -> None:
     rng = np.random.default_rng(5)
-    arm = with_other_frames(with_masses(_built(name), rng), rng)
+    arm = _built(name)
+    arm = with_other_frames(arm if arm.loops else with_masses(arm, rng), rng)
     arm = replace(arm, payload=2.0, payload_com=np.array([0.05, -0.02, 0.1]), gravity=any_rotation(rng)[0])
     angles, step = _poses(arm, 4), 1e-5
     torques = gravity_torques(arm, places(arm, at_rest(arm, angles, 0)))
@@ -432,7 +451,7 @@ def test_foreign_effects_have_the_strength_asked_for() -> None:
 
 def test_what_cannot_be_drawn_is_an_error() -> None:
     with pytest.raises(ValueError, match="expected one of industrial-6r"):
-        draw(1, layout="delta")
+        draw(1, layout="tripod")
     with pytest.raises(ValueError, match="cannot be shown"):
         draw(1, causes=("base-drift",), instrument="points-pose")
     with pytest.raises(ValueError, match="with another cause"):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
+from typing import Any
 
-from tests.conftest import PROJECT
 from truing.simulation.mechanisms.chains.closed_tree import LoopClosure
 
-_PAGE = (PROJECT / "docs" / "own-loops.md").read_text(encoding="utf-8")
+_PAGE = (Path(__file__).resolve().parents[2] / "docs" / "own-loops.md").read_text(encoding="utf-8")
 (_CODE,) = re.findall(r"^`delta_loops.py`\n\n```python\n(.*?)```", _PAGE, re.M | re.S)
-_names: dict[str, type[LoopClosure]] = {}
+_names: dict[str, Any] = {"__name__": __name__}
 exec(_CODE, _names)
-Delta = _names["Delta"]
+Delta: type[LoopClosure] = _names["Delta"]

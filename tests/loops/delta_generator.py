@@ -34,10 +34,10 @@ class Delta:
         reach = self.base + self.arm * np.cos(turned) - self.platform
         about = reach[..., None] * out - (self.arm * np.sin(turned))[..., None] * np.array([0.0, 0.0, 1.0])
         radius = (self.forearm + self.longer) * (1.0 + self.growth * heat[:, None])
-        return _lower_meeting(about, radius)
+        return lower_meeting(about, radius)
 
 
-def _lower_meeting(about: NDArray, radius: NDArray) -> NDArray:
+def lower_meeting(about: NDArray, radius: NDArray) -> NDArray:
     """Return the lower point (B, 3) on three spheres about (B, 3, 3) with radii (B, 3)."""
     first = about[:, 0]
     across = about[:, 1:] - first[:, None]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -15,7 +16,8 @@ STANDARD_GRAVITY = 9.80665
 class Joint:
     """Joint between two links: its place (4, 4) in the parent's frame, its unit axis in its own frame.
 
-    ``source`` is the index of the actuated joint that it follows (its own, -1 if fixed), by ``factor`` and ``shift``.
+    ``source`` is the index of the actuated joint that it follows (its own, -1 if fixed or moved by loops), by
+    ``factor`` and ``shift``.
     """
 
     name: str
@@ -39,6 +41,20 @@ class Link:
     com: Array = field(default_factory=lambda: np.zeros(3))
 
 
+class Loops(Protocol):
+    """Loops of links: the joints that they move, and the fixed joints whose places are lengths within them."""
+
+    closure: str
+    passive: tuple[int, ...]
+    lengths: tuple[int, ...]
+
+    def values(self, arm: Arm, turned: Array, moved: Array, growth: Array) -> Array:
+        """Values (N, S), m or rad, of the passive joints, of links (N, L) that are placed already."""
+
+    def pulls(self, arm: Arm, moved: Array, weight: float) -> tuple[Array, Array]:
+        """Links (F,) on which the loops pull under a weight, N, of what they carry, and the pulls (N, F, 3), N."""
+
+
 @dataclass(frozen=True)
 class Arm:
     """Joints stand in an order in which parents come first; ``actuated`` are the indices of joints with a column."""
@@ -49,6 +65,12 @@ class Arm:
     gravity: Array = field(default_factory=lambda: -Z)
     payload: float = 0.0
     payload_com: Array = field(default_factory=lambda: np.zeros(3))
+    loops: Loops | None = None
+
+    @property
+    def passive(self) -> tuple[int, ...]:
+        """Indices of joints that loops move."""
+        return () if self.loops is None else self.loops.passive
 
     @property
     def actuated(self) -> list[int]:

@@ -57,8 +57,8 @@ def hide(names: Sequence[str], layout: str, wanted: float, seed: int) -> Case:
 
 def layouts_for(names: Sequence[str]) -> list[str]:
     """The layouts in which effects of these names can be hidden."""
-    # A joint whose load nobody knows has to turn, and to carry no slide.
-    return [layout for layout in LAYOUTS if layout != "cylindrical" or "joint-sag" not in names]
+    # A joint whose load nobody knows has to turn, to carry no slide and to be in no loop.
+    return [layout for layout in LAYOUTS if layout not in ("cylindrical", "delta") or "joint-sag" not in names]
 
 
 def draw_two(rng: np.random.Generator) -> tuple[str, str]:

@@ -163,7 +163,7 @@ def _dressed(arm: Arm, notation: str, rng: np.random.Generator) -> Arm:
     """The arm of a URDF with masses and frames of any kind; other notations know no masses but the payload."""
     if notation != "urdf":
         return replace(arm, links=tuple(Link(link.name) for link in arm.links))
-    return with_other_frames(with_masses(arm, rng), rng)
+    return with_other_frames(arm if arm.loops else with_masses(arm, rng), rng)
 
 
 def _effects(bench: Bench, wanted: Sequence[str], strength: float, rng: np.random.Generator) -> list[Effect] | None:

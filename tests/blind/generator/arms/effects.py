@@ -104,6 +104,8 @@ def draw_effect(
 
 def _fits(cause: str, arm: Arm, column: int) -> bool:
     own = arm.actuated[column]
+    if cause == "joint-sag" and arm.loops is not None:  # what a joint carries in loops is no link above it
+        return False
     if cause == "joint-sag" and any(j.kind == "prismatic" for j in arm.joints if j.child in arm.outboard(own)):
         return False
     return cause not in OF_ANGLE or arm.joints[own].kind == "revolute"

@@ -73,6 +73,7 @@ def settings_text(campaign: ArmCampaign, name: str) -> str:
     bench, arm, instrument = campaign.bench, campaign.bench.design.arm, campaign.bench.instrument
     lines = ["format = 1", "[campaign]", f'name = "{name}"', 'kind = "photogrammetry"', "", "[mechanism]"]
     lines += ['type = "chain"', *mechanism_lines(bench.design), f'base = "{arm.links[0].name}"']
+    lines += [f'closure = "{arm.loops.closure}"'] if arm.loops is not None else []
     lines += [f'tip = "{arm.links[arm.tips[0]].name}"', f"joints = {json.dumps(arm.names())}"]
     lines += [f"gravity = {[float(v) + 0.0 for v in arm.gravity]}", f"reference_temperature_c = {REFERENCE_C}"]
     if arm.payload:

@@ -1,8 +1,8 @@
 """Geometry of an arm as numbers that manufacture and assembly vary, in the notation in which the arm is written.
 
 urdf: each moving joint's place, three lengths and three turns in its own frame. standard, modified: the four numbers
-of each row. screws: of each axis two tilts, two shifts across it and the zero. Fixed joints, and the home pose of
-screws, are exact.
+of each row. screws: of each axis two tilts, two shifts across it and the zero. Fixed joints, apart from three shifts of
+those within loops, and the home pose of screws are exact.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ class Design:
 
     def sigmas(self, tolerance: Tolerance) -> Array:
         """Standard deviations (P,) of all numbers of the geometry."""
-        return np.array([sigma for joint in self._moving() for sigma in self._own(joint.kind, tolerance)])
+        own = [sigma for joint in self._moving() for sigma in self._own(joint.kind, tolerance)]
+        return np.array(own + [tolerance.length] * 3 * len(self._lengths))
 
     def changed(self, change: Array) -> Arm:
         """The arm with its geometry changed by (P,), m and rad."""
@@ -46,7 +47,11 @@ class Design:
         return builders.get(self.notation, self._rowed)(change)
 
     def _moving(self) -> list[Joint]:
-        return [joint for joint in self.arm.joints if joint.kind != "fixed"]
+        return [j for n, j in enumerate(self.arm.joints) if j.kind != "fixed" and n not in self.arm.passive]
+
+    @property
+    def _lengths(self) -> tuple[int, ...]:
+        return () if self.arm.loops is None else self.arm.loops.lengths
 
     def _own(self, kind: str, tolerance: Tolerance) -> tuple[float, ...]:
         length, angle = tolerance.length, tolerance.angle
@@ -59,10 +64,12 @@ class Design:
         return (length, angle, length, turn)
 
     def _placed(self, change: Array) -> Arm:
-        numbers, joints = iter(change.reshape(-1, 6)), []
-        for joint in self.arm.joints:
-            if joint.kind == "fixed":
-                joints.append(joint)
+        split = len(change) - 3 * len(self._lengths)
+        numbers, shifts, joints = iter(change[:split].reshape(-1, 6)), iter(change[split:].reshape(-1, 3)), []
+        for number, joint in enumerate(self.arm.joints):
+            if joint.kind == "fixed" or number in self.arm.passive:
+                shift = next(shifts) if number in self._lengths else np.zeros(3)
+                joints.append(replace(joint, origin=joint.origin @ motion(np.eye(3), shift)))
                 continue
             own = next(numbers)
             across = frame_of(joint.axis)

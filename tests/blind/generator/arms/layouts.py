@@ -1,4 +1,4 @@
-"""Thirteen layouts of arms, their lengths drawn: serial ones as rows, the others as trees of joints."""
+"""Fourteen layouts of arms, their lengths drawn: serial ones as rows, the others as trees of joints."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from tests.blind.generator.arms.arm import Arm, Joint, Link, Row, serial
+from tests.blind.generator.arms.delta import DeltaLoops
 from tests.blind.generator.arms.transforms import Array, X, Y, Z, about, motion
 
 HALF = np.pi / 2.0
@@ -202,6 +203,37 @@ def column_lift(rng: np.random.Generator) -> Arm:
     return tree.arm("tool0")
 
 
+def delta(rng: np.random.Generator) -> Arm:
+    """Three arms, each with two parallel rods to a platform that stays level; it slides along x, y and z.
+
+    Half of the mass of the rods is at the elbow and half on the platform, which is exact for even rods.
+    """
+    tree, size = Tree(), float(rng.uniform(0.7, 1.4))
+    base, upper, rod, wide = size * rng.uniform([0.18, 0.22, 0.5, 0.05], [0.22, 0.28, 0.6, 0.07])
+    low = -float(np.sqrt(rod**2 - (base + upper - wide) ** 2))
+    ways = [about(Z, k * 2.0 * np.pi / 3.0) for k in range(3)]
+    for k, way in enumerate(ways, 1):
+        place = tuple(way @ np.array([base, 0.0, 0.0]))
+        tree.add(f"arm_{k}", "base_link", f"upper_arm_{k}", place, Y, (-0.5, 0.9), turned=way)
+        tree.add(f"elbow_{k}", f"upper_arm_{k}", f"forearm_{k}", (upper, 0.0, 0.0))
+        tree.add(f"length_{k}", f"forearm_{k}", f"forearm_end_{k}", (0.0, 0.0, -rod))
+    tree.add("platform_x", "base_link", "slide_x", (0.0, 0.0, low), X, (-1.0, 1.0), "prismatic", follows=-1)
+    tree.add("platform_y", "slide_x", "slide_y", (0.0, 0.0, 0.0), Y, (-1.0, 1.0), "prismatic", follows=-1)
+    tree.add("platform_z", "slide_y", "platform", (0.0, 0.0, 0.0), Z, (-1.0, 1.0), "prismatic", follows=-1)
+    for k, way in enumerate(ways, 1):
+        tree.add(f"seat_{k}", "platform", f"ball_{k}", tuple(way @ np.array([wide, 0.0, 0.0])))
+    arm, rods = tree.arm("platform"), float(rng.uniform(0.3, 0.8))
+    mass = {"platform": float(rng.uniform(1.0, 2.0)) + 1.5 * rods}
+    for k in range(1, 4):
+        mass |= {f"upper_arm_{k}": float(rng.uniform(1.0, 4.0)), f"forearm_{k}": rods / 2.0}
+    middle = np.array([upper / 2.0, 0.0, 0.0])
+    links = [
+        Link(own.name, round(mass.get(own.name, 0.0), 3), middle * own.name.startswith("upper_arm"))
+        for own in arm.links
+    ]
+    return replace(arm, links=tuple(links), loops=DeltaLoops.of(arm))
+
+
 ROWS: dict[str, Callable[[np.random.Generator], Rows]] = {
     "industrial-6r": industrial_6r,
     "offset-wrist-6r": offset_wrist_6r,
@@ -218,6 +250,7 @@ TREES: dict[str, Callable[[np.random.Generator], Arm]] = {
     "rail-6r": on_rail,
     "two-tips": two_tips,
     "column-lift": column_lift,
+    "delta": delta,
 }
 LAYOUTS = (*ROWS, *TREES)
 
@@ -237,7 +270,7 @@ def with_other_frames(arm: Arm, rng: np.random.Generator) -> Arm:
     """The same arm, the frames of its inner links turned by quarters, so that axes are x, y or z of either sign."""
     turns = [np.eye(3)] * len(arm.links)
     for joint in arm.joints:
-        if joint.kind != "fixed" and joint.child not in arm.tips:
+        if joint.source >= 0 and joint.child not in arm.tips:
             turns[joint.child] = about(np.eye(3)[rng.integers(3)], HALF * float(rng.integers(4)))
     joints = [
         replace(

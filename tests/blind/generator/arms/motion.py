@@ -64,7 +64,8 @@ def places(arm: Arm, state: State) -> Places:
 def _rigid(arm: Arm, angles: Array, growth: Array, bends: dict[int, tuple[Array, Array]]) -> Places:
     count = len(angles)
     turned, moved = np.tile(np.eye(3), (count, len(arm.links), 1, 1)), np.zeros((count, len(arm.links), 3))
-    for joint in arm.joints:
+    free: dict[int, Array] = {}
+    for number, joint in enumerate(arm.joints):
         own, point = joint.origin[:3, :3], joint.origin[:3, 3] * (1.0 + growth[:, joint.parent, None])
         if joint.parent in bends:
             shift, turn = bends[joint.parent]
@@ -72,6 +73,9 @@ def _rigid(arm: Arm, angles: Array, growth: Array, bends: dict[int, tuple[Array,
         above = turned[:, joint.parent] @ own
         base = moved[:, joint.parent] + np.einsum("nij,nj->ni", turned[:, joint.parent], point)
         value = joint.factor * angles[:, joint.source] + joint.shift if joint.source >= 0 else np.zeros(count)
+        if arm.loops is not None and number in arm.passive:
+            free = free or dict(zip(arm.passive, arm.loops.values(arm, turned, moved, growth).T, strict=True))
+            value = free[number]
         if joint.kind == "revolute":
             above = above @ rotation(value[:, None] * joint.axis)
         elif joint.kind == "prismatic":
@@ -90,12 +94,18 @@ def _masses(arm: Arm, found: Places) -> tuple[Array, Array, Array]:
 
 
 def _load(arm: Arm, found: Places, joint: int) -> tuple[Array, Array]:
-    """Weight (3,), N, of all that a joint carries, and its moment (N, 3), N m, about the joint's origin."""
+    """Weight (N, 3), N, of all that a joint carries, and its moment (N, 3), N m, about the joint's origin."""
     masses, centres, carriers = _masses(arm, found)
-    carried = masses * np.isin(carriers, arm.outboard(joint))
-    weight = STANDARD_GRAVITY * arm.gravity * carried.sum()
-    arms = np.einsum("b,nbi->ni", carried, centres - found.moved[:, None, arm.joints[joint].child])
-    return weight, np.cross(arms, STANDARD_GRAVITY * arm.gravity)
+    carried, origin = masses * np.isin(carriers, arm.outboard(joint)), found.moved[:, None, arm.joints[joint].child]
+    weight = np.tile(STANDARD_GRAVITY * arm.gravity * carried.sum(), (len(origin), 1))
+    moment = np.cross(np.einsum("b,nbi->ni", carried, centres - origin), STANDARD_GRAVITY * arm.gravity)
+    if arm.loops is None:
+        return weight, moment
+    hung = masses[np.isin(carriers, arm.outboard(arm.passive[0]))].sum()
+    links, pulls = arm.loops.pulls(arm, found.moved, STANDARD_GRAVITY * hung)
+    own = np.isin(links, arm.outboard(joint))
+    places_ = found.moved[:, links[own]] - origin
+    return weight + pulls[:, own].sum(1), moment + np.cross(places_, pulls[:, own]).sum(1)
 
 
 def gravity_torques(arm: Arm, found: Places) -> Array:
@@ -106,7 +116,7 @@ def gravity_torques(arm: Arm, found: Places) -> Array:
             continue
         axis = found.turned[:, joint.child] @ joint.axis
         weight, moment = _load(arm, found, number)
-        load = np.broadcast_to(weight, moment.shape) if joint.kind == "prismatic" else moment
+        load = weight if joint.kind == "prismatic" else moment
         torques[:, joint.source] += joint.factor * np.sum(axis * load, axis=1)
     return torques
 
@@ -135,7 +145,7 @@ def _bends(arm: Arm, flexibility: Array, found: Places) -> dict[int, tuple[Array
         along = arm.joints[end].origin[:3, 3] / length
         weight, moment = _load(arm, found, end)
         back = np.swapaxes(found.turned[:, link], -1, -2)
-        force, torque = back @ weight, np.einsum("nij,nj->ni", back, moment)
+        force, torque = np.einsum("nij,nj->ni", back, weight), np.einsum("nij,nj->ni", back, moment)
         torque = torque - np.outer(torque @ along, along)
         lever = np.cross(along, force)
         turn = flexibility[link] * (length * torque + length**2 / 2.0 * lever)
