@@ -22,6 +22,7 @@ from truing.simulation.mechanisms.chains.column_slips import (
     does_not_belong,
     few_poses,
     foreign_share,
+    half_turns_as_good,
     likely_slip,
 )
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
@@ -242,12 +243,15 @@ def _tested(compared: _Compared) -> RelationTest:
     # The diagnosis corrects an exchange and zeros, as findings; no other slip.
     corrected = slip.kind in (ColumnSlipKind.EXCHANGED, ColumnSlipKind.ZEROS)
     state = RelationState.ATTENTION if corrected else RelationState.FAILS
+    others = half_turns_as_good(slip, conditions, compared.tree.is_revolute, fit.start_of)
+    names = compared.table.schema.names
     return replace(
         tested,
+        rivals=tuple(one for own in others for one in _recorded(own, compared.tree, names)),
         state=state,
         reason="no-slip" if state is RelationState.FAILS else "departs",
         misfit_explained=slip.after / _MM,
-        slips=tuple(_recorded(slip, compared.tree, compared.table.schema.names)),
+        slips=tuple(_recorded(slip, compared.tree, names)),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import tomllib
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import jinja2
 import numpy as np
 import pandas as pd
 
-from tests.real.campaigns import HERE, PROJECT, prepare, run
+from tests.real.campaigns import HERE, PROJECT, data_folder, prepare, run
 from truing.inference.fitted_model import Fitter
 from truing.pipeline.in_memory import stage_line
 from truing.schemas.campaign import read_campaign
@@ -24,6 +25,7 @@ from truing.simulation.mechanisms.chains.causes import (
     JointOffset,
     LinkBending,
 )
+from truing.simulation.mechanisms.chains.extended_model import read_chain, write_chain
 from truing.simulation.mechanisms.chains.harmonics import JointEccentricity, JointHarmonic
 from truing.simulation.mechanisms.chains.joint_curves import JointErrorCurve
 from truing.stages.diagnosis.chain_points import assemble
@@ -36,6 +38,7 @@ RANDOM, GRID = "ipa-ur10-random", "ipa-ur10-grid"
 _LEVERS = ("shoulder_lift_joint", "elbow_joint")
 _ZEROS = (*_LEVERS, "wrist_1_joint", "wrist_2_joint")  # those that base and tool cannot stand for
 _KNOTS = 72
+_BEST = "and error curves, compliance and zeros"
 _FEWEST_IN_COMMON = 20  # values of two curves of a joint
 
 
@@ -71,9 +74,14 @@ ADDED: dict[str, Callable[[ChainScene], Sequence[ChainCause]]] = {
 
 def campaign(name: str, folder: Path) -> SecondCampaign:
     """A campaign with the tables that its diagnosis needs."""
-    line = stage_line(prepare(name, folder) / "campaign.toml", None).call("ingest", "pose")
+    return _read(prepare(name, folder))
+
+
+def _read(folder: Path) -> SecondCampaign:
+    line = stage_line(folder / "campaign.toml", None).call("ingest", "pose")
     tables = {key: table for key, table in line.tables.items() if not isinstance(table, str)}
-    return SecondCampaign(name, read_campaign(tomllib.loads((HERE / name / "campaign.toml").read_text())), tables)
+    settings = read_campaign(tomllib.loads((folder / "campaign.toml").read_text(encoding="utf-8")))
+    return SecondCampaign(folder.name, settings, tables)
 
 
 def transfers(first: SecondCampaign, second: SecondCampaign, models: Sequence[str] = tuple(ADDED)) -> pd.DataFrame:
@@ -89,6 +97,76 @@ def transfers(first: SecondCampaign, second: SecondCampaign, models: Sequence[st
             rows.append({"model": "base and tool alone", **_both(errors, "nominal")})
         rows.append({"model": name, **_both(errors, "extended")})
     return pd.DataFrame(rows).set_index("model")
+
+
+def hidden_parts(judged: SecondCampaign, other: SecondCampaign) -> list[dict[str, Any]]:
+    """Errors (mm) of the best model of a campaign on its own poses, without parts of its curves that another one, with
+    readings elsewhere, cannot show: of one joint at a time, of the first three, and of all."""
+    fitter = _fitter(judged)
+    text = text_of_model(fitter.prepared(tuple(ADDED[_BEST](fitter.fitted(()).scene))), judged.settings)
+    readings = _fitter(other).fitted(()).scene.inputs
+    chain = read_chain(text)
+    (curve,) = (effect for effect in chain.effects if isinstance(effect.cause, JointErrorCurve))
+    joints = curve.cause.joints
+    rows = []
+    for name, own in {
+        "nothing": (),
+        **{joint: (joint,) for joint in joints},
+        "the first three": joints[:3],
+        "all": joints,
+    }.items():
+        values, place = curve.values.copy(), 0
+        for k, (joint, knots) in enumerate(zip(joints, curve.cause.knots, strict=True)):
+            shown = curve.cause.basis(readings[joint], k).any(0)
+            values[place : place + knots] *= shown | (joint not in own)
+            place += knots
+        left = tuple(replace(one, values=values) if one is curve else one for one in chain.effects)
+        errors = _errors(write_chain(replace(chain, effects=left)), judged)
+        rows.append({"hidden": name, "position": float(errors["extended", "position of tip"]) / 1e3})
+    return rows
+
+
+def _fitter(one: SecondCampaign) -> Fitter[Any]:
+    data = assemble(one.tables, one.settings)
+    return Fitter(data.model, data.calibration, None, 0)
+
+
+def with_some_poses(folder: Path, every: Sequence[int] = (200, 100, 50, 25)) -> list[dict[str, Any]]:
+    """Errors (mm) on held-out poses of the grid by the best model of the random poses and every so manyth fitted pose
+    of the grid, each plan with a place of the base of its own."""
+    source, rows = data_folder() / "ipa-ur10", []
+    random, grid = (
+        pd.read_csv(source / file, sep=";", dtype=str)
+        for file in ("Series_C/measurements_random_poses.csv.gz", "Series_A/measurements_grid.csv.gz")
+    )
+    text = (HERE / RANDOM / "campaign.toml").read_text(encoding="utf-8")
+    path = "../../../../shared/data/ipa-ur10/Series_C/measurements_random_poses.csv.gz"
+    role = text[text.index("number_rows = { pose = 1, role = 1 }") : text.index("ignore =")]
+    text = text.replace(role, "number_rows = { pose = 1 }\n").replace(path, "poses.csv.gz")
+    text = text.replace('frame = "campaign"', 'frame = "series"').replace(
+        "columns]\n", 'columns]\nseries = "series"\nrole = "role"\n', 1
+    )
+    held = _written(
+        folder / "held", text, [(grid.iloc[1::2], "grid", "verification"), (grid.iloc[:1], "grid", "calibration")]
+    )
+    for step in every:
+        some = grid.iloc[::2].iloc[::step]
+        parts = [(random.iloc[::2], "random", "calibration"), (some, "grid", "calibration")]
+        both = _written(folder / f"every-{step}", text, parts)
+        fitter = _fitter(both)
+        model = text_of_model(fitter.prepared(tuple(ADDED[_BEST](fitter.fitted(()).scene))), both.settings)
+        position = float(_errors(model, held)["extended", "position of tip"]) / 1e3
+        rows.append({"poses": len(some), "position": position})
+    return rows
+
+
+def _written(folder: Path, text: str, parts: Sequence[tuple[pd.DataFrame, str, str]]) -> SecondCampaign:
+    """A campaign of rows of the files, with their series and their role."""
+    folder.mkdir(parents=True)
+    rows = pd.concat([own.assign(series=series, role=role) for own, series, role in parts], ignore_index=True)
+    rows.to_csv(folder / "poses.csv.gz", sep=";", index=False)
+    (folder / "campaign.toml").write_text(text, encoding="utf-8")
+    return _read(folder)
 
 
 def _errors(text: str, one: SecondCampaign) -> pd.Series:
@@ -108,6 +186,8 @@ def facts(folder: Path) -> dict[str, Any]:
     """Every figure of the page: both directions of transfer, and what the diagnosis says of each campaign."""
     of = {name: campaign(name, folder / "tables") for name in (RANDOM, GRID)}
     found: dict[str, Any] = {"forth": transfers(of[RANDOM], of[GRID]), "back": transfers(of[GRID], of[RANDOM])}
+    found["hidden"] = hidden_parts(of[GRID], of[RANDOM])
+    found["some"] = with_some_poses(folder / "some")
     curves = {}
     for key, name in (("random", RANDOM), ("grid", GRID), ("irb", "irb120-faro-chain")):
         tables = run([name], folder / key)[name]

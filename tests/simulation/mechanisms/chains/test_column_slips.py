@@ -33,6 +33,12 @@ def start_of(chosen: Mask, given: ChainConditions) -> StartValues:
     )
 
 
+def conditions_at(readings: Array) -> ChainConditions:
+    reference = np.tile(np.eye(3), (COUNT, 1, 1, 1))
+    none = np.zeros(COUNT, int)
+    return ChainConditions(readings, {}, tuple(range(COUNT)), none, reference, np.zeros(COUNT))
+
+
 @pytest.mark.parametrize(
     ("recorded", "kind"),
     [
@@ -44,10 +50,37 @@ def test_a_zero_off_by_a_right_angle_and_a_reversed_column_are_told_apart(
     recorded: Array, kind: ColumnSlipKind
 ) -> None:
     """Of a joint that hardly moves a reversed column explains either to within a few per cent."""
-    nothing = np.zeros(COUNT, int)
-    reference = np.tile(np.eye(3), (COUNT, 1, 1, 1))
-    conditions = ChainConditions(recorded, {}, tuple(range(COUNT)), nothing, reference, np.zeros(COUNT))
-    found = likely_slip(conditions, np.ones(2, bool), start_of)
+    found = likely_slip(conditions_at(recorded), np.ones(2, bool), start_of)
     assert found is not None
     assert (found.kind, found.readings) == (kind, (1,))
     assert found.after < 1e-3 < 0.01 * found.before
+
+
+LINKS = np.array([0.9, 0.7, 0.4])
+TURNS = np.random.default_rng(5).uniform(-1.0, 1.0, (COUNT, 3))
+
+
+def wire(readings: Array) -> Array:
+    """Lengths (B, 1, 1), m, of a wire from a post to the tip of an arm of three links in the plane."""
+    ways = np.cumsum(readings, 1)
+    tip = np.stack([np.cos(ways) @ LINKS, np.sin(ways) @ LINKS], -1)
+    return np.linalg.norm(tip - [0.3, -1.1], axis=1)[:, None, None]
+
+
+@pytest.mark.parametrize(
+    "offset", [(0.0, np.pi / 2, 0.0), (0.0, -np.pi / 2, 0.0), (0.0, np.pi, 0.0), (0.0, np.pi / 2, -np.pi / 2)]
+)
+def test_zeros_off_by_right_angles_are_named_from_the_length_of_one_wire(offset: tuple[float, ...]) -> None:
+    """A search from zero ends at other zeros, which explain nothing."""
+    measured = wire(TURNS) + 1e-4 * np.random.default_rng(6).normal(size=(COUNT, 1, 1))
+    spread, eye = float(np.std(measured)), np.eye(3)[None]
+
+    def start(chosen: Mask, given: ChainConditions) -> StartValues:
+        errors = (measured - wire(given.readings))[chosen]
+        return StartValues(eye, np.zeros((1, 3)), np.zeros((1, 3)), eye, float(np.std(errors)), spread, errors)
+
+    found = likely_slip(conditions_at(TURNS - np.array(offset)), np.ones(3, bool), start)
+    assert found is not None
+    assert found.kind is ColumnSlipKind.ZEROS
+    own = dict(zip(found.readings, found.offsets, strict=True))
+    assert own == pytest.approx({k: offset[k] for k in np.flatnonzero(offset)}, abs=1e-3)

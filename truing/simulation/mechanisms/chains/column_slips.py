@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.arrays import Mask
+from truing.arrays import Array, Mask
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.start_values import StartValues
 
@@ -26,6 +26,7 @@ _EXPLAINED = 0.2
 _MOST_POSES = 60
 # Fewer zeros suffice if their misfit is at most so many times that of all zeros; steps of their fit.
 _AS_GOOD, _STEPS = 2.0, 30
+_QUARTERS = (0.0, np.pi / 2.0, -np.pi / 2.0, np.pi)  # rad, that conventions of a zero differ by
 _MOST_OFFSET = 2  # joints whose reversed, exchanged or rescaled readings another zero may resemble
 
 
@@ -95,7 +96,25 @@ def likely_slip(
     is_explained = best is not None and best.after < _EXPLAINED * min(before, recorded.spread)
     if best is not None and is_explained and not _is_offset(best, conditions, partial(start_of, few)):
         return best
-    return _zeros(conditions, partial(start_of, few))
+    return _zeros(conditions, is_revolute, partial(start_of, few))
+
+
+def half_turns_as_good(
+    slip: ColumnSlip,
+    conditions: ChainConditions,
+    is_revolute: NDArray,
+    start_of: Callable[[Mask, ChainConditions], StartValues],
+) -> list[ColumnSlip]:
+    """Return zeros of single joints, off by about half a turn, that explain as much as a reversed column.
+
+    Half a turn of one joint of a wrist reverses the next one, if their axes are square to each other.
+    """
+    if slip.kind is not ColumnSlipKind.REVERSED:
+        return []
+    start = partial(start_of, few_poses(len(conditions.readings)))
+    before = start(conditions)
+    turned = [_with_zeros(conditions, (int(k),), before, start, np.array([np.pi])) for k in np.flatnonzero(is_revolute)]
+    return [own for own in turned if own.after <= _AS_GOOD * slip.after]
 
 
 def few_poses(count: int) -> Mask:
@@ -115,20 +134,51 @@ def _is_offset(
     return _AS_GOOD * zeros.after < slip.after
 
 
-def _zeros(conditions: ChainConditions, start_of: Callable[[ChainConditions], StartValues]) -> ColumnSlip | None:
-    """Return the fewest zeros whose offsets join readings and measured links; None if all of them do not."""
+def _zeros(
+    conditions: ChainConditions, turning: NDArray, start_of: Callable[[ChainConditions], StartValues]
+) -> ColumnSlip | None:
+    """Return the fewest zeros whose offsets join readings and measured links; None if all of them do not.
+
+    Zeros of joints that turn, a mask (n,), are also sought from quarter turns, of one joint or of two.
+    """
     every = tuple(range(conditions.readings.shape[1]))
     before = start_of(conditions)
-    whole = _with_zeros(conditions, every, before, start_of)
+    quarters = _quarter_turns(conditions, turning, start_of)
+    tried = [_with_zeros(conditions, every, before, start_of, own) for own in (np.zeros(len(every)), quarters)]
+    whole = min(tried, key=lambda slip: slip.after)
     if whole.after > foreign_share(before):
         return None
+    start = np.array(whole.offsets)
     chosen: tuple[int, ...] = ()
     while True:
-        trials = [_with_zeros(conditions, (*chosen, k), before, start_of) for k in every if k not in chosen]
+        trials = [
+            _with_zeros(conditions, (*chosen, k), before, start_of, start[[*chosen, k]])
+            for k in every
+            if k not in chosen
+        ]
         best = min(trials, key=lambda slip: slip.after)
         chosen = best.readings
         if best.after <= _AS_GOOD * whole.after or len(chosen) == len(every):
             return best
+
+
+def _quarter_turns(
+    conditions: ChainConditions, turning: NDArray, start_of: Callable[[ChainConditions], StartValues]
+) -> Array:
+    """Return the quarter turns (n,), rad, of one joint or two that leave the least misfit; a mask (n,) of those that
+    turn."""
+    angles = np.flatnonzero(turning)
+    pairs = [(a, b) for a, b in combinations(angles, 2)] or [(a, a) for a in angles]
+    trials = [np.zeros(len(turning))]
+    for a, b in pairs:
+        for one, other in product(_QUARTERS, repeat=2):
+            own = np.zeros(len(turning))
+            own[[a, b]] = one, other
+            trials.append(own)
+    distinct = np.unique(trials, axis=0)
+    moved = (replace(conditions, readings=conditions.readings + own) for own in distinct)
+    misfits = np.nan_to_num([start_of(one).rms for one in moved], nan=np.inf)
+    return np.asarray(distinct[int(np.argmin(misfits))])
 
 
 def _with_zeros(
@@ -136,7 +186,9 @@ def _with_zeros(
     chosen: tuple[int, ...],
     before: StartValues,
     start_of: Callable[[ChainConditions], StartValues],
+    start: NDArray | None = None,
 ) -> ColumnSlip:
+    """Return the offsets of the chosen zeros that fit best, sought from ``start`` (P,), rad or m, else from zero."""
     from scipy.optimize import least_squares
 
     def moved(offsets: NDArray) -> ChainConditions:
@@ -144,9 +196,8 @@ def _with_zeros(
         readings[:, list(chosen)] += offsets
         return replace(conditions, readings=readings)
 
-    fit = least_squares(
-        lambda offsets: np.nan_to_num(start_of(moved(offsets)).errors).ravel(), np.zeros(len(chosen)), max_nfev=_STEPS
-    )
+    first = np.zeros(len(chosen)) if start is None else start
+    fit = least_squares(lambda offsets: np.nan_to_num(start_of(moved(offsets)).errors).ravel(), first, max_nfev=_STEPS)
     return ColumnSlip(
         ColumnSlipKind.ZEROS, chosen, before.rms, start_of(moved(fit.x)).rms, tuple(float(value) for value in fit.x)
     )
