@@ -109,12 +109,8 @@ def hidden_parts(judged: SecondCampaign, other: SecondCampaign) -> list[dict[str
     (curve,) = (effect for effect in chain.effects if isinstance(effect.cause, JointErrorCurve))
     joints = curve.cause.joints
     rows = []
-    for name, own in {
-        "nothing": (),
-        **{joint: (joint,) for joint in joints},
-        "the first three": joints[:3],
-        "all": joints,
-    }.items():
+    sets = {"none": (), **{joint: (joint,) for joint in joints}, "the first three": joints[:3], "all": joints}
+    for name, own in sets.items():
         values, place = curve.values.copy(), 0
         for k, (joint, knots) in enumerate(zip(joints, curve.cause.knots, strict=True)):
             shown = curve.cause.basis(readings[joint], k).any(0)
@@ -142,13 +138,11 @@ def with_some_poses(folder: Path, every: Sequence[int] = (200, 100, 50, 25)) -> 
     text = (HERE / RANDOM / "campaign.toml").read_text(encoding="utf-8")
     path = "../../../../shared/data/ipa-ur10/Series_C/measurements_random_poses.csv.gz"
     role = text[text.index("number_rows = { pose = 1, role = 1 }") : text.index("ignore =")]
+    columns = 'columns]\nseries = "series"\nrole = "role"\n'
     text = text.replace(role, "number_rows = { pose = 1 }\n").replace(path, "poses.csv.gz")
-    text = text.replace('frame = "campaign"', 'frame = "series"').replace(
-        "columns]\n", 'columns]\nseries = "series"\nrole = "role"\n', 1
-    )
-    held = _written(
-        folder / "held", text, [(grid.iloc[1::2], "grid", "verification"), (grid.iloc[:1], "grid", "calibration")]
-    )
+    text = text.replace('frame = "campaign"', 'frame = "series"').replace("columns]\n", columns, 1)
+    judged = [(grid.iloc[1::2], "grid", "verification"), (grid.iloc[:1], "grid", "calibration")]
+    held = _written(folder / "held", text, judged)
     for step in every:
         some = grid.iloc[::2].iloc[::step]
         parts = [(random.iloc[::2], "random", "calibration"), (some, "grid", "calibration")]
