@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -233,11 +233,11 @@ def _tested(compared: _Compared) -> RelationTest:
         if in_poses is not None and does_not_belong(everything):
             return _failed(tested, in_poses.slips, None)
         return replace(tested, misfit=start.rms / _MM)
-    if whole := sorted([*_of_measured(compared, fit), *_of_description(compared)]):
+    if whole := [*_of_measured(compared, fit), *_of_description(compared)]:
         return _failed_as_a_whole(tested, whole)
     slip = likely_slip(conditions, compared.tree.is_revolute, fit.start_of)
     if slip is None:
-        if whole := sorted(_of_lines(compared, fit)):
+        if whole := list(_of_lines(compared, fit)):
             return _failed_as_a_whole(tested, whole)
         return _failed(tested, _constant(compared) or (() if in_poses is None else in_poses.slips), None)
     # The diagnosis corrects an exchange and zeros, as findings; no other slip.
@@ -301,20 +301,21 @@ def _fewest(measured: MeasuredLinks) -> int:
     return -(-2 * unknown // measured.values.shape[1])
 
 
-@dataclass(frozen=True, order=True)
+@dataclass(frozen=True)
 class _Whole:
     """A slip of all positions, or of the description: the misfit after it is undone, over the positions' spread and
     in m."""
 
     share: float
-    slip: RecordSlip = field(compare=False)
-    after: float = field(compare=False)
+    slip: RecordSlip
+    after: float
 
 
 def _failed_as_a_whole(tested: RelationTest, whole: list[_Whole]) -> RelationTest:
-    """The test with the best of the slips, and the others that explain it as well."""
-    rivals = tuple(one.slip for one in whole[1:] if one.share < _AS_LIKELY * whole[0].share)
-    return replace(_failed(tested, (whole[0].slip,), whole[0].after), rivals=rivals)
+    """The test with those slips that explain it as well as the best of them, in the order in which they were tried."""
+    least = min(one.share for one in whole)
+    first, *others = (one for one in whole if one.share <= _AS_LIKELY * least)
+    return replace(_failed(tested, (first.slip,), first.after), rivals=tuple(one.slip for one in others))
 
 
 def _whole(slip: RecordSlip, after: StartValues) -> Iterator[_Whole]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
 from truing.estimation.rigid_poses.umeyama import umeyama
-from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_so3
+from truing.estimation.rotation import exp_so3, inverse_left_jacobian_so3, log_so3, skew
 from truing.simulation.mechanisms.chains.conditions import ChainConditions, MeasuredChannels
 from truing.simulation.mechanisms.chains.tree import TWIST, Tree, TreeFrames
 
@@ -101,33 +102,52 @@ class _Problem:
         lever = np.where(self.channels.is_rotation, _LEVER_M, 1.0)
         return np.asarray(self.seen[..., None] * lever[:, None], float)
 
-    def _frames(self, places: _Places) -> TreeFrames:
-        own, conditions = self.conditions.series, self.conditions
-        return self.tree.frames(conditions.readings, conditions.deviations, (places.R[own], places.t[own]))
+    @cached_property
+    def _on_base(self) -> TreeFrames:
+        """Frames of all nodes on a base that stands in the frame of the measurement."""
+        return self.tree.frames(self.conditions.readings, self.conditions.deviations)
 
-    def _predicted(self, places: _Places, frames: TreeFrames) -> Array:
+    def _links(self, places: _Places) -> tuple[Array, Array]:
+        """Return R (B, K, 3, 3), t (B, K, 3), m, of the links of the channels: the base moves them all alike."""
+        R, t = places.R[self.conditions.series], places.t[self.conditions.series]
+        own, frames = self.channels.node, self._on_base
+        return R[:, None] @ frames.R[:, own], t[:, None] + np.einsum("bij,bkj->bki", R, frames.t[:, own])
+
+    def _predicted(self, places: _Places, links: tuple[Array, Array]) -> Array:
         """Return the channels (B, K, 3), m and rad."""
-        own, turned = self.channels.node, self.channels.is_rotation
-        found = frames.t[:, own] + np.einsum("bkij,kj->bki", frames.R[:, own], places.shape)
+        (R, t), turned = links, self.channels.is_rotation
+        found = t + np.einsum("bkij,kj->bki", R, places.shape)
         if turned.any():
-            seen = frames.R[:, own[turned]] @ places.tool[turned]
+            seen = R[:, turned] @ places.tool[turned]
             found[:, turned] = log_so3(seen @ np.swapaxes(self.conditions.reference[:, turned], -1, -2))
         return np.asarray(found)
 
+    def _by_base(self, places: _Places, points: NDArray, unrolled: NDArray) -> Array:
+        """Return the derivatives (B, K, 3, 6) of channels at points (B, K, 3) by the twist of the base.
+
+        ``unrolled``: the inverse left Jacobian of the channels that are orientations.
+        """
+        R, t = places.R[self.conditions.series], places.t[self.conditions.series]
+        frames, turned = self._on_base, self.channels.is_rotation
+        before, slope = R @ frames.R_before[:, 0], R @ frames.slope[:, 0]
+        arms = points - (t + np.einsum("bij,bj->bi", R, frames.origin[:, 0]))[:, None]
+        found = np.empty((*points.shape, TWIST))
+        found[..., :3] = before[:, None]
+        found[..., 3:] = -skew(arms) @ slope[:, None]
+        found[:, turned, :, :3] = 0.0
+        found[:, turned, :, 3:] = unrolled @ slope[:, None]
+        return found * self.tree.above[self.channels.node, 0, None, None]
+
     def _linearised(self, places: _Places) -> tuple[Array, Array]:
         """Return the weighted derivatives (M, P) by the places, and the weighted misfit (M,)."""
-        frames = self._frames(places)
-        found, own, turned = self._predicted(places, frames), self.channels.node, self.channels.is_rotation
+        links, turned = self._links(places), self.channels.is_rotation
+        found, of_places = self._predicted(places, links), links[0].copy()
         columns = []
-        of_places = frames.R[:, own].copy()
         unrolled = inverse_left_jacobian_so3(found[:, turned])
         if turned.any():
-            of_places[:, turned] = unrolled @ frames.R[:, own[turned]] @ places.tool[turned]
+            of_places[:, turned] = unrolled @ links[0][:, turned] @ places.tool[turned]
         if self.is_base_free:
-            by_base = self.tree.point_slopes(frames, own, found)[..., 0, :]
-            if turned.any():
-                slopes = self.tree.rotation_slopes(frames, own[turned])[..., 0, :]
-                by_base[:, turned] = unrolled @ slopes
+            by_base = self._by_base(places, found, unrolled)
             series = np.eye(len(places.t))[self.conditions.series]
             columns.append(np.einsum("bs,bkic->bkisc", series, by_base).reshape(*found.shape, -1))
         for k in self.free:
@@ -139,7 +159,7 @@ class _Problem:
         return (rows * weight[..., None]).reshape(-1, rows.shape[-1]), ((self.values - found) * weight).ravel()
 
     def _misfit(self, places: _Places) -> float:
-        found = self._predicted(places, self._frames(places))
+        found = self._predicted(places, self._links(places))
         return float(np.sum(((self.values - found) * self._weight) ** 2))
 
     def _moved(self, places: _Places, step: NDArray) -> _Places:
@@ -174,7 +194,7 @@ class _Problem:
             if np.abs(step).max() < _SETTLED or damping > 1e6:
                 break
         turned = self.channels.is_rotation
-        left = np.where(self.seen[..., None], self.values - self._predicted(places, self._frames(places)), np.nan)
+        left = np.where(self.seen[..., None], self.values - self._predicted(places, self._links(places)), np.nan)
         count = max(3 * int(self.seen[:, ~turned].sum()), 1)
         misfit = float(np.sqrt(np.nansum(left[:, ~turned] ** 2) / count))
         spread = _spread(self.values[:, ~turned], self.seen[:, ~turned])
