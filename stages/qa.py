@@ -45,6 +45,7 @@ DECLARATION = Stage(
         *("loading", "interferometer", "signals.range_mv", "signals.zero_mv", "signals.sensitivity_mv_per_n"),
         *("bodies", "noise.actuator_mm", "noise.signal_mv", "noise.load_n", "noise.load_nm", "qa", "accept"),
         *("exclude", "keep", "mechanism.reference_temperature_c", "mechanism.payload_kg"),
+        "poses.euler",
     ),
     summary="completeness, noise, geometry, outliers, labels, moved targets, drift; of loads: units, signs, exchanges",
     streams=("observations",),

@@ -12,6 +12,7 @@ import pyarrow as pa
 
 from truing.arrays import Array, Mask
 from truing.belonging.joint_rows import ChainComparison, column_slip, slips_in_poses, slips_of_all, slips_of_lines
+from truing.belonging.orientations import turning_misfit
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.quality.bodies import PoseSurroundings
@@ -29,7 +30,7 @@ from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.measured_lines import GROUND, with_ground
 from truing.simulation.mechanisms.chains.notations import DenavitHartenberg
 from truing.simulation.mechanisms.chains.start_values import StartValues
-from truing.simulation.mechanisms.chains.tree import Tree
+from truing.simulation.mechanisms.chains.tree import JointKind, Tree
 from truing.stages.common.chain_description import described_otherwise, rows_of
 from truing.stages.common.chain_distances import fit_of_distances, measured_distances
 from truing.stages.common.chain_measurements import (
@@ -55,7 +56,7 @@ JOINTS = "joints-against-links"
 _DISTANCES = "distances"
 _OF_FRAMES = ("poses-determined", "geometry", "geometry-line", "geometry-plane", "geometry-leverage")
 _FEWEST, _FEWEST_POSES = 3, 8
-_MM = 1e-3
+_MM, _DEG = 1e-3, np.pi / 180.0
 # Poses that miss by so many times the median are left out, if at least so large a share remains.
 _FAR, _MOST = 5.0, 0.9
 # Slips whose misfit is at most so many times that of the best explain the data as well.
@@ -88,7 +89,11 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         compared = _links_compared(tables, settings)
         if compared is None:
             return _not_tested("no-poses")
+        if (turned := _of_orientations(compared, settings)) is not None and turned.slips:
+            return turned
         tested = _tested(compared)
+        if tested.state is RelationState.OK and turned is not None:
+            return turned
         if tested.slips and all(slip.kind is SlipKind.STRAY for slip in tested.slips):
             # A wrong target bends the frame of its link: the pose misses, though its readings are right.
             compared = _links_compared(tables, settings, _out_of_place)
@@ -96,6 +101,32 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         return tested
     except ValueError:
         return _not_tested("no-frame")
+
+
+def _of_orientations(compared: _Compared, settings: Campaign) -> RelationTest | None:
+    """The failed test of the first measured link whose orientations do not turn with it; None if all do."""
+    measured, frames = compared.measured, compared.tree.frames(compared.conditions.readings)
+    channels = measured.channels
+    for k in np.flatnonzero(channels.is_rotation):
+        for series in np.unique(compared.conditions.series):
+            own = compared.usable & measured.seen[:, k] & (compared.conditions.series == series)
+            if own.sum() < _FEWEST_POSES:
+                continue
+            found = turning_misfit(
+                frames.R[own, channels.node[k]], compared.conditions.reference[own, k], settings.poses.euler
+            )
+            if found.before > found.limit:
+                whole = RelationTest(
+                    JOINTS,
+                    RelationState.FAILS,
+                    "no-slip",
+                    misfit=found.before / _DEG,
+                    limit=found.limit / _DEG,
+                    unit="deg",
+                    misfit_explained=found.after / _DEG if found.slips else None,
+                )
+                return replace(whole, slips=found.slips[:1], rivals=found.slips[1:])
+    return None
 
 
 def _out_of_place(tables: Mapping[str, pa.Table], body: str, points: PosePoints) -> Mask:
@@ -120,7 +151,7 @@ def _links_compared(
     usable &= ~excluded_poses(settings.exclude, pose_ids(table))
     if usable.sum() < _FEWEST_POSES:
         return None
-    return _compared(
+    compared = _compared(
         tree,
         table,
         settings,
@@ -128,6 +159,7 @@ def _links_compared(
         usable,
         lambda other, conditions: nominal_fit(other, settings, measured, conditions, usable),
     )
+    return replace(compared, fit_on=lambda other: nominal_fit(tree, settings, other, compared.conditions, usable))
 
 
 def _compared(
@@ -185,7 +217,8 @@ def _conditions(
 class _Compared:
     """A chain, its readings and what was measured on it, with the usable poses (B,).
 
-    ``rows`` describe the chain, where its description has rows; ``fit_of``: fit of the places to a chain.
+    ``rows`` describe the chain, where its description has rows; ``fit_of``: fit of the places to a chain; ``fit_on``:
+    to the chain with the same measurements on other links, none for distances.
     """
 
     tree: Tree
@@ -195,6 +228,7 @@ class _Compared:
     usable: Mask
     rows: list[DenavitHartenberg]
     fit_of: Callable[[Tree], NominalFit]
+    fit_on: Callable[[MeasuredLinks], NominalFit] | None = None
 
     @property
     def chain(self) -> Tree:
@@ -237,7 +271,7 @@ def _tested(compared: _Compared) -> RelationTest:
         return _failed_as_a_whole(tested, whole)
     slip = likely_slip(conditions, compared.tree.is_revolute, fit.start_of)
     if slip is None:
-        if whole := list(_of_lines(compared, fit)):
+        if whole := [*_of_lines(compared, fit), *_of_bodies(compared)]:
             return _failed_as_a_whole(tested, whole)
         return _failed(tested, _constant(compared) or (() if in_poses is None else in_poses.slips), None)
     # The diagnosis corrects an exchange and zeros, as findings; no other slip.
@@ -337,6 +371,21 @@ def _of_lines(compared: _Compared, fit: NominalFit) -> Iterator[_Whole]:
         return
     for slip, values in slips_of_lines([(names[a], names[b]) for a, b in ends], fit.values):
         yield from _whole(slip, fit.start_of(compared.usable, compared.conditions, values))
+
+
+def _of_bodies(compared: _Compared) -> Iterator[_Whole]:
+    """Yield other moving links that explain the misfit, if all that was measured was on one link."""
+    channels, fit_on = compared.measured.channels, compared.fit_on
+    nodes = compared.tree.nodes
+    if fit_on is None or len(set(channels.links)) > 1:
+        return
+    for k, node in enumerate(nodes):
+        if node.kind is not JointKind.FIXED and k != channels.node[0]:
+            moved = replace(channels, node=np.full_like(channels.node, k))
+            own = f"measurements on link {node.link}, or one fixed to it,"
+            slip = RecordSlip(SlipKind.MISLABELLED, own, (f"body {channels.links[0]}",))
+            fit = fit_on(replace(compared.measured, channels=moved))
+            yield from _whole(slip, fit.start_of(compared.usable, compared.conditions))
 
 
 def _of_description(compared: _Compared) -> Iterator[_Whole]:

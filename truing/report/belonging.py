@@ -224,6 +224,19 @@ def _copied(slip: RecordSlip) -> str:
     return f"{text} in {len(slip.rows)} rows (of {slip.subjects[0]}: {listed(spans)})"
 
 
+_QUATERNIONS = {"xyzw": ("x, y, z, w", "w, x, y, z"), "wxyz": ("w, x, y, z", "x, y, z, w")}
+
+
+def _rotation(slip: RecordSlip) -> str:
+    (written,) = slip.subjects
+    if written == "inverse":
+        return f"{slip.quantity} as their inverses (the frame as seen from the body)"
+    if written in _QUATERNIONS:
+        own, read = _QUATERNIONS[written]
+        return f"{slip.quantity} as quaternions in the order {own}, read as {read}"
+    return f'{slip.quantity} as Euler angles in another order: euler = "{written}"'
+
+
 _MIRROR = "mirrored (left-handed frame, one axis with the opposite sign, or two axes exchanged)"
 _WORDS = {
     SlipKind.UNIT: _unit,
@@ -251,5 +264,6 @@ _WORDS = {
     ),
     SlipKind.SCALE: lambda slip: f"{_slip_subject(slip)} in another scale: multiply by {slip.factor:.5f}",
     SlipKind.CONVENTION: lambda slip: f'{slip.quantity} in the other convention: convention = "{slip.subjects[0]}"',
+    SlipKind.ROTATION: _rotation,
     SlipKind.REVERSED: lambda slip: f"{_slip_subject(slip)} in reversed order, the last row first",
 }

@@ -196,7 +196,8 @@ class _Problem:
         turned = self.channels.is_rotation
         left = np.where(self.seen[..., None], self.values - self._predicted(places, self._links(places)), np.nan)
         count = max(3 * int(self.seen[:, ~turned].sum()), 1)
-        misfit = float(np.sqrt(np.nansum(left[:, ~turned] ** 2) / count))
+        misfit = float(np.sqrt(np.sum(left[:, ~turned][self.seen[:, ~turned]] ** 2) / count))
+        misfit = misfit if np.isfinite(misfit) else np.inf
         spread = _spread(self.values[:, ~turned], self.seen[:, ~turned])
         shape = np.where(turned[:, None], 0.0, places.shape)
         return StartValues(places.R, places.t, shape, places.tool, misfit, spread, left)
@@ -222,6 +223,9 @@ def _aligned(
             raise ValueError(f"needs at least 3 measured positions in each frame, found {int(used.sum())}")
         fit = umeyama(places[used][None], values[:, own][used][None])
         R[s], t[s] = fit.R[0], fit.t[0]
+        if not np.isfinite(R[s]).all():  # origins that stand still, as those of the first links, show no orientation
+            R[s] = np.eye(3)
+            t[s] = (values[:, own][used] - places[used]).mean(0)
     return R, t
 
 

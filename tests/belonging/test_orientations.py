@@ -1,0 +1,63 @@
+"""Orientations of a link that turn otherwise than the chain: the slip that explains them is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from truing.arrays import Array
+from truing.belonging.orientations import TurningMisfit, turning_misfit
+
+RNG = np.random.default_rng(3)
+LINKS = Rotation.random(40, random_state=1)
+BASE, TOOL = Rotation.random(2, random_state=2)
+MEASURED = BASE * LINKS * TOOL * Rotation.from_rotvec(1e-3 * RNG.normal(size=(40, 3)))
+
+
+def found(read: Array | Rotation, euler: str | None = None) -> TurningMisfit:
+    matrices = read.as_matrix() if isinstance(read, Rotation) else read
+    return turning_misfit(LINKS.as_matrix(), matrices, euler)
+
+
+def told(misfit: TurningMisfit) -> set[str]:
+    return {" ".join(slip.subjects) or slip.kind.value for slip in misfit.slips}
+
+
+def test_orientations_under_an_unknown_base_and_tool_belong() -> None:
+    misfit = found(MEASURED)
+    assert not misfit.slips
+    assert 1e-3 < misfit.before < 2.5e-3 < misfit.limit
+
+
+def test_a_zero_off_by_some_degrees_is_no_slip() -> None:
+    bent = BASE * LINKS * Rotation.from_rotvec([0.0, 0.08, 0.0]) * Rotation.from_rotvec(0.1 * np.eye(3)[0]) * TOOL
+    assert found(bent).before < 1e-6
+    wrist = Rotation.from_rotvec(np.outer(RNG.uniform(-1.0, 1.0, 40), [0.0, 0.0, 1.0]))
+    off = BASE * LINKS * Rotation.from_rotvec([0.0, 0.08, 0.0]) * wrist * TOOL
+    misfit = turning_misfit((LINKS * wrist).as_matrix(), off.as_matrix(), None)
+    assert 0.01 < misfit.before < misfit.limit
+    assert not misfit.slips
+
+
+@pytest.mark.parametrize("shift", [1, -1])
+def test_quaternions_in_the_other_order_are_told_with_what_is_equivalent(shift: int) -> None:
+    read = Rotation.from_quat(np.roll(MEASURED.as_quat(), shift, 1))
+    misfit = found(read)
+    assert {"xyzw", "wxyz"} & told(misfit)
+    assert misfit.after < 3e-3 < 0.1 * misfit.before
+
+
+def test_inverses_are_told() -> None:
+    assert "inverse" in told(found(MEASURED.inv()))
+
+
+def test_euler_angles_in_another_order_are_told_with_that_order() -> None:
+    read = Rotation.from_euler("XYZ", MEASURED.as_euler("ZYX"))
+    assert "ZYX" in told(found(read, "XYZ"))
+
+
+def test_orientations_of_another_link_have_no_slip_that_explains_them() -> None:
+    misfit = found(Rotation.random(40, random_state=9))
+    assert misfit.before > misfit.limit
+    assert not misfit.slips
