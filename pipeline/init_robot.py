@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from truing.formats.guess import Guess
+    from truing.formats.urdf import Urdf
 
 SUFFIX = ".urdf"
 _NUMBERED = re.compile(r"joint(\d+)_deg")
@@ -26,7 +27,8 @@ class Robot:
 
 
 def robot_of(folder: Path, files: Sequence[Path]) -> Robot | None:
-    """Return the longest chain of the only robot described among files; None without one that can be read."""
+    """Return the longest chain of the only robot described among files, up to its gripper; None without one that can be
+    read."""
     from truing.formats.raw import Unusable
     from truing.formats.urdf import read_urdf
 
@@ -36,7 +38,8 @@ def robot_of(folder: Path, files: Sequence[Path]) -> Robot | None:
     try:
         urdf = read_urdf(found[0])
         (root,) = urdf.roots
-        paths = {end: urdf.path(root, end) for end in urdf.ends(root)}
+        ends = dict.fromkeys(_without_gripper(urdf, root, end) for end in urdf.ends(root))
+        paths = {end: urdf.path(root, end) for end in ends}
     except (Unusable, ValueError):
         return None
     moving = {end: tuple(j.name for j in path if j.kind != "fixed" and not j.mimics) for end, path in paths.items()}
@@ -44,6 +47,13 @@ def robot_of(folder: Path, files: Sequence[Path]) -> Robot | None:
         return None
     tip = max(moving, key=lambda end: len(moving[end]))
     return Robot(found[0].relative_to(folder).as_posix(), tip, moving[tip])
+
+
+def _without_gripper(urdf: Urdf, root: str, end: str) -> str:
+    """Return the last link of a chain before its gripper: a joint that joints of other branches mimic."""
+    path = urdf.path(root, end)
+    others = {joint.mimics for joint in urdf.joints.values() if joint.mimics and joint not in path}
+    return next((joint.parent for joint in path if joint.name in others), end)
 
 
 def guess_of_description(path: Path, robot: Robot | None) -> Guess:
