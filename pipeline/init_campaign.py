@@ -29,7 +29,7 @@ from truing.pipeline.init_entries import (
     scanned_body,
 )
 from truing.pipeline.init_questions import Answers, Ask, names_a_body, parsed_answers
-from truing.pipeline.init_robot import SUFFIX, Robot, guess_of_description, named_as_joints, robot_of
+from truing.pipeline.init_robot import SUFFIX, Robot, guess_of_description, named_as_joints, robot_of, with_reflector
 from truing.pipeline.init_survey import with_lost_points, with_survey
 from truing.pipeline.problems import ExitCode, environment
 from truing.pipeline.run_folder import PRIVATE
@@ -80,6 +80,7 @@ def init_campaign(
         raise CampaignFaults([_never_overwritten(target)])
     said = Answers(given) if ask is None else Answers(given, ask)
     guesses = with_survey(folder, with_lost_points(folder, _with_keys_of_names(guesses)))
+    guesses = [(group, one) for (group, _), one in zip(guesses, with_reflector(guesses, robot), strict=True)]
     guesses = _settled(folder, guesses, said, console)
     said.raise_faults()
     name = folder.resolve().name

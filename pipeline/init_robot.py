@@ -6,14 +6,17 @@ import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from truing.formats.guess import Guess
     from truing.formats.urdf import Urdf
+    from truing.pipeline.init_entries import RawGroup
 
 SUFFIX = ".urdf"
+_LONG = 20  # lines
 _NUMBERED = re.compile(r"joint(\d+)_deg")
 
 
@@ -81,6 +84,34 @@ def named_as_joints(guess: Guess, robot: Robot | None) -> Guess:
         return guess
     named = _NUMBERED.sub(lambda match: f"{robot.joints[int(match[1]) - 1]}_deg", pattern)
     return replace(guess, mapping={**guess.mapping, "split": {"line": named}}, columns=robot.joints)
+
+
+def with_reflector(files: Sequence[tuple[RawGroup, Guess]], robot: Robot | None) -> list[Guess]:
+    """Return the guesses, a long list of named places beside a log of a robot's joints as points of one reflector."""
+    guesses = [guess for _, guess in files]
+    tables = [guess.table for guess in guesses]
+    if robot is None or not has_joints(robot, guesses) or {"points", "poses"} & set(tables):
+        return guesses
+    return [
+        _of_reflector(guess, robot) if guess.table == "targets" and _is_long(group.example) else guess
+        for group, guess in files
+    ]
+
+
+def _of_reflector(guess: Guess, robot: Robot) -> Guess:
+    columns = {key: raw for key, raw in guess.mapping.get("columns", {}).items() if key not in ("target", "body")}
+    names = [raw for key, raw in guess.mapping.get("columns", {}).items() if key in ("target", "body")]
+    mapping = {key: value for key, value in guess.mapping.items() if key not in ("columns", "constants")}
+    mapping |= {"columns": columns, "number_rows": {"pose": 1}, "constants": {"body": robot.tip, "target": "reflector"}}
+    mapping |= {"ignore": "|".join(re.escape(name).replace("\\ ", " ") for name in names)} if names else {}
+    doubt = f"each row is assumed to be a pose, in the order of the joints' log, of one reflector on {robot.tip}"
+    return replace(guess, table="points", mapping=mapping, doubts=(*guess.doubts, doubt))
+
+
+def _is_long(path: Path) -> bool:
+    """True if a file has more lines than a body has targets."""
+    with path.open("rb") as stream:
+        return sum(1 for _ in islice(stream, _LONG)) == _LONG
 
 
 def mechanism_of(robot: Robot | None, guesses: Sequence[Guess]) -> Iterator[tuple[str, str]]:

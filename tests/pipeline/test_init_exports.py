@@ -179,6 +179,29 @@ def test_names_of_joints_in_cells_tell_their_order(tmp_path: Path) -> None:
     assert document["files"]["configurations"]["units"] == {"time_s": "ns"}
 
 
+FINGERS = """<link name="left"/><link name="right"/>
+<joint name="finger" type="prismatic"><parent link="hand"/><child link="left"/><axis xyz="0 1 0"/></joint>
+<joint name="other_finger" type="prismatic"><parent link="hand"/><child link="right"/><axis xyz="0 -1 0"/>
+<mimic joint="finger"/></joint></robot>"""
+
+
+def test_a_trackers_named_points_beside_a_log_of_an_arm_with_a_gripper_are_poses_of_one_reflector(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "arm.urdf").write_text(URDF.replace("</robot>", FINGERS))
+    joints, places = RNG.uniform(-1.5, 1.5, (24, 3)).round(6), RNG.uniform(-900.0, 900.0, (24, 3)).round(3)
+    rows = ["time,pan,lift,twist", *(",".join(map(str, (k, *row))) for k, row in enumerate(joints))]
+    (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
+    rows = ["Point,X [mm],Y [mm],Z [mm]", *(",".join((f"P{k}", *map(str, row))) for k, row in enumerate(places))]
+    (tmp_path / "tracker.csv").write_text("\n".join(rows) + "\n")
+    _, document = init(tmp_path)
+    assert (document["mechanism"]["tip"], document["mechanism"]["joints"]) == ("hand", ["pan", "lift", "twist"])
+    assert document["files"]["points"]["constants"] == {"body": "hand", "target": "reflector"}
+    found = table(tmp_path, document, POINTS)
+    assert_close(numbers(found, "x_mm", "y_mm", "z_mm"), places, atol=0.0, what="mm")
+    assert [str(pose) for pose in found.table.column("pose").to_pylist()] == [str(k) for k in range(1, 25)]
+
+
 def test_positions_of_a_robots_program_are_poses(tmp_path: Path) -> None:
     angles = np.degrees(RNG.uniform(-1.5, 1.5, (4, 6))).round(4)
     lines = [
