@@ -61,6 +61,8 @@ _MM, _DEG = 1e-3, np.pi / 180.0
 _FAR, _MOST = 5.0, 0.9
 # Slips whose misfit is at most so many times that of the best explain the data as well.
 _AS_LIKELY = 2.0
+# Another link that leaves so small a share of the spread is told before slips of single columns are tried.
+_SURE = 0.002
 
 
 def checks(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
@@ -269,9 +271,14 @@ def _tested(compared: _Compared) -> RelationTest:
         return replace(tested, misfit=start.rms / _MM)
     if whole := [*_of_measured(compared, fit), *_of_description(compared)]:
         return _failed_as_a_whole(tested, whole)
+    if (moved := _moved_frame(compared, fit)) is not None:
+        return _failed_as_a_whole(tested, [moved])
+    bodies = list(_of_bodies(compared))
+    if bodies and min(one.share for one in bodies) < _SURE:
+        return _failed_as_a_whole(tested, bodies)
     slip = likely_slip(conditions, compared.tree.is_revolute, fit.start_of)
     if slip is None:
-        if whole := [*_of_lines(compared, fit), *_of_bodies(compared)]:
+        if whole := [*_of_lines(compared, fit), *bodies]:
             return _failed_as_a_whole(tested, whole)
         return _failed(tested, _constant(compared) or (() if in_poses is None else in_poses.slips), None)
     # The diagnosis corrects an exchange and zeros, as findings; no other slip.
@@ -371,6 +378,30 @@ def _of_lines(compared: _Compared, fit: NominalFit) -> Iterator[_Whole]:
         return
     for slip, values in slips_of_lines([(names[a], names[b]) for a, b in ends], fit.values):
         yield from _whole(slip, fit.start_of(compared.usable, compared.conditions, values))
+
+
+def _moved_frame(compared: _Compared, fit: NominalFit) -> _Whole | None:
+    """Return the pose from which on all places are in another frame, if two frames explain the misfit.
+
+    The frame of the first poses, which a fit of these alone must explain, misses all poses from that one on.
+    """
+    conditions = compared.conditions
+    own = np.flatnonzero(compared.usable)
+    first = np.isin(np.arange(len(conditions.series)), own[: max(_FEWEST_POSES, len(own) // 4)])
+    if fit.reference is not None or conditions.series.any() or compared.measured.ends is not None:
+        return None
+    alone = fit.start_of(first, conditions)
+    limit = foreign_share(alone)
+    errors = fit.errors_at(alone, conditions, fit.values)[np.ix_(own, fit.is_position)]
+    size = np.sqrt(np.nanmean(np.sum(errors**2, -1), axis=1))
+    agree = np.flatnonzero(size <= limit)
+    start = int(agree[-1]) + 1 if len(agree) else 0
+    if alone.rms > limit or not _FEWEST_POSES <= start <= len(own) - _FEWEST_POSES or len(agree) < start:
+        return None
+    series = (np.arange(len(conditions.series)) >= own[start]).astype(int)
+    after = fit.start_of(compared.usable, replace(conditions, series=series))
+    slip = RecordSlip(SlipKind.FRAME, "measured places from pose", (str(conditions.poses[own[start]]),))
+    return None if does_not_belong(after) else _Whole(after.rms / after.spread, slip, after.rms)
 
 
 def _of_bodies(compared: _Compared) -> Iterator[_Whole]:

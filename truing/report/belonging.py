@@ -265,5 +265,9 @@ _WORDS = {
     SlipKind.SCALE: lambda slip: f"{_slip_subject(slip)} in another scale: multiply by {slip.factor:.5f}",
     SlipKind.CONVENTION: lambda slip: f'{slip.quantity} in the other convention: convention = "{slip.subjects[0]}"',
     SlipKind.ROTATION: _rotation,
+    SlipKind.FRAME: lambda slip: (
+        f"{_slip_subject(slip)} on in another frame (instrument or base moved): give both parts values of a column "
+        'series, and set [measurement] frame = "series"'
+    ),
     SlipKind.REVERSED: lambda slip: f"{_slip_subject(slip)} in reversed order, the last row first",
 }

@@ -127,6 +127,31 @@ def test_a_slip_in_some_rows_fails_and_is_named(
     assert named in message
 
 
+def test_an_instrument_that_moved_is_named_with_the_pose_from_which_on_it_stood_elsewhere(tmp_path: Path) -> None:
+    def moved(campaign: Path) -> None:
+        table = pd.read_csv(campaign / "points.csv")
+        late, place = table["pose"] > 40, ["x_mm", "y_mm", "z_mm"]
+        turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+        table.loc[late, place] = table.loc[late, place].to_numpy() @ (turn * np.linalg.det(turn)) + [300.0, 0.0, 50.0]
+        table.to_csv(campaign / "points.csv", index=False)
+
+    code, verdict, message = checked(tmp_path, None, moved)
+    assert (code, verdict) == (3, "fail")
+    assert "from pose 41 on in another frame" in message
+
+
+def test_measurements_under_the_name_of_another_link_are_told(tmp_path: Path) -> None:
+    def on_the_forearm(campaign: Path) -> None:
+        for name in ("points.csv", "targets.csv"):
+            table = pd.read_csv(campaign / name)
+            table["body"] = "forearm"
+            table[["body", "target"] if name == "targets.csv" else list(table)].to_csv(campaign / name, index=False)
+
+    code, verdict, message = checked(tmp_path, None, on_the_forearm)
+    assert (code, verdict) == (3, "fail")
+    assert "measurements on link tool_flange, or one fixed to it, recorded: body forearm?" in message
+
+
 def mirrored(campaign: Path) -> None:
     table = pd.read_csv(campaign / "points.csv")
     table["y_mm"] *= -1.0
