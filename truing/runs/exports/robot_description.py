@@ -247,7 +247,9 @@ def _offsets(model: ExtendedChain, warned: Mapping[tuple[str, str], str]) -> Ite
         sigma = float(np.sqrt(max(slope @ model.covariance @ slope, 0.0)))
         if not sigma > _EXACT:
             continue
-        codes = [warned.get((f"joint {joint}", _OFFSET)), *(_caution_of(cause, warned) for cause in causes)]
+        # Data determine a zero that is found, though not its part within the tolerance alone.
+        own = [] if causes else [warned.get((f"joint {joint}", _OFFSET))]
+        codes = [*own, *(_caution_of(cause, warned) for cause in causes)]
         caution = next(filter(None, codes), "")
         unit, si = ("rad", 1.0) if tree.is_revolute[k] else ("mm", _MM)
         yield joint, _OFFSET, "", repr(value / si), repr(sigma / si), unit, "yes", caution
