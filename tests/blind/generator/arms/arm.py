@@ -44,9 +44,17 @@ class Link:
 class Loops(Protocol):
     """Loops of links: the joints that they move, and the fixed joints whose places are lengths within them."""
 
-    closure: str
-    passive: tuple[int, ...]
-    lengths: tuple[int, ...]
+    @property
+    def closure(self) -> str:
+        """Name of the class of loops that campaigns give."""
+
+    @property
+    def passive(self) -> tuple[int, ...]:
+        """Indices of joints that the loops move."""
+
+    @property
+    def lengths(self) -> tuple[int, ...]:
+        """Indices of fixed joints that may be shifted."""
 
     def values(self, arm: Arm, turned: Array, moved: Array, growth: Array) -> Array:
         """Values (N, S), m or rad, of the passive joints, of links (N, L) that are placed already."""
