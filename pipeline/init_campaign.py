@@ -28,6 +28,7 @@ from truing.pipeline.init_entries import (
     photograph_entries,
     scanned_body,
 )
+from truing.pipeline.init_names import with_bodies_of_targets, with_poses_of_names
 from truing.pipeline.init_questions import Answers, Ask, names_a_body, parsed_answers
 from truing.pipeline.init_robot import SUFFIX, Robot, guess_of_description, named_as_joints, robot_of, with_reflector
 from truing.pipeline.init_survey import with_lost_points, with_survey
@@ -79,8 +80,10 @@ def init_campaign(
     if os.path.lexists(target):
         raise CampaignFaults([_never_overwritten(target)])
     said = Answers(given) if ask is None else Answers(given, ask)
-    guesses = with_survey(folder, with_lost_points(folder, _with_keys_of_names(guesses)))
+    guesses = with_poses_of_names(folder, with_lost_points(folder, _with_keys_of_names(guesses)))
+    guesses = with_survey(folder, guesses)
     guesses = [(group, one) for (group, _), one in zip(guesses, with_reflector(guesses, robot), strict=True)]
+    guesses = with_bodies_of_targets(folder, guesses)
     guesses = _settled(folder, guesses, said, console)
     said.raise_faults()
     name = folder.resolve().name
@@ -131,7 +134,12 @@ def _show(folder: Path, group: RawGroup, guess: Guess, console: RunConsole) -> N
 def _with_keys_of_names(guesses: list[_File]) -> list[_File]:
     """Add to each guess what the names of its files say, and runs of their own to single files."""
     tables = Counter(guess.table for _, guess in guesses)
-    return [(group, replace(guess, mapping=_whole_mapping(group, guess, tables))) for group, guess in guesses]
+    return [(group, _with_keys(group, guess, tables)) for group, guess in guesses]
+
+
+def _with_keys(group: RawGroup, guess: Guess, tables: Counter[str | None]) -> Guess:
+    ways = tuple(replace(way, guess=_with_keys(group, way.guess, tables)) for way in guess.ways)
+    return replace(guess, mapping=_whole_mapping(group, guess, tables), ways=ways)
 
 
 def _whole_mapping(group: RawGroup, guess: Guess, tables: Counter[str | None]) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from truing.schemas.columns import find_column
 from truing.schemas.faults import CampaignFaults
 
 _ROWS, _COLUMNS = 3, 12
+_SECONDS_OF_DATES = 1e8  # three years: of no campaign
 _SHAPES = {
     shape.name: shape
     for shape in (
@@ -62,8 +63,19 @@ def first_rows(
 def _shown(batch: TableBatch) -> Preview:
     names = list(batch.columns)[:_COLUMNS]
     number = min(_ROWS, batch.rows)
-    rows = tuple(tuple(_cell(batch.columns[name][row].as_py()) for name in names) for row in range(number))
+    columns = [[batch.columns[name][row].as_py() for row in range(number)] for name in names]
+    if "time_s" in names:
+        columns[names.index("time_s")] = _from_the_first(columns[names.index("time_s")])
+    rows = tuple(tuple(map(_cell, row)) for row in zip(*columns, strict=True))
     return Preview(tuple(map(_with_unit, names)), rows)
+
+
+def _from_the_first(times: list[Any]) -> list[Any]:
+    """Times of dates, which count from the earliest; others as they are."""
+    known = [time for time in times if time is not None]
+    if not known or abs(known[0]) < _SECONDS_OF_DATES:
+        return times
+    return [None if time is None else round(time - min(known), 6) for time in times]
 
 
 def _with_unit(name: str) -> str:

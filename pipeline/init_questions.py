@@ -30,7 +30,7 @@ _CONSTANTS = {
     "pose": "Pose of all rows",
 }
 _EULER = {"rx_rad": "euler_a_deg", "ry_rad": "euler_b_deg", "rz_rad": "euler_c_deg"}
-_KEYS = ("decimal", "table", "unit", "rotation", "coverage", *_CONSTANTS)
+_KEYS = ("decimal", "loads", "numbers", "words", "table", "unit", "rotation", "coverage", *_CONSTANTS)
 
 
 @dataclass(frozen=True)
@@ -150,9 +150,8 @@ def questions(guess: Guess, is_only_table: bool) -> Iterator[Question]:
     mapping = guess.mapping
     if guess.table is None or guess.known:
         return
-    if guess.otherwise is not None:
-        text = f"Decimal mark of numbers such as {guess.otherwise[0]}; with . the comma separates thousands"
-        yield Question("decimal", text, ",", (",", "."))
+    for way in guess.ways:
+        yield Question(way.key, way.text, way.taken, (way.taken, way.other))
     if guess.table == "targets" and is_only_table and "leg" not in {*guess.columns, *mapping.get("columns", {})}:
         yield Question(
             "table", "A survey of the targets, or their points in one pose", "targets", ("targets", "points")
@@ -185,9 +184,11 @@ def _open_unit(guess: Guess) -> str | None:
 
 def _answered(guess: Guess, key: str, answer: str) -> Guess:
     """The guess by an answer, which is no guess any more."""
-    if key == "decimal":
-        chosen = guess if answer == "," or guess.otherwise is None else guess.otherwise[1]
-        return replace(chosen, otherwise=None, answered=guess.answered | {key})
+    if (way := next((way for way in guess.ways if way.key == key), None)) is not None:
+        if answer == way.other:
+            return replace(way.guess, answered=guess.answered | {key})
+        left = tuple(one for one in guess.ways if one is not way)
+        return replace(guess, ways=left, answered=guess.answered | {key})
     guess = replace(guess, answered=guess.answered | {key})
     constants = guess.mapping.get("constants", {})
     if key == "table":
@@ -211,6 +212,8 @@ def _with_angles(guess: Guess, names: Mapping[str, str]) -> Guess:
 def names_a_body(guess: Guess) -> bool:
     """True if anything names the body of a file's targets."""
     mapping = guess.mapping
+    if any("(?P<body>" in pattern for pattern in mapping.get("split", {}).values()):
+        return True
     given = (*guess.columns, *mapping.get("columns", {}), *mapping.get("constants", {}), mapping.get("wide", ""))
     return "body" in given or "body" in mapping.get("from_name", "") or "constants" in mapping or "{body}" in given[-1]
 

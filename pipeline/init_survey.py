@@ -48,7 +48,7 @@ def with_survey(folder: Path, guesses: Sequence[tuple[RawGroup, Guess]]) -> list
 
 
 def _survey(folder: Path, group: RawGroup, guess: Guess) -> Survey | None:
-    rows = _rows(folder, group, guess, {})
+    rows = rows_of(folder, group, guess, {})
     if rows is None or len(set(rows.targets)) < len(rows.targets):
         return None
     is_sure = assumed_unit("x_mm", guess) is None
@@ -60,7 +60,7 @@ def _completed(folder: Path, group: RawGroup, guess: Guess, survey: Survey) -> G
     if guess.table != "points" or guess.known:
         return guess
     lacks_body = not names_a_body(guess)
-    rows = _rows(folder, group, guess, {"body": "body"} if lacks_body else {})
+    rows = rows_of(folder, group, guess, {"body": "body"} if lacks_body else {})
     if rows is None:
         return guess
     if lacks_body and (keys := _keys_of_bodies(guess, rows.targets, survey.bodies)):
@@ -90,7 +90,7 @@ def _keys_of_bodies(guess: Guess, targets: Sequence[str], bodies: Mapping[str, s
     return {"columns": {**columns, "body": columns["target"]}, "rename": renames}
 
 
-def _unit(rows: _SurveyRows, places: Mapping[str, Array]) -> str | None:
+def _unit(rows: SurveyRows, places: Mapping[str, Array]) -> str | None:
     """Return the unit by which distances within poses are those between surveyed targets; None if none fits."""
     by_pose: dict[str, list[int]] = {}
     for row, (pose, target) in enumerate(zip(rows.poses, rows.targets, strict=True)):
@@ -124,7 +124,7 @@ def _without_zeros(folder: Path, group: RawGroup, guess: Guess) -> Guess:
         return guess
     constants = {} if names_a_body(guess) else {"body": "body"}
     examples = [group.example.parent / name for name in group.names[:_MOST_FILES]] or [group.example]
-    files = (_rows(folder, replace(group, example=one), guess, constants, most=_MOST_LOOKED_AT) for one in examples)
+    files = (rows_of(folder, replace(group, example=one), guess, constants, most=_MOST_LOOKED_AT) for one in examples)
     if not any(rows is not None and (rows.places == 0.0).all(axis=1).any() for rows in files):
         return guess
     doubt = "rows with coordinates 0 0 0 are assumed to be lost targets"
@@ -132,16 +132,18 @@ def _without_zeros(folder: Path, group: RawGroup, guess: Guess) -> Guess:
 
 
 @dataclass(frozen=True)
-class _SurveyRows:
+class SurveyRows:
+    """Rows of a table of points: names as text, and places (N, 3) in mm."""
+
     poses: list[str]
     bodies: list[str]
     targets: list[str]
     places: Array
 
 
-def _rows(
-    folder: Path, group: RawGroup, guess: Guess, constants: Mapping[str, str], most: int = _MOST_ROWS
-) -> _SurveyRows | None:
+def rows_of(
+    folder: Path, group: RawGroup, guess: Guess, constants: Mapping[str, str | int], most: int = _MOST_ROWS
+) -> SurveyRows | None:
     """Return the first rows of a file by a guess; None if it cannot be read so."""
     added = {**guess.mapping.get("constants", {}), **constants}
     mapping = {**guess.mapping, "constants": added} if added else guess.mapping
@@ -158,4 +160,4 @@ def _rows(
         for name in ("pose", "body", "target")
     }
     columns = [np.array(names[name].slice(0, count).to_pylist(), dtype=float) for name in _PLACE]
-    return _SurveyRows(texts["pose"], texts["body"], texts["target"], np.column_stack(columns))
+    return SurveyRows(texts["pose"], texts["body"], texts["target"], np.column_stack(columns))

@@ -195,6 +195,7 @@ def guess_lines(mapping: Mapping[str, Any], guess: Guess) -> Iterator[str]:
     constants = {key: value for key, value in mapping.get("constants", {}).items() if key not in guess.answered}
     statements = (
         *guess.doubts,
+        *(way.doubt for way in guess.ways),
         *_of_constants(constants),
         *_of_units(mapping, guess),
         *_of_rows(mapping, guess.answered),
@@ -260,6 +261,8 @@ def _taken_unit(column: str, raw: Any, mapping: Mapping[str, Any]) -> str | None
     known = find_column(column)
     is_told = column == raw or column in mapping.get("units", {}) or (column.endswith("_mm") and "unit" in mapping)
     if known is None or not known.unit or known.unit == "1" or is_told:
+        return None
+    if column == "time_s" and "time_format" in mapping:
         return None
     return known.unit if isinstance(raw, int) or bare_and_unit(raw)[1] is None else None
 

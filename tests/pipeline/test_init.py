@@ -266,12 +266,14 @@ def test_only_coded_targets_of_a_bundle_are_proposed(tmp_path: Path) -> None:
     assert "select" not in proposed(tmp_path / "coded", BUNDLES, VSTARS)
 
 
-def test_a_time_that_is_a_date_is_answered_with_the_key_that_reads_it(tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text("t,x_displacement,x_force,y_force\n20-Dec-2008 10:47:39.2,0.5,0.5,0.5\n")
-    init(tmp_path)
+def test_a_time_of_an_unknown_notation_is_answered_with_the_key_that_reads_it(tmp_path: Path) -> None:
+    log = "t,x_displacement,x_force,y_force\n20-Dec-2008 10:47:39.2,0.5,0.5,0.5\n20-Dec-2008 10:47:41.7,1,1,1\n"
+    entry = proposed(tmp_path, ["log.csv"], log)
+    assert entry["time_format"] == "%d-%b-%Y %H:%M:%S.%f"
+    (tmp_path / "log.csv").write_text(log.replace("20-Dec-2008 ", "20 XII 2008 "))
     done = CliRunner().invoke(app, ["check", str(tmp_path)])
-    assert "'20-Dec-2008 10:47:39.2'" in done.stderr
-    assert "time_format" in done.stderr
+    assert "'20 XII 2008 10:47:39.2'" in done.stderr
+    assert "expected a time written as %d-%b-%Y" in done.stderr
 
 
 def test_files_beside_those_that_a_glob_would_find_are_not_taken_along(tmp_path: Path) -> None:

@@ -20,6 +20,9 @@ _NO_POINTS = re.compile(
     r"(?:^|[ _])q[wxyz]\b",
     re.I,
 )
+_OF_INSPECTION = re.compile(
+    r"nom(inal)?|soll|meas(ured)?|act(ual)?|ist|mess|dev(iation)?|abw(eichung)?|tol|error", re.I
+)
 _OF_AXES = re.compile(  # positions in a robot's program: KUKA's E6AXIS, ABB's jointtarget
     r"E6AXIS\s+(?P<kuka>\w+)\s*=\s*\{\s*A1|jointtarget\s+(?P<abb>\w+)\s*:?=\s*\[\[", re.IGNORECASE
 )
@@ -35,13 +38,28 @@ _NO_SCALE = "COLMAP knows no scale and no sigma: declare scale_bars or known_poi
 
 
 @dataclass(frozen=True)
+class OtherWay:
+    """Second possible reading of a file: the other guess, and the question that decides, with the value of each.
+
+    doubt: what the reading that is taken assumes.
+    """
+
+    key: str
+    text: str
+    taken: str
+    other: str
+    guess: Guess
+    doubt: str
+
+
+@dataclass(frozen=True)
 class Guess:
     """Proposal for a file: keys for [files.<table>], its columns, table, and points to check.
 
     others: other tables read with the same keys. known: no table of the file is needed; the first note gives the
-    reason. beside: other tables in the file, each with its own keys. otherwise: a number of the file and the guess by
-    its other notation, if both are possible. answered: keys that are no guesses, because somebody has given them.
-    doubts: statements to confirm, beside those that the keys imply.
+    reason. beside: other tables in the file, each with its own keys. ways: other readings that are possible. answered:
+    keys that are no guesses, because somebody has given them. doubts: statements to confirm, beside those that the keys
+    imply.
     """
 
     mapping: dict[str, Any] = field(default_factory=dict)
@@ -51,7 +69,7 @@ class Guess:
     others: tuple[str, ...] = ()
     known: bool = False
     beside: tuple[Guess, ...] = ()
-    otherwise: tuple[str, Guess] | None = field(default=None, compare=False, repr=False)
+    ways: tuple[OtherWay, ...] = field(default=(), compare=False, repr=False)
     answered: frozenset[str] = frozenset()
     doubts: tuple[str, ...] = ()
 
@@ -130,10 +148,17 @@ def wide_template(names: Sequence[str]) -> tuple[str, str | None] | None:
                 count = _targets_of(template, names)
                 unit = _UNIT_BEHIND.search(ending)
                 best = max(best, (count, -rank, template, unit[1] if unit else None), key=lambda one: one[:2])
-    if best[0] < _FEWEST or _NO_POINTS.search(" ".join(names)):
+    if best[0] < _FEWEST or _NO_POINTS.search(" ".join(names)) or _are_of_one_point(best[2], names):
         return None
     with_bodies = best[2].replace("{target}", "{body}:{target}")  # Vicon's subject:marker
     return (with_bodies if _targets_of(with_bodies, names) == best[0] else best[2]), best[3]
+
+
+def _are_of_one_point(template: str, names: Sequence[str]) -> bool:
+    """True if the targets of a template are words for coordinates of one point: nominal, measured, deviation."""
+    pattern = re.escape(template).replace(r"\{target\}", "(?P<target>.+?)").replace(r"\{axis\}", "[xyzXYZ]")
+    targets = {match["target"] for name in names if (match := re.fullmatch(pattern, name))}
+    return bool(targets) and all(_OF_INSPECTION.fullmatch(target) for target in targets)
 
 
 def _targets_of(template: str, names: Sequence[str]) -> int:

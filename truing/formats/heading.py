@@ -73,7 +73,11 @@ def _composed(rows: Sequence[Row], is_number: Callable[[str], bool]) -> tuple[st
         return None
     *others, base = above
     telling = [_filled(row) for row in others if _names_groups(row)] if _repeats(base) else []
-    names = [".".join(dict.fromkeys(filter(None, cells))) for cells in zip(*telling, base, strict=True)]
+    tells = [base.count(name) > 1 or not name for name in base]  # a name of its own needs no words above it
+    names = [
+        ".".join(dict.fromkeys(filter(None, cells))) if needed else cells[-1]
+        for needed, cells in zip(tells, zip(*telling, base, strict=True), strict=True)
+    ]
     if units is not None:
         bare = [cell.strip("[]() ") for cell in units]
         names = [

@@ -321,17 +321,18 @@ def _listed(names: Sequence[str]) -> str:
 
 def _block(name: str, value: Variable, alone: bool, transpose: bool) -> Block:
     """Return a variable as columns: one per vector; a stack of matrices (r x c x N) as N rows with m00, m01, ...
-    each."""
+    each, and a transposed one (N x r x c) likewise."""
     short = name.rsplit(".", 1)[-1]
     if isinstance(value, list):
         return Block(name, (short,), value)
     if not isinstance(value, np.ndarray) or value.ndim > 3:
         raise Unusable("at most three dimensions", column="variable", value=f"{name} {shape_of(value)}")
     if value.ndim == 3:
-        rows, columns, count = value.shape
+        stack = value if transpose else np.moveaxis(value, 2, 0)
+        count, rows, columns = stack.shape
         prefix = "" if alone else f"{short}_"
         names = tuple(f"{prefix}m{i}{j}" for i in range(rows) for j in range(columns))
-        return Block(name, names, np.moveaxis(value, 2, 0).reshape(count, rows * columns))
+        return Block(name, names, stack.reshape(count, rows * columns))
     matrix = np.atleast_2d(value)
     if 1 in matrix.shape:
         return Block(name, (short,), matrix.reshape(-1, 1))

@@ -1,44 +1,17 @@
-"""Recognition of columns by names and numbers: loads of a bench, positions and attitudes; not points of targets."""
+"""Recognition of positions and attitudes by names and numbers of columns; not points of targets."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from truing.arrays import Array
-from truing.formats.shapes import WRENCH
 from truing.formats.units import bare_and_unit, expanded
 
-_UNIT = r"(?:[\s_]*[\[(/]\s*(?P<unit>[^\])]+?)\s*[\])]?)?"
-_LETTER = re.compile(rf"(?P<of>known|applied|ref|reference|soll)?[ _.-]?(?P<what>[fm])_?(?P<axis>[xyz]){_UNIT}", re.I)
-_SPELT = re.compile(
-    rf"(?P<axis>[xyz])[ _.-](?P<what>force|moment|torque|displacement|translation|rotation){_UNIT}", re.I
-)
-_BEHIND = re.compile(
-    rf"(?P<of>known|applied|ref|reference|soll)?[ _.-]?(?P<what>force|moment|torque|displacement|translation|rotation)"
-    rf"[ _.-](?P<axis>[xyz]){_UNIT}",
-    re.I,
-)
-_CHANNEL = re.compile(r"(?:s|v|u|ch|channel|adc|raw|signal|bridge|sensor|gauge)[ _.-]?(?:\d+|[xyz])", re.I)
-_TIME = re.compile(r"(?:t|time|zeit|timestamp)\b.*", re.I)
-_MOST_CHANNELS = 8
-_COLUMN = {
-    "f": "f{}_n",
-    "force": "f{}_n",
-    "m": "m{}_nm",
-    "moment": "m{}_nm",
-    "torque": "m{}_nm",
-    "displacement": "d{}_mm",
-    "translation": "d{}_mm",
-    "rotation": "r{}_rad",
-}
-_UNITS = {"nmm": "N mm", "nm": None, "n": None, "kn": "kN", "mm": None, "rad": None, "deg": "deg", "in": "in"}
-_FEWEST = 3  # components: fewer may have such names by chance
-Loads = tuple[str, dict[str, Any], str]
 _FAMILIES = {
     "quaternion": (("qw", "qx", "qy", "qz"), ("q0", "qx", "qy", "qz"), ("q0", "q1", "q2", "q3"), ("w", "i", "j", "k")),
     "vector": (("rx", "ry", "rz"), ("rotx", "roty", "rotz"), ("wx", "wy", "wz")),
@@ -49,60 +22,17 @@ _COLUMNS = {
     "vector": ("rx_rad", "ry_rad", "rz_rad"),
     "euler": ("euler_a_deg", "euler_b_deg", "euler_c_deg"),
 }
+_PLACES = (("x", "y", "z"), ("tx", "ty", "tz"), ("px", "py", "pz"))
+_OF_PART = re.compile(
+    r"(?P<before>.*?)[\W_]+(?P<part>rotation|orientation|quaternion|position|translation|location)[\W_]+(?P<axis>[wxyz])",
+    re.IGNORECASE,
+)
 _PLACE = ("x_mm", "y_mm", "z_mm")
 _COMMANDED = re.compile(r"goal|command|cmd|desired|target|nominal|soll|set[ _]?point|planned|flange|reference", re.I)
-_SPREAD = re.compile(r"(?:^|[\W_])(?:std|sd|sigma|stdev|s|rms|unc|u|u95)(?:$|[\W_])", re.I)
+_SPREAD = re.compile(r"(?:^|[\W_])(?:std|sd|sigma|stdev|s|rms|unc|precision|prec|u|u95)(?:$|[\W_])", re.I)
 _UNIT_NORM = 0.02
 _ORTHONORMAL = 0.01
 _FEWEST_ROWS = 2
-
-
-def load_columns(names: Sequence[str]) -> Loads | None:
-    """Return a proposal for a table of loads: keys for its [files.<table>], and points to check."""
-    plain, applied, units = _components(names)
-    if len(plain) + len(applied) < _FEWEST or not any(column[0] in "fm" for column in (*plain, *applied)):
-        return None
-    steps: dict[str, Any] = {"number_rows": {"step": 1}, "constants": {"run": "1"}}
-    reported = {"units": units} if units else {}
-    if any(column[0] in "dr" for column in plain):
-        return "displacement", {"columns": plain, **reported, **steps}, "displacements under load"
-    if applied:
-        signals = {f"v{WRENCH.index(column) + 1}_mv": name for column, name in plain.items()}
-        note = "known loads, beside the channels of a sensor"
-        return "signals", {"columns": {**signals, **applied}, **steps}, note
-    if (channels := _channels(names)) or not any(_TIME.fullmatch(name.strip()) for name in names):
-        signals = {f"v{number}_mv": name for number, name in enumerate(channels, start=1)}
-        note = "loads, taken to be applied"
-        note += ", beside the channels of a sensor" if channels else "; what was read under them no column says"
-        return "signals", {"columns": {**signals, **plain}, **reported, **steps}, note
-    shown = {f"shown_{column}": name for column, name in plain.items()}
-    reported = {"units": {f"shown_{column}": unit for column, unit in units.items()}} if units else {}
-    note = 'what a sensor shows; which load was applied no column says: constants = { load_axis = "fz", load = 10.0 }'
-    return "signals", {"columns": shown, **reported, **steps}, note
-
-
-def _channels(names: Sequence[str]) -> list[str]:
-    """Return columns named like the channels of an amplifier, if there are several."""
-    found = [name for name in names if _CHANNEL.fullmatch(name.strip())]
-    return found if _FEWEST <= len(found) <= _MOST_CHANNELS else []
-
-
-def _components(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str], dict[str, str]]:
-    """Return columns by component: measured ones, reference ones, and units given in names."""
-    plain: dict[str, str] = {}
-    applied: dict[str, str] = {}
-    units: dict[str, str] = {}
-    for name in names:
-        match = next((m for p in (_LETTER, _SPELT, _BEHIND) if (m := p.fullmatch(name.strip()))), None)
-        if match is None:
-            continue
-        column = _COLUMN[match["what"].lower()].format(match["axis"].lower())
-        is_applied = match.groupdict().get("of") is not None
-        (applied if is_applied else plain).setdefault(column, name)
-        unit = _UNITS.get(re.sub(r"[\s·*.]", "", match["unit"] or "").lower())
-        if unit is not None and not is_applied:
-            units[column] = unit
-    return plain, applied, units
 
 
 @dataclass(frozen=True)
@@ -117,7 +47,7 @@ class PoseMapping:
 
 def pose_columns(names: Sequence[str], values: Array) -> PoseMapping | None:
     """Return the poses recognised by names and numbers (N, W), NaN for other cells; else None."""
-    places = _groups(names, (("x", "y", "z"), ("tx", "ty", "tz"), ("px", "py", "pz")))
+    places = _groups(names, _PLACES)
     best: tuple[bool, int, str, tuple[str, ...], tuple[str, ...]] | None = None
     for before, place in places.items():
         for rank, (kind, families) in enumerate(_FAMILIES.items()):
@@ -127,6 +57,58 @@ def pose_columns(names: Sequence[str], values: Array) -> PoseMapping | None:
             found = (_COMMANDED.search(before) is not None, rank, kind, place, turned)
             best = min(best or found, found, key=lambda one: one[:2])
     return None if best is None else _mapped(best[2], best[3], best[4], names, values)
+
+
+def poses_side_by_side(names: Sequence[str], values: Array) -> list[PoseMapping]:
+    """Return the poses of several bodies in each row (N, W), with a word before the names of columns as body.
+
+    Commanded poses are no bodies.
+    """
+    plain = _without_words_of_parts(names)
+    places = _groups(plain, _PLACES)
+    found = []
+    for before, place in places.items():
+        for kind, families in _FAMILIES.items():
+            turned = _groups(plain, families).get(before)
+            if not before or turned is None or _COMMANDED.search(before) is not None:
+                continue
+            raw = tuple(names[plain.index(name)] for name in (*place, *turned))
+            if kind != "quaternion" or _is_unit(_selected_columns(names, raw[3:], values)):
+                found.append((kind, raw[:3], raw[3:], place[0]))
+                break
+    bodies = _bodies_of([bare_and_unit(name)[0] for *_, name in found])
+    mapped = [_mapped(kind, place, turned, names, values) for kind, place, turned, _ in found]
+    return [
+        replace(poses, mapping={**poses.mapping, "constants": {"body": body}})
+        for poses, body in zip(mapped, bodies, strict=True)
+    ]
+
+
+def _without_words_of_parts(names: Sequence[str]) -> list[str]:
+    """Return names without ``Position`` and ``Rotation`` before their axes: ``Base.Rotation.X`` is ``Base.qx``.
+
+    Rotations with a W are quaternions, others vectors or angles.
+    """
+    matches = [_OF_PART.fullmatch(bare_and_unit(name)[0]) for name in names]
+    real = {m["before"] for m in matches if m is not None and m["axis"] in "wW"}
+    found = []
+    for name, match in zip(names, matches, strict=True):
+        if match is None:
+            found.append(name)
+            continue
+        letter = "" if match["part"][0] in "pPtTlL" else "q" if match["before"] in real else "r"
+        found.append(f"{match['before']}.{letter}{match['axis'].lower()}")
+    return found if len(set(found)) == len(found) else list(names)
+
+
+def _bodies_of(names: Sequence[str]) -> list[str]:
+    """Return the first word that differs in all names, without the last one; else the whole start of each name."""
+    words = [[word for word in re.split(r"[\W_]+", name) if word][:-1] for name in names]
+    if len({len(own) for own in words}) == 1:
+        for column in zip(*words, strict=True):
+            if len(set(column)) == len(names):
+                return list(column)
+    return [re.split(r"[\W_]+\w+$", name)[0] for name in names]
 
 
 def _mapped(
@@ -239,7 +221,7 @@ def bare_poses(values: Array) -> PoseMapping | None:
     if not np.isfinite(values).all():
         return None
     body = {"constants": {"body": "tool"}}
-    if width in (12, 16) and rows >= 1 and _are_motions(values.reshape(rows, width // 4, 4)):
+    if width in (12, 16) and rows >= 1 and are_motions(values.reshape(rows, width // 4, 4)):
         names = [f"m{i}{j}" for i in range(width // 4) for j in range(4)]
         notes: tuple[str, ...] = (
             f"{width} numbers in a row are a matrix of a pose; its translation is taken for mm, else unit",
@@ -247,7 +229,7 @@ def bare_poses(values: Array) -> PoseMapping | None:
         columns = {name: number + 1 for number, name in enumerate(names)}
         return PoseMapping({"columns": columns, **body, "number_rows": {"pose": 1}}, (), notes)
     whole = values[: rows - rows % 4]
-    if width == 4 and len(whole) >= 4 * _FEWEST_ROWS and _are_motions(whole.reshape(-1, 4, 4)):
+    if width == 4 and len(whole) >= 4 * _FEWEST_ROWS and are_motions(whole.reshape(-1, 4, 4)):
         notes = ("4x4 matrices, four rows each; their translation is taken for mm, else unit",)
         return PoseMapping({"rows_per_pose": 4, **body}, (), notes)
     first = width - 7
@@ -266,10 +248,11 @@ def bare_poses(values: Array) -> PoseMapping | None:
 
 def is_one_motion(values: Array) -> bool:
     """True if a small table is a single rigid motion: a transformation between two frames, not a measurement."""
-    return values.shape in ((3, 4), (4, 4)) and bool(np.isfinite(values).all()) and _are_motions(values[None])
+    return values.shape in ((3, 4), (4, 4)) and bool(np.isfinite(values).all()) and are_motions(values[None])
 
 
-def _are_motions(matrices: Array) -> bool:
+def are_motions(matrices: Array) -> bool:
+    """Return whether matrices (N, 3 or 4, 4) are rigid motions."""
     R = matrices[:, :3, :3]
     off = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max()
     closed = matrices.shape[1] == 3 or np.abs(matrices[:, 3] - [0.0, 0.0, 0.0, 1.0]).max() < _ORTHONORMAL

@@ -20,7 +20,7 @@ from truing.formats.guess import (
     metashape,
 )
 from truing.formats.heading import unit_in_words
-from truing.formats.named_columns import load_columns
+from truing.formats.named_loads import load_columns
 from truing.formats.presets import format_of
 from truing.formats.raw import Unusable
 from truing.formats.sniff_cells import columns_by_names, proposal_of_loads, sniff_cells, table_of

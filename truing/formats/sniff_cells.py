@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from truing.arrays import Array
 from truing.formats.guess import (
     Guess,
+    OtherWay,
     adjusted_points,
     is_id,
     parts_of_names,
@@ -21,19 +22,29 @@ from truing.formats.guess import (
 )
 from truing.formats.heading import heading_of
 from truing.formats.named_bench import axis_rows, positions_of_axis, positions_side_by_side, readings_under_load
-from truing.formats.named_columns import Loads, PoseMapping, bare_poses, is_one_motion, load_columns, pose_columns
+from truing.formats.named_columns import (
+    PoseMapping,
+    bare_poses,
+    is_one_motion,
+    pose_columns,
+    poses_side_by_side,
+)
 from truing.formats.named_joints import JointReadings, bare_joints, configurations_of_joints
+from truing.formats.named_loads import LoadMapping, load_columns
 from truing.formats.numbers import Notation
 from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
+from truing.formats.times import time_format_of
 from truing.formats.units import bare_and_unit, expanded, may_be
 from truing.schemas.columns import find_column
 from truing.schemas.mapping import is_uncertainty
 
 _ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no measurement; it is not read"
 _OF_COORDINATES = ("points", "targets", "poses", "scans", "surfaces")
-_DATE = "%Y%m%d%H%M%S"
+_OF_EACH_POSE = ("time_s", "temperature_c")  # columns that tables of coordinates do not have
 _LONGEST_NAME = 200  # the search for meanings in names tries many ways to split them
 _AXES = 3
+_SEVERAL = 2
+_OF_BODIES = r"body|(rigid|tracked)[ _]?body|model|object|subject|segment|tool|k(ö|oe)rper"
 _COMMA_DECIMAL, _COMMA_THOUSANDS = Notation(",", None), Notation(".", ",")
 _OPEN_COMMA = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
 _NOTATIONS = (
@@ -62,20 +73,20 @@ _SIGNS = (
     ("targets", {"target", "x_mm", "y_mm", "z_mm"}),
     ("points", {"x_mm", "y_mm", "z_mm"}),
 )
+_MEASURED = r"(meas(ured)?|actual|act|mess|gemessen|ist)"  # beside nominal coordinates
+_SPREAD = r"(sigma|std|sd|prec(ision)?)"
+_EXPANDED = r"(u|u[ _]?\(?95\)?|[23][ _]?(σ|sigma))"
 _KNOWN = {
     "pose": r"pose|frame|(pose?|position|measurement|meas|shot)[ _]?(nr|no|id|number|name|index)|measurement|epoche?"
-    r"|station|aufnahme|messung|stellung",
+    r"|station|piece|aufnahme|messung|stellung",
     "role": r"role|rolle",
     "body": r"body|rigid[ _]?body|k(ö|oe)rper|corps|(point[ _]?)?group",
-    "target": r"(target|marker|point)([ _]?(id|name|no|nr))?|label|(mess)?punkt([ _]?(nr|nummer|name))?|(ziel)?marke"
+    "target": r"((collection::)?group::)?(target|marker|point)([ _]?(id|name|no|nr))?|label"
+    r"|(mess)?punkt([ _]?(nr|nummer|name))?|(ziel)?marke"
     r"|ziel(punkt)?|name|nom|cible|smr|reflector|reflektor|nest",
-    "x_mm": r"x",
-    "y_mm": r"y",
-    "z_mm": r"z",
-    "sigma_x_mm": r"(sigma|s|std|sd|mx)[ _]?x|u[ _]?x|u[ _]?\(?95\)?[ _]?x|[23][ _]?(σ|sigma)[ _]?x",
-    "sigma_y_mm": r"(sigma|s|std|sd|my)[ _]?y|u[ _]?y|u[ _]?\(?95\)?[ _]?y|[23][ _]?(σ|sigma)[ _]?y",
-    "sigma_z_mm": r"(sigma|s|std|sd|mz)[ _]?z|u[ _]?z|u[ _]?\(?95\)?[ _]?z|[23][ _]?(σ|sigma)[ _]?z",
-    "time_s": r"t|%?_*time([ _]?stamp)?|zeit(stempel)?|temps|timestamp|(field\.)?header\.stamp",
+    **{f"{a}_mm": rf"{a}|{_MEASURED}[ _.]?{a}|{a}[ _.]?{_MEASURED}" for a in "xyz"},
+    **{f"sigma_{a}_mm": rf"(s|m{a}|{_SPREAD})[ _]?{a}|{a}[ _]?{_SPREAD}|{_EXPANDED}[ _]?{a}" for a in "xyz"},
+    "time_s": r"t|%?_*time([ _]?stamp)?|time +\d+ - .*|zeit(stempel)?|temps|timestamp|(field\.)?header\.stamp",
     "temperature_c": r"temp(erature?|eratur)?",
     "leg": r"leg|bein|jambe",
     "phase_deg": r"phase",
@@ -112,7 +123,10 @@ def sniff_cells(
     guess = _by_notation(records, dict(mapping), separator, notation, about)
     if notation != _COMMA_DECIMAL or (cell := _open_cell(records)) is None:
         return guess
-    return replace(guess, otherwise=(cell, _by_notation(records, dict(mapping), separator, _COMMA_THOUSANDS, about)))
+    text = f"Decimal mark of numbers such as {cell}; with . the comma separates thousands"
+    other = _by_notation(records, dict(mapping), separator, _COMMA_THOUSANDS, about)
+    doubt = f"the comma of numbers such as {cell} is assumed to be the decimal mark"
+    return replace(guess, ways=(*guess.ways, OtherWay("decimal", text, ",", ".", other, doubt)))
 
 
 @dataclass(frozen=True)
@@ -153,7 +167,29 @@ def _by_notation(
     values = notation.matrix(data)
     if not has_header:
         return _with_unit_in_words(_without_names(names, data, values, mapping, notation, about), about.unit)
-    return _with_unit_in_words(_by_names(names, data, values, mapping, about.joints), about.unit)
+    guess = _with_times(_by_names(names, data, values, mapping, about.joints), names, data, notation)
+    return _with_unit_in_words(guess, about.unit)
+
+
+def _with_times(guess: Guess, names: tuple[str, ...], data: list[list[str]], notation: Notation) -> Guess:
+    """Return a proposal that reads its column of times, in seconds or by a format; without it where none reads it."""
+    beside = tuple(_with_times(one, names, data, notation) for one in guess.beside)
+    ways = tuple(replace(way, guess=_with_times(way.guess, names, data, notation)) for way in guess.ways)
+    guess = replace(guess, beside=beside, ways=ways)
+    columns = dict(guess.mapping.get("columns", {}))
+    raw = columns.get("time_s")
+    if raw not in names or "time_format" in guess.mapping:
+        return guess
+    cells = [row[names.index(raw)] for row in data]
+    if all(_is_number(cell, notation) for cell in cells if cell.strip()):
+        return guess
+    found = time_format_of(cells)
+    if found is None:
+        del columns["time_s"]
+        rest = {key: value for key, value in guess.mapping.items() if key != "columns"}
+        return replace(guess, mapping={**rest, **({"columns": columns} if columns else {})})
+    doubts = (*guess.doubts, found.doubt) if found.doubt else guess.doubts
+    return replace(guess, mapping={**guess.mapping, "time_format": found.form}, doubts=doubts)
 
 
 def _with_parts_of_points(guess: Guess, records: list[list[str]]) -> Guess:
@@ -165,6 +201,9 @@ def _with_parts_of_points(guess: Guess, records: list[list[str]]) -> Guess:
 
 def _with_unit_in_words(guess: Guess, unit: str | None) -> Guess:
     """Return a proposal with the unit that words of the file state, if no name states one."""
+    guess = (
+        replace(guess, beside=tuple(_with_unit_in_words(one, unit) for one in guess.beside)) if guess.beside else guess
+    )
     if unit is None or guess.table not in _OF_COORDINATES or "unit" in guess.mapping:
         return guess
     raw = [name for name in guess.mapping.get("columns", {}).values() if isinstance(name, str)]
@@ -197,10 +236,14 @@ def _by_names(
     names: tuple[str, ...], data: list[list[str]], values: Array, mapping: dict[str, Any], joints: Sequence[str]
 ) -> Guess:
     """Return a proposal for rows of cells (N, W) and their numbers, by the names of the columns."""
+    if (several := _of_bodies(names, mapping, values)) is not None:
+        return several
     if (poses := pose_columns(names, values)) is not None:
         return _poses(poses, names, mapping, data, values, joints)
     found, notes = columns_by_names(names)
     table = table_of({*names, *found.get("columns", {})})
+    if table in _OF_COORDINATES:
+        found, notes = columns_by_names(names, _OF_EACH_POSE)
     if table == "targets" and _repeats_targets(names, data, found):
         table = "points"  # a survey has every target once
     if table == "quadrature" and "phase_deg" in found.get("columns", {}):
@@ -252,6 +295,24 @@ def _with_parts_of_names(names: tuple[str, ...], data: list[list[str]], keys: di
     return keys | parts_of_names([row[names.index(raw)] for row in data], raw, {*names, *keys["columns"]})
 
 
+def _of_bodies(names: tuple[str, ...], mapping: dict[str, Any], values: Array) -> Guess | None:
+    """Return a proposal for the poses of several bodies side by side, an entry for each; None without them."""
+    bodies = poses_side_by_side(names, values)
+    if len(bodies) < _SEVERAL:
+        return None
+    taken = {name for poses in bodies for name in poses.taken}
+    left = tuple(name for name in names if name not in taken)
+    meant = columns_by_names(left)[0].get("columns", {})
+    number = {"pose": meant["pose"]} if "pose" in meant else _counted(left, names, values)
+    more = {} if number or "pose" in names else {"number_rows": {"pose": 1}}
+    found = [
+        Guess({**mapping, **p.mapping, "columns": {**number, **p.mapping["columns"]}, **more}, names, "poses", p.notes)
+        for p in bodies
+    ]
+    found = [replace(guess, answered=frozenset({"body"})) for guess in found]  # by the names of the columns
+    return replace(found[0], beside=tuple(found[1:]))
+
+
 def _poses(
     poses: PoseMapping,
     names: tuple[str, ...],
@@ -270,15 +331,20 @@ def _poses(
         keys["columns"] = {**number, **keys["columns"]}
     elif poses.taken:
         keys["number_rows"] = {"pose": 1}
+    bodies = _body_column(others, names, records)
+    if bodies is not None:
+        keys["columns"] = {"body": bodies[0], **keys["columns"]}
+        keys.pop("constants", None)
     own = [name for name in others if name not in number.values() and np.isfinite(values[:, names.index(name)]).any()]
     if not own:
         return Guess({**mapping, **keys}, names, "poses", poses.notes)
-    time = [record[names.index(reported["time_s"])] for record in records] if "time_s" in reported else []
+    own_rows = [record for record in records if bodies is None or record[names.index(bodies[0])].strip() == bodies[1]]
+    time = [record[names.index(reported["time_s"])] for record in own_rows] if "time_s" in reported else []
     lost = [reported.pop("time_s")] if len(set(time)) < len(time) else []  # repeated times define no order
-    dates = {"time_format": _DATE} if time and all(re.fullmatch(r"(19|20)\d{12}", cell) for cell in time) else {}
     numbered = {key: keys[key] for key in ("number_rows",) if key in keys}
     ignore = "|".join(re.escape(name).replace("\\ ", " ") for name in (*poses.taken, *lost))
-    entry = {**mapping, **({"columns": reported} if reported else {}), **dates, **numbered, "ignore": ignore}
+    one_body = {"select": {bodies[0]: re.escape(bodies[1])}} if bodies is not None else {}  # a row for each pose
+    entry = {**mapping, **({"columns": reported} if reported else {}), **numbered, **one_body, "ignore": ignore}
     if (
         read := configurations_of_joints(others, *_of_columns(names, others, records, values), meant, joints)
     ) is not None:
@@ -289,6 +355,15 @@ def _poses(
     return Guess(
         {**mapping, **keys}, names, "poses", poses.notes, beside=(Guess(entry, names, "configurations", (text,)),)
     )
+
+
+def _body_column(others: Sequence[str], names: Sequence[str], records: list[list[str]]) -> tuple[str, str] | None:
+    """Return the column that names the body of each row, and its first body; None if it names fewer than two."""
+    for name in others:
+        cells = [record[names.index(name)].strip() for record in records]
+        if re.fullmatch(_OF_BODIES, bare_and_unit(name)[0], re.IGNORECASE) and _SEVERAL <= len(set(cells)) < len(cells):
+            return name, cells[0]
+    return None
 
 
 def _counted(others: Sequence[str], names: Sequence[str], values: Array) -> dict[str, str]:
@@ -310,11 +385,22 @@ def _of_columns(
     return [[record[place] for place in places] for record in records], values[:, places]
 
 
-def proposal_of_loads(loads: Loads, names: tuple[str, ...], mapping: dict[str, Any], meant: dict[str, Any]) -> Guess:
+def proposal_of_loads(
+    loads: LoadMapping, names: tuple[str, ...], mapping: dict[str, Any], meant: dict[str, Any]
+) -> Guess:
     """Return a proposal for a table of loads, ordered by a column that seems to be time, if any."""
-    table, keys, note = loads
     time = {key: name for key, name in meant.get("columns", {}).items() if key == "time_s"}
-    return Guess({**mapping, **keys, "columns": {**time, **keys["columns"]}}, names, table, (note,))
+    keys = {**loads.mapping, "columns": {**time, **loads.mapping["columns"]}}
+    guess = Guess({**mapping, **keys}, names, loads.table, (loads.note,), doubts=loads.doubts)
+    if loads.otherwise is None:
+        return guess
+    taken, value = ("shown", "applied") if loads.is_shown else ("applied", "shown")
+    text = "Forces and torques of these columns: loads applied to the sensor, or shown by the sensor"
+    doubt = (
+        f"forces and torques are assumed to be {'shown by the sensor itself' if loads.is_shown else 'applied loads'}"
+    )
+    other = proposal_of_loads(loads.otherwise, names, mapping, meant)
+    return replace(guess, ways=(OtherWay("loads", text, taken, value, other, doubt),))
 
 
 def _side_by_side(template: tuple[str, str | None], names: tuple[str, ...], mapping: dict[str, Any]) -> Guess:
@@ -340,8 +426,11 @@ def _is_number(cell: str, notation: Notation) -> bool:
     return re.match(notation.pattern, cell.strip()) is not None
 
 
-def columns_by_names(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]:
-    """Return the probable meaning and unit of each column whose name is not the contract's."""
+def columns_by_names(names: tuple[str, ...], without: Collection[str] = ()) -> tuple[dict[str, Any], list[str]]:
+    """Return the probable meaning and unit of each column whose name is not the contract's.
+
+    without: columns that the table does not have.
+    """
     columns: dict[str, str] = {}
     units: dict[str, str] = {}
     taken: list[str] = []
@@ -350,7 +439,14 @@ def columns_by_names(names: tuple[str, ...]) -> tuple[dict[str, Any], list[str]]
         if unit is not None and find_column(name) is not None:
             continue  # has the contract's name: target_mm is no target
         known = _probable_column(bare) or _probable_column(name)
-        if known is None or name == known or known in columns or known in names or not may_be(unit, find_column(known)):
+        if (
+            known is None
+            or known in without
+            or name == known
+            or known in columns
+            or known in names
+            or not may_be(unit, find_column(known))
+        ):
             continue
         columns[known] = name
         if unit is not None and unit not in ("s", "degC"):

@@ -12,6 +12,7 @@ import numpy as np
 
 from truing.formats.guess import Guess
 from truing.formats.matlab import Block, blocks_of, open_variables, shape_of
+from truing.formats.matlab_stacks import guess_of_stacks
 from truing.formats.raw import Unusable
 from truing.formats.shapes import WRENCH
 from truing.formats.sniff_cells import sniff_cells
@@ -48,6 +49,8 @@ def _of_variables(variables: Mapping[str, Variable]) -> Guess:
         if (guess := _of_one_table(variables, name, text)) is not None:
             return guess
     if (guess := _of_loads(variables, text)) is not None:
+        return guess
+    if (guess := guess_of_stacks(variables, text)) is not None:
         return guess
     example = next(iter(variables), "x")
     note = f"{text}; say which: variable = {example!r}, and transpose where rows are columns"

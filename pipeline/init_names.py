@@ -1,0 +1,213 @@
+"""Poses and bodies in names of groups and targets, for `truing init`; distances between targets decide."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from truing.formats.guess import OtherWay
+from truing.pipeline.init_questions import names_a_body
+from truing.pipeline.init_survey import SurveyRows, rows_of
+
+if TYPE_CHECKING:
+    from truing.arrays import Array
+    from truing.formats.guess import Guess
+    from truing.pipeline.init_entries import RawGroup
+
+_WORD = r"(?:pose?|position|shot|set|epoch|frame|meas|messung|stellung|aufnahme|lage)"
+_BETWEEN = r"[\s_.\-#]*"
+_OF_GROUPS = (  # Base_pose01, pose01 Base, Base 1
+    rf"(?P<body>.*?){_BETWEEN}{_WORD}{_BETWEEN}(?P<pose>\d+)",
+    rf"{_WORD}{_BETWEEN}(?P<pose>\d+)[\s_.\-]+(?P<body>.*[^\W\d].*)",
+    rf"(?P<body>.*[^\W\d]){_BETWEEN}(?P<pose>\d+)",
+)
+_OF_TARGETS = (  # P3_base12, base12_P3
+    r"[^\W\d]*?(?P<pose>\d+)[\s_.\-]+(?P<target>.*[^\W\d].*)",
+    r"(?P<target>.*\d)[\s_.\-]+[^\W\d]*?(?P<pose>\d+)",
+)
+_PREFIX = r"(?P<body>[^\W\d_]+)[\s_.\-]*\d.*"
+_RIGID = 0.01  # change of distances, of their size: more is no body
+_APART = 5.0  # ratio of changes between and within bodies
+_FEWEST, _MOST_PAIRS, _MOST_ROWS, _MOST_FILES = 3, 200, 20_000, 60
+_File = tuple["RawGroup", "Guess"]
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """Names read by a pattern: body, pose and target of each row, and the rms change of distances within bodies."""
+
+    pattern: str
+    bodies: list[str]
+    poses: list[str]
+    targets: list[str]
+    change: float
+    size: float
+
+    @property
+    def words(self) -> str:
+        """The evidence: how much distances within a body change."""
+        return f"distances between targets of a body stay the same within {self.change:.2g} of {self.size:.0f}"
+
+
+def with_poses_of_names(folder: Path, files: Sequence[_File]) -> list[_File]:
+    """Take names such as ``Base_pose01`` or ``P3_base12`` apart into pose, body and target, if distances agree."""
+    return [(group, _with_poses(folder, group, guess)) for group, guess in files]
+
+
+def _with_poses(folder: Path, group: RawGroup, guess: Guess) -> Guess:
+    columns = guess.mapping.get("columns", {})
+    raw = columns.get("target")
+    has_pose = "pose" in {*columns, *guess.columns, *guess.mapping.get("number_rows", {})} or any(
+        "(?P<pose>" in text for text in (guess.mapping.get("from_name", ""), *guess.mapping.get("split", {}).values())
+    )
+    if guess.table not in ("points", "targets") or guess.known or has_pose or "format" in guess.mapping or raw is None:
+        return guess
+    constants = {"pose": 1, **({} if names_a_body(guess) else {"body": "body"})}
+    rows = rows_of(folder, group, replace(guess, table="points"), constants, most=_MOST_ROWS)
+    if rows is None:
+        return guess
+    if names_a_body(guess):
+        return _by_groups(guess, rows)
+    return _by_targets(guess, rows, raw)
+
+
+def _by_groups(guess: Guess, rows: SurveyRows) -> Guess:
+    """The guess with poses in the names of its groups; numbers without a word may be bodies instead."""
+    found = _best(_OF_GROUPS, rows.bodies, rows)
+    if found is None:
+        return guess
+    note = f"groups such as {rows.bodies[0]} are read as body and pose: {found.words}"
+    columns, split = dict(guess.mapping.get("columns", {})), dict(guess.mapping.get("split", {}))
+    raw = columns.pop("body", None)
+    pattern = found.pattern if all(found.bodies) else found.pattern.replace("?P<body>", "?:")
+    if raw is None:  # the group is a part of a longer name
+        split = {name: text.replace("(?P<body>", "(?P<group>") for name, text in split.items()}
+        raw = "group"
+    keys = {**guess.mapping, "columns": columns, "split": {**split, raw: f"(?i){pattern}"}}
+    doubt = f"numbers in groups such as {rows.bodies[0]} are assumed to be poses"
+    question = f"Numbers in names of groups such as {rows.bodies[0]}"
+    as_poses = replace(guess, table="points", mapping=keys, notes=(*guess.notes, note))
+    if found.pattern == _OF_GROUPS[-1] and len(set(found.bodies)) == 1:  # leg1, leg2, ...: bodies of the same shape
+        doubt = f"numbers in groups such as {rows.bodies[0]} are assumed to name bodies"
+        return replace(guess, ways=(*guess.ways, OtherWay("numbers", question, "bodies", "poses", as_poses, doubt)))
+    return replace(as_poses, ways=(*guess.ways, OtherWay("numbers", question, "poses", "bodies", guess, doubt)))
+
+
+def _by_targets(guess: Guess, rows: SurveyRows, raw: str) -> Guess:
+    """The guess with poses in the names of its targets."""
+    found = _best(_OF_TARGETS, rows.targets, rows)
+    if found is None:
+        return guess
+    columns = {key: name for key, name in guess.mapping["columns"].items() if key != "target"}
+    split = {**guess.mapping.get("split", {}), raw: found.pattern}
+    note = f"names such as {rows.targets[0]} are read as pose and target: {found.words}"
+    doubt = f"numbers in names such as {rows.targets[0]} are assumed to be poses"
+    question = f"Numbers in names of targets such as {rows.targets[0]}"
+    way = OtherWay("numbers", question, "poses", "targets", guess, doubt)
+    keys = {**guess.mapping, "columns": columns, "split": split}
+    return replace(guess, table="points", mapping=keys, notes=(*guess.notes, note), ways=(*guess.ways, way))
+
+
+def _best(patterns: Sequence[str], names: Sequence[str], rows: SurveyRows) -> _Reading | None:
+    """The reading of names with the smallest change of distances within bodies; None without several poses."""
+    found = [one for pattern in patterns if (one := _reading(pattern, names, rows)) is not None]
+    return min(found, key=lambda one: one.change / one.size, default=None)
+
+
+def _reading(pattern: str, names: Sequence[str], rows: SurveyRows) -> _Reading | None:
+    matches = [re.fullmatch(pattern, name, re.IGNORECASE) for name in names]
+    parts = [match.groupdict() for match in matches if match is not None]
+    if len(parts) < len(names):
+        return None
+    poses = [part["pose"] for part in parts]
+    targets = [part.get("target", target) for part, target in zip(parts, rows.targets, strict=True)]
+    given = [part["body"] for part in parts] if "body" in parts[0] else [""] * len(parts)
+    bodies = given if any(given) else _prefixes(targets)
+    keys = list(zip(poses, bodies, targets, strict=True))
+    if len(set(poses)) < 2 or len(set(keys)) < len(keys):
+        return None
+    changes, sizes = _changes(poses, bodies, targets, rows.places, within=True)
+    if len(changes) < _FEWEST:
+        return None
+    change, size = float(np.sqrt(np.mean(changes**2))), float(np.median(sizes))
+    return _Reading(pattern, given, poses, targets, change, size) if size > 0.0 and change < _RIGID * size else None
+
+
+def _prefixes(targets: Sequence[str]) -> list[str]:
+    """The word before the number of each target; empty names if a target has none."""
+    matches = [re.fullmatch(_PREFIX, target) for target in targets]
+    return [match["body"] if match else "" for match in matches] if all(matches) else [""] * len(targets)
+
+
+def _changes(
+    poses: Sequence[str], bodies: Sequence[str], targets: Sequence[str], places: Array, *, within: bool
+) -> tuple[Array, Array]:
+    """Standard deviation over the poses of each distance between targets within (or between) bodies, and its mean."""
+    held: dict[tuple[str, str], dict[str, int]] = {}
+    for row, key in enumerate(zip(bodies, targets, strict=True)):
+        held.setdefault(key, {})[poses[row]] = row
+    changes, sizes = [], []
+    for one, other in _pairs(list(held), within=within):
+        both = [pose for pose in held[one] if pose in held[other]]
+        if len(both) > 1:
+            first, second = ([held[key][pose] for pose in both] for key in (one, other))
+            distances = np.linalg.norm(places[first] - places[second], axis=1)
+            changes.append(float(np.std(distances, ddof=1)))
+            sizes.append(float(np.mean(distances)))
+    return np.array(changes), np.array(sizes)
+
+
+def _pairs(keys: Sequence[tuple[str, str]], *, within: bool) -> Iterator[tuple[tuple[str, str], tuple[str, str]]]:
+    wanted = [pair for pair in combinations(keys, 2) if (pair[0][0] == pair[1][0]) == within]
+    step = max(1, len(wanted) // _MOST_PAIRS)
+    yield from wanted[::step]
+
+
+def with_bodies_of_targets(folder: Path, files: Sequence[_File]) -> list[_File]:
+    """Take the words before the numbers of targets as bodies, if these move as bodies: distances within stay."""
+    return [(group, _with_bodies(folder, group, guess)) for group, guess in files]
+
+
+def _with_bodies(folder: Path, group: RawGroup, guess: Guess) -> Guess:
+    if guess.table != "points" or guess.known or names_a_body(guess) or "format" in guess.mapping:
+        return guess
+    split = guess.mapping.get("split", {})
+    raw = guess.mapping.get("columns", {}).get("target", "target")
+    rows = _of_files(folder, group, guess)
+    if rows is None:
+        return guess
+    bodies = _prefixes(rows.targets)
+    if len(set(bodies)) < 2:
+        return guess
+    inner, sizes = _changes(rows.poses, bodies, rows.targets, rows.places, within=True)
+    outer, _ = _changes(rows.poses, bodies, rows.targets, rows.places, within=False)
+    if len(inner) < _FEWEST or not len(outer):
+        return guess
+    change, between = (float(np.sqrt(np.mean(one**2))) for one in (inner, outer))
+    if change > _RIGID * float(np.median(sizes)) or between < _APART * change:
+        return guess
+    named = sorted(set(bodies))
+    shown = ", ".join(named[:4]) + (", ..." if len(named) > 4 else "")
+    note = f"bodies {shown} by the names of targets: distances within change by {change:.2g}, between by {between:.2g}"
+    doubt = f"the words {shown} before the numbers of targets are assumed to be bodies"
+    mapping = {**guess.mapping, "split": {**split, raw: _PREFIX}}
+    question = f"The words {shown} before the numbers of targets"
+    way = OtherWay("words", question, "bodies", "names", guess, doubt)
+    return replace(guess, mapping=mapping, notes=(*guess.notes, note), ways=(*guess.ways, way))
+
+
+def _of_files(folder: Path, group: RawGroup, guess: Guess) -> SurveyRows | None:
+    """The rows of the first files of a group, which are poses; None if one of them cannot be read."""
+    examples = [group.example.parent / name for name in group.names[:_MOST_FILES]] or [group.example]
+    read = [rows_of(folder, replace(group, example=one), guess, {"body": "body"}, most=_MOST_ROWS) for one in examples]
+    found = [rows for rows in read if rows is not None]
+    if len(found) < len(read) or not found:
+        return None
+    texts = ([text for rows in found for text in getattr(rows, name)] for name in ("poses", "bodies", "targets"))
+    return SurveyRows(*texts, np.concatenate([rows.places for rows in found]))

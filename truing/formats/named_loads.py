@@ -1,0 +1,150 @@
+"""Recognition of loads of a bench and of channels of a sensor by names of columns."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from truing.formats.shapes import WRENCH
+from truing.formats.units import bare_and_unit, known_unit, may_be
+from truing.schemas.columns import find_column
+
+_UNIT = r"(?:[\s_]*[\[(/]\s*(?P<unit>[^\])]+?)\s*[\])]?)?"
+_LETTER = re.compile(rf"(?P<of>known|applied|ref|reference|soll)?[ _.-]?(?P<what>[fm])_?(?P<axis>[xyz]){_UNIT}", re.I)
+_SPELT = re.compile(
+    rf"(?P<axis>[xyz])[ _.-](?P<what>force|moment|torque|displacement|translation|rotation){_UNIT}", re.I
+)
+_BEHIND = re.compile(
+    rf"(?P<of>known|applied|ref|reference|soll)?[ _.-]?(?P<what>force|moment|torque|displacement|translation|rotation)"
+    rf"[ _.-](?P<axis>[xyz]){_UNIT}",
+    re.I,
+)
+_LOGGED = re.compile(r"\d{1,4}\s*<(?P<name>[^<>]+)>\s*(?P<unit>\(.*\))?")  # number, name, unit of a channel
+_CHANNEL = re.compile(r"(?:s|v|u|ch|channel|adc|raw|signal|bridge|sensor|gauge|dms|kanal)[ _.-]?(?:\d+|[xyz])", re.I)
+_NO_SIGNAL = re.compile(r"excit|suppl|speis|batter|power|versorg|ref", re.I)  # voltages that are no signals
+_TIME = re.compile(r"(?:t|time|zeit|timestamp|x[ _]?value)\b.*", re.I)
+_MOST_CHANNELS = 8
+_COLUMN = {
+    "f": "f{}_n",
+    "force": "f{}_n",
+    "m": "m{}_nm",
+    "moment": "m{}_nm",
+    "torque": "m{}_nm",
+    "displacement": "d{}_mm",
+    "translation": "d{}_mm",
+    "rotation": "r{}_rad",
+}
+_OWN = {"n": "N", "nm": "N m", "mm": "mm", "rad": "rad"}  # unit by the end of a column's name
+_LOWER = {"nmm": "N mm", "nm": "N m", "n": "N", "kn": "kN"}  # as some programs write them
+_RATIO = "/V"  # end of the units of bridges
+_FEWEST = 3  # components: fewer may have such names by chance
+
+
+@dataclass(frozen=True)
+class LoadMapping:
+    """Proposal for a table of loads: keys for its [files.<table>], what it is, and statements to confirm.
+
+    otherwise: the proposal if the loads are applied instead of shown by the sensor itself, or the reverse.
+    """
+
+    table: str
+    mapping: dict[str, Any]
+    note: str
+    doubts: tuple[str, ...] = ()
+    otherwise: LoadMapping | None = None
+
+    @property
+    def is_shown(self) -> bool:
+        """True if the loads are what the sensor shows."""
+        return any(column.startswith("shown_") for column in self.mapping["columns"])
+
+
+def load_columns(names: Sequence[str]) -> LoadMapping | None:
+    """Return a proposal for a table of loads; None if no names say it."""
+    plain, applied = _components(names)
+    if len(plain) + len(applied) < _FEWEST or not any(column[0] in "fm" for column in (*plain, *applied)):
+        return None
+    steps: dict[str, Any] = {"number_rows": {"step": 1}, "constants": {"run": "1"}}
+    if any(column[0] in "dr" for column in plain):
+        return LoadMapping("displacement", {**_keys(plain), **steps}, "displacements under load")
+    if applied:
+        signals = {f"v{WRENCH.index(column) + 1}_mv": name for column, name in plain.items()}
+        keys = {**_keys(applied), **steps}
+        return LoadMapping(
+            "signals", {**keys, "columns": {**signals, **applied}}, "known loads, beside the channels of a sensor"
+        )
+    channels = _channels(names)
+    given, doubts = _of_applied(plain, channels, steps)
+    shown_keys = _keys({f"shown_{column}": name for column, name in plain.items()})
+    note = 'what a sensor shows; which load was applied no column says: constants = { load_axis = "fz", load = 10.0 }'
+    shown = LoadMapping("signals", {**shown_keys, **steps}, note)
+    if channels:
+        return replace(given, doubts=doubts, otherwise=shown)
+    if not any(_TIME.fullmatch(name.strip()) for name in names):
+        return given
+    return replace(shown, otherwise=given)
+
+
+def _of_applied(
+    plain: dict[str, str], channels: Sequence[str], steps: dict[str, Any]
+) -> tuple[LoadMapping, tuple[str, ...]]:
+    """Return the proposal for applied loads, and a doubt if channels are ratios of a bridge."""
+    signals = {f"v{number}_mv": name for number, name in enumerate(channels, start=1)}
+    note = "loads, taken to be applied"
+    note += ", beside the channels of a sensor" if channels else "; what was read under them no column says"
+    ratios = [name for name in channels if (unit_of(name) or "").endswith(_RATIO)]
+    doubts = (f"{ratios[0]} and others in {unit_of(ratios[0])} are read as at a supply of 1 V",) if ratios else ()
+    return LoadMapping("signals", {**_keys({**signals, **plain}), **steps}, note), doubts
+
+
+def _keys(columns: dict[str, str]) -> dict[str, Any]:
+    """Return ``columns``, and ``units`` of names that give another unit than the column's."""
+    given = {column: _unit_for(column, name) for column, name in columns.items()}
+    units = {column: unit for column, unit in given.items() if unit is not None}
+    return {"columns": columns, **({"units": units} if units else {})}
+
+
+def _unit_for(column: str, name: str) -> str | None:
+    """Return the unit that a raw name gives, if a column may have it and has another one."""
+    own = "mV" if column.endswith("_mv") else _OWN[column.rsplit("_", 1)[-1]]
+    match = next((m for p in (_LETTER, _SPELT, _BEHIND) if (m := p.fullmatch(_bare(name)))), None)
+    text = re.sub(r"[\s·*.]", "", (match["unit"] if match else None) or "")
+    unit = _LOWER.get(text) or (known_unit(text) if match else unit_of(name))
+    return None if unit in (None, own) or not may_be(unit, find_column(column.removeprefix("shown_"))) else unit
+
+
+def unit_of(name: str) -> str | None:
+    """Return the unit in a raw name, also behind the name that a data logger gives a channel."""
+    return bare_and_unit(_bare(name))[1]
+
+
+def _bare(name: str) -> str:
+    """Return a raw name without a data logger's number: ``104 <Fx> (N)`` is ``Fx (N)``."""
+    match = _LOGGED.fullmatch(name.strip())
+    return f"{match['name']} {match['unit'] or ''}".strip() if match else name.strip()
+
+
+def _channels(names: Sequence[str]) -> list[str]:
+    """Return the channels of an amplifier: columns with a unit of voltage, or else columns with such names."""
+    volts = [name for name in names if _is_voltage(name)]
+    named = [name for name in names if _CHANNEL.fullmatch(bare_and_unit(_bare(name))[0])]
+    return next((found for found in (volts, named) if _FEWEST <= len(found) <= _MOST_CHANNELS), [])
+
+
+def _is_voltage(name: str) -> bool:
+    unit = unit_of(name)
+    return unit is not None and may_be(unit, find_column("v1_mv")) and _NO_SIGNAL.search(name) is None
+
+
+def _components(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
+    """Return columns by component: measured ones, and reference ones."""
+    plain: dict[str, str] = {}
+    applied: dict[str, str] = {}
+    for name in names:
+        match = next((m for p in (_LETTER, _SPELT, _BEHIND) if (m := p.fullmatch(_bare(name)))), None)
+        if match is not None:
+            column = _COLUMN[match["what"].lower()].format(match["axis"].lower())
+            (applied if match.groupdict().get("of") is not None else plain).setdefault(column, name)
+    return plain, applied
