@@ -30,7 +30,7 @@ _CONSTANTS = {
     "pose": "Pose of all rows",
 }
 _EULER = {"rx_rad": "euler_a_deg", "ry_rad": "euler_b_deg", "rz_rad": "euler_c_deg"}
-_KEYS = ("decimal", "loads", "numbers", "words", "table", "unit", "rotation", "coverage", *_CONSTANTS)
+_KEYS = ("decimal", "loads", "numbers", "words", "axis", "table", "unit", "rotation", "coverage", *_CONSTANTS)
 
 
 @dataclass(frozen=True)

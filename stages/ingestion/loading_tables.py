@@ -182,7 +182,7 @@ def read_loading_tables(source: CampaignFiles, settings: Any, log: FaultLog) -> 
         expected = (
             "this file, displacement.csv or signals.csv (or .parquet), or [files.interferometer] in campaign.toml"
         )
-        log.add(Fault("interferometer.csv", expected + words_on_unread_files(source.folder)))
+        log.add(Fault("interferometer.csv", expected + words_on_unread_files(source.folder, source.names_in_entries)))
     readings = read_readings(source, settings, log)
     signals = read_signals(source, settings, None if readings is None else readings.table, log)
     loaded = [found.table for found in (readings, signals) if found is not None]

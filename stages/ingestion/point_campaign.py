@@ -171,7 +171,9 @@ def _check_any_points(source: CampaignFiles, log: FaultLog) -> None:
     if any(source.entries(table) for table in ("points", "poses", "scans", "distances")):
         return
     expected = "this file (or points.parquet, poses.csv), or [files.points] in campaign.toml"
-    log.add(Fault("points.csv", expected + words_on_unread_files(source.folder)))
+    if source.entries("configurations"):
+        expected += '; configurations alone are enough for an axis: [mechanism] type = "axis"'
+    log.add(Fault("points.csv", expected + words_on_unread_files(source.folder, source.names_in_entries)))
     for one in skipped_files(source.folder, source.folders_of_photographs, ()):
         if one.is_fault:
             log.add(Fault(one.name, one.why))

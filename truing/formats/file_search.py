@@ -6,7 +6,7 @@ import errno
 import fnmatch
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from time import monotonic
 
@@ -57,11 +57,12 @@ def find_files(folder: Path, pattern: str) -> list[str]:
     return sorted((name for name in names if is_raw_file(folder / name)), key=_natural)
 
 
-def words_on_unread_files(folder: Path) -> str:
-    """Return a hint that names the files at the top of a folder that no entry reads; empty if there are none."""
+def words_on_unread_files(folder: Path, read: Collection[str] = ()) -> str:
+    """Return a hint that names the files at the top of a folder except ``read``; empty if there are none."""
     paths = folder.iterdir() if folder.is_dir() else ()  # the folder may vanish during a run
     names = sorted(path.name for path in paths if not path.name.startswith(".") and is_raw_file(path))
-    unread = [name for name in names if Path(name).suffix.lower() not in _NO_DATA and name.isprintable()]
+    names = [name for name in names if Path(name).suffix.lower() not in _NO_DATA and name not in read]
+    unread = [name for name in names if name.isprintable()]
     more = f" and {len(unread) - _NAMED} more" if len(unread) > _NAMED else ""
     return f"; no entry reads {', '.join(unread[:_NAMED])}{more}" if unread else ""
 

@@ -127,17 +127,19 @@ def _readings(variables: Mapping[str, Variable], count: int, text: str) -> Itera
         elif len(own) == 1:
             raw = [str(number) for number in range(1, width + 1)]
         listed += raw
-        columns |= _meaning(short.casefold(), raw, columns)
+        columns |= _meaning(short.casefold(), raw, columns, np.ravel(value))
     if own:
         keys = {"variable": list(own), **({"columns": columns} if columns else {}), "number_rows": {"pose": 1}}
         yield Guess(keys, tuple(listed), "configurations", (text,))
 
 
-def _meaning(word: str, raw: list[str], taken: Mapping[str, str]) -> dict[str, str]:
+def _meaning(word: str, raw: list[str], taken: Mapping[str, str], values: Array) -> dict[str, str]:
     """Return the columns that a variable means by its name; covariates keep theirs."""
     if len(raw) == 1:
         known = {"time_s": _TIMES, "temperature_c": _TEMPERATURES}
         found = next((column for column, words in known.items() if re.fullmatch(words, word)), None)
+        if found == "time_s" and not np.all(np.diff(values) > 0.0):
+            return {}  # times increase
         return {found: raw[0]} if found is not None and found not in taken else {}
     if re.fullmatch(_ACTUATORS, word):
         return {f"rho{number}_mm": name for number, name in enumerate(raw, start=1)}

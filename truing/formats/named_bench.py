@@ -54,14 +54,19 @@ _DIRECTIONS = {
 }
 _COMMAND = (
     r"(command(ed)?|target|nominal|soll|ziel|set)([ _-]?(angle|position|pos|winkel|wert))?"
-    r"|setpoint|angle|winkel|position"
+    r"|setpoint|angle|winkel|position|.*pos[_-]?cmd"
 )
-_MOTOR = r"motor([ _-]?(encoder|angle|position|winkel))?|encoder|geber|messsystem|resolver"
-_LOAD_SIDE = r"(load|second|direct|output)([ _-]?(encoder|angle|position|winkel))|abtrieb"
+_MOTOR = (
+    r"motor([ _-]?(encoder|angle|position|winkel))?|encoder|(dreh)?geber|messsystem|resolver|.*pos[_-]?(fb|feedback)"
+)
+_LOAD_SIDE = (
+    r"(load|second|direct|output)([ _-]?(encoder|angle|position|winkel))|abtrieb|encoder[._ ]?\d+([._ ]?pos(ition)?)?"
+)
 _OUTSIDE = (
     r"(reference|measured|autocollimator|autokollimator|akf|interferometer|laser|polygon|ist|error|deviation|abweichung)"
-    r".*"
+    r".*|(ron|rod|rpn|rcn|ecn|ern|lip|lida|lif) ?\d{3,4}"
 )
+_OF_AXIS = re.compile(r"[ _](axis|achse|axe)?[ _]?[xyzabcuvw]\d?$")  # the axis behind a name
 
 
 @dataclass(frozen=True)
@@ -168,24 +173,35 @@ def _direction(cell: str) -> str | None:
     return next((word for word, names in _DIRECTIONS.items() if cell.casefold() in names), None)
 
 
-def axis_rows(names: Sequence[str], values: Array) -> Proposal | None:
-    """Return commands of a single axis beside its encoders and an outside instrument, as configurations."""
-    command = _first(names, _COMMAND, ())
+def axis_rows(names: Sequence[str], values: Array) -> tuple[Proposal, ...]:
+    """Return commands of a single axis beside its encoders and an outside instrument, as configurations.
+
+    Two proposals, in degrees and in millimetres, if no name gives a unit; none without such columns.
+    """
+    given = {_kind(name) for name in names}
+    kinds = [kind for kind in ("angle", "length") if kind in given]
+    found = [axis for kind in kinds if (axis := _axis_of_kind(names, values, kind, kind)) is not None]
+    if found:
+        return tuple(found) if len(found) == 1 else ()
+    bare = [_axis_of_kind(names, values, None, kind) for kind in ("angle", "length")]
+    return tuple(axis for axis in bare if axis is not None)
+
+
+def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: str) -> Proposal | None:
+    """Return an axis whose columns have units of a kind (None: no units), read as angles or lengths."""
+    command = _first(names, _COMMAND, (), kind)
     if command is None:
         return None
-    motor, load = _first(names, _MOTOR, (command,)), _first(names, _LOAD_SIDE, (command,))
-    outside = _first(names, _OUTSIDE, (command, motor, load))
+    motor, load = _first(names, _MOTOR, (command,), kind), _first(names, _LOAD_SIDE, (command,), kind)
+    outside = _first(names, _OUTSIDE, (command, motor, load), kind)
     if outside is None and (motor is None or load is None):
         return None
-    kinds = {_kind(name) for name in (command, motor, load, outside) if name is not None} - {None}
-    if len(kinds) != 1:
-        return None
-    unit = "deg" if kinds == {"angle"} else "mm"
+    unit = "deg" if meant == "angle" else "mm"
     columns = {f"command_{unit}": command}
     columns |= {f"{what}_{unit}": name for what, name in (("motor", motor), ("load", load)) if name is not None}
     doubts: tuple[str, ...] = ()
     if outside is not None:
-        what = "deviation" if _is_deviation(names, values, command, outside) else "measured"
+        what = "deviation" if _is_deviation(names, values, command, outside, unit) else "measured"
         columns[f"{what}_{unit}"] = outside
         meaning = "the deviation from the command" if what == "deviation" else "the measured place of the axis"
         doubts = (f"{outside} is assumed to be {meaning}",)
@@ -194,12 +210,13 @@ def axis_rows(names: Sequence[str], values: Array) -> Proposal | None:
     return Proposal("configurations", mapping, "commands of an axis, and what recorded them", doubts)
 
 
-def _first(names: Sequence[str], pattern: str, taken: Sequence[str | None]) -> str | None:
-    """Return the first free name with such words and a unit of length or angle, or without a unit."""
-    return next(
-        (n for n in names if n not in taken and re.fullmatch(pattern, bare_and_unit(n)[0].casefold()) and _kind(n)),
-        None,
-    )
+def _first(names: Sequence[str], pattern: str, taken: Sequence[str | None], kind: str | None) -> str | None:
+    """Return the first free name with such words and a unit of a kind, or without a unit."""
+    for name in names:
+        bare = _OF_AXIS.sub("", bare_and_unit(name)[0].casefold())
+        if name not in taken and re.fullmatch(pattern, bare) and _kind(name) == kind:
+            return name if kind is not None or bare_and_unit(name)[1] is None else None
+    return None
 
 
 def _kind(name: str) -> str | None:
@@ -215,14 +232,11 @@ def _kind(name: str) -> str | None:
     )
 
 
-def _is_deviation(names: Sequence[str], values: Array, command: str, outside: str) -> bool:
+def _is_deviation(names: Sequence[str], values: Array, command: str, outside: str, own: str) -> bool:
     """True if an instrument's numbers span less than a hundredth of the commands', in the units of their names."""
     spans = []
     for name in (command, outside):
         column = values[:, list(names).index(name)]
-        unit = bare_and_unit(name)[1] or ""
-        spans.append(
-            float(np.nanmax(column) - np.nanmin(column))
-            * conversion(unit, "deg" if _kind(name) == "angle" else "mm")[0]
-        )
+        unit = bare_and_unit(name)[1] or own
+        spans.append(float(np.nanmax(column) - np.nanmin(column)) * conversion(unit, own)[0])
     return spans[1] < 0.01 * spans[0]

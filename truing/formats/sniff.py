@@ -37,6 +37,11 @@ _COUNT = re.compile(rb"^(?:element vertex|POINTS) +(\d+)", re.MULTILINE)
 _OF_JOINTS = re.compile(r"joint|gelenk|achswinkel|axis[_ -]?(angle|value)", re.IGNORECASE)
 _DENSE = 1000  # a cloud with more points is a scan of a surface, not a set of targets
 _SHOWN = 12
+_BINARY = {  # of programs that also write text
+    ".tdms": "save the channels as text: Write To Measurement File with .lvm, or the TDMS viewer's export",
+    ".bin": "export as ASCII",
+    ".xls": "save it as .xlsx or .csv",
+}
 
 
 def sniff_file(path: Path, joints: Sequence[str] = ()) -> Guess:
@@ -103,7 +108,8 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
         head = stream.read(_LOOK)
     encoding, text = _decoded(head, whole=len(head) < _LOOK)
     if "\0" in text:
-        return Guess(notes=("it holds no text that can be read",))
+        cure = next((words for ending, words in _BINARY.items() if path.name.lower().endswith(ending)), None)
+        return Guess(notes=("it holds no text that can be read" + ("" if cure is None else f"; {cure}"),))
     lines = [line for line in text.splitlines() if line.strip()]
     if lines and is_rig_file("", lines[0]):
         return Guess(notes=(OF_RIGS,), known=True)

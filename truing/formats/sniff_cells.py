@@ -21,7 +21,13 @@ from truing.formats.guess import (
     wide_template,
 )
 from truing.formats.heading import heading_of
-from truing.formats.named_bench import axis_rows, positions_of_axis, positions_side_by_side, readings_under_load
+from truing.formats.named_bench import (
+    Proposal,
+    axis_rows,
+    positions_of_axis,
+    positions_side_by_side,
+    readings_under_load,
+)
 from truing.formats.named_columns import (
     PoseMapping,
     bare_poses,
@@ -39,6 +45,7 @@ from truing.schemas.columns import find_column
 from truing.schemas.mapping import is_uncertainty
 
 _ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no measurement; it is not read"
+_A_COORDINATE_PER_ROW = "a row for each coordinate; export a table of points with columns X, Y and Z"
 _OF_COORDINATES = ("points", "targets", "poses", "scans", "surfaces")
 _OF_EACH_POSE = ("time_s", "temperature_c")  # columns that tables of coordinates do not have
 _LONGEST_NAME = 200  # the search for meanings in names tries many ways to split them
@@ -264,16 +271,40 @@ def _by_names(
     if loads is None and table != "signals":
         if (read := configurations_of_joints(names, data, values, meant, joints)) is not None:
             return _of_joints(read, mapping, names)
-        if table is None and (axis := axis_rows(names, values)) is not None:
-            more = {key: raw for key, raw in meant.items() if key in ("pose", "role", "temperature_c")}
-            numbered = {} if "pose" in more or "pose" in names else {"number_rows": {"pose": 1}}
-            keys = {**axis.mapping, "columns": {**more, **axis.mapping["columns"]}, **numbered}
-            return Guess(mapping | keys, names, axis.table, (axis.note,), doubts=axis.doubts)
+        if table is None and (found_axes := axis_rows(names, values)):
+            return _of_axis(found_axes, names, mapping, meant)
     if loads is not None:
         return proposal_of_loads(loads, names, mapping, found)
     if table != "signals" and (template := wide_template(names)) is not None:
         return _side_by_side(template, names, mapping | found)
+    if table is None:
+        return Guess(mapping | found, names, None, (_A_COORDINATE_PER_ROW,) if _has_axes_in_rows(data) else ())
     return Guess(mapping | found, names, table, tuple(notes))
+
+
+def _has_axes_in_rows(data: list[list[str]]) -> bool:
+    """True if a column names the axis of each row, as an inspection program lists its checks."""
+    return any({"x", "y", "z"} == {cell.strip().casefold() for cell in column} for column in zip(*data, strict=True))
+
+
+def _of_axis(
+    axes: Sequence[Proposal], names: tuple[str, ...], mapping: dict[str, Any], meant: Mapping[str, str]
+) -> Guess:
+    """Return the proposal of an axis; of two, in degrees and in millimetres, the first is taken."""
+    more = {key: raw for key, raw in meant.items() if key in ("pose", "role", "time_s", "temperature_c")}
+    numbered = {} if "pose" in more or "pose" in names else {"number_rows": {"pose": 1}}
+    guesses = [
+        Guess(
+            {**mapping, **axis.mapping, "columns": {**more, **axis.mapping["columns"]}, **numbered},
+            *(names, axis.table, (axis.note,)),
+            doubts=axis.doubts,
+        )
+        for axis in axes
+    ]
+    if len(guesses) == 1:
+        return guesses[0]
+    text, doubt = "Unit of the axis, which no name gives", "no unit is given; the axis is assumed to be in degrees"
+    return replace(guesses[0], ways=(OtherWay("axis", text, "deg", "mm", guesses[1], doubt),))
 
 
 def _of_joints(read: JointReadings, mapping: dict[str, Any], names: tuple[str, ...], **more: Any) -> Guess:

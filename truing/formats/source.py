@@ -90,8 +90,13 @@ class CampaignFiles:
 
     def _is_of_another_table(self, name: str) -> bool:
         """True if campaign.toml assigns a file of the folder to some table."""
-        entries = (entry for mapped in self._files.values() for entry in mapped)
-        return any(name in _expand(self.folder, pattern) for entry in entries for pattern in entry.paths)
+        return name in self.names_in_entries
+
+    @property
+    def names_in_entries(self) -> frozenset[str]:
+        """Files that the entries of campaign.toml find, as reached from the folder."""
+        patterns = [pattern for mapped in self._files.values() for entry in mapped for pattern in entry.paths]
+        return frozenset(name for pattern in patterns for name in _expand(self.folder, pattern))
 
     @property
     def has_photographs(self) -> bool:
