@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from truing.inference.blocks import group_numbers
 from truing.inference.observations import Epochs, Frames, Observations
+from truing.report.diagnosis.findings import IN_TURN
 from truing.schemas.verdict import Relation
 from truing.simulation.axis.extended_model import extended_axis, write_axis
 from truing.simulation.axis.model import AxisModel
@@ -81,12 +82,12 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         f"{int(out.sum())} rows excluded by a person" if out.any() else "",
         _results,
         model_text=_model_text,
-        shown=_encoder_channels(columns),
+        shown=_encoder_channels(columns, "held-out rows" if held.any() else IN_TURN),
         relation=Relation.COMMANDS_ENCODERS,
     )
 
 
-def _encoder_channels(columns: AxisColumns) -> Channels:
+def _encoder_channels(columns: AxisColumns, held_out: str) -> Channels:
     unit, si = columns.reported_unit
     count = len(columns.encoders)
     return Channels(
@@ -95,7 +96,7 @@ def _encoder_channels(columns: AxisColumns) -> Channels:
         np.zeros(count, bool),
         epoch="row",
         fitted="the rows fitted",
-        held_out="held-out rows",
+        held_out=held_out,
         drive="the command",
         scatter=_SCATTER,
     )

@@ -132,7 +132,7 @@ def test_what_follows_a_column_without_a_name_is_told_and_predicted_from_that_co
 
 def test_growth_with_temperature_is_named_and_predicted_about_its_fixed_point(tmp_path: Path) -> None:
     warmth = 20.0 + 2.0 * np.sin(np.arange(40) / 3.0) + np.random.default_rng(2).uniform(-1.0, 1.0, 40)
-    layout = _layout(event_row=None, temperature=np.round(warmth, 2))
+    layout = _layout(event_row=None, temperature=np.round(warmth, 2), held_out=np.zeros(40, dtype=bool))
     growth, fixed = 1e-4, 30.0
     course = growth * (warmth - warmth.mean()) * (layout.command - fixed)
     folder = write(record(layout, (), np.random.default_rng(3), {"measured": course}), tmp_path / "campaign")
@@ -142,7 +142,10 @@ def test_growth_with_temperature_is_named_and_predicted_about_its_fixed_point(tm
     assert [(row["cause"], row["subject"]) for row in found] == [("axis-growth", "instrument")]
     told = json.loads(found[0]["parameters"])
     assert abs(told["growth"]["value"] - growth) < 4.0 * told["growth"]["sigma"] < 0.2 * growth
-    assert "with temperature" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "with temperature" in page
+    assert "rows left out in turn" in page
+    assert "eld-out" not in page  # no row has the role of verification
     model = (tmp_path / "run" / "model.toml").read_text(encoding="utf-8")
     inputs = pa.table(
         {"pose": [1, 2, 3, 4], "command_deg": [30.0, 30.0, 75.0, 75.0], "temperature_c": [17.0, 23.0] * 2}

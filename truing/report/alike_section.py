@@ -48,7 +48,8 @@ def _predictions(tables: Tables) -> Iterator[_Row]:
     found = modelled_of(rows)
     for one in errors_of_models(rows, found, tables) if rows else ():
         what = "measured minus predicted, rms"
-        what = what if is_bench(tables) else f"coordinates of targets, {what}"
+        has_targets = not is_bench(tables) and "axis_errors" not in tables
+        what = f"coordinates of targets, {what}" if has_targets else what
         over = of.held_out if one.held_out else of.fitted
         for words, size in (("without causes", one.before), ("with causes", one.after))[0 if found else 1 :]:
             yield ("Before and after", f"{what}, {words}", over, f"{plain(size)} {sign(one.unit)}")

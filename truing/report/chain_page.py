@@ -239,7 +239,8 @@ def _map(shown: pd.DataFrame, tip: str) -> go.Figure:
         figure.add_trace(points, row=1, col=k)
         figure.update_xaxes(title_text=f"{across[0]} (mm)", row=1, col=k)
         figure.update_yaxes(title_text=f"{up[0]} (mm)", row=1, col=k)
-    style(figure, f"Errors that remain, over the position of {label(tip)}", "Diamonds: held-out poses", 440)
+    diamonds = "Diamonds: held-out poses" if shown["role"].eq("verification").any() else ""
+    style(figure, f"Errors that remain, over the position of {label(tip)}", diamonds, 440)
     scale = {"title": {"text": "rms (µm)"}, "thickness": 12}
     ends = {"cmin": 0.0, "cmax": max(float(shown["rms_after"].max()), 1e-6)}  # from zero, so that noise looks even
     figure.update_layout(coloraxis={"colorscale": "Cividis", **ends, "colorbar": scale})

@@ -259,7 +259,7 @@ def _finish(figure: go.Figure, title: str, subtitle: str, count_of_rows: int) ->
 
 _HEADS = (
     *("rank", "cause", "verdict", "p", "signal / noise", "log10 odds", "probability", "ranking, sizes × 3"),
-    *("rms", "held-out rms", "unit"),
+    *("rms", "rms, not fitted", "unit"),
 )
 
 

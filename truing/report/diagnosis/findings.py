@@ -48,6 +48,7 @@ _ALL_OF_IT = 0.995
 _NAMED = 6
 # Standard deviations below which none of many parameters counts as determined.
 _DETERMINED = 2.0
+IN_TURN = "rows left out in turn"  # of an axis without rows of verification
 
 
 @dataclass(frozen=True)

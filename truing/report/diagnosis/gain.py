@@ -43,7 +43,6 @@ _EVERY_POSE = (
     "Measured minus predicted, each pose with the same weight; at the head of the page each point has the same weight. "
     "In brackets 95 % intervals by bootstrap over poses"
 )
-_NOT_FITTED = "not used in any fit"
 _ALL = 0.9995  # share of the variance beyond noise that is rounded to 100 %
 _ERROR = "position_error_um"
 
@@ -91,7 +90,7 @@ def gain_section(rows: list[AssessedCause], tables: Tables) -> ReportSection:
 
 
 def _words_of(one: Overall, of: PartNames) -> str:
-    return f"{of.held_out} ({_NOT_FITTED})" if one.held_out else of.fitted
+    return f"{of.held_out} ({of.not_fitted})" if one.held_out else of.fitted
 
 
 def _opening_sentences(missed: list[_Missed], of: PartNames, rows: list[AssessedCause], *, whole: bool) -> str:
@@ -148,7 +147,7 @@ def _errors_by_cause(found: list[AssessedCause], of: PartNames) -> Drawn:
     rows = [row for row in found if row.rms[0] is not None and row.rms[1] is not None]
     units = dict.fromkeys(row.unit for row in rows)
     words = of.fitted_or_not
-    if of is not POINTS:
+    if not of.is_of_points:
         # Each cause is assessed over the channels that it moves, so errors after one are not those before the next.
         start = "with what was found before"
         return [(misfit_figure([row], of, *([start] if k else [])), words) for k, row in enumerate(rows)]
@@ -164,8 +163,9 @@ def _parts(missed: list[_Missed], tables: Tables) -> Drawn:
     table = table_or_none(tables, "prediction")
     if table is None:
         return []
-    words = "Diamonds: held-out poses, not used in any fit."
-    words = f"Each line connects a pose before and after. {words}" if modelled else words
+    diamonds = "Diamonds: held-out poses, not used in any fit." if table["role"].eq("verification").any() else ""
+    lines = "Each line connects a pose before and after." if modelled else ""
+    words = " ".join(filter(None, (lines, diamonds)))
     return [(_pose_by_pose(table, missed[0].floor if missed else None, modelled), words)]
 
 

@@ -12,7 +12,7 @@ import pandas as pd
 
 from truing.report.diagnosis.assessed_causes import AssessedCause
 from truing.report.diagnosis.next_steps import NextStep, next_steps
-from truing.report.diagnosis.prediction_errors import POINTS, READINGS, part_names
+from truing.report.diagnosis.prediction_errors import READINGS, part_names
 from truing.report.numbers import count, printed
 from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.tables import LOAD_UNITS, LOADS, Tables, cell, table_or_none
@@ -67,7 +67,7 @@ def _opening_sentences(steps: list[NextStep], tables: Tables) -> str:
     if table_or_none(tables, "next_poses") is not None:
         unchecked = f" {_UNCHECKED}" if "joints" in tables else ""
         return f"{text} The tables list the readings to command.{unchecked}".strip()
-    legless = part_names(tables) is POINTS and "pulls" not in tables
+    legless = part_names(tables).is_of_points and "pulls" not in tables
     why = _OF_CHAIN if "joints" in tables else _WITHOUT_MECHANISM
     return f"{text} {why if legless else part_names(tables).not_planned}".strip()
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
 from truing.report.diagnosis.assessed_causes import AssessedCause, modelled_of, total_gain
+from truing.report.diagnosis.findings import IN_TURN
 from truing.report.numbers import plain
 from truing.report.tables import STEP, Tables, in_channel_order, is_bench, load_steps, table_or_none
 
@@ -33,6 +34,7 @@ class PartNames:
     """Names of the parts of a campaign: held-out units, fitted and held-out data.
 
     ``built``: the part with a tolerance, with the question whether it keeps that, and the positive answer.
+    ``not_fitted``: how held-out data are predicted.
     """
 
     single: str
@@ -43,6 +45,12 @@ class PartNames:
     built: str
     built_question: str
     as_built: str
+    not_fitted: str = "not used in any fit"
+
+    @property
+    def is_of_points(self) -> bool:
+        """True for points of bodies in poses."""
+        return self.single == POINTS.single
 
 
 POINTS = PartNames(
@@ -77,11 +85,24 @@ _AXIS = PartNames(
 )
 
 
+_AXIS_IN_TURN = replace(  # no row has the role of verification
+    _AXIS,
+    held_out=IN_TURN,
+    fitted_or_not="Rows left out in turn are predicted by fits that did not use them.",
+    not_fitted="predicted by fits that did not use them",
+)
+_POINTS_FITTED = replace(POINTS, fitted_or_not="All poses were used in the fit.")
+
+
 def part_names(tables: Tables) -> PartNames:
-    """Return the names for a campaign's kind."""
-    if "axis_errors" in tables:
-        return _AXIS
-    return READINGS if is_bench(tables) else POINTS
+    """Return the names for a campaign's kind, and for whether it holds data out."""
+    axis = table_or_none(tables, "axis_errors")
+    if axis is not None:
+        return _AXIS if axis["role"].eq("verification").any() else _AXIS_IN_TURN
+    if is_bench(tables):
+        return READINGS
+    poses = table_or_none(tables, "prediction")
+    return POINTS if poses is None or poses["role"].eq("verification").any() else _POINTS_FITTED
 
 
 def reading_misses(tables: Tables) -> pd.DataFrame | None:
