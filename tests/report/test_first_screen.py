@@ -206,3 +206,20 @@ def test_title_laboratory_and_logo_are_at_the_top() -> None:
     assert "Wing 7, second campaign" in page.text
     assert "Laboratory of Lengths" in page.text
     assert [a["src"] for tag, a in page.elements if tag == "img"] == ["data:image/png;base64,AAAA"]
+
+
+def test_a_page_of_positions_alone_says_axis_counts_and_no_number_twice() -> None:
+    positions = pd.DataFrame(
+        {"run": ["x"] * 4, "target_mm": [0.0, 10.0, 0.0, 10.0], "position_mm": [0.0, 10.0, 0.1, 10.1]}
+    )
+    figures = {"figure": ["A", "B"], "subject": [None, None], "value": [11.47, 5.15], "unit": ["um", "um"]}
+    tables = {
+        "positions": positions,
+        "positioning": pd.DataFrame({"run": ["x", "x"], **figures, "sigma": [0.7, 0.35]}),
+        "diagnosis": pd.DataFrame({"cause": []}),
+    }
+    screen = first_screen(tables, replace(ABOUT, machine="", instrument=""))
+    facts = dict(screen.facts)
+    assert (facts["machine"], facts["instrument"]) == ("axis x", "positions of an axis")
+    assert facts["data"] == "4 positions at 2 targets"
+    assert [section for section, _ in screen.links] == ["positioning", "diagnosis", "uncertainty"]

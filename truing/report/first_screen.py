@@ -23,6 +23,7 @@ _LINKS = (
     ("next", "What to do next"),
     ("stop", "Can I stop measuring?"),
 )
+_WITHOUT_DIAGNOSIS = (("diagnosis", "Why no cause was sought"), ("uncertainty", "How uncertain are the results?"))
 _NO_DATE = "date not given ([certificate] begin, end)"
 _DATES = (1.0e9, 4.0e9)  # seconds since 1970 that are dates of measurements: 2001 to 2096
 
@@ -39,7 +40,17 @@ def first_screen(tables: Tables, about: CampaignFacts) -> FirstScreen:
         ("page", ", ".join(filter(None, (about.made, f"truing {about.version}" if about.version else "")))),
     )
     shown = tuple((what, value) for what, value in facts if value)
-    return FirstScreen(shown, machine_drawing(tables), _change(tables), _LINKS if "diagnosis" in tables else ())
+    return FirstScreen(shown, machine_drawing(tables), _change(tables), _links(tables))
+
+
+def _links(tables: Tables) -> tuple[tuple[str, str], ...]:
+    """Return the three sections that a reader opens first; others if no cause was sought."""
+    if "diagnosis" not in tables:
+        return ()
+    if table_or_none(tables, "diagnosis") is not None:
+        return _LINKS
+    measured = "positioning" if table_or_none(tables, "positioning") is not None else "poses"
+    return ((measured, "What was measured"), *_WITHOUT_DIAGNOSIS)
 
 
 def _machine(tables: Tables) -> str:
@@ -51,10 +62,18 @@ def _machine(tables: Tables) -> str:
     if frames is not None:
         kind = "force sensor" if (frames["frame"] == "measurement").any() else "platform on legs"
         return f"{kind}, {count(len(leg_joints(frames)[0]), 'leg')}"
-    if table_or_none(tables, "axis_errors") is not None:
-        return "axis"
-    shape = table_or_none(tables, "shape")
-    return "" if shape is None else f"bodies: {listed(list(map(str, shape['body'].unique())))}"
+    axis = table_or_none(tables, "axis_errors")
+    if axis is not None:
+        return "rotary axis" if axis["command_unit"].eq("deg").all() else "linear axis"
+    if table_or_none(tables, "signals") is not None:
+        return "force sensor without [mechanism]"
+    positions, shape = table_or_none(tables, "positions"), table_or_none(tables, "shape")
+    if positions is not None:
+        axes = list(map(str, positions["run"].unique()))
+        return f"{'axis' if len(axes) == 1 else 'axes'} {listed(axes)}"
+    poses = table_or_none(tables, "poses") if shape is None else None
+    bodies = shape["body"] if shape is not None else poses["body"] if poses is not None else None
+    return "" if bodies is None else f"bodies: {listed(list(map(str, bodies.unique())))}"
 
 
 def _instrument(tables: Tables, about: CampaignFacts) -> str:
@@ -77,6 +96,8 @@ def _instrument(tables: Tables, about: CampaignFacts) -> str:
         kinds.append("poses of bodies, measured as such")
     if not kinds and (rows := table_or_none(tables, "axis_errors")) is not None:
         kinds += [ENCODERS[name] for name in ENCODERS if (rows["encoder"] == name).any()]
+    if not kinds and table_or_none(tables, "positions") is not None:
+        kinds.append("positions of an axis")
     return "; ".join(filter(None, (about.instrument, ", ".join(kinds))))
 
 
@@ -114,6 +135,10 @@ def counts(tables: Tables) -> str:
         parts.append(f"{count(steps['run'].nunique(), 'run')}, {count(len(steps), 'load step')}")
     if readings is not None:
         parts.append(count(len(readings), "reading"))
+    positions = table_or_none(tables, "positions")
+    if positions is not None and not parts:
+        targets = positions[["run", "target_mm"]].drop_duplicates()
+        parts.append(f"{count(len(positions), 'position')} at {count(len(targets), 'target')}")
     return "; ".join(parts)
 
 

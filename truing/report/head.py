@@ -29,8 +29,11 @@ _SILENT = (ReasonCode.NO_READINGS,)
 
 def build_head(campaign: str, tables: Tables, about: CampaignFacts = NO_FACTS) -> PageHead:
     """Return the sentences of the table ``verdict`` that need action, and the first screen."""
-    lines = tuple(_lines(verdict_rows(with_verdict(tables)), tables))
-    return PageHead(campaign, lines, tuple(_positioning_tiles(tables)), about, first_screen(tables, about))
+    rows = verdict_rows(with_verdict(tables))
+    lines = tuple(_lines(rows, tables))
+    is_told = bool(rows) and rows[CAMPAIGN].explanation == _explanation(rows, "positioning")
+    tiles = () if is_told else tuple(_positioning_tiles(tables))  # the first sentence has these numbers already
+    return PageHead(campaign, lines, tiles, about, first_screen(tables, about))
 
 
 def _lines(rows: dict[str, SectionVerdict], tables: Tables) -> list[Verdict]:
