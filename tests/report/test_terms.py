@@ -7,21 +7,26 @@ import re
 import pytest
 
 from truing.report.glossary_section import glossary_section
-from truing.report.page import Listing, PageHead, ReportSection
+from truing.report.page import ErrorChange, FirstScreen, Listing, PageHead, ReportSection
 from truing.report.rendering.render import render_page
 from truing.report.rendering.terms import AMBIGUOUS, marked
 from truing.report.wordings.catalogue import WORDINGS, cause_meaning, cause_words
 from truing.schemas.glossary import Term, glossary
 from truing.schemas.point_checks import OF_POINTS
+from truing.schemas.quality_checks import CHECKS
 
+_PARTICLES = {
+    *("a", "an", "the", "of", "its", "their", "this", "that", "each", "every", "any", "all", "one", "same", "other"),
+    *("in", "by", "as", "for", "from", "to", "with", "and", "or", "no", "without", "whose"),
+}
 TERMS = {term.term: term for term in glossary()}
 
 
 def test_first_use_of_a_term_shows_its_meaning() -> None:
     used: set[str] = set()
-    first, again = (str(marked("Residuals of all rays", used)) for _ in range(2))
-    assert first == f'<abbr title="{TERMS["residual"].meaning}">Residuals</abbr> of all rays'
-    assert again == "Residuals of all rays"
+    first, again = (str(marked("Residuals of all arms", used)) for _ in range(2))
+    assert first == f'<abbr title="{TERMS["residual"].meaning}">Residuals</abbr> of all arms'
+    assert again == "Residuals of all arms"
     assert used == {"residual"}
 
 
@@ -49,6 +54,27 @@ def test_symbol_alone_is_a_term_and_names_it() -> None:
 
 def test_text_is_escaped() -> None:
     assert str(marked("<b> & pose", set())).startswith("&lt;b&gt; &amp; <abbr ")
+
+
+# Compounds of ordinary words that tooltips use in their ordinary sense.
+_ORDINARY = {"6×6 matrix", "beam path", "measurement noise", "stated noise", "stated uncertainty"}
+
+
+def test_every_term_of_a_tooltip_has_an_entry() -> None:
+    questions = [check.question for checks in CHECKS.values() for check in checks.values()]
+    texts = [*(term.meaning for term in glossary()), *questions, *map(cause_meaning, WORDINGS)]
+    kinds = "noise|floor|matrix|uncertainty|frame|configuration|path|calibration|deviation|adjustment"
+    found = {match for text in texts for match in re.findall(rf"[\w×-]+ (?:{kinds})\b", text)}
+    plain = {words for words in found if words.split()[0].lower() in _PARTICLES}
+    assert {words.lower() for words in found - plain - _ORDINARY} - TERMS.keys() == set()
+
+
+def test_the_first_screen_explains_the_noise_floor() -> None:
+    screen = FirstScreen(
+        (("machine", "axis"),), "", ErrorChange("rms of measured minus predicted", "2 µm", "1 µm", "1 µm", "")
+    )
+    page = render_page(PageHead("c", (("pass", "ok"),), screen=screen), [])
+    assert f'<abbr title="{TERMS["noise floor"].meaning}">noise floor</abbr>' in page
 
 
 def test_ambiguous_terms_are_terms() -> None:

@@ -85,6 +85,7 @@ def render_page(head: PageHead, sections: Sequence[ReportSection]) -> str:
     scripts = [_package_text(f"{name}.js") for name in ("scene", "narrow", "figures", "csv", "tables")]
     return _template().render(
         head=head,
+        head_terms=set[str](),  # glossary terms that already have a tooltip there
         meanings=_meanings(sections),
         ids={section.id for section in all_of(sections)},
         sections=[_drawn(section, head.campaign) for section in sections],
