@@ -23,8 +23,8 @@ DECLARATION = Stage(
     settings=(
         *(f"campaign.{key}" for key in ("name", "title", "laboratory", "customer", "logo")),
         *(f"certificate.{key}" for key in ("begin", "end", "laboratory", "customer", "item", "equipment")),
-        *("mechanism.type", "mechanism.legs", "mechanism.height_mm", "noise.signal_mv"),
-        *("interferometer.beams", "comment"),
+        *("mechanism.type", "mechanism.legs", "mechanism.height_mm"),
+        *("comment", "noise", "measurement", "bodies", "requirement", "diagnosis", "interferometer", "signals"),
     ),
     summary="the verdict, and one self-contained page with figures, findings and exclusions",
 )

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import base64
+import json
 import os
+import platform
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, date, datetime
+from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
     from truing.schemas.certificate import Contact, Item
 
 _TYPES = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
+SECTIONS_SHOWN = ("noise", "measurement", "bodies", "requirement", "diagnosis", "interferometer", "signals")
 _MOST_BYTES = 1_000_000
 _EXPECTED = "a picture of at most 1 MB in PNG, JPEG or SVG"
 
@@ -42,7 +46,29 @@ def campaign_facts(settings: Campaign, files: CampaignFiles | None = None) -> Ca
         made=str(_today()),
         version=__version__,
         comments=tuple((one.section, one.text) for one in settings.comment),
+        declared=tuple(_declared(settings)),
+        software=tuple(_software(__version__)),
     )
+
+
+def _declared(settings: Campaign) -> Iterator[tuple[str, str]]:
+    """Yield the keys of campaign.toml that results rest on, as far as they are set, with their values."""
+    for name in SECTIONS_SHOWN:
+        section = getattr(settings, name, None)
+        given = {} if section is None else section.model_dump(mode="json", exclude_unset=True, exclude_none=True)
+        yield from ((f"{name}.{key}", _written(value)) for key, value in given.items())
+
+
+def _written(value: object) -> str:
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+def _software(version: str) -> Iterator[tuple[str, str]]:
+    yield "truing", version
+    yield "Python", platform.python_version()
+    for name in ("numpy", "scipy", "pandas", "pyarrow"):
+        yield name, metadata.version(name)
+    yield "system", f"{platform.system()} {platform.machine()}"
 
 
 def _name(contact: Contact) -> str:

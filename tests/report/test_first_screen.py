@@ -24,7 +24,7 @@ from truing.report.page import CampaignFacts, Depth
 from truing.report.rendering.render import render_page
 from truing.report.scene.machine_drawing import machine_drawing
 from truing.report.section_verdict import verdict_rows
-from truing.report.sections import section_names
+from truing.report.sections import build_sections, section_names
 from truing.report.stop_section import stop
 from truing.report.verdict import with_verdict
 from truing.schemas.needs import Need
@@ -174,6 +174,12 @@ def test_a_bench_is_not_asked_for_a_requirement_that_does_not_apply_to_it() -> N
     assert section is not None
     assert not section.statements
     assert verdict_rows(with_verdict(tables))["requirements"].explanation in section.lead
+
+
+def test_settings_and_software_stand_in_the_provenance() -> None:
+    about = replace(ABOUT, declared=(("noise.point_mm", "0.005"),), software=(("numpy", "2.4"),))
+    section = {one.id: one for one in build_sections(campaign_tables(), {}, about)}["provenance"]
+    assert [listing.rows for listing in section.listings] == [about.declared, about.software]
 
 
 def test_comments_stand_in_their_section_and_are_escaped() -> None:

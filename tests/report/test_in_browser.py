@@ -5,12 +5,15 @@ from __future__ import annotations
 import csv
 import io
 import re
+from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from tests.report.browser import Page
+from docs.site.versions import write_list
+from tests.conftest import PROJECT
+from tests.report.browser import Browser, Page
 from tests.report.campaign_tables import campaign_tables
 from tests.report.conftest import Opened
 from tests.report.test_page import ATTACKS, kept, render
@@ -26,6 +29,7 @@ HOSTILE = " ".join(("</script><img src=x onerror=document.title='broken'>", "<!-
 SHOWN = (
     "[...document.querySelectorAll('.plot')].filter((plot) => plot.querySelector('.main-svg')).map((plot) => plot.id)"
 )
+CHOOSER = PROJECT / "docs" / "site" / "static" / "version_chooser.js"
 A4_PT = (595, 842)
 
 
@@ -282,3 +286,24 @@ def test_figures_that_nobody_saw_are_on_paper_and_none_is_cut(opened):
     )
     assert np.all(np.array(sides) <= np.array([182, 269]) / 25.4 * 96)  # mm of A4 inside its margins, in px
     page.close()
+
+
+def test_the_chooser_of_the_documentation_leads_to_another_version(browser: Browser, tmp_path: Path) -> None:
+    for version in ("0.9.0", "1.10.0", "1.9.0"):
+        static = tmp_path / version / "_static"
+        static.mkdir(parents=True)
+        (static / CHOOSER.name).write_bytes(CHOOSER.read_bytes())
+        script = f'<script src="_static/{CHOOSER.name}" defer></script>'
+        html = f'<!doctype html><html data-content_root="./"><head>{script}</head>'
+        (static.parent / "index.html").write_text(f'{html}<a class="sidebar-brand">truing</a><p id="v">{version}</p>')
+    write_list(tmp_path)
+    page = Page(browser, (tmp_path / "1.9.0" / "index.html").as_uri())
+    assert page.becomes("document.querySelector('.version-chooser') !== null")
+    assert page.value("[...document.querySelector('.version-chooser').options].map((one) => one.value)") == [
+        *("1.10.0", "1.9.0", "0.9.0"),
+    ]
+    assert page.value("document.querySelector('.version-chooser').value") == "1.9.0"
+    chosen = "const one = document.querySelector('.version-chooser'); one.value = '0.9.0'"
+    page.value(f"{chosen}; one.dispatchEvent(new Event('change')); true")
+    assert page.becomes("document.querySelector('#v')?.textContent === '0.9.0'")
+    assert not page.complaints()

@@ -83,7 +83,8 @@ class CampaignFacts:
     """What campaign.toml and the call say of a campaign and no table holds; all empty where unknown.
 
     ``measured``: first and last day of the measurement; ``made``: day of the page; ``logo``: a data URI; ``comments``:
-    id of a section and text.
+    id of a section and text; ``declared``: keys of campaign.toml on which results rest, with their values;
+    ``software``: programs and libraries with their versions.
     """
 
     title: str = ""
@@ -96,6 +97,8 @@ class CampaignFacts:
     made: str = ""
     version: str = ""
     comments: tuple[tuple[str, str], ...] = ()
+    declared: tuple[tuple[str, str], ...] = ()
+    software: tuple[tuple[str, str], ...] = ()
 
 
 NO_FACTS = CampaignFacts()

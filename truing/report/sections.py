@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from truing.report.page import Depth, Listing, ReportSection
+from truing.report.page import NO_FACTS, CampaignFacts, Depth, Listing, ReportSection
 from truing.schemas.installed import with_installed
 
 if TYPE_CHECKING:
@@ -109,11 +109,13 @@ def tables_read() -> tuple[str, ...]:
     return tuple(dict.fromkeys([*_TABLES.split(), *(name for section in page_sections() for name in section.reads)]))
 
 
-def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) -> list[ReportSection]:
+def build_sections(
+    tables: Tables, provenance: Mapping[str, Mapping[str, str]], about: CampaignFacts = NO_FACTS
+) -> list[ReportSection]:
     """Return all sections in order; a bench has displacements instead of poses.
 
     ``tables`` by artifact name, and ``shape`` (body, target, x_mm, y_mm, z_mm, leg): places of each body's targets.
-    ``provenance``: metadata of each artifact.
+    ``provenance``: metadata of each artifact; ``about``: what no table holds.
     """
     from truing.report.figure_style import figure_template
     from truing.report.glossary_section import glossary_section
@@ -127,7 +129,7 @@ def build_sections(tables: Tables, provenance: Mapping[str, Mapping[str, str]]) 
         drawn = {section.name: _drawn(section, tables) for section in wanted}
     shown = [drawn[section.name] or _note_for_missing(section, drawn, tables) for section in wanted]
     rows = verdict_rows(with_verdict(tables))
-    marked = [*(_marked(section, rows) for section in shown if section is not None), _provenance(provenance)]
+    marked = [*(_marked(section, rows) for section in shown if section is not None), _provenance(provenance, about)]
     defined = glossary_section(marked, bench=bench)
     return sorted(map(_at_depth, [*marked, *([defined] if defined else [])]), key=_is_behind)
 
@@ -188,12 +190,16 @@ def _note_for_missing(
     return ReportSection(section.name, section.title, why_absent(section.name, tables), state="not evaluated")
 
 
-def _provenance(provenance: Mapping[str, Mapping[str, str]]) -> ReportSection:
-    """Return the list of artifacts that the page was made from, with the digest of their inputs."""
+def _provenance(provenance: Mapping[str, Mapping[str, str]], about: CampaignFacts) -> ReportSection:
+    """Return the artifacts that the page was made from, with the digest of their inputs, settings and software."""
     rows = tuple(
         (name, facts.get("stage", ""), facts.get("software_version", ""), facts.get("digest", "")[:16])
         for name, facts in provenance.items()
     )
     lead = "The digest of an artifact covers its inputs, its settings and the source that made it."
-    listing = Listing(("artifact", "stage", "version", "digest"), rows)
-    return ReportSection("provenance", "Provenance", lead, listings=(listing,))
+    listings = (
+        Listing(("key of campaign.toml", "value"), about.declared, caption="Declared settings"),
+        Listing(("software", "version"), about.software, caption="Software that made this page"),
+        Listing(("artifact", "stage", "version", "digest"), rows, caption="Artifacts"),
+    )
+    return ReportSection("provenance", "Provenance", lead, listings=tuple(one for one in listings if one.rows))

@@ -65,7 +65,7 @@ def page_parts(
     if declared_noise is not None:
         frames["declared_noise"] = declared_noise
     head = build_head(campaign, frames, about)
-    return head, with_comments(build_sections(frames, provenance), about.comments)
+    return head, with_comments(build_sections(frames, provenance, about), about.comments)
 
 
 def verdict_table(tables: Mapping[str, pa.Table]) -> pa.Table:
