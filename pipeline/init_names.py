@@ -68,7 +68,8 @@ def _with_poses(folder: Path, group: RawGroup, guess: Guess) -> Guess:
     )
     if guess.table not in ("points", "targets") or guess.known or has_pose or "format" in guess.mapping or raw is None:
         return guess
-    constants = {"pose": 1, **({} if names_a_body(guess) else {"body": "body"})}
+    constants: dict[str, str | int] = {"pose": 1}
+    constants |= {} if names_a_body(guess) else {"body": "body"}
     rows = rows_of(folder, group, replace(guess, table="points"), constants, most=_MOST_ROWS)
     if rows is None:
         return guess
@@ -209,5 +210,9 @@ def _of_files(folder: Path, group: RawGroup, guess: Guess) -> SurveyRows | None:
     found = [rows for rows in read if rows is not None]
     if len(found) < len(read) or not found:
         return None
-    texts = ([text for rows in found for text in getattr(rows, name)] for name in ("poses", "bodies", "targets"))
-    return SurveyRows(*texts, np.concatenate([rows.places for rows in found]))
+    return SurveyRows(
+        [pose for rows in found for pose in rows.poses],
+        [body for rows in found for body in rows.bodies],
+        [target for rows in found for target in rows.targets],
+        np.concatenate([rows.places for rows in found]),
+    )
