@@ -249,21 +249,15 @@ def relate_survey(body: BodyPoints) -> RelationTest:
     trials = [(RecordSlip(SlipKind.MIRRORED, "points or survey of body", (body.name,)), _typical(mirrored.rms))]
     if (factor := _unit(scaled.scale)) is not None:
         trials.append((RecordSlip(SlipKind.UNIT, "points of body", (body.name,), factor), _typical(scaled.rms)))
-    plain_rms = _fitted(body.survey, body.points, body.seen)
-    limit = _MISFIT * body.sigma
-    for quantity, left in exchanged_names(body.targets, body.survey, body.points, body.seen, plain_rms, limit):
-        after = _typical(np.where(np.isfinite(plain_rms) & ~np.isfinite(left), plain_rms, left)[usable])
-        if after <= limit:
-            trials.append((RecordSlip(SlipKind.PARTS_EXCHANGED, quantity, (body.name,)), after))
     slip, after = min(trials, key=lambda trial: trial[1])
     if after > _FIFTH * before and _typical(scaled.rms) <= _FIFTH * before:
         other = RecordSlip(SlipKind.SCALE, "points of body", (body.name,), 1.0 / float(np.nanmedian(scaled.scale)))
         as_large = replace(tested, state=RelationState.ATTENTION, reason="scale", tried=3)
         return replace(as_large, slips=(other,), misfit_explained=1e3 * _typical(scaled.rms))
     if after > _FIFTH * before and body.named is not None and (found := _under_other_names(body.named)) is not None:
-        other, left = found
+        order, left = found
         if left <= _FIFTH * before:
-            slip = RecordSlip(SlipKind.RELABELLED, "targets", (*renamed(body.named, other), body.name))
+            slip = RecordSlip(SlipKind.RELABELLED, "targets", (*renamed(body.named, order), body.name))
             named = replace(tested, state=RelationState.FAILS, reason="slip", slips=(slip,), tried=3)
             return replace(named, misfit_explained=1e3 * left)
     if after > _FIFTH * before:

@@ -17,7 +17,7 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.evidence import log_evidence
@@ -183,20 +183,20 @@ def _columns(fitted: FittedModel[CauseT], groups: Integers | None) -> dict[str, 
     return found
 
 
-def _numbers(values: NDArray) -> Array | None:
+def _numbers(values: ArrayLike) -> Array | None:
     """Return a column (B,) of numbers; None if it holds something else, a gap, or a constant."""
     if np.ndim(values) != 1 or np.asarray(values).dtype.kind not in "fiu":
         return None
-    own = np.asarray(values, float)
+    own: Array = np.asarray(values, float)
     return own if np.isfinite(own).all() and np.ptp(own) > 0.0 else None
 
 
 def _is_copy(first: Array, second: Array, groups: Integers | None) -> bool:
     """Return True if two columns (B, 1) differ only by a factor, and by a constant in each group."""
-    sizes = np.ptp(first), np.ptp(second)
-    one, other = _centred(first / sizes[0], groups), _centred(second / sizes[1], groups)
-    product, squares = np.sum(one * other), (max(np.sum(own**2), 1e-300) for own in (other, one))
-    left = one - product / next(squares) * other, other - product / next(squares) * one
+    one, other = (_centred(own / np.ptp(own), groups) for own in (first, second))
+    product = float(np.sum(one * other))
+    of_one, of_other = (max(float(np.sum(own**2)), 1e-300) for own in (one, other))
+    left = one - product / of_other * other, other - product / of_one * one
     return bool(max(np.abs(own).max() for own in left) < _COPY)
 
 

@@ -203,7 +203,7 @@ class CauseSelection(Generic[CauseT]):
         periods = sum(own.driver.cause is not None for own in noise_dependences)
         fewest = 1 if scatters else _SEVERAL_PERIODS
         is_named = all(own.catalogued for own in final.causes) and periods < fewest
-        is_named &= not any(own.doubt for own in (*noise_dependences, *scatters))
+        is_named &= not any([own.doubt for own in noise_dependences] + [own.doubt for own in scatters])
         outdone, rivals = self._outdone(searched, verdicts, compares_courses=holds and is_named)
         is_clear = holds and is_named and not outdone and all(verdict.verdict != SUSPECTED for verdict in verdicts)
         attributions = () if is_clear and searched.kept else self._attributed(searched, holds=holds)
