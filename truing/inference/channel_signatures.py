@@ -132,7 +132,8 @@ class ChannelSignatures:
             found = np.empty((len(shapes), channels, size, draws), along.dtype)
             for own, during in self.rotated.live:
                 part = along[np.ix_(during, own)]
-                found[:, own] = (shapes[:, during] @ part.reshape(len(part), -1)).reshape(len(shapes), -1, size, draws)
+                shaped = shapes[:, during] @ part.reshape(len(part), len(own) * size * draws)
+                found[:, own] = shaped.reshape(len(shapes), len(own), size, draws)
         found = found.reshape(len(self.values), -1, channels, size, draws)
         return np.asarray(found.transpose(0, 2, 1, 3, 4).reshape(len(self.values), channels, -1, draws))
 
