@@ -5,15 +5,18 @@ from __future__ import annotations
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from tests.real import force_facts
-from tests.real.campaigns import run_all
+from tests.real.campaigns import prepare, run_all
 from tests.real.facts import FACTS
 from tests.real.interferometer_logs import slit_report
 from tests.real.page import PAGE, render
 from tests.real.raw_facts import raw_facts
 from tests.tolerance import assert_close
+from truing.pipeline.console import RunConsole
+from truing.pipeline.run_campaign import RunOptions, StageSelection, run_campaign, usable_campaign
 
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
 
@@ -73,6 +76,17 @@ def test_bundles_of_half_a_year_are_matched(facts):
     assert vstars["sets"] == 26
     assert vstars["determined"] >= 25
     assert len(vstars["metres"]) >= 3  # re-used elsewhere, some by metres
+
+
+def test_a_bundle_in_inches_is_named(real_data, tmp_path):
+    campaign = prepare("so-lat-vstars", tmp_path)
+    text = (campaign / "campaign.toml").read_text(encoding="utf-8")
+    (campaign / "campaign.toml").write_text(re.sub(r"(?m)^units = .*$", "", text), encoding="utf-8")
+    options = RunOptions(StageSelection(only="qa"), accept_failed_checks=True)
+    run_campaign(usable_campaign(campaign), tmp_path / "run", options, RunConsole(quiet=True))
+    told = pd.read_parquet(tmp_path / "run" / "qa.parquet").set_index("check")["message"]["points-among-poses"]
+    assert "20250402_Set_10" in told
+    assert "25.4" in told
 
 
 def test_bundles_of_one_day_agree_to_a_tenth_of_a_millimetre(facts):

@@ -26,6 +26,7 @@ _LEAST_FACTOR = 10.0  # of noise: effects that nobody modelled scatter points by
 _MOST_SCALE = 0.02  # of one: a larger factor is another unit or another body
 _OWN_SCATTER = 0.5  # least share of the residuals that scatters from pose to pose, if noise explains them
 _OF_MEDIAN = np.pi / 2.0  # variance of a median, over that of a mean
+_LONG_TAILS = 4.0  # mean over median of squared distances, 1.27 for noise
 _MEDIAN_OF_THREE = 2.366  # median of chi-square with three degrees of freedom
 
 
@@ -170,7 +171,8 @@ def with_most_points(body: BodyView, around: PoseSurroundings) -> BodyView:
         return body
     for change in (_with_fitting_scale, _with_fitting_noise):
         changed = change(body, around)
-        if changed.gross_share <= _FEW_GROSS and not 1.0 < changed.noise_factor < _LEAST_FACTOR:
+        is_noise = changed.noise_factor == 1.0 or (changed.noise_factor >= _LEAST_FACTOR and _scatters_alike(changed))
+        if changed.gross_share <= _FEW_GROSS and is_noise:
             return changed
     return body
 
@@ -215,6 +217,13 @@ def _scatter_of_good(body: BodyView) -> float:
     freedom = 3 * int(good.sum()) - 6 * int(good.any(axis=1).sum())
     square = float(np.sum((body.residuals[good] / body.sigma[good]) ** 2))
     return float(np.sqrt(square / freedom)) if freedom > 0 else 0.0
+
+
+def _scatters_alike(body: BodyView) -> bool:
+    """Return True if the good points scatter like noise of one size: targets that moved have far longer tails."""
+    good = body.good & body.frame
+    square = np.sum((body.residuals[good] / body.sigma[good]) ** 2, axis=1)
+    return bool(square.size) and float(np.mean(square)) <= _LONG_TAILS * float(np.median(square))
 
 
 def _scatter_over_declared(body: BodyView) -> float:
