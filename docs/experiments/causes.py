@@ -143,7 +143,8 @@ class Seen:
     def effect(self, cause: Cause) -> NDArray:
         """Return the effect (N, P) of plausible parameters on what was measured, nuisances refitted, in sigmas."""
         wider = self.model.with_causes((cause,))
-        slopes = wider.predict(self.model.embedded(self.fit.shared, wider), self.fit.local).by_shared
+        found = wider.predict(self.model.embedded(self.fit.shared, wider), self.fit.local)
+        slopes = found.by_shared if found.zero_columns is None else found.zero_columns.before(found.by_shared)
         scale = np.array([parameter.scale for parameter in cause.parameters(LEGS)]) / wider.effect_sigma(cause)
         own = slopes[..., wider.layout[cause.key]] * scale
         return self._without_nuisances(whitened_columns(self.measured, self.fit.frames, own))

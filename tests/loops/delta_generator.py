@@ -11,6 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.blind.generator.arms.transforms import lower_meeting
+
 ANGLES = np.radians([0.0, 120.0, 240.0])
 TARGETS = np.array([[0.05, 0.0, -0.02], [-0.04, 0.04, -0.01], [-0.03, -0.05, 0.0], [0.02, 0.03, 0.03]])
 
@@ -35,23 +37,6 @@ class Delta:
         about = reach[..., None] * out - (self.arm * np.sin(turned))[..., None] * np.array([0.0, 0.0, 1.0])
         radius = (self.forearm + self.longer) * (1.0 + self.growth * heat[:, None])
         return lower_meeting(about, radius)
-
-
-def lower_meeting(about: NDArray, radius: NDArray) -> NDArray:
-    """Return the lower point (B, 3) on three spheres about (B, 3, 3) with radii (B, 3)."""
-    first = about[:, 0]
-    across = about[:, 1:] - first[:, None]
-    ex = across[:, 0] / np.linalg.norm(across[:, 0], axis=-1, keepdims=True)
-    i = np.sum(ex * across[:, 1], -1, keepdims=True)
-    ey = across[:, 1] - i * ex
-    ey /= np.linalg.norm(ey, axis=-1, keepdims=True)
-    ez = np.cross(ex, ey)
-    d, j = np.linalg.norm(across[:, 0], axis=-1), np.sum(ey * across[:, 1], -1)
-    x = (radius[:, 0] ** 2 - radius[:, 1] ** 2 + d**2) / (2.0 * d)
-    y = (radius[:, 0] ** 2 - radius[:, 2] ** 2 + i[:, 0] ** 2 + j**2 - 2.0 * i[:, 0] * x) / (2.0 * j)
-    z = np.sqrt(radius[:, 0] ** 2 - x**2 - y**2)
-    z = np.where(ez[:, 2] > 0, -z, z)
-    return first + x[:, None] * ex + y[:, None] * ey + z[:, None] * ez
 
 
 def urdf(delta: Delta) -> str:

@@ -138,7 +138,10 @@ def test_deformation_with_elevation_and_hysteresis_are_named(facts):
 
 def test_codes_that_were_used_again_metres_away_are_named_with_their_way(facts):
     moved = facts["so-lat-vstars"]["moved_mm"]
-    assert {"CODE133", "CODE134", "CODE137", "CODE138"} <= {code for code, (_, way) in moved.items() if way > 1000}
+    far = {code for code, (_, way) in moved.items() if way > 1000}
+    metres = {"CODE73", "CODE133", "CODE134", "CODE136", "CODE137", "CODE138"}  # by the bundles' own distances
+    assert far <= metres
+    assert len(far) >= 5  # CODE138 moved several times
 
 
 def test_the_wheelchair_deforms_with_an_arm(facts):

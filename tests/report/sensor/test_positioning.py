@@ -14,7 +14,12 @@ from truing.report.sensor.positioning import positioning
 def test_accuracy_and_reversal_of_an_axis_stand_at_the_top():
     rows = [("X", "B", "25 mm", 0.5), ("X", "A", None, 2.5197), ("X", "B", None, 0.59), ("X", "R", None, 0.8)]
     table = pd.DataFrame(rows, columns=["run", "figure", "subject", "value"]).assign(unit="um")
-    head = build_head("stage", {"positioning": table})
+    alone = build_head("stage", {"positioning": table})
+    assert not alone.tiles
+    assert "A 2.52 µm" in alone.verdicts[0][1]
+    failed = [("drift", "X", 2.0, 1.0, "1", "fail", "drifts.", None)]
+    columns = ["check", "subject", "value", "limit", "unit", "verdict", "message", "accepted"]
+    head = build_head("stage", {"positioning": table, "qa": pd.DataFrame(failed, columns=columns)})
     assert dict(head.tiles) == {"accuracy A, X": "2.52 µm", "reversal B, X": "0.590 µm"}
 
 

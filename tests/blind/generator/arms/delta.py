@@ -8,8 +8,7 @@ from typing import Self
 import numpy as np
 
 from tests.blind.generator.arms.arm import Arm
-from tests.blind.generator.arms.transforms import Array
-from tests.loops.delta_generator import lower_meeting
+from tests.blind.generator.arms.transforms import Array, lower_meeting
 
 _ARMS = range(1, 4)
 

@@ -64,3 +64,20 @@ def any_rotation(rng: np.random.Generator) -> Array:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
+
+
+def lower_meeting(about: Array, radius: Array) -> Array:
+    """Return the lower point (B, 3) on three spheres about (B, 3, 3) with radii (B, 3)."""
+    first = about[:, 0]
+    across = about[:, 1:] - first[:, None]
+    ex = across[:, 0] / np.linalg.norm(across[:, 0], axis=-1, keepdims=True)
+    i = np.sum(ex * across[:, 1], -1, keepdims=True)
+    ey = across[:, 1] - i * ex
+    ey /= np.linalg.norm(ey, axis=-1, keepdims=True)
+    ez = np.cross(ex, ey)
+    d, j = np.linalg.norm(across[:, 0], axis=-1), np.sum(ey * across[:, 1], -1)
+    x = (radius[:, 0] ** 2 - radius[:, 1] ** 2 + d**2) / (2.0 * d)
+    y = (radius[:, 0] ** 2 - radius[:, 2] ** 2 + i[:, 0] ** 2 + j**2 - 2.0 * i[:, 0] * x) / (2.0 * j)
+    z = np.sqrt(radius[:, 0] ** 2 - x**2 - y**2)
+    z = np.where(ez[:, 2] > 0, -z, z)
+    return first + x[:, None] * ex + y[:, None] * ey + z[:, None] * ez
