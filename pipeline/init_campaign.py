@@ -91,6 +91,10 @@ def init_campaign(
     console.written(f"wrote {target}; complete it, then: truing check {folder}", [target])
     for point in said.open_points():
         console.tell("open_points", point)
+        if not point["answered"]:
+            taken = f"taken as {point['taken']}" if point["taken"] else "to be completed"
+            where, key = _printable(str(point["path"])), point["key"]
+            console.line(f"open: {where}, {point['question']}: {taken} (else: --answer {key}=...)")
     if said.used:
         console.line(f"the same answers again: {said.command(folder, every_key=every_key)}")
     return ExitCode.DONE

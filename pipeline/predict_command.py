@@ -99,7 +99,9 @@ def _model_text(model: Path) -> str:
     try:
         return read_settings_text(model)
     except (FileNotFoundError, ValueError):
-        raise CampaignFaults([Fault(str(model), f"a {model.name} that a run has written")]) from None
+        raise CampaignFaults(
+            [Fault(str(model), "the folder of a run, or a model.toml that a run has written")]
+        ) from None
 
 
 def _predicted(model: Path, text: str, inputs: Path) -> pa.Table:

@@ -134,7 +134,8 @@ def test_the_last_line_repeats_the_same_answers(folder: Path) -> None:
 def test_nobody_is_asked_without_a_terminal(folder: Path) -> None:
     done = CliRunner().invoke(app, ["init", str(folder)], input="m\n" * 9)
     assert done.exit_code == 0
-    assert "Unit of the coordinates" not in done.output
+    open_points = [line for line in done.output.splitlines() if line.startswith("open: list.csv, ")]
+    assert any("Unit of the coordinates" in line and ": taken as mm (else:" in line for line in open_points)
     assert "the same answers" not in done.output
     assert MARK in (folder / "campaign.toml").read_text()
     assert "unit" not in written(folder)["files"]["targets"]

@@ -182,3 +182,11 @@ def test_rivals_that_cannot_be_told_apart_are_named_at_the_head():
     assert_says(part.lead, "1 alternative", "factor of 20", "probability")
     names = {trace.name: trace for trace in part.figures[0][0].data}
     assert list(names["equally good"].y) == ["platform deformation linear, leg 3 "]
+
+
+def test_a_finding_without_a_name_has_no_cause_only_where_none_explains_it_equally_well():
+    unnamed = row("unexplained", follows="time_s")
+    alone = first_line(rows(unnamed, *rejected()))[1]
+    beside = first_line(rows(unnamed, row("leg-drift", "indistinguishable"), *rejected()[1:]))[1]
+    assert "no cause of the catalogue" in alone
+    assert "no cause of the catalogue" not in beside

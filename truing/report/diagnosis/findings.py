@@ -9,7 +9,7 @@ from typing import Any
 from truing.report.diagnosis.effect_units import plain_size, size_text
 from truing.report.numbers import plain, two_decimals, with_uncertainty
 
-UNNAMED = ", and no cause of the catalogue explains it"
+UNNAMED = ", and no cause of the catalogue explains it better"
 # Reasons why a cause is only suspected, by reason code.
 DOUBTS = {
     "inadequate": "the model with all accepted causes leaves more than noise, so it is incomplete",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.report.diagnosis.assessed_causes import FOUND, AssessedCause
+from truing.report.diagnosis.assessed_causes import FOUND, RIVAL, AssessedCause, assessed_causes
 from truing.report.diagnosis.findings import UNNAMED, subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, overall, part_names
 from truing.report.numbers import printed, rough, sign, with_uncertainty
@@ -32,7 +32,9 @@ def clause(row: AssessedCause, tables: Tables) -> str:
     if row.is_noise and row.cause == "unexplained":
         return printed(_noise(row))
     text = catalogue.clause(replace(row, reach=_largest_shift(row, tables)))
-    unnamed = UNNAMED if row.cause == "unexplained" and row.verdict == FOUND else ""
+    is_unnamed = row.cause == "unexplained" and row.verdict == FOUND
+    has_equal = is_unnamed and any(one.verdict == RIVAL for one in assessed_causes(tables))
+    unnamed = UNNAMED if is_unnamed and not has_equal else ""
     return printed(f"{text[:1].upper()}{text[1:]}{unnamed}")
 
 
