@@ -8,11 +8,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import plotly.graph_objects as go
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 import truing
+from truing.runs.recorded_run import Figures
 from truing.schemas.artifacts import ARTIFACTS
 
 
@@ -127,3 +129,11 @@ def test_opening_a_run_imports_no_library_of_tables_or_figures(run: truing.Run) 
     script = f"import sys, truing; truing.load(sys.argv[1]); print({found})"
     done = subprocess.run([sys.executable, "-c", script, str(run.folder)], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_wrong_names_of_figures_and_folders_are_answered_with_near_names(tmp_path: Path) -> None:
+    (tmp_path / "telescope").mkdir()
+    with pytest.raises(FileNotFoundError, match="did you mean telescope"):
+        truing.load(tmp_path / "telescop")
+    with pytest.raises(KeyError, match="did you mean evidence-0"):
+        Figures({"evidence-0": go.Figure()})["evidense-0"]

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -32,6 +32,13 @@ if TYPE_CHECKING:
     from truing.simulation.mechanisms.extended_model import ExtendedModel
 
 _PROVENANCE = {"units", "stage", "digest", "software_version", "campaign"}
+
+
+class Figures(dict[str, "go.Figure"]):
+    """Figures by name; a wrong name is answered by close ones."""
+
+    def __missing__(self, name: str) -> NoReturn:
+        raise KeyError(f"{name}: this page has {', '.join(self)}{did_you_mean(name, list(self))}")
 
 
 @dataclass(frozen=True)
@@ -122,11 +129,11 @@ class Run(Mapping[str, "pd.DataFrame"]):
 
     @cached_property
     def figures(self) -> dict[str, go.Figure]:
-        """Figures of the page by section and index, such as ``evidence-0``."""
+        """Figures of the page by section and index, such as ``evidence-0``; KeyError with close names for others."""
         from truing.report.page import all_of
 
         drawn = ((section.id, figures) for section in all_of(self.sections) if (figures := section.figures))
-        return {f"{name}-{k}": figure for name, figures in drawn for k, (figure, _) in enumerate(figures)}
+        return Figures((f"{name}-{k}", figure) for name, figures in drawn for k, (figure, _) in enumerate(figures))
 
     @cached_property
     def model(self) -> ExtendedModel | ExtendedSensor | ExtendedAxis | ExtendedChain | None:
@@ -175,7 +182,11 @@ def load(folder: str | Path) -> Run:
         name: (path, facts) for path in sorted(folder.glob("*.parquet")) for name, facts in _artifact_provenance(path)
     }
     if not found:
-        raise FileNotFoundError(f"{folder}: found no table of a run, expected a folder that `truing run` has filled")
+        beside = [one.name for one in folder.parent.iterdir() if one.is_dir()] if folder.parent.is_dir() else []
+        near = "" if folder.is_dir() else did_you_mean(folder.name, beside)
+        raise FileNotFoundError(
+            f"{folder}: found no table of a run, expected a folder that `truing run` has filled{near}"
+        )
     names = [name for name in ARTIFACTS if name in found]
     campaigns = {found[name][1].get("campaign", "") for name in names}
     return Run(folder, {name: found[name][0] for name in names}, ", ".join(sorted(campaigns)))
