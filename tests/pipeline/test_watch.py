@@ -281,6 +281,7 @@ def test_an_open_page_loads_the_last_round_before_the_end(server: WatchServer) -
     server.wait_for_reader()  # nobody has looked
     assert time.monotonic() - start < 1.0
     _answer(server, "/")
+    time.sleep(0.1)  # the server notes a reader after its answer
     server.show(watched("arm", 8, NOW, _tables("met"), ()), None)
     late = threading.Timer(0.5, _answer, (server, "/"))
     start = time.monotonic()
