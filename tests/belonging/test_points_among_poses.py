@@ -84,6 +84,15 @@ def test_a_slip_in_some_poses_or_of_one_target_is_named(change: Change, kind: Sl
     assert [(slip.kind, slip.quantity) for slip in found.slips] == [(kind, quantity)]
 
 
+@pytest.mark.parametrize("first", [6, 9])
+def test_without_a_majority_the_other_poses_are_equally_likely(first: int) -> None:
+    points = _points()
+    points[first:] /= 25.4
+    found = relate_poses(_body(points))
+    assert [(slip.factor, slip.subjects[0]) for slip in found.slips] == [(25.4, f"from pose P{first} on")]
+    assert [slip.subjects[0] for slip in found.rivals] == [f"up to pose P{first - 1}"]
+
+
 def test_three_targets_tell_a_unit_and_no_mirror_image() -> None:
     points = _points(targets=3)
     _exchanged_axes(points)

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import truing
-from truing.runs.recorded_run import Figures
+from truing.runs.recorded_run import PageFigures
 from truing.schemas.artifacts import ARTIFACTS
 
 
@@ -136,4 +136,4 @@ def test_wrong_names_of_figures_and_folders_are_answered_with_near_names(tmp_pat
     with pytest.raises(FileNotFoundError, match="did you mean telescope"):
         truing.load(tmp_path / "telescop")
     with pytest.raises(KeyError, match="did you mean evidence-0"):
-        Figures({"evidence-0": go.Figure()})["evidense-0"]
+        PageFigures({"evidence-0": go.Figure()})["evidense-0"]

@@ -31,6 +31,7 @@ _POSES_TO_COMPARE = 2
 _FEWEST_COMPARED = 3  # poses: of two that differ, nothing tells which is right
 _FLAT = 0.02  # thickness over length, below which a body is its own mirror image
 _MISFIT = 10.0  # sigmas of a point, from which a body does not fit its survey
+_NO_MAJORITY = 0.3  # share of poses with a slip, from which the others may as well have it
 _LARGEST_BEND = 0.1  # misfit over a body's size beyond which a pose is not right, however the others are
 _OTHER_BODY = 0.05  # misfit over a body's size (rms from its middle) that no deformation explains
 _ALL_ROUNDED = 1.0  # rms misfit of points over the step of their numbers; rounding of three coordinates gives 0.5
@@ -280,7 +281,11 @@ def relate_poses(body: BodyPoints) -> RelationTest:
     tested = RelationTest(POSES, RelationState.OK, "agrees", body.name, 1e3 * before, unit="mm", limit=1e3 * limit)
     # A slip scatters all points alike where the shape comes from both sorts of poses: the declared noise shows it.
     if slips := _slips_of_some(body, limit / body.noise_factor, is_surveyed=False):
-        return replace(tested, state=RelationState.FAILS, reason="slip", misfit=None, slips=slips, tried=4)
+        rivals = _of_the_others(body, slips, poses_with_slips(body))
+        if rivals and slips[0].kind is SlipKind.UNIT and slips[0].factor < 1.0:  # most units are larger than mm
+            slips, rivals = rivals, slips
+        failed = replace(tested, state=RelationState.FAILS, reason="slip", misfit=None, tried=4)
+        return replace(failed, slips=slips, rivals=rivals)
     if before > limit:
         return replace(tested, state=RelationState.ATTENTION, reason="no-shape", tried=4)
     alike = (
@@ -288,6 +293,15 @@ def relate_poses(body: BodyPoints) -> RelationTest:
         RecordSlip(SlipKind.MIRRORED, "all points of body", (body.name,)),
     )
     return replace(tested, tried=4, hidden=alike)
+
+
+def _of_the_others(body: BodyPoints, slips: tuple[RecordSlip, ...], concerned: Mask) -> tuple[RecordSlip, ...]:
+    """Return the same slip in all other poses: without a survey nothing tells which are right, unless these are most of
+    them."""
+    if len(slips) != 1 or concerned.mean() < _NO_MAJORITY:
+        return ()
+    where = row_places(~concerned, concerned, body.poses, body.groups)
+    return (replace(slips[0], factor=1.0 / slips[0].factor, subjects=(*where, body.name)),)
 
 
 def _slips_of_some(body: BodyPoints, limit: float, *, is_surveyed: bool) -> tuple[RecordSlip, ...]:
@@ -316,7 +330,7 @@ def _under_other_names(targets: NamedTargets) -> tuple[Index, float] | None:
 
 def poses_with_slips(body: BodyPoints) -> Mask:
     """Return True for poses (B,) whose points hold a slip that the others do not."""
-    return slips_in_poses(body, _MISFIT * body.sigma)[1]
+    return slips_in_poses(body, _MISFIT * body.sigma / body.noise_factor)[1]
 
 
 def joined_results(tested: tuple[RelationTest, ...]) -> Iterator[RelationTest]:

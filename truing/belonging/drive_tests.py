@@ -51,7 +51,7 @@ class DrivenBody:
 
 
 @dataclass(frozen=True)
-class _Line:
+class _FollowedDrive:
     """A body's rotation as its readings times a factor, with either sign.
 
     ``expected`` (B,): readings that the rotations ask for; ``departure`` (B,) from these, with rotation about other
@@ -103,8 +103,8 @@ def _relation(body: DrivenBody) -> RelationTest | None:
     return replace(tested, state=RelationState.FAILS, reason="slip", slips=(_slip(body, line),), rivals=rivals)
 
 
-def _best_line(body: DrivenBody) -> _Line | None:
-    """Return the line that most poses follow, over reference poses and factors between units; None if too few do."""
+def _best_line(body: DrivenBody) -> _FollowedDrive | None:
+    """Return the relation that most poses follow, over reference poses and units; None if too few follow any."""
     if len(body.readings) < _FEWEST_POSES:
         return None
     places = np.linspace(0, len(body.readings) - 1, _REFERENCES).astype(int)  # one of them may hold a slip
@@ -112,12 +112,12 @@ def _best_line(body: DrivenBody) -> _Line | None:
     return max(found, key=lambda line: (int(line.follows.sum()), -line.rms)) if found else None
 
 
-def _is_followed(body: DrivenBody, line: _Line) -> bool:
+def _is_followed(body: DrivenBody, line: _FollowedDrive) -> bool:
     enough = line.follows.sum() >= max(_FEWEST_POSES, _FOLLOW * len(line.follows))
     return bool(enough and len(np.unique(body.readings[line.follows])) >= _FEWEST_READINGS)
 
 
-def _lines(body: DrivenBody, reference: int) -> Iterator[_Line]:
+def _lines(body: DrivenBody, reference: int) -> Iterator[_FollowedDrive]:
     turned = np.rad2deg(log_so3(body.rotations @ body.rotations[reference].T))
     size = np.linalg.norm(turned, axis=1)
     if size.max() < _LEAST_RANGE_DEG:
@@ -131,7 +131,7 @@ def _lines(body: DrivenBody, reference: int) -> Iterator[_Line]:
             along = angle - sign * factor * body.readings
             along = along - _mode(along, limit)
             departure = np.abs(along) + np.where(off_axis > 2.0 * limit, off_axis, 0.0)
-            yield _Line(factor, body.readings + sign * along / factor, departure, limit)
+            yield _FollowedDrive(factor, body.readings + sign * along / factor, departure, limit)
 
 
 def _common_axis(turned: Array, size: Array) -> Array:
@@ -157,7 +157,7 @@ def _shift(body: DrivenBody) -> RecordSlip | None:
     return None
 
 
-def _slip(body: DrivenBody, line: _Line) -> RecordSlip:
+def _slip(body: DrivenBody, line: _FollowedDrive) -> RecordSlip:
     """Return the slip that explains the poses which do not follow: two exchanged, a frozen reading, or others."""
     where = tuple(row_places(~line.follows, line.follows, body.poses, body.groups))
     for slip, rotations in body.mirrored:

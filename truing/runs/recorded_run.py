@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 _PROVENANCE = {"units", "stage", "digest", "software_version", "campaign"}
 
 
-class Figures(dict[str, "go.Figure"]):
+class PageFigures(dict[str, "go.Figure"]):
     """Figures by name; a wrong name is answered by close ones."""
 
     def __missing__(self, name: str) -> NoReturn:
@@ -133,7 +133,7 @@ class Run(Mapping[str, "pd.DataFrame"]):
         from truing.report.page import all_of
 
         drawn = ((section.id, figures) for section in all_of(self.sections) if (figures := section.figures))
-        return Figures((f"{name}-{k}", figure) for name, figures in drawn for k, (figure, _) in enumerate(figures))
+        return PageFigures((f"{name}-{k}", figure) for name, figures in drawn for k, (figure, _) in enumerate(figures))
 
     @cached_property
     def model(self) -> ExtendedModel | ExtendedSensor | ExtendedAxis | ExtendedChain | None:
