@@ -12,7 +12,7 @@ import pyarrow as pa
 
 from truing.arrays import Array, Mask
 from truing.belonging.joint_rows import ChainComparison, column_slip, slips_in_poses, slips_of_all, slips_of_lines
-from truing.belonging.orientations import turning_misfit
+from truing.belonging.orientations import TurningMisfit, turning_misfit
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
 from truing.estimation.rigid_poses.points import PosePoints
 from truing.quality.bodies import PoseSurroundings
@@ -91,10 +91,16 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         compared = _links_compared(tables, settings)
         if compared is None:
             return _not_tested("no-poses")
-        if (turned := _of_orientations(compared, settings)) is not None and turned.slips:
+        turned = _of_orientations(compared, settings)
+        if turned is not None and turned.slips and turned.state is RelationState.FAILS:
             return turned
         tested = _tested(compared)
-        if tested.state is RelationState.OK and turned is not None:
+        # Single strays of orientations lead only where the positions agree.
+        if (
+            turned is not None
+            and not tested.slips
+            and (turned.state is not RelationState.ATTENTION or tested.state is RelationState.OK)
+        ):
             return turned
         if tested.slips and all(slip.kind is SlipKind.STRAY for slip in tested.slips):
             # A wrong target bends the frame of its link: the pose misses, though its readings are right.
@@ -106,7 +112,9 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
 
 
 def _of_orientations(compared: _Compared, settings: Campaign) -> RelationTest | None:
-    """The failed test of the first measured link whose orientations do not turn with it; None if all do."""
+    """The test of the first measured link whose orientations do not turn with it, or with strays; None if all do."""
+    strays: tuple[str, ...] = ()
+    agreed: TurningMisfit | None = None
     measured, frames = compared.measured, compared.tree.frames(compared.conditions.readings)
     channels = measured.channels
     for k in np.flatnonzero(channels.is_rotation):
@@ -117,6 +125,9 @@ def _of_orientations(compared: _Compared, settings: Campaign) -> RelationTest | 
             found = turning_misfit(
                 frames.R[own, channels.node[k]], compared.conditions.reference[own, k], settings.poses.euler
             )
+            if found.stray.any():
+                poses = np.array([str(pose) for pose in compared.conditions.poses])[own][found.stray]
+                strays, agreed = (*strays, *(f"pose {pose}" for pose in poses)), found
             if found.before > found.limit:
                 whole = RelationTest(
                     JOINTS,
@@ -128,7 +139,17 @@ def _of_orientations(compared: _Compared, settings: Campaign) -> RelationTest | 
                     misfit_explained=found.after / _DEG if found.slips else None,
                 )
                 return replace(whole, slips=found.slips[:1], rivals=found.slips[1:])
-    return None
+    if agreed is None:
+        return None
+    return RelationTest(
+        JOINTS,
+        RelationState.ATTENTION,
+        "strays",
+        misfit=agreed.before / _DEG,
+        limit=agreed.limit / _DEG,
+        unit="deg",
+        slips=(RecordSlip(SlipKind.STRAY, "measured orientations of", strays),),
+    )
 
 
 def _out_of_place(tables: Mapping[str, pa.Table], body: str, points: PosePoints) -> Mask:
@@ -265,10 +286,13 @@ def _tested(compared: _Compared) -> RelationTest:
     if in_poses is not None and in_poses.is_explained:
         return _failed(tested, in_poses.slips, in_poses.after)
     if not does_not_belong(start):
+        tested = replace(tested, misfit=start.rms / _MM)
+        if in_poses is None:
+            return tested
         # The diagnosis keeps poses that miss as a whole.
-        if in_poses is not None and does_not_belong(everything):
-            return _failed(tested, in_poses.slips, None)
-        return replace(tested, misfit=start.rms / _MM)
+        if does_not_belong(everything):
+            return _failed(replace(tested, misfit=everything.rms / _MM), in_poses.slips, None)
+        return replace(tested, state=RelationState.ATTENTION, reason="strays", slips=in_poses.slips)
     if whole := [*_of_measured(compared, fit), *_of_description(compared)]:
         return _failed_as_a_whole(tested, whole)
     if (moved := _moved_frame(compared, fit)) is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -40,16 +42,41 @@ def test_a_zero_off_by_some_degrees_is_no_slip() -> None:
     assert not misfit.slips
 
 
-@pytest.mark.parametrize("shift", [1, -1])
-def test_quaternions_in_the_other_order_are_told_with_what_is_equivalent(shift: int) -> None:
-    read = Rotation.from_quat(np.roll(MEASURED.as_quat(), shift, 1))
-    misfit = found(read)
-    assert {"xyzw", "wxyz"} & told(misfit)
+@pytest.mark.parametrize(
+    "changed",
+    [
+        lambda true: Rotation.from_quat(np.roll(true.as_quat(), 1, 1)),
+        lambda true: Rotation.from_quat(np.roll(true.as_quat(), -1, 1)),
+        lambda true: true.inv(),
+        lambda true: Rotation.from_rotvec(true.as_rotvec()[:, [1, 0, 2]]),
+        lambda true: Rotation.from_rotvec(true.as_rotvec() * [1.0, 1.0, -1.0]),
+    ],
+)
+def test_what_an_unknown_base_and_tool_make_equal_is_one_slip(changed: Callable[[Rotation], Rotation]) -> None:
+    misfit = found(changed(MEASURED))
+    assert told(misfit) == {"inversion"}
     assert misfit.after < 3e-3 < 0.1 * misfit.before
 
 
-def test_inverses_are_told() -> None:
-    assert "inverse" in told(found(MEASURED.inv()))
+def test_a_mirrored_frame_cannot_be_seen_in_orientations_alone() -> None:
+    mirror = np.diag([1.0, -1.0, 1.0])
+    misfit = found(mirror @ MEASURED.as_matrix() @ mirror)
+    assert not misfit.slips
+    assert misfit.before < 2.5e-3
+
+
+def test_inverses_of_euler_angles_are_told_alone() -> None:
+    assert "inverse" in told(found(MEASURED.inv(), "ZYX"))
+
+
+@pytest.mark.parametrize("order", ["xyz", "ZYX"])
+def test_euler_angles_read_as_rotation_vectors_are_told_where_turns_are_small(order: str) -> None:
+    small = Rotation.from_rotvec(np.random.default_rng(5).normal(0.0, 0.25, (60, 3)))
+    noise = Rotation.from_rotvec(1e-4 * RNG.normal(size=(60, 3)))
+    read = Rotation.from_rotvec((small * noise).as_euler(order))
+    misfit = turning_misfit(small.as_matrix(), read.as_matrix(), None)
+    assert order in told(misfit)
+    assert order != "xyz" or misfit.before < np.deg2rad(3.0)
 
 
 def test_euler_angles_in_another_order_are_told_with_that_order() -> None:

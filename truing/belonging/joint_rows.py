@@ -25,6 +25,7 @@ _FEWEST_APART = 3  # fewest poses of a slip that is no exchange of rows
 _LEAST_SHARE = 0.2  # least share of the poses that agree; fewer may do so by chance
 _FAR = 5.0  # typical misfits of poses that agree, beyond which a pose does not
 _LEFT = 0.2  # share of the misfit that may remain where rows are exchanged
+_MOST_NAMED = 6  # equal poses that are all named; of more, those that disagree
 _MOST_EXCHANGED = 200  # most poses among which an exchange is sought
 _SHIFTS = (1, -1, 2, -2, 3, -3)
 _AXES = ("x", "y", "z")
@@ -174,25 +175,36 @@ def _exchanged_names(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agr
 
 
 def _frozen(compared: ChainComparison, agreed: Agreement) -> RowSlips | None:
-    """Return the column whose value stays the same, in every digit, through the poses that disagree."""
-    for k, name in enumerate(compared.columns):
-        same = np.diff(compared.readings[:, k]) == 0.0
+    """Return the column, or all that was measured, that stays the same, in every digit, through the poses that
+    disagree."""
+    what = [("readings", (name,), own) for name, own in zip(compared.columns, compared.readings.T, strict=True)]
+    what += [(_measured(compared), (), compared.values.reshape(len(compared.values), -1))]
+    for quantity, names, values in what:
+        same = (np.diff(values, axis=0) == 0.0).reshape(len(values) - 1, -1).all(1)
         still = np.append(same, False) | np.append(False, same)
         if len(agreed.apart) >= _FEWEST_APART and still[agreed.apart].all() and not still.all():
-            slip = RecordSlip(SlipKind.FROZEN, "readings", (name, *row_places(still, ~still, compared.poses, ())))
+            slip = RecordSlip(SlipKind.FROZEN, quantity, (*names, *row_places(still, ~still, compared.poses, ())))
             return RowSlips((slip,))
     return None
 
 
+def _measured(compared: ChainComparison) -> str:
+    return _DISTANCES if compared.is_of_distances else _MEASURED
+
+
 def _repeated(compared: ChainComparison, agreed: Agreement) -> RowSlips | None:
-    """Return the distances of the poses that disagree, if each equals that of another pose in every digit."""
+    """Return what was measured of the poses that disagree, if each equals that of another pose in every digit."""
     apart = agreed.apart
-    if not compared.is_of_distances or len(apart) < _FEWEST_APART:
+    values = compared.values.reshape(len(compared.values), -1)
+    if len(apart) < (_FEWEST_APART if compared.is_of_distances else 1) or not np.isfinite(values[apart]).any():
         return None
-    _, row, count = np.unique(compared.values[..., 0], axis=0, return_inverse=True, return_counts=True)
-    if not (count[np.ravel(row)][apart] > 1).all():
+    _, own, count = np.unique(np.nan_to_num(values), axis=0, return_inverse=True, return_counts=True)
+    own = np.ravel(own)
+    if not (count[own][apart] > 1).all():
         return None
-    return RowSlips((RecordSlip(SlipKind.COPIED, f"{_DISTANCES} of", _names(compared, apart)),))
+    alike = np.flatnonzero(np.isin(own, own[apart]))
+    names = _names(compared, alike if len(alike) <= _MOST_NAMED else apart)
+    return RowSlips((RecordSlip(SlipKind.COPIED, f"{_measured(compared)} of", names),))
 
 
 def _changed(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agreement) -> RowSlips | None:

@@ -10,14 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from truing.arrays import Array
+from truing.arrays import Array, Mask
 from truing.belonging.relation import RecordSlip, SlipKind
 
 # Misfit, as a share of the spread of orientations, and least size, rad, above which they do not belong to the links:
 # far beyond zeros of joints that a calibration finds.
 _FOREIGN, _LEAST = 0.1, 0.05
+# The same where a slip explains the misfit: rotation vectors and Euler angles differ little if all turns are small.
+_NOTABLE, _LEAST_NOTABLE = 0.02, 0.005
 _EXPLAINED = 0.2  # of the misfit: what a slip may leave
 _ROUNDS, _MOST_POSES = 40, 200
+_FAR, _MOST_STRAY = 5.0, 0.1  # typical misfits beyond which a row is stray, and the largest share of such rows
 _ALIKE = 4.0  # traces of rotations from pose to pose that differ by more times the limit, rad, are of other rotations
 _ORDERS = tuple("".join(own) for own in product("XYZ", repeat=3) if own[0] != own[1] != own[2])
 _MEASURED = "measured orientations"
@@ -25,12 +28,16 @@ _MEASURED = "measured orientations"
 
 @dataclass(frozen=True)
 class TurningMisfit:
-    """Misfit of orientations, its limit and that without the slips, rad; ``slips`` explain them equally well."""
+    """Misfit of orientations, its limit and that without the slips, rad; ``slips`` explain them equally well.
+
+    ``stray``: rows (B,) far from the others, which do not count.
+    """
 
     before: float
     limit: float
     after: float
     slips: tuple[RecordSlip, ...]
+    stray: Mask
 
 
 def turning_misfit(links: NDArray, measured: NDArray, euler: str | None) -> TurningMisfit:
@@ -40,11 +47,22 @@ def turning_misfit(links: NDArray, measured: NDArray, euler: str | None) -> Turn
     orientations were no Euler angles.
     """
     few = np.unique(np.linspace(0, len(links) - 1, min(len(links), _MOST_POSES)).round().astype(int))
+    spread = max(_spread(links[few]), _spread(measured[few]))
+    limit, notable = max(_FOREIGN * spread, _LEAST), max(_NOTABLE * spread, _LEAST_NOTABLE)
+    places = _places(links[few], measured[few], notable)
+    away = _angles(places, links, measured)
+    stray = away > max(limit, _FAR * float(np.median(away)))
+    if stray.any() and stray.mean() <= _MOST_STRAY:
+        few = few[~stray[few]]
+        places = _places(links[few], measured[few], notable)
+        away = _angles(places, links, measured)
+        stray = away > max(limit, _FAR * float(np.median(away)))
+    else:
+        stray = np.zeros(len(links), bool)
     links, measured = links[few], measured[few]
-    limit = max(_FOREIGN * max(_spread(links), _spread(measured)), _LEAST)
-    before = _misfit(links, measured, limit)
-    if before <= limit:
-        return TurningMisfit(before, limit, before, ())
+    before = _rms(_angles(places, links, measured))
+    if before <= notable:
+        return TurningMisfit(before, limit, before, (), stray)
     enough = min(_EXPLAINED * before, limit)
     found = [
         (_misfit(links, other, enough), slip)
@@ -53,25 +71,24 @@ def turning_misfit(links: NDArray, measured: NDArray, euler: str | None) -> Turn
     ]
     found = [(after, slip) for after, slip in found if after < enough]
     least = min((after for after, _ in found), default=before)
-    return TurningMisfit(before, limit, least, tuple(slip for after, slip in found if after <= 2.0 * least))
+    slips = tuple(slip for after, slip in found if after <= 2.0 * least)
+    return TurningMisfit(before, notable if slips else limit, least, slips, stray)
 
 
 def _otherwise(measured: NDArray, euler: str | None) -> Iterator[tuple[RecordSlip, Array]]:
-    """Yield slips with the orientations (B, 3, 3) without them."""
+    """Yield slips with the orientations (B, 3, 3) without them.
+
+    One that changes the sign of an odd number of components of the quaternion, or exchanges two of them, is an
+    inversion between two constant rotations (an orthogonal map of four dimensions with determinant -1), which an
+    unknown base and tool take up: the scalar at the other end, and rotation vectors with two components exchanged or
+    one reversed, are no trials of their own. Mirrored axes are no inversion, and cannot be seen at all.
+    """
+    yield _slip("inversion" if euler is None else "inverse"), np.swapaxes(measured, -1, -2)
     read = Rotation.from_matrix(measured)
-    if euler is None:
-        quaternions = read.as_quat()  # x, y, z, w
-        yield _slip("xyzw"), Rotation.from_quat(np.roll(quaternions, 1, 1)).as_matrix()
-        yield _slip("wxyz"), Rotation.from_quat(np.roll(quaternions, -1, 1)).as_matrix()
-    else:
-        angles = read.as_euler(euler)
-        for order in (*_ORDERS, *(own.lower() for own in _ORDERS)):
-            if order != euler:
-                yield _slip(order), Rotation.from_euler(order, angles).as_matrix()
-    yield _slip("inverse"), np.swapaxes(measured, -1, -2)
-    for signs in ((-1.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, -1.0)):
-        mirror = np.diag(signs)
-        yield RecordSlip(SlipKind.MIRRORED, _MEASURED), mirror @ measured @ mirror
+    angles = read.as_rotvec() if euler is None else read.as_euler(euler)
+    for order in (*_ORDERS, *(own.lower() for own in _ORDERS)):
+        if order != euler:
+            yield _slip(order), Rotation.from_euler(order, angles).as_matrix()
 
 
 def _slip(written: str) -> RecordSlip:
@@ -79,14 +96,30 @@ def _slip(written: str) -> RecordSlip:
 
 
 def _misfit(links: NDArray, measured: NDArray, enough: float) -> float:
-    """Return the rms angle, rad, between base @ links @ tool and measured orientations, of the best rotations, or of
-    the first that leave ``enough``."""
-    least = np.inf
+    return _rms(_angles(_places(links, measured, enough), links, measured))
+
+
+def _places(links: NDArray, measured: NDArray, enough: float) -> tuple[Array, Array]:
+    """Return the base and the tool (3, 3) that leave the least between base @ links @ tool and measured orientations,
+    or the first that leave at most ``enough``, rad."""
+    found: list[tuple[float, tuple[Array, Array]]] = []
     for tool in _starts():
-        least = min(least, _fitted(links, measured, tool))
-        if least <= enough:
+        places = _fitted(links, measured, tool)
+        found.append((_rms(_angles(places, links, measured)), places))
+        if found[-1][0] <= enough:
             break
-    return least
+    return min(found, key=lambda own: own[0])[1]
+
+
+def _angles(places: tuple[Array, Array], links: NDArray, measured: NDArray) -> Array:
+    """Return the angles (B,), rad, between base @ links @ tool and measured orientations."""
+    base, tool = places
+    away = Rotation.from_matrix(base @ links @ tool).inv() * Rotation.from_matrix(measured)
+    return np.asarray(away.magnitude())
+
+
+def _rms(values: NDArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _turned(orientations: NDArray) -> Array:
@@ -94,8 +127,8 @@ def _turned(orientations: NDArray) -> Array:
     return np.asarray(np.einsum("bij,bij->b", orientations[:-1], orientations[1:]))
 
 
-def _fitted(links: NDArray, measured: NDArray, tool: Array) -> float:
-    """Return the rms angle, rad, after alternating Procrustes fits of base and tool from a rotation of the tool."""
+def _fitted(links: NDArray, measured: NDArray, tool: Array) -> tuple[Array, Array]:
+    """Return base and tool after alternating Procrustes fits from a rotation of the tool."""
     base, last = np.eye(3), np.inf
     for _ in range(_ROUNDS):
         base = _nearest(np.einsum("bij,bkj->ik", measured, links @ tool))
@@ -104,8 +137,7 @@ def _fitted(links: NDArray, measured: NDArray, tool: Array) -> float:
         if last - now < 1e-9 * now:
             break
         last = now
-    away = Rotation.from_matrix(base @ links @ tool).inv() * Rotation.from_matrix(measured)
-    return float(np.sqrt(np.mean(away.magnitude() ** 2)))
+    return base, tool
 
 
 def _starts() -> list[Array]:
@@ -126,4 +158,4 @@ def _nearest(total: NDArray) -> Array:
 def _spread(turned: NDArray) -> float:
     """Return the rms angle, rad, of orientations (B, 3, 3) about their mean."""
     mean = _nearest(turned.sum(0))
-    return float(np.sqrt(np.mean(Rotation.from_matrix(mean.T @ turned).magnitude() ** 2)))
+    return _rms(Rotation.from_matrix(mean.T @ turned).magnitude())

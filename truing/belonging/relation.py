@@ -40,7 +40,9 @@ class SlipKind(StrEnum):
     RELABELLED = "relabelled"  # names of all parts are in another order
     CONVENTION = "convention"  # rows of a chain in the other convention of Denavit and Hartenberg
     SCALE = "scale"  # multiplied by factor, points have the size of their survey; no unit explains it
-    ROTATION = "rotation"  # written as another one: inverse, xyzw, wxyz, or an order such as ZYX
+    ROTATION = (
+        "rotation"  # written as another one: inverse, inversion (with what is equivalent), or an order such as ZYX
+    )
     FRAME = "frame-moved"  # from the first subject on, places are in another frame of the instrument
     REVERSED = "rows-reversed"  # from the last to the first
 

@@ -103,6 +103,7 @@ _REASONS = {
     "no-frame": "were not compared: the targets fix no frame",
     "no-slip": "do not belong together, and no tested recording error explains it",
     "rounded": "belong together, but values were recorded in coarse steps",
+    "strays": "belong together",
     "departs": "differ by more than a calibration usually explains",
     "legs-parallel": "are all parallel: they do not constrain sideways motion of the platform",
     "legs-alike": "have the same joints: together they constrain the platform like one leg",
@@ -144,6 +145,8 @@ def message(tested: RelationTest) -> str:
         asked = " Are these commanded values in place of measured ones?" if tested.relation == _OF_READINGS else ""
         text = f"{sides} belong together, but: {words}. This causes an error of {error}; the declared noise is {noise}."
         return f"{text}{asked}"
+    if tested.reason == "strays":
+        return f"{sides} belong together{_size(tested)}, except {'; '.join(map(slip_words, tested.slips))}."
     if tested.reason == "scale":
         by = 1.0 / tested.slips[0].factor - 1.0
         text = f"{sides} agree in shape, but lengths between points are {1e3 * abs(by):.2g} mm/m "
@@ -224,17 +227,18 @@ def _copied(slip: RecordSlip) -> str:
     return f"{text} in {len(slip.rows)} rows (of {slip.subjects[0]}: {listed(spans)})"
 
 
-_QUATERNIONS = {"xyzw": ("x, y, z, w", "w, x, y, z"), "wxyz": ("w, x, y, z", "x, y, z, w")}
+_INVERSE = "as their inverses (the frame as seen from the body)"
+_INVERSION = (
+    f"{_INVERSE}, as quaternions with the scalar at the other end (w, x, y, z against x, y, z, w), or as rotation "
+    "vectors with two components exchanged or one of opposite sign (equivalent where base and tool are unknown)"
+)
 
 
 def _rotation(slip: RecordSlip) -> str:
     (written,) = slip.subjects
-    if written == "inverse":
-        return f"{slip.quantity} as their inverses (the frame as seen from the body)"
-    if written in _QUATERNIONS:
-        own, read = _QUATERNIONS[written]
-        return f"{slip.quantity} as quaternions in the order {own}, read as {read}"
-    return f'{slip.quantity} as Euler angles in another order: euler = "{written}"'
+    otherwise = {"inverse": _INVERSE, "inversion": _INVERSION}
+    read = f'as Euler angles, read otherwise: [poses] euler = "{written}"'
+    return f"{slip.quantity} {otherwise.get(written, read)}"
 
 
 _MIRROR = "mirrored (left-handed frame, one axis with the opposite sign, or two axes exchanged)"
