@@ -65,6 +65,7 @@ _SLIPS = {
     ColumnSlipKind.RADIANS: "the readings of {} taken as radians",
     ColumnSlipKind.DOWN: "the readings of {} one row higher",
     ColumnSlipKind.UP: "the readings of {} one row lower",
+    ColumnSlipKind.UPSIDE_DOWN: "the readings of {} in reversed order of rows",
 }
 
 

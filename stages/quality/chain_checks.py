@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,11 @@ import numpy as np
 import pyarrow as pa
 
 from truing.arrays import Array, Mask
-from truing.belonging.joint_rows import ChainComparison, column_slip, slips_in_poses, slips_of_all, slips_of_lines
+from truing.belonging.joint_rows import (
+    ChainComparison,
+    column_slip,
+    slips_in_poses,
+)
 from truing.belonging.orientations import TurningMisfit, turning_misfit
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, SlipKind
 from truing.estimation.rigid_poses.points import PosePoints
@@ -27,11 +31,10 @@ from truing.simulation.mechanisms.chains.column_slips import (
     likely_slip,
 )
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
-from truing.simulation.mechanisms.chains.measured_lines import GROUND, with_ground
-from truing.simulation.mechanisms.chains.notations import DenavitHartenberg
+from truing.simulation.mechanisms.chains.measured_lines import with_ground
 from truing.simulation.mechanisms.chains.start_values import StartValues
-from truing.simulation.mechanisms.chains.tree import JointKind, Tree
-from truing.stages.common.chain_description import described_otherwise, rows_of
+from truing.simulation.mechanisms.chains.tree import Tree
+from truing.stages.common.chain_description import rows_of
 from truing.stages.common.chain_distances import fit_of_distances, measured_distances
 from truing.stages.common.chain_measurements import (
     MeasuredLinks,
@@ -47,6 +50,20 @@ from truing.stages.common.chain_tables import joint_columns, joint_readings, tre
 from truing.stages.common.point_arrays import pose_ids
 from truing.stages.quality import point_checks
 from truing.stages.quality.belonging import READINGS, belonging_checks
+from truing.stages.quality.chain_slips import (
+    FEWEST_POSES,
+    ComparedChain,
+    WholeSlip,
+    moved_frame,
+    slips_of_bodies,
+    slips_of_description,
+    slips_of_links,
+    slips_of_measured,
+    slips_of_single_lines,
+    slips_of_surveys,
+    with_most_poses,
+    without_lone_errors,
+)
 from truing.stages.quality.check import Check, CheckResults
 
 if TYPE_CHECKING:
@@ -55,10 +72,8 @@ if TYPE_CHECKING:
 JOINTS = "joints-against-links"
 _DISTANCES = "distances"
 _OF_FRAMES = ("poses-determined", "geometry", "geometry-line", "geometry-plane", "geometry-leverage")
-_FEWEST, _FEWEST_POSES = 3, 8
+_FEWEST = 3
 _MM, _DEG = 1e-3, np.pi / 180.0
-# Poses that miss by so many times the median are left out, if at least so large a share remains.
-_FAR, _MOST = 5.0, 0.9
 # Slips whose misfit is at most so many times that of the best explain the data as well.
 _AS_LIKELY = 2.0
 # Another link that leaves so small a share of the spread is told before slips of single columns are tried.
@@ -111,7 +126,7 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         return _not_tested("no-frame")
 
 
-def _of_orientations(compared: _Compared, settings: Campaign) -> RelationTest | None:
+def _of_orientations(compared: ComparedChain, settings: Campaign) -> RelationTest | None:
     """The test of the first measured link whose orientations do not turn with it, or with strays; None if all do."""
     strays: tuple[str, ...] = ()
     agreed: TurningMisfit | None = None
@@ -120,7 +135,7 @@ def _of_orientations(compared: _Compared, settings: Campaign) -> RelationTest | 
     for k in np.flatnonzero(channels.is_rotation):
         for series in np.unique(compared.conditions.series):
             own = compared.usable & measured.seen[:, k] & (compared.conditions.series == series)
-            if own.sum() < _FEWEST_POSES:
+            if own.sum() < FEWEST_POSES:
                 continue
             found = turning_misfit(
                 frames.R[own, channels.node[k]], compared.conditions.reference[own, k], settings.poses.euler
@@ -165,14 +180,14 @@ def _out_of_place(tables: Mapping[str, pa.Table], body: str, points: PosePoints)
 
 def _links_compared(
     tables: Mapping[str, pa.Table], settings: Campaign, wrong: Screen | None = None
-) -> _Compared | None:
+) -> ComparedChain | None:
     """Return the chain and what was measured on its links, without the points ``wrong``; None for too few poses."""
     tree, table = tree_of(tables["joints"]), tables["configurations"]
     measured = measured_links(tables, tree, pose_ids(table), wrong)
     usable = _usable(tree, table, measured)
     usable &= is_framed(measured, reference_link(settings, measured))
     usable &= ~excluded_poses(settings.exclude, pose_ids(table))
-    if usable.sum() < _FEWEST_POSES:
+    if usable.sum() < FEWEST_POSES:
         return None
     compared = _compared(
         tree,
@@ -192,10 +207,10 @@ def _compared(
     measured: MeasuredLinks,
     usable: Mask,
     fit_of: Callable[[Tree, ChainConditions], NominalFit],
-) -> _Compared:
+) -> ComparedChain:
     conditions = _conditions(tree, table, settings, measured, usable)
     rows = rows_of(settings.mechanism)
-    return _Compared(tree, table, measured, conditions, usable, rows, lambda other: fit_of(other, conditions))
+    return ComparedChain(tree, table, measured, conditions, usable, rows, lambda other: fit_of(other, conditions))
 
 
 def joints_against_distances(tables: Mapping[str, pa.Table], settings: Campaign) -> RelationTest:
@@ -203,7 +218,7 @@ def joints_against_distances(tables: Mapping[str, pa.Table], settings: Campaign)
     tree, table = with_ground(tree_of(tables["joints"])), tables["configurations"]
     measured = measured_distances(tables, tree, pose_ids(table))
     usable = _usable(tree, table, measured)
-    if usable.sum() < _FEWEST_POSES:
+    if usable.sum() < FEWEST_POSES:
         return _not_tested("no-poses", _DISTANCES)
     # The ground, which stands beside the chain, is no row of its description.
     compared = _compared(
@@ -236,48 +251,12 @@ def _conditions(
     return chain_conditions(tree, table, settings, measured.reference, readings, usable, measured.coupling)
 
 
-@dataclass(frozen=True)
-class _Compared:
-    """A chain, its readings and what was measured on it, with the usable poses (B,).
-
-    ``rows`` describe the chain, where its description has rows; ``fit_of``: fit of the places to a chain; ``fit_on``:
-    to the chain with the same measurements on other links, none for distances.
-    """
-
-    tree: Tree
-    table: pa.Table
-    measured: MeasuredLinks
-    conditions: ChainConditions
-    usable: Mask
-    rows: list[DenavitHartenberg]
-    fit_of: Callable[[Tree], NominalFit]
-    fit_on: Callable[[MeasuredLinks], NominalFit] | None = None
-
-    @property
-    def chain(self) -> Tree:
-        """The tree without the ground of stations."""
-        return replace(self.tree, nodes=tuple(node for node in self.tree.nodes if node.link != GROUND))
-
-    @property
-    def fit(self) -> NominalFit:
-        """The fit of the chain as described."""
-        return self.fit_of(self.chain)
-
-    @property
-    def names(self) -> list[str]:
-        """Names (K,) or (D,) of what was measured."""
-        channels, ends = self.measured.channels, self.measured.ends
-        return (
-            list(channels.names) if ends is None else [f"{channels.names[a]} to {channels.names[b]}" for a, b in ends]
-        )
-
-
-def _tested(compared: _Compared) -> RelationTest:
+def _tested(compared: ComparedChain) -> RelationTest:
     """Test a chain at its readings; raises ValueError where no frame joins the poses."""
     fit, conditions, usable = compared.fit, compared.conditions, compared.usable
     everything = fit.start_of(usable, conditions)
     in_poses = slips_in_poses(_comparison(compared, fit, everything))
-    usable = _without_lone_errors(everything, usable)
+    usable = without_lone_errors(everything, usable)
     compared = replace(compared, usable=usable)
     start = fit.start_of(usable, conditions)
     tested = RelationTest(
@@ -293,16 +272,23 @@ def _tested(compared: _Compared) -> RelationTest:
         if does_not_belong(everything):
             return _failed(replace(tested, misfit=everything.rms / _MM), in_poses.slips, None)
         return replace(tested, state=RelationState.ATTENTION, reason="strays", slips=in_poses.slips)
-    if whole := [*_of_measured(compared, fit), *_of_description(compared)]:
+    compared = with_most_poses(compared)
+    fit = compared.fit
+    if whole := [
+        *slips_of_measured(compared, fit),
+        *slips_of_links(compared),
+        *slips_of_surveys(compared),
+        *slips_of_description(compared),
+    ]:
         return _failed_as_a_whole(tested, whole)
-    if (moved := _moved_frame(compared, fit)) is not None:
+    if (moved := moved_frame(compared, fit)) is not None:
         return _failed_as_a_whole(tested, [moved])
-    bodies = list(_of_bodies(compared))
+    bodies = list(slips_of_bodies(compared))
     if bodies and min(one.share for one in bodies) < _SURE:
         return _failed_as_a_whole(tested, bodies)
     slip = likely_slip(conditions, compared.tree.is_revolute, fit.start_of)
     if slip is None:
-        if whole := [*_of_lines(compared, fit), *bodies]:
+        if whole := [*slips_of_single_lines(compared, fit), *bodies]:
             return _failed_as_a_whole(tested, whole)
         return _failed(tested, _constant(compared) or (() if in_poses is None else in_poses.slips), None)
     # The diagnosis corrects an exchange and zeros, as findings; no other slip.
@@ -326,7 +312,7 @@ def _failed(tested: RelationTest, slips: tuple[RecordSlip, ...], after: float | 
     return replace(tested, state=RelationState.FAILS, reason="no-slip", slips=slips, misfit_explained=left)
 
 
-def _comparison(compared: _Compared, fit: NominalFit, start: StartValues) -> ChainComparison:
+def _comparison(compared: ComparedChain, fit: NominalFit, start: StartValues) -> ChainComparison:
     """Readings and measured positions or distances of the usable poses, for slips in some of them."""
     measured, conditions, usable = compared.measured, compared.conditions, compared.usable
     is_position, of_distances = measured.is_position, measured.ends is not None
@@ -366,90 +352,14 @@ def _fewest(measured: MeasuredLinks) -> int:
     return -(-2 * unknown // measured.values.shape[1])
 
 
-@dataclass(frozen=True)
-class _Whole:
-    """A slip of all positions, or of the description: the misfit after it is undone, over the positions' spread and
-    in m."""
-
-    share: float
-    slip: RecordSlip
-    after: float
-
-
-def _failed_as_a_whole(tested: RelationTest, whole: list[_Whole]) -> RelationTest:
+def _failed_as_a_whole(tested: RelationTest, whole: list[WholeSlip]) -> RelationTest:
     """The test with those slips that explain it as well as the best of them, in the order in which they were tried."""
     least = min(one.share for one in whole)
     first, *others = (one for one in whole if one.share <= _AS_LIKELY * least)
     return replace(_failed(tested, (first.slip,), first.after), rivals=tuple(one.slip for one in others))
 
 
-def _whole(slip: RecordSlip, after: StartValues) -> Iterator[_Whole]:
-    if not does_not_belong(after):
-        yield _Whole(after.rms / after.spread, slip, after.rms)
-
-
-def _of_measured(compared: _Compared, fit: NominalFit) -> Iterator[_Whole]:
-    """Yield units and mirror images of all measured positions, or units of all distances, that explain the misfit."""
-    for one in slips_of_all(fit.values.shape[-1]):
-        values = np.where(fit.is_position[:, None], fit.values @ one.matrix, fit.values)
-        yield from _whole(one.slip, fit.start_of(compared.usable, compared.conditions, values))
-
-
-def _of_lines(compared: _Compared, fit: NominalFit) -> Iterator[_Whole]:
-    """Yield slips of single distances that explain the misfit."""
-    names, ends = compared.measured.channels.names, compared.measured.ends
-    if ends is None:
-        return
-    for slip, values in slips_of_lines([(names[a], names[b]) for a, b in ends], fit.values):
-        yield from _whole(slip, fit.start_of(compared.usable, compared.conditions, values))
-
-
-def _moved_frame(compared: _Compared, fit: NominalFit) -> _Whole | None:
-    """Return the pose from which on all places are in another frame, if two frames explain the misfit.
-
-    The frame of the first poses, which a fit of these alone must explain, misses all poses from that one on.
-    """
-    conditions = compared.conditions
-    own = np.flatnonzero(compared.usable)
-    first = np.isin(np.arange(len(conditions.series)), own[: max(_FEWEST_POSES, len(own) // 4)])
-    if fit.reference is not None or conditions.series.any() or compared.measured.ends is not None:
-        return None
-    alone = fit.start_of(first, conditions)
-    limit = foreign_share(alone)
-    errors = fit.errors_at(alone, conditions, fit.values)[np.ix_(own, fit.is_position)]
-    size = np.sqrt(np.nanmean(np.sum(errors**2, -1), axis=1))
-    agree = np.flatnonzero(size <= limit)
-    start = int(agree[-1]) + 1 if len(agree) else 0
-    if alone.rms > limit or not _FEWEST_POSES <= start <= len(own) - _FEWEST_POSES or len(agree) < start:
-        return None
-    series = (np.arange(len(conditions.series)) >= own[start]).astype(int)
-    after = fit.start_of(compared.usable, replace(conditions, series=series))
-    slip = RecordSlip(SlipKind.FRAME, "measured places from pose", (str(conditions.poses[own[start]]),))
-    return None if does_not_belong(after) else _Whole(after.rms / after.spread, slip, after.rms)
-
-
-def _of_bodies(compared: _Compared) -> Iterator[_Whole]:
-    """Yield other moving links that explain the misfit, if all that was measured was on one link."""
-    channels, fit_on = compared.measured.channels, compared.fit_on
-    nodes = compared.tree.nodes
-    if fit_on is None or len(set(channels.links)) > 1:
-        return
-    for k, node in enumerate(nodes):
-        if node.kind is not JointKind.FIXED and k != channels.node[0]:
-            moved = replace(channels, node=np.full_like(channels.node, k))
-            own = f"measurements on link {node.link}, or one fixed to it,"
-            slip = RecordSlip(SlipKind.MISLABELLED, own, (f"body {channels.links[0]}",))
-            fit = fit_on(replace(compared.measured, channels=moved))
-            yield from _whole(slip, fit.start_of(compared.usable, compared.conditions))
-
-
-def _of_description(compared: _Compared) -> Iterator[_Whole]:
-    """Yield slips in the description, each with the chain without it, that explain the misfit."""
-    for slip, other in described_otherwise(compared.chain, compared.rows):
-        yield from _whole(slip, compared.fit_of(other).start_of(compared.usable, compared.conditions))
-
-
-def _constant(compared: _Compared) -> tuple[RecordSlip, ...]:
+def _constant(compared: ComparedChain) -> tuple[RecordSlip, ...]:
     """Columns of readings whose value never changes."""
     readings = compared.conditions.readings[compared.usable]
     columns = joint_columns(compared.tree, compared.table.schema.names)
@@ -457,7 +367,7 @@ def _constant(compared: _Compared) -> tuple[RecordSlip, ...]:
     return (RecordSlip(SlipKind.FROZEN, "readings", still),) if still else ()
 
 
-def _hidden(compared: _Compared) -> Iterator[RecordSlip]:
+def _hidden(compared: ComparedChain) -> Iterator[RecordSlip]:
     """Yield slips in columns of readings with which the chain would fit as well as without."""
     fit, conditions = compared.fit, compared.conditions
     few = few_poses(len(conditions.readings))
@@ -475,17 +385,6 @@ def _recorded(slip: ColumnSlip, tree: Tree, names: list[str]) -> Iterator[Record
             yield RecordSlip(SlipKind.ZERO, "readings", (column.name,), offset=offset / column.si)
     else:
         yield column_slip(slip.kind, [column.name for column in columns])
-
-
-def _without_lone_errors(start: StartValues, usable: Mask) -> Mask:
-    """Mask (B,) of the usable poses without a few that miss by far more than most, such as those of a wrong target."""
-    size = np.sqrt(np.nanmean(np.sum(start.errors**2, -1), axis=1))
-    kept = size <= _FAR * float(np.median(size))
-    if kept.mean() < _MOST:
-        return usable
-    found = usable.copy()
-    found[usable] = kept
-    return found
 
 
 def _single(observations: pa.Table) -> set[str]:

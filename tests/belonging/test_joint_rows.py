@@ -93,6 +93,14 @@ def frozen(readings: np.ndarray, values: np.ndarray) -> None:
     readings[10:20, 1] = readings[10, 1]
 
 
+def frozen_places(readings: np.ndarray, values: np.ndarray) -> None:
+    values[25:] = values[25]
+
+
+def copied_place(readings: np.ndarray, values: np.ndarray) -> None:
+    values[30] = values[4]
+
+
 def late_inches(readings: np.ndarray, values: np.ndarray) -> None:
     values[LATE] /= 25.4
 
@@ -113,6 +121,8 @@ def late_labels(readings: np.ndarray, values: np.ndarray) -> None:
         (late_sign, SlipKind.SIGN, ("turn", "from pose 26 on")),
         (late_columns, SlipKind.COLUMNS, ("turn", "roll", "from pose 26 on")),
         (frozen, SlipKind.FROZEN, ("lift", "from pose 11 to pose 20")),
+        (frozen_places, SlipKind.FROZEN, ("from pose 26 on",)),
+        (copied_place, SlipKind.COPIED, ("pose 5", "pose 31")),
         (late_inches, SlipKind.UNIT, ("from pose 26 on",)),
         (late_y, SlipKind.SIGN, ("from pose 26 on",)),
         (late_labels, SlipKind.PARTS_EXCHANGED, ("A", "B", "from pose 26 on")),

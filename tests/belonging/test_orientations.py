@@ -88,3 +88,12 @@ def test_orientations_of_another_link_have_no_slip_that_explains_them() -> None:
     misfit = found(Rotation.random(40, random_state=9))
     assert misfit.before > misfit.limit
     assert not misfit.slips
+
+
+def test_single_orientations_far_from_the_others_are_told_and_do_not_count() -> None:
+    wrong = MEASURED.as_matrix().copy()
+    wrong[[6, 21]] = wrong[[6, 21]] @ Rotation.from_rotvec([0.0, 1.0, 0.0]).as_matrix()
+    misfit = found(wrong)
+    assert np.flatnonzero(misfit.stray).tolist() == [6, 21]
+    assert misfit.before < 2.5e-3
+    assert not misfit.slips

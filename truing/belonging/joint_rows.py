@@ -250,13 +250,13 @@ def _trials(compared: ChainComparison) -> Iterator[_JointTrial]:
     """Yield every slip with readings and values after its correction in all poses."""
     readings, values = compared.readings, compared.values
     for kind, own, corrected in corrected_columns(readings, compared.is_revolute):
-        if kind not in (ColumnSlipKind.DOWN, ColumnSlipKind.UP):
+        if kind not in (ColumnSlipKind.DOWN, ColumnSlipKind.UP, ColumnSlipKind.UPSIDE_DOWN):
             yield _JointTrial(column_slip(kind, [compared.columns[k] for k in own]), corrected, values)
     for shift in _SHIFTS:
         yield _JointTrial(
             RecordSlip(SlipKind.ROWS_SHIFTED, "readings", shift=shift), np.roll(readings, -shift, axis=0), values
         )
-    for trial in _units(_DISTANCES, 1) if compared.is_of_distances else _changes_of_axes():
+    for trial in _units(_DISTANCES, 1) if compared.is_of_distances else changes_of_axes():
         yield _JointTrial(trial.slip, readings, values @ trial.matrix)
 
 
@@ -264,6 +264,8 @@ def column_slip(kind: ColumnSlipKind, names: Sequence[str]) -> RecordSlip:
     """Return the record of a slip in columns of readings; a shift concerns them all."""
     if kind in (ColumnSlipKind.DOWN, ColumnSlipKind.UP):
         return RecordSlip(SlipKind.ROWS_SHIFTED, "readings", shift=1 if kind is ColumnSlipKind.DOWN else -1)
+    if kind is ColumnSlipKind.UPSIDE_DOWN:
+        return RecordSlip(SlipKind.REVERSED, "readings")
     if kind is ColumnSlipKind.EXCHANGED:
         return RecordSlip(SlipKind.COLUMNS, "columns of readings", tuple(names))
     if kind is ColumnSlipKind.REVERSED:
@@ -310,14 +312,15 @@ def _units(what: str, size: int) -> Iterator[MeasuredSlip]:
         yield MeasuredSlip(RecordSlip(SlipKind.UNIT, what, factor=factor), factor * np.eye(size))
 
 
-def _changes_of_axes() -> Iterator[MeasuredSlip]:
-    """Yield other units, reversed and exchanged axes of measured positions: what shows where the frame is known."""
-    yield from _units(_MEASURED, 3)
+def changes_of_axes(what: str = _MEASURED) -> Iterator[MeasuredSlip]:
+    """Yield other units, reversed and exchanged axes of positions (right = recorded @ matrix): what shows where their
+    frame is known."""
+    yield from _units(what, 3)
     for signs in product((1.0, -1.0), repeat=3):
         changed = " and ".join(name for name, sign in zip(_AXES, signs, strict=True) if sign < 0.0)
         if changed:
-            yield MeasuredSlip(RecordSlip(SlipKind.SIGN, f"{changed} of {_MEASURED}"), np.diag(signs))
+            yield MeasuredSlip(RecordSlip(SlipKind.SIGN, f"{changed} of {what}"), np.diag(signs))
     for order in permutations(range(3)):
         moved = tuple(_AXES[axis] for axis in range(3) if order[axis] != axis)
         if moved:
-            yield MeasuredSlip(RecordSlip(SlipKind.COLUMNS, f"axes of {_MEASURED}", moved), np.eye(3)[:, list(order)])
+            yield MeasuredSlip(RecordSlip(SlipKind.COLUMNS, f"axes of {what}", moved), np.eye(3)[:, list(order)])

@@ -44,6 +44,7 @@ class SlipKind(StrEnum):
         "rotation"  # written as another one: inverse, inversion (with what is equivalent), or an order such as ZYX
     )
     FRAME = "frame-moved"  # from the first subject on, places are in another frame of the instrument
+    PLACED = "survey-placed"  # the survey of a body is in another frame than that of its link
     REVERSED = "rows-reversed"  # from the last to the first
 
 

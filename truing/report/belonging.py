@@ -273,5 +273,9 @@ _WORDS = {
         f"{_slip_subject(slip)} on in another frame (instrument or base moved): give both parts values of a column "
         'series, and set [measurement] frame = "series"'
     ),
+    SlipKind.PLACED: lambda slip: (
+        f"{_slip_subject(slip)} in another frame than that of the link: its targets lie elsewhere on the link "
+        "(without a survey of this body, truing finds where)"
+    ),
     SlipKind.REVERSED: lambda slip: f"{_slip_subject(slip)} in reversed order, the last row first",
 }

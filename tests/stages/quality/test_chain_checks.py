@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -59,7 +60,17 @@ def a_row_too_far_down(table: pd.DataFrame) -> None:
 
 def other_rows(table: pd.DataFrame) -> None:
     joints = [name for name in table if name.endswith("_deg")]
+    table[joints] = table[joints].to_numpy()[np.random.default_rng(4).permutation(len(table))]
+
+
+def reversed_rows(table: pd.DataFrame) -> None:
+    joints = [name for name in table if name.endswith("_deg")]
     table[joints] = table[joints].to_numpy()[::-1]
+
+
+def all_reversed(table: pd.DataFrame) -> None:
+    joints = [name for name in table if name.endswith("_deg")]
+    table[joints] *= -1.0
 
 
 def exchanged(table: pd.DataFrame) -> None:
@@ -96,6 +107,20 @@ def test_a_wrong_target_of_the_base_blames_no_readings(tmp_path: Path) -> None:
 
     assert checked(tmp_path, None, with_a_base)[:2] == (0, "pass")
     assert checked(tmp_path / "b", three_wrong_rows, with_a_base)[1] == "fail"
+
+
+def a_wrong_target_of_the_tool(campaign: Path) -> None:
+    table = pd.read_csv(campaign / "points.csv")
+    table.loc[table["pose"] == 12, ["x_mm", "y_mm", "z_mm"]] += [60.0, -40.0, 20.0]
+    table.to_csv(campaign / "points.csv", index=False)
+
+
+def test_a_single_pose_far_off_is_told_while_the_others_belong(tmp_path: Path) -> None:
+    """Of many poses a single one hardly raises the misfit of all."""
+    code, verdict, message = checked(tmp_path, None, a_wrong_target_of_the_tool)
+    assert (code, verdict) == (0, "warn")
+    assert "belong together" in message
+    assert "except readings of pose 12 far" in message
 
 
 def test_poses_that_a_person_excludes_are_not_tested(tmp_path: Path) -> None:
@@ -158,6 +183,12 @@ def mirrored(campaign: Path) -> None:
     table.to_csv(campaign / "points.csv", index=False)
 
 
+def survey(campaign: Path, changed: Callable[[np.ndarray], np.ndarray]) -> None:
+    table, place = pd.read_csv(campaign / "targets.csv"), ["x_mm", "y_mm", "z_mm"]
+    table[place] = changed(table[place].to_numpy(float, copy=True))
+    table.to_csv(campaign / "targets.csv", index=False)
+
+
 def lengths_in_mm(campaign: Path) -> None:
     def times_1000(found: re.Match[str]) -> str:
         return 'xyz="' + " ".join(f"{1000.0 * float(number):g}" for number in found[1].split()) + '" rpy'
@@ -171,6 +202,15 @@ def lengths_in_mm(campaign: Path) -> None:
     [
         (mirrored, "measured positions mirrored"),
         (lengths_in_mm, "lengths of the chain's description in another unit: multiply by 0.001"),
+        (
+            partial(survey, changed=lambda xyz: xyz * [-1.0, 1.0, 1.0]),
+            "x of the survey of body tool0 with the opposite",
+        ),
+        (partial(survey, changed=lambda xyz: np.roll(xyz, 1, 0)), "targets of tool0 under the names of others"),
+        (
+            partial(survey, changed=lambda xyz: xyz + np.array([40.0, 0.0, 90.0])),
+            "survey of body tool0 in another frame",
+        ),
     ],
 )
 def test_a_slip_of_all_positions_or_of_the_description_is_named(
@@ -192,6 +232,8 @@ def test_a_slip_of_all_positions_or_of_the_description_is_named(
         (radians, "shoulder_deg"),
         (all_radians, "multiply by 57.29578"),
         (a_row_too_far_down, "shifted by +1 row"),
+        (reversed_rows, "reversed order"),
+        (all_reversed, "turn_deg, shoulder_deg, elbow_deg, roll_deg, bend_deg, twist_deg with the opposite sign"),
     ],
 )
 def test_a_slip_in_a_column_fails_and_is_named(

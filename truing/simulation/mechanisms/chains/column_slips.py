@@ -40,6 +40,7 @@ class ColumnSlipKind(StrEnum):
     ZEROS = "zeros"
     DOWN = "a-row-too-far-down"
     UP = "a-row-too-far-up"
+    UPSIDE_DOWN = "rows-reversed"
 
 
 @dataclass(frozen=True)
@@ -215,6 +216,7 @@ def corrected_columns(
             yield ColumnSlipKind.EXCHANGED, (a, b), own
     angles = tuple(int(k) for k in np.flatnonzero(is_revolute))
     scaled: list[tuple[ColumnSlipKind, float, tuple[int, ...]]] = [(ColumnSlipKind.REVERSED, -1.0, (k,)) for k in every]
+    scaled += [(ColumnSlipKind.REVERSED, -1.0, every)] if len(every) > 1 else []
     for kind, factor in ((ColumnSlipKind.DEGREES, np.pi / 180.0), (ColumnSlipKind.RADIANS, 180.0 / np.pi)):
         scaled += [(kind, factor, (k,)) for k in angles]
         scaled += [(kind, factor, angles)] if len(angles) > 1 else []
@@ -224,3 +226,4 @@ def corrected_columns(
         yield kind, columns, own
     for kind, rows in ((ColumnSlipKind.DOWN, -1), (ColumnSlipKind.UP, 1)):
         yield kind, every, np.roll(readings, rows, 0)
+    yield ColumnSlipKind.UPSIDE_DOWN, every, readings[::-1]

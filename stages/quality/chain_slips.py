@@ -1,0 +1,224 @@
+"""Slips in all that was measured on a chain, or in its description: the chain is fitted anew without each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+
+import numpy as np
+import pyarrow as pa
+
+from truing.arrays import Array, Index, Mask
+from truing.belonging.joint_rows import changes_of_axes, slips_of_all, slips_of_lines
+from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, SlipKind, both_ways
+from truing.simulation.mechanisms.chains.column_slips import does_not_belong, foreign_share
+from truing.simulation.mechanisms.chains.conditions import ChainConditions
+from truing.simulation.mechanisms.chains.measured_lines import GROUND
+from truing.simulation.mechanisms.chains.notations import DenavitHartenberg
+from truing.simulation.mechanisms.chains.start_values import StartValues
+from truing.simulation.mechanisms.chains.tree import JointKind, Tree
+from truing.stages.common.chain_description import described_otherwise
+from truing.stages.common.chain_measurements import MeasuredLinks
+from truing.stages.common.chain_start import NominalFit
+
+FEWEST_POSES = 8
+"""Fewest poses whose readings are compared with measured links."""
+_MOST_PERMUTED = 4  # targets of a link whose names are tried in every order
+# Poses that miss by so many times the median are left out, if at least so large a share remains.
+_FAR, _MOST = 5.0, 0.9
+
+
+@dataclass(frozen=True)
+class ComparedChain:
+    """A chain, its readings and what was measured on it, with the usable poses (B,).
+
+    ``rows`` describe the chain, where its description has rows; ``fit_of``: fit of the places to a chain; ``fit_on``:
+    to the chain with the same measurements on other links, none for distances.
+    """
+
+    tree: Tree
+    table: pa.Table
+    measured: MeasuredLinks
+    conditions: ChainConditions
+    usable: Mask
+    rows: list[DenavitHartenberg]
+    fit_of: Callable[[Tree], NominalFit]
+    fit_on: Callable[[MeasuredLinks], NominalFit] | None = None
+
+    @property
+    def chain(self) -> Tree:
+        """The tree without the ground of stations."""
+        return replace(self.tree, nodes=tuple(node for node in self.tree.nodes if node.link != GROUND))
+
+    @property
+    def fit(self) -> NominalFit:
+        """The fit of the chain as described."""
+        return self.fit_of(self.chain)
+
+    @property
+    def names(self) -> list[str]:
+        """Names (K,) or (D,) of what was measured."""
+        channels, ends = self.measured.channels, self.measured.ends
+        return (
+            list(channels.names) if ends is None else [f"{channels.names[a]} to {channels.names[b]}" for a, b in ends]
+        )
+
+
+def with_most_poses(compared: ComparedChain) -> ComparedChain:
+    """The same with fits that leave out single poses: wrong targets of a few hide a slip in all of them."""
+    fit_of, fit_on, usable = compared.fit_of, compared.fit_on, compared.usable
+
+    def of_most(fit: NominalFit) -> NominalFit:
+        def start_of(chosen: Mask, given: ChainConditions, other: Array | None = None) -> StartValues:
+            chosen = chosen & usable
+            found = fit.start_of(chosen, given, other)
+            most = without_lone_errors(found, chosen)
+            if (most == chosen).all():
+                return found
+            fitted = fit.start_of(most, given, other)
+            errors = np.full_like(found.errors, np.nan)
+            errors[most[chosen]] = fitted.errors
+            return replace(fitted, errors=errors)
+
+        return replace(fit, start_of=start_of)
+
+    return replace(
+        compared,
+        fit_of=lambda other: of_most(fit_of(other)),
+        fit_on=None if fit_on is None else lambda other: of_most(fit_on(other)),
+    )
+
+
+@dataclass(frozen=True)
+class WholeSlip:
+    """A slip of all positions, or of the description: the misfit after it is undone, over the positions' spread and
+    in m."""
+
+    share: float
+    slip: RecordSlip
+    after: float
+
+
+def _explaining(slip: RecordSlip, after: StartValues) -> Iterator[WholeSlip]:
+    if not does_not_belong(after):
+        yield WholeSlip(after.rms / after.spread, slip, after.rms)
+
+
+def slips_of_measured(compared: ComparedChain, fit: NominalFit) -> Iterator[WholeSlip]:
+    """Yield units and mirror images of all measured positions, or units of all distances, that explain the misfit."""
+    for one in slips_of_all(fit.values.shape[-1]):
+        values = np.where(fit.is_position[:, None], fit.values @ one.matrix, fit.values)
+        yield from _explaining(one.slip, fit.start_of(compared.usable, compared.conditions, values))
+
+
+def slips_of_links(compared: ComparedChain) -> Iterator[WholeSlip]:
+    """Yield other units of the positions of one of several links that explain the misfit."""
+    channels, fit_on, values = compared.measured.channels, compared.fit_on, compared.measured.values
+    links = list(dict.fromkeys(channels.links))
+    if fit_on is None or len(links) < 2:
+        return
+    for link, factor in product(links, both_ways(LENGTH_FACTORS)):
+        own = np.array([name == link for name in channels.links]) & compared.measured.is_position
+        fit = fit_on(replace(compared.measured, values=np.where(own[:, None], factor * values, values)))
+        slip = RecordSlip(SlipKind.UNIT, "measured positions", (f"of body {link}",), factor=factor)
+        yield from _explaining(slip, fit.start_of(compared.usable, compared.conditions))
+
+
+def slips_of_surveys(compared: ComparedChain) -> Iterator[WholeSlip]:
+    """Yield other axes of the survey of one link that explain the misfit, or else another place of its targets."""
+    measured, fit_on = compared.measured, compared.fit_on
+    known = np.isfinite(measured.surveyed).all(1)
+    if fit_on is None:
+        return
+    for link in dict.fromkeys(name for name, own in zip(measured.channels.links, known, strict=True) if own):
+        own = known & np.array([name == link for name in measured.channels.links])
+
+        def fitted(surveyed: Array, own: Mask = own) -> StartValues:
+            changed = np.where(own[:, None], surveyed, measured.surveyed)
+            return fit_on(replace(measured, surveyed=changed)).start_of(compared.usable, compared.conditions)
+
+        axes = (one for one in changes_of_axes(f"the survey of body {link}") if one.slip.kind is not SlipKind.UNIT)
+        found = [part for one in axes for part in _explaining(one.slip, fitted(measured.surveyed @ one.matrix))]
+        for slip, order in _renamed(compared, link, np.flatnonzero(own)):
+            found += _explaining(slip, fitted(measured.surveyed[order]))
+        yield from found
+        if not found:
+            slip = RecordSlip(SlipKind.PLACED, "survey of body", (link,))
+            yield from _explaining(slip, fitted(np.full_like(measured.surveyed, np.nan)))
+
+
+def _renamed(compared: ComparedChain, link: str, own: Index) -> Iterator[tuple[RecordSlip, Index]]:
+    """Yield the orders of all channels (K,) in which few targets of a link, ``own``, bear each other's names."""
+    targets = compared.measured.channels.names
+    for other in permutations(own.tolist()) if len(own) <= _MOST_PERMUTED else ():
+        order = np.arange(len(targets))
+        order[own] = other
+        pairs = [f"{targets[k]} is {targets[place]}" for k, place in zip(own, other, strict=True) if k != place]
+        if pairs:
+            yield RecordSlip(SlipKind.RELABELLED, "targets", (*pairs, link)), order
+
+
+def slips_of_single_lines(compared: ComparedChain, fit: NominalFit) -> Iterator[WholeSlip]:
+    """Yield slips of single distances that explain the misfit."""
+    names, ends = compared.measured.channels.names, compared.measured.ends
+    if ends is None:
+        return
+    for slip, values in slips_of_lines([(names[a], names[b]) for a, b in ends], fit.values):
+        yield from _explaining(slip, fit.start_of(compared.usable, compared.conditions, values))
+
+
+def moved_frame(compared: ComparedChain, fit: NominalFit) -> WholeSlip | None:
+    """Return the pose from which on all places are in another frame, if two frames explain the misfit.
+
+    The frame of the first poses, which a fit of these alone must explain, misses all poses from that one on.
+    """
+    conditions = compared.conditions
+    own = np.flatnonzero(compared.usable)
+    first = np.isin(np.arange(len(conditions.series)), own[: max(FEWEST_POSES, len(own) // 4)])
+    if fit.reference is not None or conditions.series.any() or compared.measured.ends is not None:
+        return None
+    alone = fit.start_of(first, conditions)
+    limit = foreign_share(alone)
+    errors = fit.errors_at(alone, conditions, fit.values)[np.ix_(own, fit.is_position)]
+    size = np.sqrt(np.nanmean(np.sum(errors**2, -1), axis=1))
+    agree = np.flatnonzero(size <= limit)
+    start = int(agree[-1]) + 1 if len(agree) else 0
+    if alone.rms > limit or not FEWEST_POSES <= start <= len(own) - FEWEST_POSES or len(agree) < start:
+        return None
+    series = (np.arange(len(conditions.series)) >= own[start]).astype(int)
+    after = fit.start_of(compared.usable, replace(conditions, series=series))
+    slip = RecordSlip(SlipKind.FRAME, "measured places from pose", (str(conditions.poses[own[start]]),))
+    return None if does_not_belong(after) else WholeSlip(after.rms / after.spread, slip, after.rms)
+
+
+def slips_of_bodies(compared: ComparedChain) -> Iterator[WholeSlip]:
+    """Yield other moving links that explain the misfit, if all that was measured was on one link."""
+    channels, fit_on = compared.measured.channels, compared.fit_on
+    nodes = compared.tree.nodes
+    if fit_on is None or len(set(channels.links)) > 1:
+        return
+    for k, node in enumerate(nodes):
+        if node.kind is not JointKind.FIXED and k != channels.node[0]:
+            moved = replace(channels, node=np.full_like(channels.node, k))
+            own = f"measurements on link {node.link}, or one fixed to it,"
+            slip = RecordSlip(SlipKind.MISLABELLED, own, (f"body {channels.links[0]}",))
+            fit = fit_on(replace(compared.measured, channels=moved))
+            yield from _explaining(slip, fit.start_of(compared.usable, compared.conditions))
+
+
+def slips_of_description(compared: ComparedChain) -> Iterator[WholeSlip]:
+    """Yield slips in the description, each with the chain without it, that explain the misfit."""
+    for slip, other in described_otherwise(compared.chain, compared.rows):
+        yield from _explaining(slip, compared.fit_of(other).start_of(compared.usable, compared.conditions))
+
+
+def without_lone_errors(start: StartValues, usable: Mask) -> Mask:
+    """Mask (B,) of the usable poses without a few that miss by far more than most, such as those of a wrong target."""
+    size = np.sqrt(np.nanmean(np.sum(start.errors**2, -1), axis=1))
+    kept = size <= _FAR * float(np.median(size))
+    if kept.mean() < _MOST:
+        return usable
+    found = usable.copy()
+    found[usable] = kept
+    return found
