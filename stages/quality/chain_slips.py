@@ -128,10 +128,10 @@ def slips_of_links(compared: ComparedChain) -> Iterator[WholeSlip]:
 def slips_of_surveys(compared: ComparedChain) -> Iterator[WholeSlip]:
     """Yield other axes of the survey of one link that explain the misfit, or else another place of its targets."""
     measured, fit_on = compared.measured, compared.fit_on
-    known = np.isfinite(measured.surveyed).all(1)
+    known: Mask = np.isfinite(measured.surveyed).all(1)
     if fit_on is None:
         return
-    for link in dict.fromkeys(name for name, own in zip(measured.channels.links, known, strict=True) if own):
+    for link in dict.fromkeys(name for name, own in zip(measured.channels.links, known.tolist(), strict=True) if own):
         own = known & np.array([name == link for name in measured.channels.links])
 
         def fitted(surveyed: Array, own: Mask = own) -> StartValues:

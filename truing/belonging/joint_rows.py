@@ -177,6 +177,7 @@ def _exchanged_names(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agr
 def _frozen(compared: ChainComparison, agreed: Agreement) -> RowSlips | None:
     """Return the column, or all that was measured, that stays the same, in every digit, through the poses that
     disagree."""
+    what: list[tuple[str, tuple[str, ...], NDArray]]
     what = [("readings", (name,), own) for name, own in zip(compared.columns, compared.readings.T, strict=True)]
     what += [(_measured(compared), (), compared.values.reshape(len(compared.values), -1))]
     for quantity, names, values in what:
