@@ -128,7 +128,7 @@ def slips_of_links(compared: ComparedChain) -> Iterator[WholeSlip]:
 def slips_of_surveys(compared: ComparedChain) -> Iterator[WholeSlip]:
     """Yield other axes of the survey of one link that explain the misfit, or else another place of its targets."""
     measured, fit_on = compared.measured, compared.fit_on
-    known: Mask = np.isfinite(measured.surveyed).all(1)
+    known = np.asarray(np.isfinite(measured.surveyed).all(1))
     if fit_on is None:
         return
     for link in dict.fromkeys(name for name, own in zip(measured.channels.links, known.tolist(), strict=True) if own):
