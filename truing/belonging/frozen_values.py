@@ -50,22 +50,33 @@ def frozen(load: Array, run: Index, value: Array, matrix: Array, noise: Array) -
 
 
 def constant_columns(load: Array, run: Index, value: Array) -> Iterator[Frozen]:
-    """Yield columns (N, K) with one value in a whole run (N,) of changing loads (N, 6), whatever their response.
+    """Yield columns (N, K) with one value in a whole run (N,) of changing loads (N, 6), whatever their response; or in
+    whole runs of different loads.
 
     Their noise in other runs gives the probability of this; a coarse converter may well show a constant value.
     """
     for column, own in enumerate(value.T):
         runs = [rows for one in np.unique(run) if len(rows := np.flatnonzero((run == one) & np.isfinite(own)))]
         moving = [rows for rows in runs if np.ptp(own[rows]) > 0.0]
-        noise = [float(noise_of_neighbours(load[rows], own[rows, None])[0]) for rows in moving]
+        noise = [_noise_of_run(load[rows], own[rows]) for rows in moving]
         step = _step(own[np.isfinite(own)])
         least = min((one for one in noise if np.isfinite(one)), default=0.0)
         if max((float(np.ptp(own[rows])) for rows in moving), default=0.0) <= _OVER_NOISE * step:
             continue
         chance = float(chance_of_equality(*np.array([step, least, least])))
         for rows in runs:
-            if np.ptp(own[rows]) == 0.0 and np.ptp(load[rows], axis=0).any() and chance ** (len(rows) - 1) < _CHANCE:
+            alike = np.concatenate([other for other in runs if np.ptp(own[np.append(rows, other)]) == 0.0] or [rows])
+            still = np.ptp(own[rows]) == 0.0 and np.ptp(load[alike], axis=0).any()
+            if still and chance ** (len(alike) - 1) < _CHANCE:
                 yield Frozen(column, int(run[rows[0]]), True, 1.0)
+
+
+def _noise_of_run(load: Array, value: Array) -> float:
+    """Return the noise of a run's values (N,): from neighbours by their loads (N, 6), or, at one load, by their order;
+    NaN where neither tells it."""
+    if np.ptp(load, axis=0).any() or len(value) < _FEWEST:
+        return float(noise_of_neighbours(load, value[:, None])[0])
+    return float(np.std(np.diff(value)) / np.sqrt(2.0))
 
 
 def _step(value: Array) -> float:

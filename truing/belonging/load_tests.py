@@ -11,6 +11,7 @@ from truing.arrays import Array, Mask
 from truing.belonging import signal_tests
 from truing.belonging.copied_rows import Values, copied_runs, equal_columns
 from truing.belonging.frozen_values import Frozen, constant_columns, frozen
+from truing.belonging.held_loads import against_one_response
 from truing.belonging.plausible_slips import RecordedColumn, slips_of_all_loads, slips_of_columns, slips_of_run_loads
 from truing.belonging.relation import (
     FORCE_UNITS,
@@ -36,6 +37,7 @@ _EVERYWHERE = 0.5  # share of the main responses
 _RANGE = 0.003  # least ratio of the largest load to the declared range in a planned campaign
 _STIFFNESS = "stiffness in [mechanism]"
 MILLIVOLT = 1e-3
+_UNTESTED = RelationState.NOT_TESTED
 _SAME_SIZE = 1e-9  # tolerance of the logarithm of a factor
 
 
@@ -313,7 +315,8 @@ def _of_readings(loaded: SignalSteps, known: KnownBench) -> RelationTest:
 def _of_signals(recorded: SignalSteps, columns: Sequence[RecordedColumn], known: KnownBench) -> RelationTest:
     alike = signal_tests.against_each_other(recorded, columns, signal_tests.RELATION)
     if known.leg_forces is None:
-        return alike
+        held = against_one_response(recorded, columns, alike.relation) if alike.state == _UNTESTED else None
+        return alike if held is None else replace(held, hidden=alike.hidden)
     reported = signal_tests.against_geometry(recorded, columns, known.leg_forces, known.gain)
     if reported is None:
         return alike

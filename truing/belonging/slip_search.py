@@ -16,6 +16,7 @@ from truing.belonging.evidence import log_evidence, physics
 from truing.belonging.relation import RecordSlip, RelationState, RelationTest, named_shortly
 from truing.belonging.responses import Responses
 
+_UNEXPLAINED = 0.5  # share of the expected responses that slips may leave as misfit
 _SHARED = 0.1  # prior width, relative, of what all responses have in common; and those of an axis, of a column
 _BESIDE = 0.7  # share of a response's prior width that remains when common widths are separate
 _TELLING = 0.3  # share of the possible response, expected or recorded, above which one separates hypotheses
@@ -95,6 +96,8 @@ class Explained:
         if not self.slips:
             return RelationTest(relation, state, reason, "", before, unit="%", tried=self.tried, hidden=tuple(hidden))
         subject = named_shortly(list(dict.fromkeys(name for slip in self.slips for name in slip.subjects)))
+        if self.after > _UNEXPLAINED:
+            return RelationTest(relation, RelationState.FAILS, "no-slip", subject, before, unit="%", tried=self.tried)
         sizes = (before, after, None, "%")
         return RelationTest(relation, RelationState.FAILS, "slip", subject, *sizes, self.slips, self.rivals, self.tried)
 

@@ -100,21 +100,25 @@ def _rms(values: Array) -> float:
 
 
 def row_places(
-    slipped: Mask, kept: Mask, poses: Sequence[str], groups: Sequence[tuple[str, Sequence[str]]]
+    slipped: Mask,
+    kept: Mask,
+    poses: Sequence[str],
+    groups: Sequence[tuple[str, Sequence[str]]],
+    noun: str = "pose ",
 ) -> list[str]:
     """Return the places of rows (B,) in words: a group, a few stretches, a regular pattern, or each by its name.
 
-    groups: name of a column and its value in each row.
+    groups: name of a column and its value in each row. ``noun``: before each name; empty where names have one.
     """
     named = [one for name, values in groups for one in _complete_groups(name, np.asarray(values), slipped, kept)]
     stretches = _stretches(slipped, kept)
     if len(stretches) <= _MOST_STRETCHES:
-        return [*named, *(_stretch(first, last, poses) for first, last in stretches)]
+        return [*named, *(_stretch(first, last, poses, noun) for first, last in stretches)]
     at = np.flatnonzero(slipped)
     step = int(np.gcd.reduce(np.diff(at)))
     if step > 1 and not kept[np.arange(at[0], at[-1] + 1, step)].any():
-        return [*named, f"every {_NTH.get(step, f'{step}th')} pose from {poses[at[0]]} to {poses[at[-1]]}"]
-    return named or [_stretch(first, last, poses) for first, last in stretches]
+        return [*named, f"every {_NTH.get(step, f'{step}th')} {noun or 'one '}from {poses[at[0]]} to {poses[at[-1]]}"]
+    return named or [_stretch(first, last, poses, noun) for first, last in stretches]
 
 
 def _complete_groups(name: str, values: NDArray[np.str_], slipped: Mask, kept: Mask) -> list[str]:
@@ -138,12 +142,13 @@ def _stretches(slipped: Mask, kept: Mask) -> list[tuple[int, int]]:
     return found
 
 
-def _stretch(first: int, last: int, poses: Sequence[str]) -> str:
+def _stretch(first: int, last: int, poses: Sequence[str], noun: str) -> str:
+    begin, end = f"{noun}{poses[first]}", f"{noun}{poses[last]}"
     if first == last:
-        return f"pose {poses[first]}"
+        return begin
     if last == len(poses) - 1:
-        return f"from pose {poses[first]} on"
-    return f"up to pose {poses[last]}" if first == 0 else f"from pose {poses[first]} to pose {poses[last]}"
+        return f"from {begin} on"
+    return f"up to {end}" if first == 0 else f"from {begin} to {end}"
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,9 @@ from truing.estimation.quality import Scatter
 
 _SAME_SIZE = 0.5  # of the logarithm of a factor: within a factor of 1.6, responses have the same size
 _FEWEST_AT_WALL, _FEWEST_AT_DRIVES = 8, 3
+_MEDIAN = 1.4826
+# What a clipped signal would have been: its spread over the range and over the scatter, and the share of others below.
+_DIFFERS, _SCATTERS, _BEYOND_OTHERS = 0.01, 5.0, 0.75
 _MOST_NEIGHBOURS = 4.0  # a clipped value occurs this many times as often as its neighbour
 
 
@@ -150,7 +153,8 @@ def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> LogFaults:
 
     An end is clipped if its value is the largest or smallest and occurs at least eight times. It must occur many times
     as often as its neighbours, because a signal that turns there comes close often. With the drive (N,) of the signal,
-    three times at different drives are enough, which excludes a held or repeated load.
+    three times at different drives beyond most others are enough: this excludes a held or repeated load, and a signal
+    that is constant for another reason.
     """
     value = np.asarray(signal, float)
     levels, count = np.unique(value[np.isfinite(value)], return_counts=True)
@@ -163,15 +167,27 @@ def saturated(signal: ArrayLike, drive: ArrayLike | None = None) -> LogFaults:
         distance = sign * (levels - levels[end])
         beside = float(count[(distance > 0.0) & (distance < 3.5 * resolution)].max(initial=0))
         there = value == levels[end]
-        if count[end] >= max(fewest, _MOST_NEIGHBOURS * beside) and (drive is None or _drives_differ(drive, there)):
+        if count[end] >= max(fewest, _MOST_NEIGHBOURS * beside) and (
+            drive is None or _is_driven_beyond(value, drive, there, sign)
+        ):
             wall |= there
     return _log_faults(wall, value, float(fewest))
 
 
-def _drives_differ(drive: ArrayLike, there: Mask) -> bool:
-    """True if drives (N,) differ among some samples by more than a hundredth of their range."""
+def _is_driven_beyond(value: Array, drive: ArrayLike, there: Mask, sign: float) -> bool:
+    """True if the samples at an end differ more in drive (N,) than others scatter about a line over it, and lie beyond
+    most others; sign 1 for the lower end."""
     level = np.asarray(drive, float)
-    return bool(np.ptp(level[there]) > 0.01 * np.ptp(level))
+    others = ~there & np.isfinite(level) & np.isfinite(value)
+    if others.sum() < 3 or np.ptp(level[others]) == 0.0:
+        return False
+    slope, zero = np.polyfit(level[others], value[others], 1)
+    expected = slope * level + zero
+    scatter = _MEDIAN * float(np.median(np.abs(value[others] - expected[others])))
+    if np.ptp(expected[there]) <= max(_DIFFERS * np.ptp(expected[others]), _SCATTERS * scatter):
+        return False
+    below = np.searchsorted(np.sort(expected[others]), expected[there]) / others.sum()
+    return float(np.mean(1.0 - below if sign > 0.0 else below)) > _BEYOND_OTHERS
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,256 @@
+"""Test of signals at held loads: do all runs follow one linear response, or were some recorded otherwise?
+
+A run at a constant load shows no response of its own. Its signals, less one zero that all runs share, must follow
+the response that most runs have in common.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+
+import numpy as np
+
+from truing.arrays import Array, Mask
+from truing.belonging.plausible_slips import RecordedColumn
+from truing.belonging.relation import FORCE_UNITS, TORQUE_UNITS, RecordSlip, RelationState, RelationTest, SlipKind
+from truing.belonging.signal_tests import SignalSteps
+from truing.belonging.slips_in_rows import Agreement, row_places, slipped_rows
+from truing.estimation.interferometry.recorded_steps import LOADS
+
+_WINDOWS, _LENGTHS = 8, (0.5, 0.35)  # stretches of loads that a response is fitted to, and their share of all
+_TRIMMED = 0.4  # share of the loads that must agree with the best response
+_FAR, _LEAST = 5.0, 0.05  # typical misfits, and share of a signal's range, beyond which a load does not agree
+_FEWEST_APART = 3
+_CHANCE = 1e-6  # probability below which equal values at different loads are no coincidence
+_BEYOND = 0.9  # share of the loads that lead beyond the end of a clipped signal's range
+_LINEAR = 0.02  # typical misfit, over the range, of a sensor whose response is linear
+_TIMES = 3  # loads over unknowns of one signal
+_SHIFTS = (1, -1)
+_CLEARLY = 0.2  # of the misfit, that a shift of all loads may leave
+_NEARLY_ALL = 0.9  # share of the loads that agree after a shift of all of them
+
+
+def against_one_response(steps: SignalSteps, columns: Sequence[RecordedColumn], relation: str) -> RelationTest | None:
+    """Return the test of held loads by the linear response that most have in common; None where loads are too few, or
+    where their signals follow no linear response."""
+    holds = _holds(steps)
+    if (frozen := _frozen(holds, columns)) is not None:
+        return RelationTest(relation, RelationState.FAILS, "frozen", slips=(frozen,), unit="%")
+    fit = _most_common(holds)
+    if fit is None:
+        return None
+    if (shifted := _shifted(holds, fit, relation)) is not None:
+        return shifted
+    if fit.typical > _LINEAR:
+        return None
+    distance = fit.distance(holds.load, holds.signal)
+    near = distance <= fit.limit
+    agreed = Agreement(np.zeros(len(columns)), distance, fit.limit, fit.typical)
+    tested = RelationTest(
+        relation,
+        RelationState.OK,
+        "agrees",
+        misfit=100.0 * _rms(distance),
+        limit=100.0 * fit.limit,
+        unit="%",
+    )
+    if len(agreed.apart) < _FEWEST_APART:
+        return replace(tested, misfit=100.0 * _rms(distance[near]))
+    found: list[tuple[float, RecordSlip]] = []
+    tried = 0
+    for slip, other in _otherwise(holds, columns):
+        tried += 1
+        undone = fit.misfit(other.load, other.signal)
+        rows = slipped_rows(undone, np.zeros_like(undone), agreed)
+        if rows is not None:
+            after = fit.distance(other.load, other.signal)
+            is_of_all = slip.kind is SlipKind.ROWS_SHIFTED and np.mean(after <= fit.limit) > _NEARLY_ALL
+            where = () if is_of_all else row_places(*rows, holds.runs, (), "")
+            left = _rms(after[rows[0]])
+            found.append((left, replace(slip, subjects=(*slip.subjects, *where))))
+    if not found:
+        return None
+    left, slip = min(found, key=lambda one: one[0])
+    return replace(
+        tested, state=RelationState.FAILS, reason="slip", slips=(slip,), misfit_explained=100.0 * left, tried=tried
+    )
+
+
+@dataclass(frozen=True)
+class _Holds:
+    """Mean signals (H, S), V, of held loads (H, 6), N and N m, with the name of the run of each."""
+
+    load: Array
+    signal: Array
+    runs: Sequence[str]
+
+
+def _holds(steps: SignalSteps) -> _Holds:
+    """Return the stretches of constant load of each run, without incomplete signals."""
+    whole = np.flatnonzero(np.isfinite(steps.value).all(axis=1))
+    load, run, value = steps.load[whole], steps.run[whole], steps.value[whole]
+    new = np.append(True, (np.diff(load, axis=0) != 0.0).any(axis=1) | (np.diff(run) != 0))[: len(whole)]
+    first = np.flatnonzero(new)
+    count = np.diff(np.append(first, len(whole)))
+    mean = np.add.reduceat(value, first, axis=0) / count[:, None] if len(first) else value
+    return _Holds(load[first], mean, [steps.runs[one] for one in run[first].tolist()])
+
+
+@dataclass(frozen=True)
+class _Response:
+    """Coefficients (7, S) of a linear response with its zero, by loads over ``size`` (6,); signals' ranges (S,), V.
+
+    ``typical``: rms misfit, over the ranges, of the loads that agree best; ``limit``: of a load that agrees.
+    """
+
+    coefficients: Array
+    size: Array
+    span: Array
+    typical: float = 0.0
+
+    @property
+    def limit(self) -> float:
+        return max(_FAR * self.typical, _LEAST)
+
+    def misfit(self, load: Array, signal: Array) -> Array:
+        """Return signals less expected ones (H, S), over the signals' ranges."""
+        return np.asarray((signal - _design(load, self.size) @ self.coefficients) / self.span)
+
+    def distance(self, load: Array, signal: Array) -> Array:
+        """Return the rms misfit (H,) of each load."""
+        return np.asarray(np.sqrt(np.mean(self.misfit(load, signal) ** 2, axis=1)))
+
+
+def _most_common(holds: _Holds) -> _Response | None:
+    """Return the response with the smallest misfit of those loads that agree best with it."""
+    count = len(holds.load)
+    size = np.maximum(np.abs(holds.load).max(axis=0, initial=0.0), 1e-300)
+    rank = int(np.linalg.matrix_rank(_design(holds.load, size))) if count else 0
+    if count < _TIMES * (rank + 1) / _TRIMMED:
+        return None
+    kept = max(int(_TRIMMED * count), 2 * rank)
+    fitted = (_fitted(holds, size, window, rank) for window in _windows(count))
+    found = [own for start in fitted if start is not None for own in _settled(holds, size, start, rank, kept)]
+    return min(found, key=lambda one: one.typical, default=None)
+
+
+def _windows(count: int) -> Iterator[Mask]:
+    yield np.ones(count, bool)
+    for share, start in product(_LENGTHS, np.linspace(0.0, 1.0, _WINDOWS)):
+        first = int(start * (1.0 - share) * count)
+        window = np.zeros(count, bool)
+        window[first : first + int(share * count)] = True
+        yield window
+
+
+def _fitted(holds: _Holds, size: Array, rows: Mask, rank: int) -> _Response | None:
+    """Return the least squares response of some loads; None where these determine less than all loads do."""
+    design = _design(holds.load[rows], size)
+    if rows.sum() < 2 * rank or np.linalg.matrix_rank(design) < rank:
+        return None
+    span = np.ptp(holds.signal, axis=0)
+    span[span == 0.0] = np.inf
+    return _Response(np.linalg.lstsq(design, holds.signal[rows], rcond=None)[0], size, span)
+
+
+def _settled(holds: _Holds, size: Array, start: _Response, rank: int, kept: int) -> Iterator[_Response]:
+    """Yield the response of the ``kept`` loads that agree best, found again from those of the last one."""
+    response: _Response | None = start
+    for _ in range(3):
+        if response is None:
+            return
+        best = np.zeros(len(holds.load), bool)
+        best[np.argsort(response.distance(holds.load, holds.signal))[:kept]] = True
+        response = _fitted(holds, size, best, rank)
+    if response is not None:
+        yield replace(response, typical=_rms(response.distance(holds.load, holds.signal)[best]))
+
+
+def _design(load: Array, size: Array) -> Array:
+    return np.column_stack([load / size, np.ones(len(load))])
+
+
+def _shifted(holds: _Holds, recorded: _Response, relation: str) -> RelationTest | None:
+    """Return the test with all loads some rows too far up or down, if so they follow one response far better."""
+    others = {shift: _most_common(replace(holds, load=np.roll(holds.load, -shift, axis=0))) for shift in _SHIFTS}
+    left = {shift: one.typical for shift, one in others.items() if one is not None}
+    best = min(left, key=lambda shift: left[shift], default=None)
+    if best is None or left[best] > _CLEARLY * recorded.typical or recorded.typical < _LEAST:
+        return None
+    slip = RecordSlip(SlipKind.ROWS_SHIFTED, "loads", shift=best)
+    before, after = 100.0 * recorded.typical, 100.0 * left[best]
+    return RelationTest(
+        relation, RelationState.FAILS, "rows", misfit=before, misfit_explained=after, unit="%", slips=(slip,)
+    )
+
+
+def _frozen(holds: _Holds, columns: Sequence[RecordedColumn]) -> RecordSlip | None:
+    """Return the signal that has one value, in every digit, at successive loads that move it at other times.
+
+    One that stays at an end of its range, beyond which these loads would lead, is clipped and not frozen.
+    """
+    for column, own in zip(columns, holds.signal.T, strict=True):
+        ends = np.flatnonzero(np.concatenate([[True], np.diff(own) != 0.0, [True]]))
+        length = np.diff(ends)
+        at = int(np.argmax(length)) if len(length) else 0
+        still = np.zeros(len(own), bool)
+        still[ends[at] : ends[at] + (length[at] if len(length) else 0)] = True
+        _, often = np.unique(own[~still], return_counts=True)
+        alike = (1 + often.max(initial=0)) / (1 + np.sum(~still))  # chance that another load gives the same value
+        kinds = len(np.unique(holds.load[still], axis=0))
+        if kinds < _FEWEST_APART or alike ** (kinds - 1) > _CHANCE or _is_clipped(holds, own, still):
+            continue
+        return RecordSlip(
+            SlipKind.FROZEN, column.quantity, (column.name, *row_places(still, ~still, holds.runs, (), ""))
+        )
+    return None
+
+
+def _is_clipped(holds: _Holds, own: Array, still: Mask) -> bool:
+    """True if the others' linear response puts most of the loads that are ``still`` beyond that end of the range."""
+    size = np.maximum(np.abs(holds.load).max(axis=0), 1e-300)
+    design, level = _design(holds.load, size), own[still][0]
+    expected = design[still] @ np.linalg.lstsq(design[~still], own[~still], rcond=None)[0]
+    beyond = expected > level if level >= own.max() else expected < level
+    return bool(level in (own.min(), own.max()) and np.mean(beyond) > _BEYOND)
+
+
+def _otherwise(holds: _Holds, columns: Sequence[RecordedColumn]) -> Iterator[tuple[RecordSlip, _Holds]]:
+    """Yield slips with the loads and signals without them."""
+    for k, column in enumerate(columns):
+        signal = holds.signal.copy()
+        signal[:, k] *= -1.0
+        yield RecordSlip(SlipKind.SIGN, column.quantity, (column.name,)), replace(holds, signal=signal)
+    for i, j in combinations(range(len(columns)), 2):
+        signal = holds.signal.copy()
+        signal[:, [i, j]] = holds.signal[:, [j, i]]
+        slip = RecordSlip(SlipKind.COLUMNS, "columns", (columns[i].name, columns[j].name))
+        yield slip, replace(holds, signal=signal)
+    for factor in (1e3, 1e-3):
+        slip = RecordSlip(SlipKind.UNIT, "signal", (), factor)
+        yield slip, replace(holds, signal=factor * holds.signal)
+    forces, torques = np.arange(6) < 3, np.arange(6) >= 3
+    changed = [(SlipKind.UNIT, "load", forces | torques, factor) for factor in FORCE_UNITS]
+    changed += [(SlipKind.UNIT, "force", forces, factor) for factor in FORCE_UNITS]
+    changed += [(SlipKind.UNIT, "torque", torques, factor) for factor in TORQUE_UNITS]
+    for name, axes in (("load", forces | torques), ("force", forces), ("torque", torques)):
+        changed.append((SlipKind.SIGN, name, axes, -1.0))
+    for kind, name, axes, factor in changed:
+        slip = RecordSlip(kind, name, (), factor if kind is SlipKind.UNIT else 1.0)
+        yield slip, replace(holds, load=holds.load * np.where(axes, factor, 1.0))
+    for i, j in (*combinations(range(3), 2), *combinations(range(3, 6), 2)):
+        load = holds.load.copy()
+        load[:, [i, j]] = holds.load[:, [j, i]]
+        yield RecordSlip(SlipKind.COLUMNS, "load axes", (LOADS[i], LOADS[j])), replace(holds, load=load)
+    for k in range(6):
+        slip = RecordSlip(SlipKind.SIGN, "force" if forces[k] else "torque", (LOADS[k],))
+        yield slip, replace(holds, load=holds.load * np.where(np.arange(6) == k, -1.0, 1.0))
+    for shift in _SHIFTS:
+        slip = RecordSlip(SlipKind.ROWS_SHIFTED, "loads", shift=shift)
+        yield slip, replace(holds, load=np.roll(holds.load, -shift, axis=0))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0
