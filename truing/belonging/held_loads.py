@@ -152,7 +152,7 @@ def _fitted(holds: _Holds, size: Array, rows: Mask, rank: int) -> _Response | No
         return None
     span = np.ptp(holds.signal, axis=0)
     span[span == 0.0] = np.inf
-    return _Response(np.linalg.lstsq(design, holds.signal[rows], rcond=None)[0], size, span)
+    return _Response(np.asarray(np.linalg.lstsq(design, holds.signal[rows], rcond=None)[0], float), size, span)
 
 
 def _settled(holds: _Holds, size: Array, start: _Response, rank: int, kept: int) -> Iterator[_Response]:
