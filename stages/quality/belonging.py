@@ -20,6 +20,7 @@ from truing.belonging.body_point_tests import (
     relate_copies,
     relate_poses,
     relate_survey,
+    shifted_survey,
 )
 from truing.belonging.drive_tests import DrivenBody, relate_drive
 from truing.belonging.load_tests import MILLIVOLT, KnownBench, relate_loads
@@ -113,11 +114,22 @@ def relations_of_points(
         odd[order] |= poses_with_slips(points[name])
     return (
         _copies(bodies, around),
-        *joined_results(tuple(map(relate_survey, points.values()))),
+        *_surveys(tables.get("survey"), list(points.values())),
         *joined_results(tuple(relate_poses(_points(body, (), around, order, groups)) for body in others)),
         *_readings(bodies, around, configurations, surveyed, settings, odd),
         *_drives(bodies, around, configurations, settings),
     )
+
+
+def _surveys(survey: pa.Table | None, bodies: Sequence[BodyPoints]) -> Iterator[RelationTest]:
+    """Yield the tests of bodies against their survey; one for all of them if rows of the whole survey are shifted."""
+    tested = tuple(map(relate_survey, bodies))
+    if survey is not None and tested and all(one.reason == "no-fit" for one in tested):
+        places = 1e-3 * np.column_stack([number_column(survey, f"{axis}_mm") for axis in "xyz"])
+        names = list(zip(survey.column("body").to_pylist(), survey.column("target").to_pylist(), strict=True))
+        if (shifted := shifted_survey(places, names, bodies)) is not None:
+            tested = (shifted,)
+    yield from joined_results(tested)
 
 
 def _file_order(configurations: pa.Table | None, around: PoseSurroundings) -> Index:

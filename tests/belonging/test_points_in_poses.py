@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truing.belonging.body_point_tests import AsOtherBody, BodyPoints, poses_with_slips, relate_survey
+from truing.belonging.body_point_tests import AsOtherBody, BodyPoints, poses_with_slips, relate_survey, shifted_survey
 from truing.belonging.relation import RelationState, SlipKind
 
 SIGMA = 1e-5
@@ -49,6 +49,41 @@ def test_a_mirror_image_in_some_poses_is_told_by_its_axes(
     assert found.state is RelationState.FAILS
     assert [(slip.kind, slip.quantity) for slip in found.slips] == [(kind, quantity)]
     assert np.flatnonzero(poses_with_slips(body)).tolist() == list(range(20))[rows]
+
+
+def test_poses_that_travel_far_have_the_same_changed_axes_as_the_others() -> None:
+    """Where the machine travels as far as it lies from the instrument, single poses are near by another change too."""
+    for seed in range(5):
+        body = _changed(_body(seed, travel=0.25), slice(8, None), lambda p: p * [1.0, 1.0, -1.0])
+        (slip,) = relate_survey(body).slips
+        assert (slip.kind, slip.quantity, slip.subjects) == (
+            SlipKind.SIGN,
+            "z_mm of points",
+            ("from pose P8 on", "platform"),
+        )
+
+
+def _two_bodies(shift: int) -> tuple[np.ndarray, list[tuple[str, str]], list[BodyPoints]]:
+    """A survey of two bodies with its rows moved down, its names, and the bodies read with it."""
+    bodies = [replace(_body(seed), name=name, targets=tuple("ABCDEFGHI")) for seed, name in enumerate(("base", "tool"))]
+    survey = np.roll(np.concatenate([body.survey for body in bodies]), shift, axis=0)
+    names = [(body.name, target) for body in bodies for target in body.targets]
+    own = [replace(body, survey=survey[9 * at : 9 * at + 9]) for at, body in enumerate(bodies)]
+    return survey, names, own
+
+
+@pytest.mark.parametrize("shift", [1, -2])
+def test_a_survey_whose_rows_are_shifted_is_told_once_for_all_bodies(shift: int) -> None:
+    survey, names, bodies = _two_bodies(shift)
+    tested = shifted_survey(survey, names, bodies)
+    assert tested is not None
+    assert [(slip.kind, slip.shift) for slip in tested.slips] == [(SlipKind.ROWS_SHIFTED, shift)]
+    assert (tested.misfit_explained or np.inf) < 0.05 < (tested.misfit or 0.0)
+
+
+def test_a_survey_in_another_order_is_no_shift() -> None:
+    survey, names, bodies = _two_bodies(5)
+    assert shifted_survey(survey, names, bodies) is None
 
 
 def _bent(points: np.ndarray) -> np.ndarray:

@@ -23,6 +23,7 @@ _AS_RIGHT = 5.0  # typical misfits up to which a pose is right as recorded
 _AS_OTHERS = 3.0  # typical misfits of the other poses up to which a slip explains a pose
 _SCALE = 0.02  # tolerance of the logarithm of a factor between units
 _NEARER = 3.0  # factor by which one change of axes must bring points nearer to the other poses than the next best
+_NEARLY = 1.5  # distance by one change of axes over that of the nearest, up to which it is as good
 _WITHIN = 1.5  # largest distance of points with the right axes, over that of the other poses from their median
 _MIRROR_TARGETS, _LEAST_TARGETS = 4, 3  # three points are congruent to their mirror image
 _MOST_TARGETS = 40  # most targets of a body for the test of exchanged labels
@@ -205,11 +206,15 @@ def _changed_axes(body: BodyPoints, rows: Mask, right: Mask) -> Index:
     middle = np.full(points.shape[1:], np.nan)
     middle[known] = np.nanmedian(points[right][:, known], axis=0)
     spread = _WITHIN * float(np.nanmax(_rms_distance(points[right], middle)))
-    for row in np.flatnonzero(rows).tolist():
-        apart = np.array([_rms_distance((points[row] @ change.matrix)[None], middle)[0] for change in AXES_CHANGES])
-        nearest, second = np.argsort(apart)[:2]
-        if apart[nearest] <= spread and apart[second] > _NEARER * apart[nearest]:
-            found[row] = nearest
+    at = np.flatnonzero(rows)
+    apart = np.array([_rms_distance(points[at] @ change.matrix, middle) for change in AXES_CHANGES]).T
+    first, second = np.sort(apart, axis=1)[:, :2].T
+    clear = (first <= spread) & (second > _NEARER * first)
+    found[at[clear]] = apart[clear].argmin(axis=1)
+    if clear.any():
+        # The other poses have the same change, unless it brings them clearly less near than another one.
+        most = int(np.bincount(found[at[clear]]).argmax())
+        found[at[~clear & (apart[:, most] <= _NEARLY * first)]] = most
     return found
 
 
@@ -331,6 +336,28 @@ def _under_other_names(targets: NamedTargets) -> tuple[Index, float] | None:
 def poses_with_slips(body: BodyPoints) -> Mask:
     """Return True for poses (B,) whose points hold a slip that the others do not."""
     return slips_in_poses(body, _MISFIT * body.sigma / body.noise_factor)[1]
+
+
+def shifted_survey(
+    survey: Array, names: Sequence[tuple[str, str]], bodies: Sequence[BodyPoints]
+) -> RelationTest | None:
+    """Return the test of all bodies with the rows of the survey (N, 3), m, shifted, if this explains every body.
+
+    ``names``: body and target of each row of the survey.
+    """
+    for shift in (1, -1, 2, -2):
+        places = dict(zip(names, np.roll(survey, -shift, axis=0), strict=True))
+        before, after = [], []
+        for body in bodies:
+            weight = body.seen.astype(float)
+            moved = np.array([places[body.name, target] for target in body.targets])
+            before.append(_typical(umeyama(body.survey, body.points, weight).rms))
+            after.append(_typical(umeyama(moved, body.points, weight).rms))
+        if np.all(np.array(after) <= _FIFTH * np.array(before)):
+            slip = RecordSlip(SlipKind.ROWS_SHIFTED, "places of the survey", shift=shift)
+            tested = RelationTest(SURVEY, RelationState.FAILS, "slip", misfit=1e3 * max(before), unit="mm", tried=4)
+            return replace(tested, slips=(slip,), misfit_explained=1e3 * max(after))
+    return None
 
 
 def joined_results(tested: tuple[RelationTest, ...]) -> Iterator[RelationTest]:
