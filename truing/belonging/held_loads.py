@@ -99,7 +99,7 @@ def _holds(steps: SignalSteps) -> _Holds:
 
 
 @dataclass(frozen=True)
-class _Response:
+class _LinearResponse:
     """Coefficients (7, S) of a linear response with its zero, by loads over ``size`` (6,); signals' ranges (S,), V.
 
     ``typical``: rms misfit, over the ranges, of the loads that agree best; ``limit``: of a load that agrees.
@@ -123,7 +123,7 @@ class _Response:
         return np.asarray(np.sqrt(np.mean(self.misfit(load, signal) ** 2, axis=1)))
 
 
-def _most_common(holds: _Holds) -> _Response | None:
+def _most_common(holds: _Holds) -> _LinearResponse | None:
     """Return the response with the smallest misfit of those loads that agree best with it."""
     count = len(holds.load)
     size = np.maximum(np.abs(holds.load).max(axis=0, initial=0.0), 1e-300)
@@ -145,19 +145,19 @@ def _windows(count: int) -> Iterator[Mask]:
         yield window
 
 
-def _fitted(holds: _Holds, size: Array, rows: Mask, rank: int) -> _Response | None:
+def _fitted(holds: _Holds, size: Array, rows: Mask, rank: int) -> _LinearResponse | None:
     """Return the least squares response of some loads; None where these determine less than all loads do."""
     design = _design(holds.load[rows], size)
     if rows.sum() < 2 * rank or np.linalg.matrix_rank(design) < rank:
         return None
     span = np.ptp(holds.signal, axis=0)
     span[span == 0.0] = np.inf
-    return _Response(np.asarray(np.linalg.lstsq(design, holds.signal[rows], rcond=None)[0], float), size, span)
+    return _LinearResponse(np.asarray(np.linalg.lstsq(design, holds.signal[rows], rcond=None)[0], float), size, span)
 
 
-def _settled(holds: _Holds, size: Array, start: _Response, rank: int, kept: int) -> Iterator[_Response]:
+def _settled(holds: _Holds, size: Array, start: _LinearResponse, rank: int, kept: int) -> Iterator[_LinearResponse]:
     """Yield the response of the ``kept`` loads that agree best, found again from those of the last one."""
-    response: _Response | None = start
+    response: _LinearResponse | None = start
     for _ in range(3):
         if response is None:
             return
@@ -172,7 +172,7 @@ def _design(load: Array, size: Array) -> Array:
     return np.column_stack([load / size, np.ones(len(load))])
 
 
-def _shifted(holds: _Holds, recorded: _Response, relation: str) -> RelationTest | None:
+def _shifted(holds: _Holds, recorded: _LinearResponse, relation: str) -> RelationTest | None:
     """Return the test with all loads some rows too far up or down, if so they follow one response far better."""
     others = {shift: _most_common(replace(holds, load=np.roll(holds.load, -shift, axis=0))) for shift in _SHIFTS}
     left = {shift: one.typical for shift, one in others.items() if one is not None}

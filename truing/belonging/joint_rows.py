@@ -194,7 +194,7 @@ def _measured(compared: ChainComparison) -> str:
 
 
 def _repeated(compared: ChainComparison, agreed: Agreement) -> RowSlips | None:
-    """Return what was measured of the poses that disagree, if each equals that of another pose in every digit."""
+    """Return the measurements of poses that disagree, if each equals another pose in every digit."""
     apart = agreed.apart
     values = compared.values.reshape(len(compared.values), -1)
     if len(apart) < (_FEWEST_APART if compared.is_of_distances else 1) or not np.isfinite(values[apart]).any():
