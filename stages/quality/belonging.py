@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 import pyarrow as pa
@@ -210,10 +210,38 @@ def _readings(
     missing = configurations is None or not {"base", "platform"} <= by_name.keys()
     if configurations is None or missing or not set(columns) <= set(configurations.column_names):
         return (RelationTest(READINGS, RelationState.NOT_TESTED, "no-readings"),)
+    return related_readings(by_name["base"].fit, by_name["platform"].fit, around, configurations, settings, ~odd)
+
+
+class PosesOfBody(Protocol):
+    """Poses of a body: rotations R (B, 3, 3), places t (B, 3), m, covariance (B, 6, 6) in m and rad, and those known,
+    ok (B,)."""
+
+    @property
+    def R(self) -> Array: ...
+    @property
+    def t(self) -> Array: ...
+    @property
+    def covariance(self) -> Array: ...
+    @property
+    def ok(self) -> Mask: ...
+
+
+def related_readings(
+    base: PosesOfBody,
+    platform: PosesOfBody,
+    around: PoseSurroundings,
+    configurations: pa.Table,
+    settings: Campaign,
+    right: Mask,
+) -> tuple[RelationTest, ...]:
+    """Return the test of actuator readings against the poses of a platform on its base, both seen from the instrument;
+    poses that are not ``right`` (B,) are left out."""
+    section = cast("LeggedMechanism", settings.mechanism)
+    columns = tuple(f"rho{leg + 1}_mm" for leg in range(len(section.legs)))
     found = _in_order(configurations, columns, around)
-    base, platform = by_name["base"].fit, by_name["platform"].fit
     R, p, covariance = relative(base.R, base.t, base.covariance, platform.R, platform.t, platform.covariance)
-    usable = (base.ok & platform.ok & ~odd)[found.pose] & np.isfinite(found.readings).all(axis=1)
+    usable = (base.ok & platform.ok & right)[found.pose] & np.isfinite(found.readings).all(axis=1)
     at = found.pose[usable]
     spread = np.trace(covariance[at][:, :3, :3], axis1=1, axis2=2)
     noise = float(np.sqrt(np.median(spread))) if len(at) else 0.0

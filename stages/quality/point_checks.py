@@ -24,6 +24,7 @@ from truing.stages.common.repeats import repeated_poses
 from truing.stages.quality.belonging import belonging_checks, relations_of_points
 from truing.stages.quality.check import CampaignLimits, Check, CheckResults
 from truing.stages.quality.decisions import point_decision_checks
+from truing.stages.quality.given_poses import readings_of_given_poses
 from truing.stages.quality.names_and_surveys import (
     declared_names,
     expected_visible,
@@ -71,7 +72,7 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign, sample: PoseSampl
     """
     observations = tables["observations"]
     if not observations.num_rows:
-        return CheckResults((), "", why_not="no object points")
+        return _of_given_poses(tables, settings)
     sample = pose_sample(observations, tables.get("configurations")) if sample is None else sample
     shared = "point" in observations.column_names
     whole = _surroundings(sample.poses, shared, tables.get("configurations"), settings.campaign.drives)
@@ -99,6 +100,18 @@ def checks(tables: Mapping[str, pa.Table], settings: Campaign, sample: PoseSampl
     )
     read += "" if sample.is_whole else f", examined those of {count(len(around.poses), 'pose')}"
     return CheckResults(found, read, relations, {"likely_names": likely_table(likely)} if likely else {})
+
+
+def _of_given_poses(tables: Mapping[str, pa.Table], settings: Campaign) -> CheckResults:
+    """The test of actuator readings against poses that were measured as such; they have no points to check."""
+    poses = tables.get("measured_poses")
+    if poses is None or not poses.num_rows or not settings.mechanism.is_legged:
+        return CheckResults((), "", why_not="no object points")
+    names = tuple(poses.column("pose").unique().to_pylist())
+    around = _surroundings(names, False, tables.get("configurations"), settings.campaign.drives)
+    relations = readings_of_given_poses(poses, around, tables.get("configurations"), settings)
+    read = f"{count(len(names), 'pose')} as measured"
+    return CheckResults(belonging_checks(relations), read, relations)
 
 
 def _reference_first(bodies: list[BodyView], settings: Campaign) -> tuple[list[BodyView], BodyView | None]:

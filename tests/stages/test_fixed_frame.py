@@ -52,6 +52,52 @@ def test_a_machine_is_calibrated_by_measured_poses(tmp_path, by_points):
     assert set(own["status"]) == {"ok"}
 
 
+def quality(folder, by_points, changed=lambda poses: None):
+    """State and words of the readings against the poses, after a change of the table of poses."""
+    import pandas as pd
+
+    campaign(folder, by_points)
+    poses = pd.read_csv(folder / "poses.csv")
+    changed(poses)
+    poses.to_csv(folder / "poses.csv", index=False)
+    rows = run_line(folder, "ingest", "qa")[0]["qa"].to_pylist()
+    (row,) = [row for row in rows if row["check"] == "readings-against-poses"]
+    return row["verdict"], row["message"]
+
+
+XYZ = ["x_mm", "y_mm", "z_mm"]
+
+
+def in_metres(poses):
+    poses[XYZ] /= 1e3
+
+
+def shifted(poses):
+    poses[XYZ + PLACE[3:]] = poses[XYZ + PLACE[3:]].shift(1, fill_value=0.0)
+
+
+def one_far_off(poses):
+    poses.loc[poses.index[20], "y_mm"] += 100.0
+
+
+def test_measured_poses_are_compared_with_the_readings(tmp_path, by_points):
+    assert quality(tmp_path, by_points)[0] == "pass"
+
+
+@pytest.mark.parametrize(
+    ("changed", "named"),
+    [
+        (in_metres, "measured poses in another unit: multiply by 1000"),
+        (shifted, "readings shifted by -1 rows"),
+        (one_far_off, "readings or measured position of pose 20 far from the pose"),
+    ],
+)
+def test_a_slip_in_measured_poses_fails_and_is_named(tmp_path, by_points, changed, named):
+    verdict, message = quality(tmp_path, by_points, changed)
+    assert verdict == "fail"
+    assert named in message
+
+
 def test_an_instrument_that_moved_has_to_see_the_base(tmp_path, by_points):
     with pytest.raises(CampaignFaults) as caught:
         run_line(campaign(tmp_path, by_points, "[noise]"), "ingest")

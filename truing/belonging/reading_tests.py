@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -136,8 +137,8 @@ def _test(motion: MeasuredMotion, names: ReadingNames) -> RelationTest:
     if moved <= 1e3 * _MOVED * motion.noise:
         return replace(base, state=RelationState.NOT_TESTED, reason="hardly-moved", misfit=None, limit=None)
     if strays := _single_slips(motion, asked, names):
-        stray = replace(base, state=RelationState.FAILS, reason="slip", slips=strays)
-        return (_test_of_part(motion, asked, names, base) or stray) if len(strays[0].subjects) > _SINGLE else stray
+        stray = replace(base, state=RelationState.FAILS, reason="slip", slips=tuple(_stray_slips(strays, names)))
+        return (_test_of_part(motion, asked, names, base) or stray) if len(strays) > _SINGLE else stray
     if misfit > _APART * moved or len(legs):
         return (
             _test_of_part(motion, asked, names, base)
@@ -277,13 +278,24 @@ def _calibrated_misfit(motion: MeasuredMotion) -> float:
     return float(np.sqrt(left / freedom)) if freedom >= _FREE_NUMBERS else 0.0
 
 
-def _single_slips(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> tuple[RecordSlip, ...]:
-    """Return single readings that do not belong to their pose."""
+def _single_slips(motion: MeasuredMotion, asked: Array, names: ReadingNames) -> list[tuple[str, str]]:
+    """Return the pose and the column of single readings that do not belong to their pose."""
     determined = np.isfinite(asked).all(axis=1)
     at = np.flatnonzero(determined)
     found = stray_readings(motion.readings[determined], asked[determined], motion.noise)
-    places = tuple(f"{names.columns[leg]} in pose {names.poses[at[row]]}" for row, leg in found.tolist())
-    return (RecordSlip(SlipKind.STRAY, "readings", places),) if places else ()
+    return [(names.poses[at[row]], names.columns[leg]) for row, leg in found.tolist()]
+
+
+def _stray_slips(strays: list[tuple[str, str]], names: ReadingNames) -> Iterator[RecordSlip]:
+    """Yield the slip of poses of which most columns are stray, as the pose itself may be wrong; and of single
+    readings."""
+    poses = [pose for pose, _ in strays]
+    whole = [pose for pose in dict.fromkeys(poses) if poses.count(pose) > 0.5 * len(names.columns)]
+    cells = tuple(f"{column} in pose {pose}" for pose, column in strays if pose not in whole)
+    if whole:
+        yield RecordSlip(SlipKind.STRAY, "readings or measured points of", tuple(f"pose {pose}" for pose in whole))
+    if cells:
+        yield RecordSlip(SlipKind.STRAY, "readings", cells)
 
 
 def _plain_misfit(motion: MeasuredMotion, asked: Array) -> tuple[float, float, Index]:
