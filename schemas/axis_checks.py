@@ -90,8 +90,8 @@ OF_POSITIONS: Checks = {
         "Do forward and backward match the side of approach, in every cycle?",
         "Exchanged directions invert the reversal; in a single cycle they widen both repeatabilities.",
         VerdictRule("a whole run against the order of its rows", "single cycles against the others"),
-        "Exchange forward and backward as the message says. Not evaluated: the order of the rows does not show the "
-        "movement; write rows in the order taken.",
+        "Exchange forward and backward as the message says.",
+        not_evaluated="the order of the rows does not show the movement; write rows in the order taken",
     ),
     "approach-cycles": QualityCheck(
         "How often was every target approached from each side?",

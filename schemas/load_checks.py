@@ -27,14 +27,15 @@ _OF_PROGRAMME: Checks = {
         "What share of a channel's readings is missing, in the runs that record it?",
         "A beam lost under large loads removes the most important readings.",
         CheckLimits("share of the readings missing", warn=0.1, fail=0.3, most=1.0),
-        "Align the beam over the whole range and repeat the run. Not evaluated: a channel without readings.",
+        "Align the beam over the whole range and repeat the run.",
+        not_evaluated="a channel without readings",
     ),
     "time-gaps": QualityCheck(
         "How long is the longest pause within a run, relative to the usual interval?",
         "Zeros and temperatures may have changed meanwhile.",
         CheckLimits("longest pause over the usual interval", warn=10.0, unit="times"),
-        "Repeat the run without a pause, or start a new run after it. Not evaluated: times are missing, or only count "
-        "steps.",
+        "Repeat the run without a pause, or start a new run after it.",
+        not_evaluated="times are missing, or only count steps",
     ),
     "time-unit": time_unit("step"),
     "load-range": QualityCheck(
@@ -100,8 +101,8 @@ _OF_READINGS: Checks = {
         "Does a channel's zero drift over a run?",
         "A drift looks like creep, or hides it.",
         VerdictRule(warns="above 3 sigma and significant"),
-        "Let bench and air settle; load in both orders to separate time from load. Not evaluated: no drift is seen, "
-        "and times only count steps.",
+        "Let bench and air settle; load in both orders to separate time from load.",
+        not_evaluated="no drift is seen, and times only count steps",
     ),
     "zero-return": QualityCheck(
         "Where is a channel without load after a run, compared with before?",
@@ -113,7 +114,8 @@ _OF_READINGS: Checks = {
         "How large is the scatter between runs of equal loads in equal order, over the declared noise?",
         "Only repeats show that the declared noise holds from run to run.",
         VerdictRule(warns="significantly above 1.5 times; programmes that scatter differently (p < 0.001)"),
-        "Find what differed: seat of the load, temperature, preload. Not evaluated: repeat one run of each axis.",
+        "Find what differed: seat of the load, temperature, preload.",
+        not_evaluated="repeat one run of each axis",
     ),
 }
 _OF_SURROUNDINGS: Checks = {
@@ -208,16 +210,16 @@ _OF_BELONGING: Checks = {
             "no slip explains it, and a run responds more than twice, or less than half, as expected",
             "a slip explains more than any physical cause, or half of all responses are off by a factor of 3",
         ),
-        "Correct the table or its mapping as the message proposes. Not tested: give [mechanism] elements or "
-        "compliance_file, or load each axis in three runs.",
+        "Correct the table or its mapping as the message proposes.",
+        not_evaluated="give [mechanism] elements or compliance_file, or load each axis in three runs",
         withholds="models",
     ),
     "signals-against-loads": QualityCheck(
         "Do the signals follow the loads by leg geometry and declared gain, alike in every run?",
         "A calibration would absorb a wrong unit or sign, exchanged channels or shifted rows.",
         VerdictRule(fails="a slip explains more than any physical cause"),
-        "Correct the table or its mapping as the message proposes. Not tested: load each axis in three runs, or "
-        "declare [mechanism] and [signals] sensitivity_mv_per_n.",
+        "Correct the table or its mapping as the message proposes.",
+        not_evaluated="load each axis in three runs, or declare [mechanism] and [signals] sensitivity_mv_per_n",
         withholds="models",
     ),
     "copied-runs": QualityCheck(

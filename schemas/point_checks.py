@@ -59,22 +59,22 @@ OF_POINTS: Checks = {
         "How many readings are gross errors after a robust fit?",
         "A few are normal and left out. Many indicate wrong labels, a wrong survey or bad targets.",
         CheckLimits("share of gross errors", warn=0.05, fail=0.15, most=1.0),
-        "Inspect the targets named most often: loose, damaged, reflecting or mislabelled? Not evaluated: fewer than "
-        "three targets, or one pose without a survey.",
+        "Inspect the targets named most often: loose, damaged, reflecting or mislabelled?",
+        not_evaluated="fewer than three targets, or one pose without a survey",
     ),
     "exchanged-labels": QualityCheck(
         "Do two targets lie at each other's positions?",
         "All results that use them are wrong.",
         VerdictRule(fails="any pair"),
-        "Exchange the labels in the named poses, in the instrument's project or in the export. Not evaluated: fewer "
-        "than three targets, or one pose without a survey.",
+        "Exchange the labels in the named poses, in the instrument's project or in the export.",
+        not_evaluated="fewer than three targets, or one pose without a survey",
     ),
     "moved-targets": QualityCheck(
         "Does a target lie elsewhere from some pose on?",
         "A target that was touched looks like a deformation. The diagnosis can model it, so this only warns.",
         VerdictRule(warns="any significant step"),
-        "Find out what happened before the named pose; survey the target again, or exclude it by name. Not evaluated: "
-        "no target is seen in six poses.",
+        "Find out what happened before the named pose; survey the target again, or exclude it by name.",
+        not_evaluated="no target is seen in six poses",
     ),
     "resurvey": QualityCheck(
         "How far are targets from their earlier survey, where no entry of campaign.toml explains it?",
@@ -89,7 +89,8 @@ OF_POINTS: Checks = {
         "Instruments renumber targets and labels are replaced. The body loses such points; nothing is renamed "
         "automatically.",
         VerdictRule(warns="any"),
-        "Check the `[[renamed]]` that the report proposes, then add it. Not evaluated: no survey.",
+        "Check the `[[renamed]]` that the report proposes, then add it.",
+        not_evaluated="no survey",
     ),
     "joints-against-links": QualityCheck(
         "Do joint readings agree with the measured links of a chain?",
@@ -99,7 +100,8 @@ OF_POINTS: Checks = {
             "the nominal chain misses the measured places or distances by more than 2 % of their spread",
         ),
         "Correct the column in the message once you have confirmed it; else check the robot description, the names of "
-        "the links and of the poses. Not evaluated: no chain.",
+        "the links and of the poses.",
+        not_evaluated="no chain",
         withholds="models",
     ),
     "points-against-survey": QualityCheck(
@@ -117,23 +119,24 @@ OF_POINTS: Checks = {
             warns="above 10 sigma of a point, unexplained",
             fails="a recording error in some rows explains it",
         ),
-        "Correct the named poses or targets in the export. Not evaluated: fewer than three poses with three targets.",
+        "Correct the named poses or targets in the export.",
+        not_evaluated="fewer than three poses with three targets",
         withholds="poses",
     ),
     "drives-against-poses": QualityCheck(
         "Does a body rotate by the angles that the column of the drive reads?",
         "With readings of other poses, in another unit or frozen, a deformation is attributed to wrong angles.",
         VerdictRule(fails="a body follows the drive in most poses, and not in the others"),
-        "Correct the named readings, or exclude the named poses. Not evaluated: several drives, or no body rotates "
-        "with the drive.",
+        "Correct the named readings, or exclude the named poses.",
+        not_evaluated="several drives, or no body rotates with the drive",
         withholds="models",
     ),
     "copied-poses": QualityCheck(
         "Is each pose a separate measurement?",
         "Points equal in every digit are a copy, or the instrument stood still.",
         VerdictRule(fails="two poses equal in every digit"),
-        "Export the named poses again; delete those that were not measured. Not evaluated: a single pose, or a file "
-        "of too coarse resolution.",
+        "Export the named poses again; delete those that were not measured.",
+        not_evaluated="a single pose, or a file of too coarse resolution",
         withholds="models",
     ),
     "legs-regular": QualityCheck(
@@ -187,9 +190,9 @@ OF_POINTS: Checks = {
         "Does the reference body drift in the measurement frame?",
         "A moving tripod or foundation moves everything, if all poses share that frame.",
         VerdictRule(warns="above 3 sigma and significant"),
-        "Express poses in the frame of the base (`[bodies] reference`); fix the instrument's stand. Not evaluated: no "
-        "reference body, fewer than eight poses with all its targets, or a frame that may change "
-        "(`[measurement] frame`).",
+        "Express poses in the frame of the base (`[bodies] reference`); fix the instrument's stand.",
+        not_evaluated="no reference body, fewer than eight poses with all its targets, or a frame that may change "
+        "(`[measurement] frame`)",
     ),
     "overruled": QualityCheck(
         "How many points or verdicts does each [[exclude]], [[keep]] and [[accept]] match?",
@@ -204,14 +207,15 @@ OF_POINTS: Checks = {
             "significantly above 1.5 times, together or at one pose; poses that scatter differently (p < 0.001)",
             "significantly above 3 times, together or at one pose",
         ),
-        "Look for backlash, temperature and settling at the named pose. Not evaluated: repeat three poses.",
+        "Look for backlash, temperature and settling at the named pose.",
+        not_evaluated="repeat three poses",
     ),
     "time-gaps": QualityCheck(
         "How long is the longest pause, relative to the usual interval?",
         "Temperature, targets or the instrument may have changed meanwhile.",
         CheckLimits("longest pause over the usual interval", warn=10.0, unit="times"),
-        "Note what happened; repeat a pose from before the pause. Not evaluated: times are missing, or only count "
-        "poses.",
+        "Note what happened; repeat a pose from before the pause.",
+        not_evaluated="times are missing, or only count poses",
     ),
     "time-unit": time_unit("pose"),
     "temperature-span": QualityCheck(

@@ -49,6 +49,7 @@ class VerdictRule:
 class QualityCheck:
     """A quality check: question, reason, criterion and remedy, one or two sentences each.
 
+    not_evaluated: what keeps it from being evaluated, or what would let it be; no sentence, empty if nothing does.
     withholds: results that are not evaluated while it fails, because the data contradict the campaign's description:
     "models" are deformation, diagnosis and calibration; "poses" are these and the poses. Empty: later stages still run.
     """
@@ -58,6 +59,12 @@ class QualityCheck:
     criterion: CheckLimits | VerdictRule
     to_do: str
     withholds: Literal["", "models", "poses"] = ""
+    not_evaluated: str = ""
+
+    @property
+    def instructions(self) -> str:
+        """The remedy, and what keeps the check from being evaluated."""
+        return f"{self.to_do} Not evaluated: {self.not_evaluated}." if self.not_evaluated else self.to_do
 
     @property
     def stages_withheld(self) -> str:
@@ -99,7 +106,7 @@ def time_unit(row: str) -> QualityCheck:
         VerdictRule(
             warns="a median interval below 0.2 s or above 20000 s that another unit makes plausible; counts since 1970"
         ),
-        'Declare the unit in [files] (`units = { time_s = "d" }`, or `columns = { time_s = { scale = 1e-9 } }`). '
-        "The check cannot detect minutes at plausible intervals, nor constant intervals. Not evaluated: fewer than "
-        "12 times, or times that only count.",
+        'Declare the unit in [files] (`units = { time_s = "d" }`, or `columns = { time_s = { scale = 1e-9 } }`). The '
+        "check cannot detect minutes at plausible intervals, nor constant intervals.",
+        not_evaluated="fewer than 12 times, or times that only count",
     )

@@ -40,8 +40,9 @@ def entries(checks: Checks, above: Checks = MappingProxyType({})) -> str:
 
 
 def _entry(name: str, check: QualityCheck, above: QualityCheck | None) -> list[str]:
-    equal = above is not None and (check.why, check.to_do) == (above.why, above.to_do)
-    return [f"`{name}`", *(["[as above](#every-check-of-object-points)", ""] if equal else [check.why, check.to_do])]
+    equal = above is not None and (check.why, check.instructions) == (above.why, above.instructions)
+    own = ["[as above](#every-check-of-object-points)", ""] if equal else [check.why, check.instructions]
+    return [f"`{name}`", *own]
 
 
 TABLES: Mapping[str, Callable[[], str]] = {

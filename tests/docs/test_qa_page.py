@@ -28,14 +28,22 @@ def test_every_check_has_its_entry(kind: str, part: str) -> None:
     for (_, why, to_do), (name, check) in zip(entries, CHECKS[kind].items(), strict=True):
         if why == "[as above](#every-check-of-object-points)":
             check = CHECKS["photogrammetry"][name]
-            assert (check.why, check.to_do) == (CHECKS[kind][name].why, CHECKS[kind][name].to_do)
+            assert (check.why, check.instructions) == (CHECKS[kind][name].why, CHECKS[kind][name].instructions)
         else:
-            assert (check.why, check.to_do) == (why, to_do.removesuffix(" |"))
+            assert (check.why, check.instructions) == (why, to_do.removesuffix(" |"))
     rows = [row.split(" | ") for row in shown(TEXT, part).splitlines()[2:]]
     assert [row[0].split("`")[1] for row in rows] == list(CHECKS[kind])
     assert all(row[1].endswith("?") for row in rows)
     settable = [c.of if isinstance(c := check.criterion, CheckLimits) else "" for check in CHECKS[kind].values()]
     assert [row[4].strip() for row in rows] == settable
+
+
+@pytest.mark.parametrize("kind", CHECKS)
+def test_the_remedy_of_a_failed_check_is_told_without_what_keeps_it_from_being_evaluated(kind: str) -> None:
+    for check in CHECKS[kind].values():
+        assert "evaluated:" not in check.to_do
+        assert check.to_do.endswith((".", "?"))
+        assert not check.not_evaluated.endswith(".")
 
 
 def test_the_examples_are_allowed() -> None:
