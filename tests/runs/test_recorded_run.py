@@ -126,9 +126,23 @@ def test_an_unknown_table_is_answered_with_a_near_name(run: truing.Run) -> None:
 def test_opening_a_run_imports_no_library_of_tables_or_figures(run: truing.Run) -> None:
     """These take longer than everything else; they are imported when a table or figure is asked for."""
     found = "[name for name in ('pandas', 'scipy', 'plotly') if name in sys.modules]"
-    script = f"import sys, truing; truing.load(sys.argv[1]); print({found})"
+    work = "run.poses(), run.causes(), run.parameters()"
+    script = f"import sys, truing; run = truing.load(sys.argv[1]); print({found}); {work}; print({found})"
     done = subprocess.run([sys.executable, "-c", script, str(run.folder)], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    assert done.stdout.splitlines() == ["[]", "['pandas']"]
+
+
+def test_poses_are_printed_by_number_and_first_rows(run: truing.Run) -> None:
+    poses = run.poses("platform")
+    lines = repr(poses).splitlines()
+    assert lines[0] == f"{len(poses)} poses of platform; all determined"
+    assert lines[-1] == f"... and {len(poses) - 6} more"
+    assert len(lines) == 9
+    assert max(map(len, lines)) < 160
+    assert poses._repr_html_().count("<tr>") == 6
+    frame = poses.frame()
+    np.testing.assert_allclose(frame["sigma_rz_rad"] ** 2, poses.covariance[:, 5, 5])
+    np.testing.assert_array_equal(frame["x_m"], poses.position[:, 0])
 
 
 def test_wrong_names_of_figures_and_folders_are_answered_with_near_names(tmp_path: Path) -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from truing.arrays import Array, Mask
+from truing.report.numbers import count, with_uncertainty
 from truing.schemas.near_names import did_you_mean
 
 if TYPE_CHECKING:
@@ -19,28 +21,38 @@ if TYPE_CHECKING:
 _TOLD = ("found", "suspected", "indistinguishable")
 _AXES = "xyz"
 _UPPER = np.triu_indices(6)
+_SHOWN = 6  # poses of a printed table
+_MM_AND_MRAD = np.full(6, 1e3)  # from m and rad
 CAUSES = ("cause", "subject", "verdict", "probability", "p_value", "parameter", "value", "sigma", "unit")
 PARAMETERS = ("source", "subject", "parameter", "value", "sigma", "expanded_uncertainty", "unit")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Poses:
-    """Poses of bodies, n in all: position (n, 3) in m and rotation from body to parent, with covariance (n, 6, 6).
+    """Poses of bodies, n in all: position (n, 3) in m and rotation vector (n, 3) in rad, with covariance (n, 6, 6).
 
-    ``covariance`` is in m^2, m rad and rad^2, in the order position, rotation; a small rotation is about the axes of
-    the parent: R <- exp(theta) R. NaN where a pose could not be determined: ``is_determined`` (n,) is then False.
+    The rotation is from body to parent. ``covariance`` is in m^2, m rad and rad^2, in the order position, rotation; a
+    small rotation is about the axes of the parent: R <- exp(theta) R. NaN where a pose could not be determined:
+    ``is_determined`` (n,) is then False.
     """
 
     pose: Array
     body: Array
     parent: Array
     position: Array
-    rotation: Rotation
+    rotation_vector: Array
     covariance: Array
     is_determined: Mask
 
     def __len__(self) -> int:
         return len(self.pose)
+
+    @cached_property
+    def rotation(self) -> Rotation:
+        """Rotations from body to parent, one per pose; SciPy is loaded for them. No rotation where undetermined."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_rotvec(np.where(self.is_determined[:, None], self.rotation_vector, 0.0))
 
     def of(self, body: str) -> Poses:
         """Return the poses of one body; raises KeyError for an unknown one."""
@@ -48,15 +60,60 @@ class Poses:
         if not own.any():
             known = list(dict.fromkeys(self.body.tolist()))
             raise KeyError(f"{body}: this run has poses of {', '.join(known)}{did_you_mean(body, known)}")
-        arrays = (self.pose, self.body, self.parent, self.position)
-        pose, bodies, parent, position = (part[own] for part in arrays)
-        return Poses(pose, bodies, parent, position, self.rotation[own], self.covariance[own], self.is_determined[own])
+        arrays = (self.pose, self.body, self.parent, self.position, self.rotation_vector, self.covariance)
+        pose, bodies, parent, position, vectors, covariance = (part[own] for part in arrays)
+        return Poses(pose, bodies, parent, position, vectors, covariance, self.is_determined[own])
+
+    def frame(self) -> pd.DataFrame:
+        """Return a table with a row per pose: position, rotation vector, and standard uncertainty of each component."""
+        import pandas as pd
+
+        sigma = np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+        names = [f"{a}_m" for a in _AXES] + [f"r{a}_rad" for a in _AXES]
+        values = np.hstack([self.position, self.rotation_vector])
+        columns = dict(zip(names, values.T, strict=True)) | {
+            f"sigma_{name}": own for name, own in zip(names, sigma.T, strict=True)
+        }
+        named = {"pose": self.pose, "body": self.body, "parent": self.parent}
+        return pd.DataFrame(named | columns | {"is_determined": self.is_determined})
+
+    def __repr__(self) -> str:
+        """Return the number of poses of each body, and the first poses with standard uncertainties."""
+        return f"{self._summary}\n{self._first_rows.to_string(index=False)}{self._omitted}"
+
+    def _repr_html_(self) -> str:
+        """Return the same as HTML, for notebooks."""
+        return f"<p>{self._summary}</p>{self._first_rows.to_html(index=False, border=0)}<p>{self._omitted}</p>"
+
+    @property
+    def _summary(self) -> str:
+        bodies, counts = np.unique(self.body.astype(str), return_counts=True)
+        each = ", ".join(f"{count(int(number), 'pose')} of {body}" for body, number in zip(bodies, counts, strict=True))
+        lost = int((~self.is_determined).sum())
+        return f"{each or 'no poses'}; {f'{lost} not determined' if lost else 'all determined'}"
+
+    @property
+    def _omitted(self) -> str:
+        left = len(self) - _SHOWN
+        return f"\n... and {left} more" if left > 0 else ""
+
+    @property
+    def _first_rows(self) -> pd.DataFrame:
+        import pandas as pd
+
+        values = np.hstack([self.position, self.rotation_vector])[:_SHOWN] * _MM_AND_MRAD
+        sigma = np.sqrt(np.diagonal(self.covariance[:_SHOWN], axis1=1, axis2=2)) * _MM_AND_MRAD
+        heads = [f"{a} [mm]" for a in _AXES] + [f"r{a} [mrad]" for a in _AXES]
+        cells = {
+            head: [with_uncertainty(v, s) for v, s in zip(values[:, i], sigma[:, i], strict=True)]
+            for i, head in enumerate(heads)
+        }
+        named = {"pose": self.pose[:_SHOWN], "body": self.body[:_SHOWN], "in": self.parent[:_SHOWN]}
+        return pd.DataFrame(named | cells)
 
 
 def poses_of(table: pd.DataFrame) -> Poses:
     """Return the poses that later stages use, from the rows of poses.parquet."""
-    from scipy.spatial.transform import Rotation
-
     own = table[table["default"]]
     position = own[[f"p{a}_mm" for a in _AXES]].to_numpy(float) / 1e3
     vectors = own[[f"r{a}_rad" for a in _AXES]].to_numpy(float)
@@ -64,9 +121,8 @@ def poses_of(table: pd.DataFrame) -> Poses:
     upper = own[[f"cov_{i}_{j}" for i, j in zip(*_UPPER, strict=True)]].to_numpy(float)
     covariance[:, _UPPER[0], _UPPER[1]] = covariance[:, _UPPER[1], _UPPER[0]] = upper
     determined = np.isfinite(position).all(1) & np.isfinite(vectors).all(1)
-    rotation = Rotation.from_rotvec(np.where(determined[:, None], vectors, 0.0))
     pose, body, parent = (own[name].to_numpy() for name in ("pose", "body", "parent"))
-    return Poses(pose, body, parent, position, rotation, covariance, determined)
+    return Poses(pose, body, parent, position, vectors, covariance, determined)
 
 
 def causes_of(table: pd.DataFrame) -> pd.DataFrame:
