@@ -19,6 +19,7 @@ from truing.pipeline.starter import unconfirmed
 from truing.schemas.faults import CampaignFaults, Fault
 
 _MOST_ROWS = 300_000  # rows of object points that `check` compares with readings; `run` compares all
+_MOST_POSES = 1000  # of each target that are kept
 _UNITS = ("temperature-unit", "time-unit")  # checks of single columns that a mapping can correct
 _ROUNDS = 3  # removing a faulty key may reveal further faults
 
@@ -84,7 +85,7 @@ class _Raw:
     messages: list[str] = field(default_factory=list)
     tables: dict[str, Any] = field(default_factory=dict)
     targets: dict[str, Counter[object]] = field(default_factory=dict)
-    names: dict[str, dict[str, None]] = field(default_factory=dict)
+    names: dict[str, dict[str, set[object]]] = field(default_factory=dict)
     ingested: dict[str, Any] | None = None
     _streamed: dict[str, list[Any]] = field(default_factory=dict)
 
@@ -95,12 +96,13 @@ class _Raw:
     def counted(self, observations: Any) -> Iterator[Any]:
         """Pass on batches of observations and count their targets."""
         for batch in observations:
-            bodies = batch.column("body").to_pylist()
-            pairs = zip(bodies, batch.column("pose").to_pylist(), strict=True)
-            for (body, pose), count in Counter(pairs).items():
+            bodies, targets, poses = (batch.column(name).to_pylist() for name in ("body", "target", "pose"))
+            for (body, pose), count in Counter(zip(bodies, poses, strict=True)).items():
                 self.targets.setdefault(body, Counter())[pose] += count
-            for body, target in dict.fromkeys(zip(bodies, batch.column("target").to_pylist(), strict=True)):
-                self.names.setdefault(body, {})[target] = None
+            for body, target, pose in zip(bodies, targets, poses, strict=True):
+                seen = self.names.setdefault(body, {}).setdefault(target, set())
+                if len(seen) < _MOST_POSES:
+                    seen.add(pose)
             yield batch
 
     def keep(self, artifacts: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from pathlib import Path
 
 from truing.pipeline.console import RunConsole
@@ -39,7 +38,7 @@ def end(action: Callable[[], ExitCode], console: RunConsole) -> ExitCode:
         for line in dict.fromkeys(map(str, error.faults)):
             console.warn(" ".join(line.split("\n")))
         for fault in dict.fromkeys(error.faults):
-            console.tell("faults", asdict(fault))
+            console.tell("faults", fault.facts())
         return ExitCode.UNUSABLE_CAMPAIGN
     except EnvironmentProblem as error:
         console.warn(f"{error}; {KEPT}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 _LONGEST = {
     "place": 160,
@@ -39,12 +39,21 @@ class Fault:
     more: int = 0
     more_files: int = 0
 
+    @property
+    def is_of_key(self) -> bool:
+        """True if ``column`` is the key of a settings file."""
+        return self.file.endswith(".toml")
+
+    def facts(self) -> dict[str, object]:
+        """All fields by name, and ``key`` in addition: the key of a settings file, None for a table."""
+        return {**asdict(self), "key": self.column if self.is_of_key else None}
+
     def __str__(self) -> str:
         place = _one_line(self.file, 4 * _LONGEST["place"])
         if self.row is not None:
             place += f", row {self.row}"
         if self.column:
-            what = "key" if self.file.endswith(".toml") else "column"
+            what = "key" if self.is_of_key else "column"
             place += f", {what} {_one_line(self.column, _LONGEST['place'])}"
         found = "" if self.value is None else f"found {_shortened(self.value, _LONGEST['value'])!r}; "
         within = f", in {self.more_files} other files" if self.more_files else ""

@@ -67,6 +67,18 @@ def meant_by(names: Iterable[str], known: Iterable[str]) -> str:
     return ""
 
 
+def is_one_slip_apart(name: str, other: str) -> bool:
+    """True if names differ in one letter: added, left out or another one, or two neighbours exchanged."""
+    shorter, longer = sorted((name.casefold(), other.casefold()), key=len)
+    at = next((i for i, (one, two) in enumerate(zip(shorter, longer, strict=False)) if one != two), len(shorter))
+    if len(longer) - len(shorter) == 1:
+        return shorter[at:] == longer[at + 1 :]
+    if len(longer) != len(shorter) or at == len(shorter):
+        return False
+    exchanged = shorter[at : at + 2] == longer[at : at + 2][::-1]
+    return shorter[at + 1 :] == longer[at + 1 :] or (exchanged and shorter[at + 2 :] == longer[at + 2 :])
+
+
 def _same_spelling(name: str, known: Iterable[str]) -> str | None:
     wanted = spelling(name)
     return next((other for other in known if spelling(other) == wanted), None)

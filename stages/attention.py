@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from truing.formats.shapes import CONFIGURATIONS
 from truing.report.numbers import listed
 from truing.schemas.columns import find_column
-from truing.schemas.near_names import did_you_mean, mistyped_name, similar_names
+from truing.schemas.near_names import did_you_mean, is_one_slip_apart, mistyped_name, similar_names
 from truing.stages.ingestion.tables import FITTED
 from truing.stages.prospects import CampaignContents
 
@@ -32,6 +32,7 @@ def attention(settings: Campaign, found: CampaignContents) -> Iterator[str]:
         yield from _of_frame(settings)
         yield from _of_poses(found)
         yield from _of_bodies(found)
+        yield from _of_targets(found)
         yield from _of_machine(settings, found)
         yield from _of_scale(settings, found)
         yield from _of_decisions(settings, found)
@@ -72,7 +73,29 @@ def _of_bodies(found: CampaignContents) -> Iterator[str]:
     if without := [body for body in surveyed if body not in found.targets]:
         yield f"no point was measured of {_listed('surveyed body', without)}"
     if strange := [body for body in found.targets if body not in surveyed]:
-        yield f"no survey has {_listed('body', strange)}"
+        near = did_you_mean(strange[0], surveyed) if len(strange) == 1 else ""
+        yield f"no survey has {_listed('body', strange)}{near}"
+
+
+def _of_targets(found: CampaignContents) -> Iterator[str]:
+    """Targets that are probably others: a letter away from one that is missing in just these poses."""
+    for body, seen in found.names.items():
+        known = _known_targets(found, body, seen)
+        for target in [name for name in seen if name not in known]:
+            meant = [other for other in known if _may_mean(target, other, seen)]
+            if len(meant) == 1:
+                where = f"in {_listed('pose', sorted(map(str, seen[target])))}"
+                yield f"target {target} of body {body} {where}, where {meant[0]} is missing; did you mean {meant[0]}?"
+
+
+def _known_targets(found: CampaignContents, body: str, seen: Mapping[str, Collection[object]]) -> list[str]:
+    """Surveyed targets of a body; without a survey those of most of its poses."""
+    surveyed = list(map(str, _surveyed(found, body)))
+    return surveyed or [name for name, poses in seen.items() if 2 * len(poses) > len(found.targets.get(body, ()))]
+
+
+def _may_mean(target: str, other: str, seen: Mapping[str, Collection[object]]) -> bool:
+    return is_one_slip_apart(target, other) and not set(seen[target]) & set(seen.get(other, ()))
 
 
 def _of_machine(settings: Campaign, found: CampaignContents) -> Iterator[str]:

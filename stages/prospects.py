@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -43,15 +43,15 @@ _REMAINING = ("pose", "deformation", "diagnose", "calibrate")
 class CampaignContents:
     """Contents of a campaign before evaluation.
 
-    Small tables by artifact; ``targets``: number per body and pose; ``names``: targets of each body; ``given``: tables
-    of loads and photographs with files; ``is_photographed``: points come from photographs that are not measured yet.
+    Small tables by artifact; ``targets``: number per body and pose; ``names``: poses (some) of the targets of each
+    body; ``given``: tables of loads and photographs with files; ``is_photographed``: points come from photographs that are not measured yet.
     """
 
     tables: Mapping[str, pa.Table]
     targets: Mapping[str, Mapping[object, int]] = field(default_factory=dict)
     is_photographed: bool = False
     given: frozenset[str] = frozenset()
-    names: Mapping[str, Mapping[str, None]] = field(default_factory=dict)
+    names: Mapping[str, Mapping[str, Collection[object]]] = field(default_factory=dict)
 
     @property
     def is_of_poses(self) -> bool:

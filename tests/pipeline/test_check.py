@@ -173,6 +173,14 @@ CONFIGURED = "pose,role,time_s,rho1_mm,rho2_mm\n1,calibration,1,0,0\n2,calibrati
             {"points": points("1", "2", "3") + points("1", body="C").split("\n", 1)[1], "targets": survey("A")},
             "no survey has body C",
         ),
+        (
+            {"points": points("1", "2", "3").replace("2,A,T2", "2,A,TZ"), "targets": survey("A")},
+            "target TZ of body A in pose 2, where T2 is missing; did you mean T2?",
+        ),
+        (
+            {"points": points("1", "2", "3").replace("2,A,T2", "2,A,2T")},
+            "target 2T of body A in pose 2, where T2 is missing; did you mean T2?",
+        ),
         ({"points": points("1", "2", "3"), "configurations": CONFIGURED}, "no [mechanism] says of which machine"),
         ({"points": points("P1", "p1", "P 2", "P2", "P3")}, "poses P1 and p1 are treated as different"),
         ({"points": points("P1", "P01", "P2", "P3")}, "poses P1 and P01 are treated as different; did you mean one?"),

@@ -167,7 +167,8 @@ def test_json_of_faults_has_file_key_value_and_expectation(fake: FakeProject) ->
     for command in ("run", "check"):
         told = json.loads(fake.call(command, str(fake.campaign), "--json").stdout)
         (fault,) = told["faults"]
-        assert (told["exit_code"], fault["column"], fault["value"]) == (2, "campaign.kind", "photogrametry")
+        assert (told["exit_code"], fault["key"], fault["value"]) == (2, "campaign.kind", "photogrametry")
+        assert fault["column"] == fault["key"]
         assert "photogrammetry" in fault["expected"]
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from truing.schemas.campaign import read_campaign
 from truing.schemas.faults import CampaignFaults
-from truing.schemas.near_names import did_you_mean, meant_by, mistyped_name, nearest_name, similar_names
+from truing.schemas.near_names import did_you_mean, is_one_slip_apart, meant_by, mistyped_name, nearest_name, similar_names
 
 
 @pytest.mark.parametrize(("name", "known"), [("p1", "P01"), ("P 01", "P01"), ("platform", "Platform"), ("p_1", "P1")])
@@ -34,6 +34,17 @@ def test_a_letter_too_many_too_few_or_exchanged_is_a_mistyped_name(name: str, kn
 @pytest.mark.parametrize("name", ["temperature2_c", "temperature_leg_c", "load"])
 def test_another_quantity_is_no_mistyped_name(name: str) -> None:
     assert mistyped_name(name, ["temperature_c", "role", "time_s", "series"]) is None
+
+
+@pytest.mark.parametrize(("name", "other"), [("P20", "P02"), ("B0E", "B03"), ("B3", "B03"), ("B003", "B03"), ("B", "")])
+def test_names_one_slip_apart(name: str, other: str) -> None:
+    assert is_one_slip_apart(name, other)
+    assert is_one_slip_apart(other, name)
+
+
+@pytest.mark.parametrize(("name", "other"), [("B03", "B03"), ("B03", "b03"), ("P21", "P03"), ("P120", "P012x"), ("", "")])
+def test_equal_names_and_those_with_several_slips_are_not_one_slip_apart(name: str, other: str) -> None:
+    assert not is_one_slip_apart(name, other)
 
 
 @pytest.mark.parametrize(
