@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from truing.pipeline import completions
+
 
 class QaGate(StrEnum):
     """Effect of a failed quality check on the exit code."""
@@ -66,10 +68,22 @@ Scheduler = Annotated[
 
 # `truing run`.
 RunFirst = Annotated[
-    str | None, typer.Option("--from", metavar="STAGE", help="Run this stage and all later stages again.")
+    str | None,
+    typer.Option(
+        "--from",
+        metavar="STAGE",
+        autocompletion=completions.stages,
+        help="Run this stage and all later stages again.",
+    ),
 ]
 RunOnly = Annotated[
-    str | None, typer.Option("--only", metavar="STAGE", help="Run only this stage and the stages that it needs.")
+    str | None,
+    typer.Option(
+        "--only",
+        metavar="STAGE",
+        autocompletion=completions.stages,
+        help="Run only this stage and the stages that it needs.",
+    ),
 ]
 RunForce = Annotated[bool, typer.Option("--force", help="Run all stages, even if up to date.")]
 
@@ -99,6 +113,7 @@ InitAnswer = Annotated[
     typer.Option(
         "--answer",
         metavar="[FILE:]KEY=VALUE",
+        autocompletion=completions.answers,
         help="What the files leave open, such as unit=m or 'points*.csv:body=platform'; may be repeated.",
     ),
 ]
@@ -164,6 +179,7 @@ DesignCauses = Annotated[
     typer.Option(
         "--causes",
         metavar="NAMES",
+        autocompletion=completions.causes,
         help="Interferometer: choose loads that show these causes instead of loads for a calibration. Chain: choose "
         "poses that show these causes too.",
     ),
@@ -181,7 +197,12 @@ DesignTolerances = Annotated[
 # `truing power`.
 PowerCauses = Annotated[
     str,
-    typer.Option("--causes", metavar="NAMES", help="Ids of causes, separated by commas; default: the whole catalogue."),
+    typer.Option(
+        "--causes",
+        metavar="NAMES",
+        autocompletion=completions.causes,
+        help="Ids of causes, separated by commas; default: the whole catalogue.",
+    ),
 ]
 PowerDraws = Annotated[
     int, typer.Option("--draws", min=0, max=10000, help="Simulated campaigns per size and effect; 0: theory only.")
@@ -240,6 +261,7 @@ ExportTo = Annotated[
     typer.Option(
         "--to",
         metavar="FORMS",
+        autocompletion=completions.forms,
         help="csv, xlsx, json, controller (default: these four), urdf or dcc, separated by commas.",
     ),
 ]

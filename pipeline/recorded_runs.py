@@ -12,6 +12,7 @@ from truing import __version__
 from truing.pipeline.all_campaigns import PAGE as CAMPAIGNS_PAGE
 from truing.pipeline.artifacts import Stamp, write_table
 from truing.pipeline.campaign_folder import open_campaign
+from truing.pipeline.completions import ALL_FORMS, CERTIFICATE, FORMS, ROBOT
 from truing.pipeline.console import RunConsole
 from truing.pipeline.given_files import check_folder
 from truing.pipeline.manifest import DigestCache, Manifest, read_manifest
@@ -37,9 +38,6 @@ from truing.schemas.near_names import did_you_mean
 _PAGE = ARTIFACTS["report"].file
 _AGAIN = "`truing run` writes it again"
 
-FORMS = ("csv", "xlsx", "json", "controller")
-_CERTIFICATE = "dcc"  # not by default, because it needs more than a run
-_ROBOT = "urdf"  # not by default, because only a chain has one
 _EXPORTS = "exports"
 _FILE = "campaign.toml"
 
@@ -103,12 +101,11 @@ def export_run(
     A certificate takes its other entries from the campaign's folder. It is refused if a check failed, or if all of its
     results depend on a model that fails.
     """
-    known = (*FORMS, _CERTIFICATE, _ROBOT)
-    unknown = [form for form in forms if form not in known]
+    unknown = [form for form in forms if form not in ALL_FORMS]
     if unknown:
-        listed = ", ".join(known)
+        listed = ", ".join(ALL_FORMS)
         raise CampaignFaults(
-            Fault("--to", f"one of {listed}{did_you_mean(form, known)}", value=form) for form in unknown
+            Fault("--to", f"one of {listed}{did_you_mean(form, ALL_FORMS)}", value=form) for form in unknown
         )
     run, place = opened_run(folder), out or folder / _EXPORTS
     check_folder(place)
@@ -123,7 +120,7 @@ def export_run(
         console.line(f"{form}: {_exported_files_text(place, written)}")
         for name in written:
             console.tell("files", {"form": form, "file": str(place / name)})
-        for left_out in valid_results(run).left_out if form == _CERTIFICATE else ():
+        for left_out in valid_results(run).left_out if form == CERTIFICATE else ():
             console.warn(f"not certified: {left_out}")
     return ExitCode.DONE
 
@@ -133,12 +130,12 @@ def _files(form: str, run: Run, campaign: Path | None) -> Iterable[tuple[str, by
         return certificate_files(run, campaign)
 
     makers = {
-        _CERTIFICATE: of_campaign,
+        CERTIFICATE: of_campaign,
         "csv": text_tables,
         "xlsx": workbook,
         "json": summary,
         "controller": controller,
-        _ROBOT: urdf,
+        ROBOT: urdf,
     }
     try:
         yield from makers[form](run)

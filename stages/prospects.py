@@ -43,8 +43,9 @@ _REMAINING = ("pose", "deformation", "diagnose", "calibrate")
 class CampaignContents:
     """Contents of a campaign before evaluation.
 
-    Small tables by artifact; ``targets``: number per body and pose; ``names``: poses (some) of the targets of each
-    body; ``given``: tables of loads and photographs with files; ``is_photographed``: points come from photographs that are not measured yet.
+    Small tables by artifact; ``targets``: number per body and pose; ``names``: some poses of the targets of each body;
+    ``given``: tables of loads and photographs with files; ``is_photographed``: points come from photographs that are
+    not measured yet.
     """
 
     tables: Mapping[str, pa.Table]

@@ -8,16 +8,21 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
+from typer.completion import completion_init
 from typer.testing import CliRunner
 
 from tests.pipeline.fake_project import STAGES, FakeProject
 from tests.sentences import assert_says
 from truing.pipeline.command_line import app
+from truing.pipeline.completions import ANSWERS
 from truing.pipeline.console import JsonConsole
+from truing.pipeline.init_questions import parsed_answers
 from truing.pipeline.problems import ExitCode
 
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 COMMANDS = (
     *("run", "watch", "stages", "check", "init", "predict", "design", "power", "plan", "export", "report", "compare"),
 )
@@ -211,6 +216,34 @@ def test_each_shell_gets_a_script_and_its_completions(shell: str, asked: str, en
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, env=given)
     assert "report" in done.stdout
     assert "design" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("words", "begun", "expected", "absent"),
+    [
+        ("run {telescope} --only", "", {"ingest", "calibrate"}, {"images", "bundle"}),
+        ("run --from", "po", {"pose"}, {"images"}),
+        ("power {robot} --causes", "joint-offset,link", {"joint-offset,link-bending"}, {"joint-offset,leg-drift"}),
+        ("power --causes", "leg-", {"leg-drift"}, {"unexplained", "joint-offset"}),
+        ("export runs/telescope --to", "csv,", {"csv,xlsx", "csv,dcc"}, {"csv,csv"}),
+        ("init folder --answer", "ta", {"table=targets", "table=points"}, {"unit=mm"}),
+    ],
+)
+def test_names_are_completed_by_what_the_line_says(
+    words: str, begun: str, expected: set[str], absent: set[str]
+) -> None:
+    places = {name: f"{SAMPLES / name}" for name in ("telescope", "robot")}
+    line = f"truing {words.format(**places)} {begun}"
+    asked = {"_TRUING_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(words.split()) + 1)}
+    completion_init()
+    found = set(CliRunner().invoke(app, [], env=asked).output.split())
+    assert expected <= found
+    assert not absent & found
+    assert all(name.startswith(begun) for name in found)
+
+
+def test_every_answer_that_is_completed_is_one_of_init() -> None:
+    assert len(parsed_answers([f"file{number}:{text}" for number, text in enumerate(ANSWERS)])) == len(ANSWERS)
 
 
 def test_lines_of_the_list_of_commands_are_whole() -> None:

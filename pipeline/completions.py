@@ -1,0 +1,83 @@
+"""Values that the shell completes: stages, causes, forms of export, and answers of `truing init`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from truing.pipeline.campaign_folder import CampaignFolder
+
+FORMS = ("csv", "xlsx", "json", "controller")
+CERTIFICATE = "dcc"  # not by default, because it needs more than a run
+ROBOT = "urdf"  # not by default, because only a chain has one
+ALL_FORMS = (*FORMS, CERTIFICATE, ROBOT)
+ANSWERS = (
+    *("unit=mm", "unit=m", "unit=um", "unit=in", "decimal=,", "decimal=.", "table=targets", "table=points"),
+    *("rotation=vector", "rotation=euler", "coverage=1", "coverage=2", "numbers=poses", "numbers=bodies"),
+    *("numbers=targets", "words=bodies", "words=names", "loads=applied", "loads=shown", "axis=deg", "axis=mm"),
+    *("body=base", "body=platform", "run=1", "pose=1", "channel=dz", "load_axis=fz", "load=0"),
+)
+
+
+def stages(context: typer.Context, incomplete: str) -> list[tuple[str, str]]:
+    """Stages of the campaigns on the line, or all where none is named yet, with what they do."""
+    from truing.pipeline.stage_order import ORDER, order_of, stage_module
+
+    known = [
+        order_of(one.kind, photographs=one.has_photographs, second=one.has_second) for one in _campaigns(context)
+    ] or list(ORDER.values())
+    names = dict.fromkeys(name for order in known for name in order)
+    return [(name, stage_module(name).DECLARATION.summary) for name in names if name.startswith(incomplete)]
+
+
+def causes(context: typer.Context, incomplete: str) -> list[tuple[str, str]]:
+    """Causes that the campaign on the line can be asked for, or all where none is named yet; after a comma others."""
+    from truing.report.wordings.catalogue import WORDINGS, cause_meaning
+
+    known = dict.fromkeys(name for one in _campaigns(context) for name in _causes_of(one)) or WORDINGS
+    return _listed(incomplete, {name: cause_meaning(name) for name in known if name != "unexplained"})
+
+
+def forms(context: typer.Context, incomplete: str) -> list[tuple[str, str]]:
+    """Forms of an export; after a comma others."""
+    return _listed(incomplete, dict.fromkeys(ALL_FORMS, ""))
+
+
+def answers(context: typer.Context, incomplete: str) -> list[tuple[str, str]]:
+    """Answers to what a file may leave open."""
+    return [(answer, "") for answer in ANSWERS if answer.startswith(incomplete)]
+
+
+def _listed(incomplete: str, known: dict[str, str]) -> list[tuple[str, str]]:
+    """Names that complete the last of several, separated by commas; those before it are not offered again."""
+    before, comma, last = incomplete.rpartition(",")
+    given = before.split(",")
+    return [
+        (f"{before}{comma}{name}", meaning)
+        for name, meaning in known.items()
+        if name.startswith(last) and name not in given
+    ]
+
+
+def _campaigns(context: typer.Context) -> Iterator[CampaignFolder]:
+    """Campaigns that the line names so far and that can be used."""
+    from truing.pipeline.run_campaign import usable_campaign
+    from truing.schemas.faults import CampaignFaults
+
+    named = context.params.get("campaigns") or [context.params.get("campaign")]
+    for place in filter(None, [*named, *context.args]):  # click leaves words unread before an option without its value
+        try:
+            yield usable_campaign(Path(place))
+        except (CampaignFaults, OSError):
+            continue
+
+
+def _causes_of(campaign: CampaignFolder) -> list[str]:
+    from truing.stages.diagnosis.search import kinds_of, searched_for
+
+    settings = campaign.validated()
+    return [cause.id for cause in searched_for(settings, kinds_of(settings).values()) if cause.catalogued]
