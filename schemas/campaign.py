@@ -161,7 +161,12 @@ def read_campaign(document: dict[str, Any], file: str = "campaign.toml") -> Camp
         raise CampaignFaults(_fault(file, document, detail) for detail in error.errors()) from None
     kind = campaign.campaign.kind
     faults = [*limit_faults(file, kind, campaign.qa.limits), *acceptance_faults(file, kind, campaign.accept)]
-    if faults := [*faults, *_joint_faults(file, campaign), *_axis_faults(file, campaign)]:
+    if faults := [
+        *faults,
+        *_joint_faults(file, campaign),
+        *_axis_faults(file, campaign),
+        *_load_limit_faults(file, campaign),
+    ]:
         raise CampaignFaults(faults)
     return campaign
 
@@ -185,6 +190,15 @@ def _axis_faults(file: str, campaign: Campaign) -> Iterator[Fault]:
             known = ", ".join(key for key in type(campaign.requirement).model_fields if key.endswith(f"_{unit}"))
             text = f"one limit for the axis, whatever its direction is called: one of {known}"
             yield Fault(file, text, column=f"requirement.{name}", value=f"{value:g}")
+
+
+def _load_limit_faults(file: str, campaign: Campaign) -> Iterator[Fault]:
+    """Yield the limits of [requirement] on loads where no load is measured."""
+    if campaign.campaign.kind == "interferometer":
+        return
+    for name, value in campaign.requirement.of_loads().items():
+        text = 'no such key, because only a force sensor (kind = "interferometer") measures loads'
+        yield Fault(file, text, column=f"requirement.{name}", value=f"{value:g}")
 
 
 # Bounds are shortened here, because pydantic writes all their digits.

@@ -743,15 +743,20 @@ _CONCLUDED = (
     size("platform_turn_arcsec", "arcsec", "rotation of the platform from its attitude as designed"),
     text(
         "component",
-        "position along or rotation about an axis; axis: of a single axis",
-        choices=("x", "y", "z", "rx", "ry", "rz", "axis"),
+        "position along or rotation about an axis; axis: of a single axis; force or torque of a force sensor",
+        choices=("x", "y", "z", "rx", "ry", "rz", "axis", "fx", "fy", "fz", "mx", "my", "mz"),
     ),
     real("missed", "", "measured minus predicted, in the unit of its row"),
     real("requirement", "", "required accuracy, in the unit of its row", nullable=True),
     size("error", "", "error that 95 of 100 poses do not exceed", nullable=True),
     size("lower", "", "lower end of the 95 % interval of the number in this row", nullable=True),
     size("upper", "", "upper end of the 95 % interval of the number in this row", nullable=True),
-    integer("poses_judged", "number of poses whose error was compared with the requirement", minimum=1, nullable=True),
+    integer(
+        "poses_judged",
+        "number of poses (force sensor: of held-out load cases) whose error was compared with the requirement",
+        minimum=1,
+        nullable=True,
+    ),
     *(
         size(
             f"{end}_expected", "", f"expected {end} end of that interval after the proposed measurements", nullable=True

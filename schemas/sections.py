@@ -185,6 +185,9 @@ class Signals(Section):
         return self.model_copy(update=own)
 
 
+OF_LOADS = ("_n", "_nm")  # ends of the keys of forces and torques
+
+
 class PoseComponents(Section):
     """One number for each component of a pose; absent: not specified."""
 
@@ -215,7 +218,18 @@ class Workspace(PoseComponents):
 
 
 class Requirement(PoseComponents):
-    """[requirement]: required accuracy."""
+    """[requirement]: required accuracy of the poses of a mechanism, or of the loads of a force sensor."""
+
+    fx_n: Positive | None = Field(None, description="force sensor: of the force along x")
+    fy_n: Positive | None = Field(None, description="force sensor: of the force along y")
+    fz_n: Positive | None = Field(None, description="force sensor: of the force along z")
+    mx_nm: Positive | None = Field(None, description="force sensor: of the torque about x")
+    my_nm: Positive | None = Field(None, description="force sensor: of the torque about y")
+    mz_nm: Positive | None = Field(None, description="force sensor: of the torque about z")
+
+    def of_loads(self) -> dict[str, float]:
+        """Limits on loads by key."""
+        return {name: value for name, value in self if value is not None and name.endswith(OF_LOADS)}
 
 
 def _is_nothing_or_real(value: float) -> float:

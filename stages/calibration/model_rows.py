@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -169,17 +169,35 @@ def requirement_rows(
     variances (B, 6): those of the measurement, which are subtracted; held_out (B,): poses used, all if there are none.
     ``why_not``: failed test of the model and remedy; such a model meets no requirement.
     """
+    limits = [getattr(requirement, f"{component}_{unit}") for component, unit in COMPONENTS.items()]
+    si = np.array([SI[unit] for unit in COMPONENTS.values()])
+    return limit_rows(COMPONENTS, limits, key, errors / si, variances / si**2, held_out, why_not)
+
+
+def limit_rows(
+    components: Mapping[str, str],
+    limits: Sequence[float | None],
+    key: Key,
+    errors: NDArray,
+    variances: NDArray,
+    held_out: NDArray,
+    why_not: str = "",
+    what: str = "poses",
+) -> Rows:
+    """One row per component (K units by name) with a limit, as `requirement_rows`; errors (B, K) in these units.
+
+    ``what``: that whose errors are compared, in words.
+    """
     rows, assessed = Rows("requirements"), held_out if held_out.any() else ~held_out
-    by = "" if held_out.any() else ", evaluated at the fitted poses"
-    for i, (component, unit) in enumerate(COMPONENTS.items()):
-        limit, si = getattr(requirement, f"{component}_{unit}"), SI[unit]
+    by = "" if held_out.any() else f", evaluated at the fitted {what}"
+    for i, ((component, unit), limit) in enumerate(zip(components.items(), limits, strict=True)):
         if limit is None:
             continue
-        own, noise = errors[assessed, i] / si, variances[assessed, i] / si**2
+        own, noise = errors[assessed, i], variances[assessed, i]
         found = error_of_95_percent(own, noise)
         verdict = _verdict(found, limit)
         decision = deciding_pose_count(own, noise, limit, 0 if held_out.any() else int(np.isfinite(own).sum()))
-        words = _requirement_words(found, verdict, limit, unit) + (by if found else "")
+        words = _requirement_words(found, verdict, limit, unit, what) + (by if found else "")
         if why_not and verdict in ("meets", "undecided"):
             verdict, words = "not evaluated", f"not tested: {why_not}"
         rows.add(
@@ -220,10 +238,10 @@ def _verdict(found: Interval | None, limit: float) -> str:
     return "fails" if found.lower > limit else "undecided"
 
 
-def _requirement_words(found: Interval | None, verdict: str, limit: float, unit: str) -> str:
+def _requirement_words(found: Interval | None, verdict: str, limit: float, unit: str, what: str) -> str:
     if found is None:
-        return "not measured at any pose"
-    text = f"95 of 100 poses stay below {found.value:.2g} {unit} (between {found.lower:.2g} and {found.upper:.2g})"
+        return f"not measured at any of the {what}"
+    text = f"95 of 100 {what} stay below {found.value:.2g} {unit} (between {found.lower:.2g} and {found.upper:.2g})"
     if found.value == 0:
         text = f"no error above the measurement noise (at most {found.upper:.2g} {unit})"
     return f"{text}, required {limit:g} {unit}: {verdict}"

@@ -24,7 +24,13 @@ from truing.estimation.sensor.calibration import (
     relative_errors,
     sensitivities,
 )
-from truing.estimation.sensor.contenders import HeldOutPredictions, SensorCalibrations, calibrations, predicted_loads
+from truing.estimation.sensor.contenders import (
+    HeldOutPredictions,
+    SensorCalibrations,
+    calibrations,
+    errors_by_case,
+    predicted_loads,
+)
 from truing.estimation.sensor.error_classes import CREEP_S, ErrorClass, axis_errors
 from truing.estimation.sensor.load_table import RecordedLoads
 from truing.report.numbers import count as counted
@@ -32,6 +38,7 @@ from truing.report.numbers import listed, percent
 from truing.schemas.artifacts import ARTIFACTS
 from truing.simulation.bench.six_upur.influence import merit
 from truing.simulation.bench.six_upur.nominal_sensor import NominalSensor, Theory, farthest, theory_of
+from truing.stages.calibration.model_rows import limit_rows
 from truing.stages.common.applied_findings import AS_RECORDED, WITH_FINDINGS
 from truing.stages.common.nominal_sensor import nominal_sensor
 from truing.stages.common.point_arrays import number_columns
@@ -269,6 +276,9 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     artifacts["sensor_choice"] = choice_rows(found, fitted).table()
     artifacts["error_classes"] = error_class_rows(found, fitted, ranges).table()
     about = {"calibration": fitted.chosen.model.name, "data": WITH_FINDINGS if found.causes else AS_RECORDED}
+    requirements = requirement_rows_of_loads(settings, found, fitted)
+    if requirements.count:
+        artifacts["requirements"] = requirements.table()
     sensor = calibrated_sensor(
         fitted.choice.chosen, fitted.table, settings.mechanism.reference_temperature_c, found.tared
     )
@@ -278,6 +288,17 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     left_out = "; ".join(words) or "nothing"
     read = f"{counted(len(found.steps.run), 'load step')} with {counted(found.signal.shape[1], 'signal')}"
     return Outcome(artifacts | text, read=read, left_out=left_out, figure=_figure_of_sensor(found, fitted, ranges))
+
+
+def requirement_rows_of_loads(settings: Campaign, found: RecordedLoads, fitted: SensorCalibrations) -> Rows:
+    """One row per required component of the load, by errors of load cases that were not fitted."""
+    keys = {name: f"{name}_{'n' if name.startswith('f') else 'nm'}" for name in fitted.table.load_names}
+    limits = [getattr(settings.requirement, key) for key in keys.values()]
+    units = {name: _UNITS[name[0]] for name in keys}
+    errors = errors_by_case(found, fitted)
+    variances = np.broadcast_to(found.load_sigma**2, errors.shape)
+    every = np.ones(len(errors), bool)
+    return limit_rows(units, limits, (fitted.chosen.model.name, "none"), errors, variances, every, what="load cases")
 
 
 def _with_other_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> OtherCalibrations | None:

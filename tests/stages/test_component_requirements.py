@@ -90,6 +90,14 @@ def test_a_component_that_was_not_measured_is_asked_for(tmp_path: Path) -> None:
     assert "requirement rz" in needs[0]["purpose"] or "requirement x" in needs[0]["purpose"]
 
 
+def test_limits_on_loads_are_those_of_a_sensor_alone() -> None:
+    limits = {"fz_n": 1.0}
+    with pytest.raises(CampaignFaults, match=r"key requirement\.fz_n: found '1'; expected no such key"):
+        read_campaign({"campaign": {"name": "a", "kind": "photogrammetry"}, "requirement": limits})
+    sensor = read_campaign({"campaign": {"name": "a", "kind": "interferometer"}, "requirement": limits})
+    assert sensor.requirement.of_loads() == limits
+
+
 @pytest.mark.parametrize(("unit", "given", "wrong"), [("rotary", "x_mm", "x_mm"), ("linear", "rx_deg", "rx_deg")])
 def test_an_axis_has_one_limit_of_its_unit(unit: str, given: str, wrong: str) -> None:
     column = "command_deg" if unit == "rotary" else "command_mm"

@@ -104,7 +104,9 @@ _STAGES = {
 def why_absent(section: str, tables: Tables) -> str:
     """Return the reason why the table of a section is missing."""
     if section == "requirements" and (is_bench(tables) or "displacement" in tables):
-        return "[requirement] applies to positioning mechanisms; for errors of a sensor, see Calibration."
+        if table_or_none(tables, "sensor_choice") is None:
+            return "the sensor was not calibrated, so no error of its loads is known."
+        return "campaign.toml states no accuracy of loads in [requirement] (fx_n to mz_nm)."
     if section == "displacement":
         return "This run holds no readings of how the platform moved."
     return f"This run holds no table of stage {_STAGES[section]}: the stage was not run, or the run stopped before it."

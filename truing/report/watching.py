@@ -9,7 +9,7 @@ from enum import StrEnum
 from html import escape
 
 from truing.belonging.relation import RelationState
-from truing.report.calibration.requirements import chosen_requirements
+from truing.report.calibration.requirements import assessed_noun, chosen_requirements
 from truing.report.first_screen import counts
 from truing.report.numbers import count
 from truing.report.section_verdict import SectionVerdict, verdict_rows
@@ -32,7 +32,7 @@ class Enough(StrEnum):
 _DECIDED = (ReasonCode.MET, ReasonCode.NOT_MET)
 _WORDS = {
     Enough.ENOUGH: "Enough: every requirement is decided.",
-    Enough.TO_CONFIRM: "Decided at this look; more poses have to confirm it.",
+    Enough.TO_CONFIRM: "Decided at this look; more measurements have to confirm it.",
     Enough.NOT_ENOUGH: "Not enough yet: a requirement is undecided.",
     Enough.NOT_STATED: "No requirement decides when to stop.",
     Enough.NOT_JUDGED: "Requirements cannot be judged yet.",
@@ -43,7 +43,7 @@ _WORDS = {
 class Watched:
     """State after one round: number and time of the round, measured amount in words, verdicts by section, faults, the
     most urgent next measurement in words, whether the looks before confirm the decision, and from how many compared
-    poses on a look can."""
+    poses (or load cases of a force sensor: ``compared``) on a look can."""
 
     campaign: str
     number: int
@@ -54,6 +54,7 @@ class Watched:
     following: str
     is_confirmed: bool = False
     poses_to_confirm: int | None = None
+    compared: str = "pose"
 
     @property
     def enough(self) -> Enough:
@@ -86,7 +87,7 @@ class Watched:
         """Return one sentence on the confirmation of a decision; empty where none is to be confirmed."""
         if self.enough is not Enough.TO_CONFIRM or self.poses_to_confirm is None:
             return []
-        return [f"It is confirmed when {self.poses_to_confirm} compared poses or more say the same."]
+        return [f"It is confirmed when {self.poses_to_confirm} compared {self.compared}s or more say the same."]
 
     def facts(self) -> dict[str, object]:
         """Facts for JSON."""
@@ -114,12 +115,16 @@ def watched(campaign: str, number: int, at: datetime, tables: Tables, faults: tu
         return Watched(campaign, number, at, "", (), faults, "")
     steps = table_or_none(tables, "next_measurements")
     following = "" if steps is None or not len(steps) else str(steps.iloc[0]["next_measurement"])
-    return Watched(campaign, number, at, counts(tables), tuple(verdict_rows(tables).values()), (), following)
+    own = chosen_requirements(tables)
+    compared = "pose" if own is None else assessed_noun(own)
+    verdicts = tuple(verdict_rows(tables).values())
+    return Watched(campaign, number, at, counts(tables), verdicts, (), following, compared=compared)
 
 
 @dataclass(frozen=True)
 class RequirementLook:
-    """What one round says on the requirements: compared poses, decision (empty: none), p-value against the limits."""
+    """What one round says on the requirements: number of compared poses or load cases, decision (empty: none), p-value
+    against the limits."""
 
     poses: int
     decision: str

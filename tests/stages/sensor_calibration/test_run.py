@@ -20,6 +20,7 @@ from tests.stages.benches import Bench, bench, layout
 from tests.stages.line import settings_of
 from truing.estimation.sensor.calibrated_sensor import sensor_from
 from truing.schemas.artifacts import ARTIFACTS
+from truing.schemas.sections import Requirement
 from truing.simulation.bench.causes.load_path import LoadEccentricity as OffItsLine
 from truing.simulation.bench.extended_model import ExtendedSensor, write_sensor
 from truing.simulation.cause import Effect
@@ -54,7 +55,8 @@ def six(tmp_path_factory) -> Bench:
         "sensitivity_tolerance": 0.002,
     }
     signals = settings_of(drawn.folder).signals.model_copy(update=stated)
-    outcome = _again(drawn, lambda table: table, signals=signals)
+    requirement = Requirement(fx_n=1e6, mz_nm=1e-6)
+    outcome = _again(drawn, lambda table: table, signals=signals, requirement=requirement)
     return replace(drawn, tables=drawn.tables | dict(outcome.artifacts), outcomes={"calibrate": outcome})
 
 
@@ -64,6 +66,17 @@ def test_the_matrix_is_the_true_one_within_its_sigma(six):
     sigma = rows[["sigma", "sigma_by_case"]].max(axis=1).to_numpy().reshape(6, 6)
     assert abs(np.sqrt(np.mean((off / sigma) ** 2)) - 1.0) < 0.4  # 36 entries, of six rows with a common error each
     assert set(rows["unit"]) == {"N/mV", "N m/mV"}
+
+
+def test_requirements_compare_the_error_of_whole_held_out_cases(six):
+    errors = six.frame("sensor_choice").query("figure == 'heldout_rms'").set_index(["model", "subject"])["value"]
+    chosen = _chosen(six.frame("sensor_choice"))
+    rows = six.frame("requirements").set_index("component")
+    assert dict(rows["verdict"]) == {"fx": "meets", "mz": "fails"}
+    assert dict(rows["unit"]) == {"fx": "N", "mz": "N m"}
+    # one value for each of the runs, not for each step
+    assert set(rows["poses_judged"]) == {len(set(six.tables["signals"].column("run").to_pylist()))}
+    assert 0.5 < rows.loc["fx", "error"] / (1.96 * errors[chosen, "fx"]) <= 1.0  # less the noise of the load
 
 
 def test_whole_runs_are_held_out_and_the_printed_formula_is_judged_with_the_others(six):

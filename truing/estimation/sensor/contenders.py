@@ -349,6 +349,21 @@ def _check(table: LoadTable) -> None:
             raise
 
 
+def errors_by_case(found: RecordedLoads, fitted: SensorCalibrations) -> Array:
+    """Return the rms error (B, W) of every load case that the chosen calibration was not fitted to, N and N m.
+
+    These are the verification runs; without any, the cases of the calibration, each by a fit to all others. Errors of
+    one case share its load, zero and mounting, so that they count as one.
+    """
+    rows = found.steps.held_out
+    if rows.any():
+        table = found.table(rows, found.steps.run)
+        errors = predicted_loads(fitted.chosen, table).value - table.loads
+    else:
+        table, errors = fitted.table, fitted.choice.chosen.errors
+    return np.array([np.sqrt(np.mean(errors[table.case == case] ** 2, axis=0)) for case in table.cases])
+
+
 def _verified(found: RecordedLoads, fit: Calibration) -> Array:
     """Return the root mean square error (W,) of the loads of verification runs."""
     rows = found.steps.held_out

@@ -24,13 +24,13 @@ from truing.report.numbers import count, in_one_unit, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.reasons import is_by_components, why_absent, why_no_requirement
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import Tables, cell, table_or_none
+from truing.report.tables import Tables, cell, is_bench, table_or_none
 from truing.schemas.verdict import ReasonCode
 
 _TITLE = "Requirements"
 _MARKS = {"meets": "pass", "fails": "fail", "undecided": "warn"}
 _COMPONENTS = {"rx": "tilt about x", "ry": "tilt about y", "rz": "turn about z"}
-_HEADS = ("component", "limit", "95 % of poses below", "interval (95 %)", "error / limit")
+_LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
 
 _DRAWN_AS = {"meets": (GREEN, "circle"), "undecided": (ORANGE, "diamond"), "fails": (RED, "x")}
 
@@ -52,12 +52,31 @@ def requirements(tables: Tables) -> ReportSection | None:
     others = assessed.drop(index=own.index)
     if len(others):
         listings.append(_other_calibrations(others))
-    lead = " ".join(filter(None, (_opening_sentences(own, key), _place(tables))))
+    lead = " ".join(filter(None, (_opening_sentences(own, key), _place(tables, own))))
     return ReportSection("requirements", _TITLE, lead, tuple(figures), tuple(listings))
 
 
-def _place(tables: Tables) -> str:
-    """Return a sentence on the place of the errors: tip or axis; empty for machines with calibrations."""
+def assessed_noun(requirements: pd.DataFrame) -> str:
+    """Return what the errors of requirements are those of: poses, or the load cases of a force sensor."""
+    return "load case" if requirements["component"].isin(_LOADS).any() else "pose"
+
+
+def _heads(requirements: pd.DataFrame) -> tuple[str, ...]:
+    return ("component", "limit", f"95 % of {assessed_noun(requirements)}s below", "interval (95 %)", "error / limit")
+
+
+def _name_of(key: Key, requirements: pd.DataFrame) -> str:
+    """Return the name of the calibration: of a mechanism, or of a force sensor."""
+    return f"the calibration {key[0]}" if assessed_noun(requirements) == "load case" else calibration_name(key)
+
+
+def _place(tables: Tables, requirements: pd.DataFrame) -> str:
+    """Return a sentence on the errors: of a tip, an axis or a sensor; empty for mechanisms with calibrations."""
+    if assessed_noun(requirements) == "load case":
+        return (
+            "Errors are those of load cases to which the calibration was not fitted: shown minus applied load, rms "
+            "over the steps of a case, which share load, zero and mounting and count as one."
+        )
     if table_or_none(tables, "axis_errors") is not None:
         return "Errors are those of the axis, after a constant is subtracted."
     if table_or_none(tables, "joints") is None:
@@ -68,7 +87,7 @@ def _place(tables: Tables) -> str:
 def _main_key(tables: Tables, assessed: pd.DataFrame) -> Key | None:
     """Return the main calibration if it was assessed: the extended model where there are no calibrations."""
     keys = keys_of(assessed)
-    main = keys[0] if is_by_components(tables) else main_calibration(tables)
+    main = keys[0] if is_by_components(tables) or is_bench(tables) else main_calibration(tables)
     return main if main in keys else None
 
 
@@ -83,7 +102,9 @@ def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -
         return SectionVerdict(
             "requirements", RelationState.FAILS, ReasonCode.NOT_MET, text, float(worst["ratio"]), "1", 1.0
         )
-    adequacy, of_recorded = before.get("adequacy"), main_calibration(tables) == chosen_calibration(tables)
+    # the adequacy of a bench is that of its readings, and no sensor's calibration uses them
+    adequacy = None if is_bench(tables) else before.get("adequacy")
+    of_recorded = main_calibration(tables) == chosen_calibration(tables)
     if assessed is not None and adequacy is not None and adequacy.state == RelationState.FAILS:
         text = f"Requirements not tested: the model that predicts the errors does not fit. {adequacy.explanation}"
         return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, text)
@@ -115,17 +136,24 @@ def _why_not_by(calibration: SectionVerdict | None) -> str:
 
 def _opening_sentences(requirements: pd.DataFrame, key: Key) -> str:
     link = ", as predicted by" if (requirements["verdict"] != "not evaluated").any() else " with"
-    text = f"{tally(requirements)}{link} {calibration_name(key)}."
+    text = f"{tally(requirements)}{link} {_name_of(key, requirements)}."
     return " ".join(
-        [text, *(_open_or_failed(r) for r in requirements.itertuples() if r.verdict in ("fails", "undecided"))]
+        [
+            text,
+            *(
+                _open_or_failed(r, assessed_noun(requirements))
+                for r in requirements.itertuples()
+                if r.verdict in ("fails", "undecided")
+            ),
+        ]
     )
 
 
-def _open_or_failed(r: Any) -> str:
+def _open_or_failed(r: Any, noun: str) -> str:
     """Return one failed or undecided requirement in words, with its numbers."""
     what, asked, error, interval, _ = _sizes(r)
     words = "not met" if r.verdict == "fails" else "undecided"
-    return f"Error of {what}: 95 % of poses stay below {error} (95 % interval: {interval}); limit {asked}: {words}."
+    return f"Error of {what}: 95 % of {noun}s stay below {error} (95 % interval: {interval}); limit {asked}: {words}."
 
 
 def tally(requirements: pd.DataFrame) -> str:
@@ -162,16 +190,17 @@ def _requirement_listing(requirements: pd.DataFrame, key: Key) -> Listing:
     idle = requirements["verdict"] == "not evaluated"
     if idle.any() and "message" in requirements:
         remarks: list[tuple[str, ...]] = [(cell(message),) for message in requirements["message"].where(idle, "")]
-        heads: tuple[str, ...] = ("verdict", *_HEADS, "why")
+        heads: tuple[str, ...] = ("verdict", *_heads(requirements), "why")
     else:
-        remarks, heads = [()] * len(requirements), ("verdict", *_HEADS)
+        remarks, heads = [()] * len(requirements), ("verdict", *_heads(requirements))
     rows = tuple((r.verdict, *_sizes(r), *remark) for r, remark in zip(requirements.itertuples(), remarks, strict=True))
-    return Listing(heads, rows, _marks(requirements), f"With {calibration_name(key)}", held_by="requirements.parquet")
+    caption = f"With {_name_of(key, requirements)}"
+    return Listing(heads, rows, _marks(requirements), caption, held_by="requirements.parquet")
 
 
 def _other_calibrations(others: pd.DataFrame) -> Listing:
     rows = tuple((r.verdict, r.model, r.deformation, *_sizes(r)) for r in others.itertuples())
-    heads = ("verdict", "model", "deformation", *_HEADS)
+    heads = ("verdict", "model", "deformation", *_heads(others))
     return Listing(heads, rows, _marks(others), "With every other calibration", True, "requirements.parquet")
 
 
@@ -218,7 +247,9 @@ def _requirement_bars(requirements: pd.DataFrame, key: Key) -> go.Figure:
         )
     kind = size_axis(np.append(np.concatenate(list(ratio.values())), 1.0))
     figure.add_vline(x=1.0, line={"color": GREY, "width": 2, "dash": "dot"})
-    subtitle = f"Of {label(calibration_name(key))}. Bars: 95 % interval. Right of the dotted line: above the limit"
+    subtitle = (
+        f"Of {label(_name_of(key, requirements))}. Bars: 95 % interval. Right of the dotted line: above the limit"
+    )
     style(figure, "Errors compared with the required limits", subtitle, 170 + 42 * len(shown))
     title = sequence_title("error / limit", kind.get("type") == "log")
     figure.update_xaxes(title_text=title, **{k: v for k, v in kind.items() if k != "dtick"})

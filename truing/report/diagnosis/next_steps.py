@@ -9,7 +9,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from truing.report.calibration.requirements import chosen_requirements, interval_words, unmeasured_components
+from truing.report.calibration.requirements import (
+    assessed_noun,
+    chosen_requirements,
+    interval_words,
+    unmeasured_components,
+)
 from truing.report.diagnosis.assessed_causes import NOT_TESTABLE, RIVAL, SUSPECTED, AssessedCause, accepted_of
 from truing.report.diagnosis.shortcomings import decisive_measurements
 from truing.report.numbers import approximate_duration, count, printed
@@ -80,14 +85,17 @@ def _requirements(tables: Tables) -> Iterator[NextStep]:
         return
     undecided = own[own["verdict"] == "undecided"].sort_values("measurements", ascending=False, na_position="last")
     pace_s, several = _pace(tables), int(undecided["measurements"].notna().sum())
+    noun = assessed_noun(own)
     for row in undecided.itertuples():
         if pd.isna(row.measurements):
             now, _, asked = interval_words(row)
-            words = f"No practical number of poses decides it: the error of {row.component} is too close to its limit. "
+            words = (
+                f"No practical number of {noun}s decides it: the error of {row.component} is too close to its limit. "
+            )
             words += f"Its 95 % interval is {now}; the limit is {asked}."
             yield NextStep(Need.REQUIREMENT, f"requirement {row.component}", words)
         else:
-            yield _deciding_poses(row, pace_s, several, is_axis="axis_errors" in tables)
+            yield _deciding_measurements(row, pace_s, several, "row" if "axis_errors" in tables else noun)
 
 
 def _measurement_of(components: list[str], *, is_axis: bool) -> str:
@@ -98,17 +106,26 @@ def _measurement_of(components: list[str], *, is_axis: bool) -> str:
     return f"To evaluate the requirement on {', '.join(components)}, measure {what}."
 
 
-def _deciding_poses(row: Any, pace_s: float | None, several: int, *, is_axis: bool) -> NextStep:
-    """Return the poses that decide one requirement; they also serve the others if ``several`` are undecided."""
+_ALL_OVER = {"row": "the travel", "pose": "the workspace", "load case": "the range"}
+_VERIFICATION = ", with role verification"
+_ROLES = {"row": _VERIFICATION, "pose": _VERIFICATION, "load case": " (with role verification if others have it)"}
+
+
+def _deciding_measurements(row: Any, pace_s: float | None, several: int, noun: str) -> NextStep:
+    """Return the measurements that decide one requirement; they also serve the others if ``several`` are undecided.
+
+    noun: row of an axis, pose, or load case of a force sensor.
+    """
     total = int(row.measurements)
     takes = "" if pace_s is None else f" ({approximate_duration(total * pace_s)} at the pace of this campaign)"
-    what = "further row" if is_axis else "further pose"
-    text = f"To decide whether {row.component} meets its requirement, measure {count(total, what)} all over "
-    text += f"the {'travel' if is_axis else 'workspace'}, with role verification{takes}."
-    text += " The same poses also decide the other requirements." if several > 1 else ""
+    text = (
+        f"To decide whether {row.component} meets its requirement, measure {count(total, f'further {noun}')} all over "
+    )
+    text += f"{_ALL_OVER[noun]}{_ROLES[noun]}{takes}."
+    text += f" The same {noun}s also decide the other requirements." if several > 1 else ""
     now, then, asked = interval_words(row)
     given = f"The 95 % interval of its error is now {now}; the limit is {asked}. "
-    given += f"The interval becomes {then} if errors are as large as in the {int(row.poses_judged)} poses so far."
+    given += f"The interval becomes {then} if errors are as large as in the {int(row.poses_judged)} {noun}s so far."
     figures = {"measurements": float(total)} | ({} if pace_s is None else {"duration_s": total * pace_s})
     return NextStep(Need.REQUIREMENT, f"requirement {row.component}", f"{text} {given}", figures=figures)
 
