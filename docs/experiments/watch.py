@@ -1,12 +1,13 @@
-"""``python -m docs.experiments.watch``: replay real campaigns pose by pose through `truing watch`.
+"""``python -m docs.experiments.watch``: replay real campaigns through `truing watch`, as if they were just measured.
 
-Each campaign's files grow from a few poses to all. A requirement is added, and the table says after how many poses it
-was decided, and whether all poses say the same. It is written between the marks of docs/how-to/watch.md.
+Each campaign's files grow from a few poses (or runs of loads) to all. A requirement is added, and the table says after
+how many it was decided, and whether all say the same. It is written between the marks of docs/how-to/watch.md.
 """
 
 from __future__ import annotations
 
 import gzip
+import io
 import json
 import re
 import sys
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 from typer.testing import CliRunner
 
 from tests.real.campaigns import HERE, data_folder
@@ -28,14 +30,35 @@ _PATH = re.compile(r'^path = "\.\./.*shared/data/([^"]+)"', re.MULTILINE)
 
 @dataclass(frozen=True)
 class Replay:
-    """A campaign of tests/real, the lines above the first pose in its files, and limits of the position, mm."""
+    """A campaign of tests/real, the lines above the first pose in its files, limits in the unit of ``key``, and looks.
+
+    run: column of a Parquet file that names the runs by which it grows; empty for files that grow by lines, one a pose.
+    """
 
     name: str
     header: int
-    limits_mm: tuple[float, ...]
-    poses: tuple[int, ...]
+    limits: tuple[float, ...]
+    looks: tuple[int, ...]
     key: str = "x_mm"
     excluded: tuple[int, ...] = ()  # poses with a wrong target
+    run: str = ""
+
+    @property
+    def unit(self) -> str:
+        """Unit of the limits."""
+        return {"mm": "mm", "n": "N"}[self.key.partition("_")[2]]
+
+    def cut(self, file: Path, amount: int) -> bytes:
+        """The first poses, or runs, of a file."""
+        whole = gzip.decompress(file.read_bytes()) if file.suffix == ".gz" else file.read_bytes()
+        if not self.run:
+            return b"".join(whole.splitlines(keepends=True)[: self.header + amount])
+        table = pq.read_table(io.BytesIO(whole))
+        names = [str(name) for name in table.column(self.run).to_pylist()]
+        first = set(list(dict.fromkeys(names))[:amount])
+        cut = io.BytesIO()
+        pq.write_table(table.filter([name in first for name in names]), cut)
+        return cut.getvalue()
 
 
 REPLAYS = (
@@ -48,25 +71,27 @@ REPLAYS = (
         (22, 51, 136, 400),
     ),
     Replay("ipa-ur10-random", 1, (0.6,), (20, 30, 40, 60, 80, 120, 160, 240, 400)),
+    Replay("optical-ft-ur3e", 0, (1.5, 4.0, 6.0), (12, 24, *range(36, 61, 2)), "fz_n", run="source_file"),
+    Replay("so-lat-elevation", 1, (0.1,), (5, 10, 19)),
 )
 
 
-def grown(replay: Replay, poses: int, limit_mm: float, folder: Path) -> Path:
-    """The campaign with its first poses only, and with a requirement."""
+def grown(replay: Replay, amount: int, limit: float, folder: Path) -> Path:
+    """The campaign with its first poses or runs only, and with a requirement."""
     folder.mkdir(parents=True, exist_ok=True)
     text = (HERE / replay.name / "campaign.toml").read_text(encoding="utf-8")
     for pattern in dict.fromkeys(_PATH.findall(text)):
         for file in sorted(data_folder().glob(pattern)):
-            whole = gzip.decompress(file.read_bytes()) if file.suffix == ".gz" else file.read_bytes()
-            lines = whole.splitlines(keepends=True)[: replay.header + poses]
-            (folder / file.name.removesuffix(".gz")).write_bytes(b"".join(lines))
+            (folder / file.name.removesuffix(".gz")).write_bytes(replay.cut(file, amount))
         text = re.sub(rf'"[^"]*shared/data/{re.escape(pattern)}"', f'"{Path(pattern).name.removesuffix(".gz")}"', text)
+    for file in (HERE / replay.name).glob("*.csv"):
+        (folder / file.name).write_bytes(file.read_bytes())
     out = [
         f'[[exclude]]\npose = {pose}\nby = "replay"\nreason = "joints-against-links names it"\n'
         for pose in replay.excluded
-        if pose <= poses
+        if pose <= amount
     ]
-    asked = f"[requirement]\n{replay.key} = {limit_mm}\n"
+    asked = f"[requirement]\n{replay.key} = {limit}\n"
     (folder / "campaign.toml").write_text("\n".join([text, asked, *out]), encoding="utf-8")
     return folder
 
@@ -90,36 +115,41 @@ def rows(replays: Sequence[Replay], folder: Path) -> Iterator[tuple[str, ...]]:
     All looks of a replay are one watch: one campaign folder that grows, and one run.
     """
     for replay in replays:
-        for limit in replay.limits_mm:
+        for limit in replay.limits:
             decisions, ended = dict[int, str](), dict[int, str]()
             own = folder / f"{replay.name}-{limit}"
-            for poses in replay.poses:
-                told = _watched(grown(replay, poses, limit, own), Path(f"{own}-run"))
-                decisions[poses] = _decision(told)
+            for amount in replay.looks:
+                told = _watched(grown(replay, amount, limit, own), Path(f"{own}-run"))
+                decisions[amount] = _decision(told)
                 if told["enough"] == "enough":
-                    ended[poses] = decisions[poses]
-                sys.stdout.write(f"{replay.name} {limit} mm, {poses} poses: {decisions[poses]}, {told['enough']}\n")
+                    ended[amount] = decisions[amount]
+                sys.stdout.write(f"{replay.name} {limit}, {amount}: {decisions[amount]}, {told['enough']}\n")
                 sys.stdout.flush()
             first = next(((n, found) for n, found in decisions.items() if found in ("met", "not-met")), None)
             end = next(iter(ended.items()), None)
-            last = replay.poses[-1], decisions[replay.poses[-1]]
-            yield replay.name, f"{limit:g} mm", *map(_words, (first, end, last))
+            last = replay.looks[-1], decisions[replay.looks[-1]]
+            asked = f"{replay.key.partition('_')[0]}: {limit:g} {replay.unit}"
+            yield replay.name, asked, "runs" if replay.run else "poses", *map(_words, (first, end, last))
 
 
 def _words(decision: tuple[int, str] | None) -> str:
-    """``met at 60`` poses; a dash where nothing was decided."""
+    """``met at 60``; a dash where nothing was decided."""
     return "–" if decision is None else f"{decision[1].replace('-', ' ')} at {decision[0]}"
 
 
 def main() -> None:
-    """Replay all, and write the table."""
+    """Replay all, or those named on the command line, and write the table; rows of others stay."""
+    before, rest = PAGE.read_text(encoding="utf-8").split(_MARKS[0])
+    old, after = rest.split(_MARKS[1])
+    chosen = [one for one in REPLAYS if not sys.argv[1:] or one.name in sys.argv[1:]]
+    kept = [tuple(cell.strip() for cell in line.strip("| ").split("|")) for line in old.splitlines()[2:]]
     with tempfile.TemporaryDirectory() as folder:
-        found = list(rows(REPLAYS, Path(folder)))
-    heads = "campaign", "limit of x", "first decision", "watch ends", "last look"
+        drawn = list(rows(chosen, Path(folder)))
+    named = {one.name for one in chosen}
+    found = [r for one in REPLAYS for r in (drawn if one.name in named else kept) if r[0] == one.name]
+    heads = "campaign", "limit", "of", "first decision", "watch ends", "last look"
     head = f"| {' | '.join(heads)} |\n{'| --- ' * len(heads)}|\n"
     table = head + "".join(f"| {' | '.join(row)} |\n" for row in found)
-    before, rest = PAGE.read_text(encoding="utf-8").split(_MARKS[0])
-    after = rest.split(_MARKS[1])[1]
     PAGE.write_text(f"{before}{_MARKS[0]}{table}{_MARKS[1]}{after}", encoding="utf-8")
 
 
