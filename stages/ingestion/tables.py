@@ -58,6 +58,9 @@ def read_configurations(
     if found is None:
         if legs_of(settings) and not source.entries("configurations"):
             log.add(Fault("configurations.csv", "this file, or [files.configurations] in campaign.toml"))
+        for drive in () if source.entries("configurations") else settings.campaign.drives:
+            expected = "a column of configurations; there is no configurations.csv, and no [files.configurations]"
+            log.add(Fault("campaign.toml", expected, column="campaign.drives", value=drive))
         return SmallTable(_in_order_of_appearance(source, adjusted))
     check_unique_keys(found, log, "pose")
     check_times(found, log, required=bool(legs_of(settings)))

@@ -151,6 +151,12 @@ def test_the_template_of_an_empty_folder_asks_for_a_table(tmp_path: Path, kind: 
     assert any(fault.expected.startswith("this file") for fault in faults(folder))
 
 
+def test_a_drive_without_any_configurations_is_a_fault(tmp_path: Path) -> None:
+    toml = TOML.replace('kind = "photogrammetry"', 'kind = "photogrammetry"\ndrives = ["elevation_deg"]')
+    folder = written(tmp_path, campaign=toml, points=points("1", "2", "3"))
+    assert_fault(faults(folder), file="campaign.toml", column="campaign.drives", value="elevation_deg")
+
+
 def test_the_template_of_points_asks_for_the_noise(tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text(points("1", "2", "3"))
     (tmp_path / "targets.csv").write_text(survey("A"))
