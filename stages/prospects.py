@@ -21,6 +21,7 @@ from truing.stages.common.missing_data import (
     why_no_diagnosis_of_mechanism,
     why_reference_unseen,
     why_too_few_determined,
+    why_too_few_of_chain,
     why_too_few_poses,
 )
 from truing.stages.declaration import registered
@@ -106,8 +107,14 @@ def prospects(settings: Campaign, found: CampaignContents) -> Iterator[Prospect]
         ("calibrate", why_no_calibration(settings.mechanism, found.tables) or _too_few(found)),
     ):
         perhaps = _ADJUSTED if stage == "diagnose" and found.is_photographed else ""
-        yield Prospect(stage, pose.why_not or why_not, perhaps=perhaps)
+        needs_body = stage == "deformation" or not _needs_no_body(settings, found)
+        yield Prospect(stage, (needs_body and pose.why_not) or why_not, perhaps=perhaps)
     yield from _adjustment(found)
+
+
+def _needs_no_body(settings: Campaign, found: CampaignContents) -> bool:
+    """Return True if a chain's diagnosis takes single targets: the frame stands still, or one link alone is seen."""
+    return settings.mechanism.type == "chain" and (settings.is_frame_fixed or len(found.targets) == 1)
 
 
 def _adjustment(found: CampaignContents) -> Iterator[Prospect]:
@@ -165,12 +172,26 @@ def _deformation(settings: Campaign, found: CampaignContents) -> str:
 
 
 def _diagnosis(settings: Campaign, found: CampaignContents) -> str:
+    if settings.mechanism.type == "chain" and (found.is_of_poses or _needs_no_body(settings, found)):
+        return why_too_few_of_chain(len(_fitted_poses(found)))
     if found.is_of_poses:
         return NO_POINTS_TO_DIAGNOSE
     if settings.mechanism.is_legged:
         why_not = why_no_diagnosis_of_mechanism(settings.mechanism, settings.noise.point_mm, found.tables)
         return why_not or _too_few(found)
     return "" if found.is_photographed else _diagnosis_of_bodies(settings, found)
+
+
+def _fitted_poses(found: CampaignContents) -> set[str]:
+    """Return the poses of configurations that show a target, or were measured as poses, and may be fitted."""
+    table = found.tables.get("configurations")
+    if table is None:
+        return set()
+    measured = found.tables.get("measured_poses")
+    seen = {str(pose) for poses in found.targets.values() for pose in poses}
+    seen |= set() if measured is None else set(map(str, measured.column("pose").to_pylist()))
+    roles = zip(table.column("pose").to_pylist(), table.column("role").to_pylist(), strict=True)
+    return {str(pose) for pose, role in roles if role != HELD_OUT} & seen
 
 
 def _diagnosis_of_bodies(settings: Campaign, found: CampaignContents) -> str:

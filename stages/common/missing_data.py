@@ -9,6 +9,7 @@ import pyarrow as pa
 
 LEAST_POSES = 3
 LEAST_TARGETS = 3
+LEAST_POSES_OF_CHAIN = 8
 HELD_OUT = "verification"
 _LEAST_LEGS = 6  # fewer do not constrain the platform
 # Why mechanisms without bodies have neither poses nor deformation, and where their parameters are, by type.
@@ -32,6 +33,12 @@ NO_POINTS_TO_DIAGNOSE = (
     '[mechanism] type = "chain"'
 )
 NO_BODY_TO_DIAGNOSE = "needs a body with three targets, seen together in three poses"
+
+
+def why_too_few_of_chain(fitted: int) -> str:
+    """Reason why the poses of a chain that may be fitted are too few; else empty."""
+    needed = f"needs at least {LEAST_POSES_OF_CHAIN} poses with readings of all joints and measured links"
+    return "" if fitted >= LEAST_POSES_OF_CHAIN else f"{needed}, found {fitted} that may be fitted"
 
 
 def why_no_deformation_of_legs(tables: Mapping[str, pa.Table]) -> str:

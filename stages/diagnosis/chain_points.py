@@ -41,7 +41,7 @@ from truing.stages.common.chain_measurements import (
 )
 from truing.stages.common.chain_start import nominal_fit
 from truing.stages.common.chain_tables import joint_readings, motor_readings, tree_of
-from truing.stages.common.missing_data import HELD_OUT
+from truing.stages.common.missing_data import HELD_OUT, LEAST_POSES_OF_CHAIN
 from truing.stages.common.point_arrays import pose_ids, roles_of
 from truing.stages.diagnosis.chain_distances import with_distances, with_places
 from truing.stages.diagnosis.chain_results import results, text_of_model
@@ -55,7 +55,6 @@ _DEG, _MM = np.pi / 180.0, 1e-3
 _ARCSEC = _DEG / 3600.0
 # Poses that a search uses at most, evenly over the campaign, so that memory and time stay bounded.
 _MOST_POSES = 2000
-_FEWEST = 8
 # Up to so many poses, exact readings have a noise of this share of the points' noise: joints may scatter.
 _FEW_POSES, _HARDLY = 400, 0.2
 _DRIVE = "the joint readings"
@@ -86,13 +85,13 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     out, read = excluded_poses(settings.exclude, poses), np.asarray(np.isfinite(readings).all(1))
     framed = is_framed(points or measured, reference)
     usable = read & measured.seen.any(1) & ~out & framed
-    if usable.sum() < _FEWEST:
-        raise ValueError(f"needs at least {_FEWEST} poses with readings of all joints and measured links")
+    if usable.sum() < LEAST_POSES_OF_CHAIN:
+        raise ValueError(f"needs at least {LEAST_POSES_OF_CHAIN} poses with readings of all joints and measured links")
     conditions = chain_conditions(tree, table, settings, measured.reference, readings, usable, measured.coupling)
     role = roles_of(table, poses)
     fitted, held = usable & (role != HELD_OUT), usable & (role == HELD_OUT)
-    if fitted.sum() < _FEWEST:
-        raise ValueError(f"needs at least {_FEWEST} poses that may be fitted, found {int(fitted.sum())}")
+    if fitted.sum() < LEAST_POSES_OF_CHAIN:
+        raise ValueError(f"needs at least {LEAST_POSES_OF_CHAIN} poses that may be fitted, found {int(fitted.sum())}")
     fitted, thinned = _thinned(fitted)
     if lines is not None and points is not None:
         frames, model, certain = _mixed_model(tree, settings, points, measured, conditions, fitted)
