@@ -21,7 +21,7 @@ _FILLED = re.compile(r"(.?[<>^])?\d{0,2}")  # allowed format after a name's colo
 
 FORMATS = (
     *("auto", "delimited", "parquet", "ply", "pcd", "xyz", "c3d", "trc", "rtl"),
-    *("vstars", "aicon", "metashape", "colmap", "photomodeler", "tracker", "gsi", "xlsx", "mat"),
+    *("vstars", "aicon", "metashape", "colmap", "photomodeler", "tracker", "gsi", "inspection", "xlsx", "mat"),
 )
 FORMAT_ENTRY_POINTS = "truing.formats"  # group of installed packages
 
@@ -294,7 +294,9 @@ class FileMapping(Section):
         description="column = number of rows that share its number; other columns of number_rows restart in each group",
     )
     sheet: Sheet | None = Field(
-        None, description="xlsx: name of the sheet, or its number from 1; absent: the only visible one"
+        None,
+        description="xlsx: name of the sheet, its number from 1, or a glob of several, such as 'Pose *' (from_name "
+        "then sees `book.xlsx, sheet Pose 1`); absent: the only visible one",
     )
     variable: Variables | None = Field(
         None, description="mat: name of the variable, or of several side by side; fields of structs as a.b"

@@ -37,7 +37,7 @@ KEYS = {
 }
 READERS = {
     *("aicon", "c3d", "colmap", "keysight", "laser-tracker", "leica-gsi", "metashape", "photomodeler", "quadrature"),
-    *("rays", "renishaw", "v-stars", "excel", "matlab", "poses"),
+    *("rays", "renishaw", "v-stars", "excel", "matlab", "poses", "inspection-reports"),
 }
 
 

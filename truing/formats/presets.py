@@ -45,6 +45,7 @@ _PRESETS: dict[str, dict[str, Any]] = {
     "colmap points": {"columns": {**_AXES, **_SIGMAS, "corr_xy": "rxy", "corr_xz": "rxz", "corr_yz": "ryz"}},
     "colmap": {"columns": _AXES},
     "photomodeler points": {"columns": {**_AXES, **_SIGMAS}},
+    "inspection": {"missing": ("",), "columns": {"target": "name", **_AXES}},
     "gsi": {"missing": ("",), "columns": _AXES},
     "phc": {"select": {"used": "1"}},
     "scale": {"select": {"used": "1"}},
@@ -90,6 +91,13 @@ def format_of(raw: RawFile, entry: FileMapping) -> str:
 def added_format(file_format: str) -> FileFormat | None:
     """Return the installed format of a name; None for a format or file kind of the project."""
     return None if file_format in _OWN else installed_format(file_format)
+
+
+def target_column(file_format: str) -> str | None:
+    """Return the raw column of the targets' names that a format's preset gives; None if it gives none."""
+    return _PRESETS.get(file_format, {}).get("columns", {}).get("target") or (
+        "target" if file_format == "gsi" else None
+    )
 
 
 def with_preset(entry: FileMapping, file_format: str, table: str) -> tuple[FileMapping, frozenset[str]]:

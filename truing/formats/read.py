@@ -146,7 +146,11 @@ def read_table(
         log.add(Fault(entries[1].paths[0], f"either this file or {entries[0].paths[0]}, not both"))
     for entry in entries:
         for raw in _files(source, shape, entry, log):
-            yield from _read_file(raw, entry, shape, log, poses_as_text, source)
+            if _is_of_sheets(raw, entry):
+                for one in _one_sheet_each(raw, entry, log):
+                    yield from _read_file(raw, one, shape, log, poses_as_text, source, is_of_sheets=True)
+            else:
+                yield from _read_file(raw, entry, shape, log, poses_as_text, source)
 
 
 def prefetched(items: Iterator[T]) -> Iterator[T]:
@@ -169,14 +173,42 @@ def _files(source: CampaignFiles, shape: TableShape, entry: FileMapping, log: Fa
         yield from found
 
 
+def _is_of_sheets(raw: RawFile, entry: FileMapping) -> bool:
+    """True if an entry reads several sheets of a workbook; no name of a sheet holds an asterisk."""
+    return isinstance(entry.sheet, str) and "*" in entry.sheet and format_of(raw, entry) == "xlsx"
+
+
+def _one_sheet_each(raw: RawFile, entry: FileMapping, log: FaultLog) -> Iterator[FileMapping]:
+    """Yield the mapping for each sheet that its glob names."""
+    from truing.formats.workbook import sheets_like
+
+    try:
+        with plain_path(raw) as path:
+            found = sheets_like(path, str(entry.sheet))
+    except Unusable as error:
+        log.add(Fault(raw.name, error.expected, error.row, error.column, error.value))
+        return
+    except (*DAMAGED, OSError) as error:
+        log.add(_damage(raw.name, error, entry))
+        return
+    yield from (entry.model_copy(update={"sheet": name}) for name in found)
+
+
 def _read_file(
-    raw: RawFile, entry: FileMapping, shape: TableShape, log: FaultLog, poses_as_text: bool, source: CampaignFiles
+    raw: RawFile,
+    entry: FileMapping,
+    shape: TableShape,
+    log: FaultLog,
+    poses_as_text: bool,
+    source: CampaignFiles,
+    *,
+    is_of_sheets: bool = False,
 ) -> Iterator[tuple[FileRows, TableBatch]]:
     file_format = format_of(raw, entry)
     completed, preset = with_preset(entry, file_format, shape.name)
     side_by_side = (completed.rows_per_pose or 1) if is_side_by_side(completed, shape.name) else 1
     rows = FileRows(_with_sheet(raw, completed, file_format), completed, file_format, side_by_side)
-    file_name, raw = raw.name, rows.raw
+    file_name, raw = rows.raw.name if is_of_sheets else raw.name, rows.raw
     outside = source.is_outside(raw)
     plans: list[MappingPlan] = []
 
@@ -252,6 +284,10 @@ def _raw_batches(rows: FileRows, wanted: Wanted, table: str, estimate: Estimate 
             from truing.formats.motion_capture import read_c3d
 
             yield from read_c3d(path, wanted)
+        elif rows.format == "inspection":
+            from truing.formats.inspection import read_inspection
+
+            yield from read_inspection(path, wanted, rows.entry)
         elif rows.format == "rtl":
             from truing.formats.renishaw import read_rtl
 

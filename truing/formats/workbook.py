@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fnmatch
 import re
 import warnings
 import zipfile
@@ -75,6 +76,16 @@ def sheet_name(path: Path, entry: FileMapping) -> str:
     """Return the name of the sheet that a mapping reads; raises Unusable if there is no such sheet."""
     with _opened(path) as book:
         return sheet_of(book, entry)
+
+
+def sheets_like(path: Path, pattern: str) -> list[str]:
+    """Return the visible sheets whose names match a glob, in their order; raises Unusable if none does."""
+    with _opened(path) as book:
+        visible = _visible(book)
+    found = [name for name in visible if fnmatch.fnmatchcase(name, pattern)]
+    if not found:
+        raise Unusable(f"a name like that of one of its sheets: {_listed(visible)}", column="sheet", value=pattern)
+    return found
 
 
 def rows_of_records(path: Path, entry: FileMapping, records: Sequence[int]) -> list[int]:
