@@ -18,7 +18,17 @@ ALL_FORMS = (*FORMS, CERTIFICATE, ROBOT)
 ANSWERS = (
     *("unit=mm", "unit=m", "unit=um", "unit=in", "decimal=,", "decimal=.", "table=targets", "table=points"),
     *("rotation=vector", "rotation=euler", "coverage=1", "coverage=2", "numbers=poses", "numbers=bodies"),
-    *("numbers=targets", "words=bodies", "words=names", "loads=applied", "loads=shown", "axis=deg", "axis=mm"),
+    *(
+        "numbers=targets",
+        "words=bodies",
+        "words=names",
+        "groups=bodies",
+        "groups=one",
+        "loads=applied",
+        "loads=shown",
+        "axis=deg",
+        "axis=mm",
+    ),
     *("body=base", "body=platform", "run=1", "pose=1", "channel=dz", "load_axis=fz", "load=0"),
 )
 

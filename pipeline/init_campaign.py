@@ -28,6 +28,7 @@ from truing.pipeline.init_entries import (
     photograph_entries,
     scanned_body,
 )
+from truing.pipeline.init_lists import with_numbered_poses
 from truing.pipeline.init_names import with_bodies_of_targets, with_poses_of_names
 from truing.pipeline.init_questions import Answers, Ask, names_a_body, parsed_answers
 from truing.pipeline.init_robot import SUFFIX, Robot, guess_of_description, named_as_joints, robot_of, with_reflector
@@ -56,6 +57,7 @@ _AXES, _LONGER = 3, 4
 _MOST_FILES = 5000
 _SHOWN_COLUMNS = 40
 _FEW = 6
+_SHOWN_FILES = 20  # files, or groups of these, whose first rows are shown
 _LISTED = 20  # columns, on the screen
 _LONGEST_NOTE = 240
 _MOST_LINES = 32  # of entries in a starter file
@@ -80,7 +82,8 @@ def init_campaign(
     if os.path.lexists(target):
         raise CampaignFaults([_never_overwritten(target)])
     said = Answers(given) if ask is None else Answers(given, ask)
-    guesses = with_poses_of_names(folder, with_lost_points(folder, _with_keys_of_names(guesses)))
+    guesses = with_numbered_poses(folder, with_lost_points(folder, _with_keys_of_names(guesses)), robot)
+    guesses = with_poses_of_names(folder, guesses)
     guesses = with_survey(folder, guesses)
     guesses = [(group, one) for (group, _), one in zip(guesses, with_reflector(guesses, robot), strict=True)]
     guesses = with_bodies_of_targets(folder, guesses)
@@ -110,7 +113,7 @@ def _settled(folder: Path, guesses: list[_File], said: Answers, console: RunCons
         console.tell(
             "inputs", {"path": group.path or group.glob, "files": group.count, "table": guess.table, "summary": words}
         )
-        is_shown = number < _FEW
+        is_shown = number < _SHOWN_FILES
         if is_shown:
             _show(folder, group, guess, console)
         is_survey = has_points or group.glob == "targets.csv"
@@ -128,7 +131,8 @@ def _show(folder: Path, group: RawGroup, guess: Guess, console: RunConsole) -> N
 
     if guess.table is None or guess.known:
         return
-    rows = preview(folder, group.example, guess.table, _kind(Counter([guess.table])), guess.mapping)
+    files = [group.example.parent / name for name in group.names] or [group.example]
+    rows = preview(folder, files, guess.table, _kind(Counter([guess.table])), guess.mapping)
     if rows is not None and rows.fault:
         console.line(f"  not readable yet: {_printable(rows.fault)}")
     elif rows is not None:

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from truing.formats.guess import OtherWay
-from truing.pipeline.init_questions import names_a_body
+from truing.formats.presets import target_column
+from truing.pipeline.init_questions import is_body_open, names_a_body, without_placeholder
 from truing.pipeline.init_survey import SurveyRows, rows_of
 
 if TYPE_CHECKING:
@@ -32,8 +33,10 @@ _OF_TARGETS = (  # P3_base12, base12_P3
     r"(?P<target>.*\d)[\s_.\-]+[^\W\d]*?(?P<pose>\d+)",
 )
 _PREFIX = r"(?P<body>[^\W\d_]+)[\s_.\-]*\d.*"
+_OF_BODIES = (_PREFIX, r"(?P<body>[^\W_]*[^\W\d_])[\s_.:\-]+(?P<target>\S.*)")  # base12 or base_12, base B12
 _RIGID = 0.01  # change of distances, of their size: more is no body
 _APART = 5.0  # ratio of changes between and within bodies
+_MOST_TARGETS = 60
 _FEWEST, _MOST_PAIRS, _MOST_ROWS, _MOST_FILES = 3, 200, 20_000, 60
 _File = tuple["RawGroup", "Guess"]
 
@@ -142,7 +145,12 @@ def _reading(pattern: str, names: Sequence[str], rows: SurveyRows) -> _Reading |
 
 def _prefixes(targets: Sequence[str]) -> list[str]:
     """The word before the number of each target; empty names if a target has none."""
-    matches = [re.fullmatch(_PREFIX, target) for target in targets]
+    return _bodies_by(_PREFIX, targets)
+
+
+def _bodies_by(pattern: str, targets: Sequence[str]) -> list[str]:
+    """The body in the name of each target by a pattern; empty names if a target has none."""
+    matches = [re.fullmatch(pattern, target) for target in targets]
     return [match["body"] if match else "" for match in matches] if all(matches) else [""] * len(targets)
 
 
@@ -176,28 +184,75 @@ def with_bodies_of_targets(folder: Path, files: Sequence[_File]) -> list[_File]:
 
 
 def _with_bodies(folder: Path, group: RawGroup, guess: Guess) -> Guess:
-    if guess.table != "points" or guess.known or names_a_body(guess) or "format" in guess.mapping:
+    if guess.table != "points" or guess.known or not is_body_open(guess):
         return guess
-    split = guess.mapping.get("split", {})
-    raw = guess.mapping.get("columns", {}).get("target", "target")
-    rows = _of_files(folder, group, guess)
+    own = target_column(guess.mapping["format"]) if "format" in guess.mapping else "target"
+    raw = guess.mapping.get("columns", {}).get("target", own)
+    rows = None if raw is None else _of_files(folder, group, guess)
     if rows is None:
         return guess
-    bodies = _prefixes(rows.targets)
+    by_words = next((one for pattern in _OF_BODIES if (one := _by_words(guess, rows, raw, pattern)) is not None), None)
+    return by_words or _by_distances(guess, rows, raw) or guess
+
+
+def _by_distances(guess: Guess, rows: SurveyRows, raw: str | int) -> Guess | None:
+    """The guess with targets that keep their distances as bodies; None if all do, or none clearly."""
+    groups = _rigid_groups(rows)
+    if len(groups) < 2:
+        return None
+    named = {re.escape(target): f"body{number}" for number, own in enumerate(groups, 1) for target in own}
+    sizes = " and ".join(str(len(own)) for own in groups)
+    doubt = (
+        f"{sizes} targets that keep their distances are assumed to be bodies body1, ..., body{len(groups)}: name them"
+    )
+    columns, renames = guess.mapping.get("columns", {}), guess.mapping.get("rename", {})
+    keys = {"columns": {**columns, "body": raw}, "rename": {**renames, "body": named}}
+    question = f"{sizes} targets keep their distances: bodies of their own, or one body"
+    way = OtherWay("groups", question, "bodies", "one", guess, doubt)
+    return replace(guess, mapping={**without_placeholder(guess.mapping), **keys}, ways=(*guess.ways, way))
+
+
+def _rigid_groups(rows: SurveyRows) -> list[list[str]]:
+    """Targets in groups of three or more within which distances change at most a fifth as much as between them.
+
+    Empty if any target is in none, or if the groups are not clear.
+    """
+    names = list(dict.fromkeys(rows.targets))
+    poses = list(dict.fromkeys(rows.poses))
+    if len(poses) < 2 or not 2 * _FEWEST <= len(names) <= _MOST_TARGETS or len(rows.targets) != len(names) * len(poses):
+        return []
+    order = np.lexsort([[names.index(name) for name in rows.targets], [poses.index(pose) for pose in rows.poses]])
+    places = rows.places[order].reshape(len(poses), len(names), 3)
+    distances = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1)
+    changes = distances.std(axis=0, ddof=1)
+    pairs = np.sort(changes[np.triu_indices(len(names), 1)])
+    jumps = pairs[1:] / np.maximum(pairs[:-1], np.finfo(float).tiny)
+    if not len(jumps) or jumps.max() < _APART or pairs[jumps.argmax()] > _RIGID * np.median(distances):
+        return []
+    is_rigid = changes <= pairs[jumps.argmax()]
+    rigid = [tuple(np.flatnonzero(row)) for row in is_rigid]
+    groups = list(dict.fromkeys(rigid))
+    whole = all(rigid[k] == own for own in groups for k in own) and all(len(own) >= _FEWEST for own in groups)
+    return [[names[k] for k in own] for own in groups] if whole else []
+
+
+def _by_words(guess: Guess, rows: SurveyRows, raw: str | int, pattern: str) -> Guess | None:
+    """The guess with bodies in the names of its targets by a pattern; None if the distances do not support it."""
+    split, bodies = guess.mapping.get("split", {}), _bodies_by(pattern, rows.targets)
     if len(set(bodies)) < 2:
-        return guess
+        return None
     inner, sizes = _changes(rows.poses, bodies, rows.targets, rows.places, within=True)
     outer, _ = _changes(rows.poses, bodies, rows.targets, rows.places, within=False)
     if len(inner) < _FEWEST or not len(outer):
-        return guess
+        return None
     change, between = (float(np.sqrt(np.mean(one**2))) for one in (inner, outer))
     if change > _RIGID * float(np.median(sizes)) or between < _APART * change:
-        return guess
+        return None
     named = sorted(set(bodies))
     shown = ", ".join(named[:4]) + (", ..." if len(named) > 4 else "")
     note = f"bodies {shown} by the names of targets: distances within change by {change:.2g}, between by {between:.2g}"
     doubt = f"the words {shown} before the numbers of targets are assumed to be bodies"
-    mapping = {**guess.mapping, "split": {**split, raw: _PREFIX}}
+    mapping = {**without_placeholder(guess.mapping), "split": {**split, str(raw): pattern}}
     question = f"The words {shown} before the numbers of targets"
     way = OtherWay("words", question, "bodies", "names", guess, doubt)
     return replace(guess, mapping=mapping, notes=(*guess.notes, note), ways=(*guess.ways, way))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from truing.schemas.columns import find_column
 from truing.schemas.faults import CampaignFaults
 
 _ROWS, _COLUMNS = 3, 12
+_ROWS_OF_BODY, _BODIES = 2, 6
 _SECONDS_OF_DATES = 1e8  # three years: of no campaign
 _SHAPES = {
     shape.name: shape
@@ -38,32 +39,59 @@ class Preview:
     fault: str = ""
 
 
-def preview(folder: Path, example: Path, table: str, kind: str, mapping: dict[str, Any]) -> Preview | None:
-    """First rows of a file by its mapping, in a campaign of a kind; None for a table without such rows."""
+def preview(folder: Path, files: Sequence[Path], table: str, kind: str, mapping: dict[str, Any]) -> Preview | None:
+    """First rows of each body of the first file, and the first row of the last file, by their mapping.
+
+    kind: of the campaign. None for a table without such rows.
+    """
     if table not in _SHAPES:
         return None
-    log = FaultLog()
-    try:
-        batch = first_rows(folder, example, table, kind, mapping, log)
-    except CampaignFaults as error:
-        return Preview(fault=str(error.faults[0]))
-    return Preview(fault=str(next(iter(log.faults()), "no row"))) if batch is None else _shown(batch)
+    shown: list[Preview] = []
+    for number, file in enumerate(dict.fromkeys((files[0], files[-1]))):
+        log = FaultLog()
+        try:
+            batch = first_rows(folder, file, table, kind, mapping, log)
+        except CampaignFaults as error:
+            return Preview(fault=str(error.faults[0]))
+        if batch is None:
+            return Preview(fault=str(next(iter(log.faults()), f"{file.name}: no row")))
+        shown.append(_shown(batch, _rows_to_show(batch) if not number else [0]))
+    is_like = all(one.columns == shown[0].columns for one in shown)
+    rows = tuple(row for one in (shown if is_like else shown[:1]) for row in one.rows)
+    return Preview(shown[0].columns, rows)
 
 
 def first_rows(
     folder: Path, example: Path, table: str, kind: str, mapping: Mapping[str, Any], log: FaultLog | None = None
 ) -> TableBatch | None:
     """First batch of a file's rows by its mapping; None without rows. Raises CampaignFaults for an invalid mapping."""
+    return next((batch for batch in batches(folder, example, table, kind, mapping, log) if batch.rows), None)
+
+
+def batches(
+    folder: Path, example: Path, table: str, kind: str, mapping: Mapping[str, Any], log: FaultLog | None = None
+) -> Iterator[TableBatch]:
+    """Yield the rows of a file by its mapping, batch by batch. Raises CampaignFaults for an invalid mapping."""
     entry = {**mapping, "path": glob.escape(example.relative_to(folder).as_posix())}
     campaign = read_campaign({"campaign": {"name": "preview", "kind": kind}, "files": {table: entry}})
-    found = next(read_table(CampaignFiles(folder, campaign), _SHAPES[table], log or FaultLog()), None)
-    return None if found is None or not found[1].rows else found[1]
+    read = read_table(CampaignFiles(folder, campaign), _SHAPES[table], log or FaultLog())
+    yield from (batch for _, batch in read)
 
 
-def _shown(batch: TableBatch) -> Preview:
+def _rows_to_show(batch: TableBatch) -> list[int]:
+    """First rows of a batch; the first of each body where there are several."""
+    if "body" not in batch.columns:
+        return list(range(min(_ROWS, batch.rows)))
+    rows: dict[object, list[int]] = {}
+    for row, body in enumerate(batch.columns["body"].to_pylist()):
+        rows.setdefault(body, []).append(row)
+    each = _ROWS if len(rows) == 1 else _ROWS_OF_BODY
+    return [row for own in list(rows.values())[:_BODIES] for row in own[:each]]
+
+
+def _shown(batch: TableBatch, chosen: Sequence[int]) -> Preview:
     names = list(batch.columns)[:_COLUMNS]
-    number = min(_ROWS, batch.rows)
-    columns = [[batch.columns[name][row].as_py() for row in range(number)] for name in names]
+    columns = [[batch.columns[name][row].as_py() for row in chosen] for name in names]
     if "time_s" in names:
         columns[names.index("time_s")] = _from_the_first(columns[names.index("time_s")])
     rows = tuple(tuple(map(_cell, row)) for row in zip(*columns, strict=True))

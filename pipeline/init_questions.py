@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from truing.formats.guess import Guess
 
 OPTION = "--answer"
+PLACEHOLDER = "body"  # name of a body that no file names
 _LOAD_AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 _CONSTANTS = {
     "body": "Body that carries these targets",
@@ -30,7 +31,7 @@ _CONSTANTS = {
     "pose": "Pose of all rows",
 }
 _EULER = {"rx_rad": "euler_a_deg", "ry_rad": "euler_b_deg", "rz_rad": "euler_c_deg"}
-_KEYS = ("decimal", "loads", "numbers", "words", "axis", "table", "unit", "rotation", "coverage", *_CONSTANTS)
+_KEYS = ("decimal", "loads", "numbers", "words", "groups", "axis", "table", "unit", "rotation", "coverage", *_CONSTANTS)
 
 
 @dataclass(frozen=True)
@@ -216,6 +217,21 @@ def names_a_body(guess: Guess) -> bool:
         return True
     given = (*guess.columns, *mapping.get("columns", {}), *mapping.get("constants", {}), mapping.get("wide", ""))
     return "body" in given or "body" in mapping.get("from_name", "") or "constants" in mapping or "{body}" in given[-1]
+
+
+def is_body_open(guess: Guess) -> bool:
+    """True if nothing names the body of a file's targets, or a placeholder alone."""
+    has_placeholder = guess.mapping.get("constants", {}).get("body") == PLACEHOLDER and "body" not in guess.answered
+    return has_placeholder or not names_a_body(guess)
+
+
+def without_placeholder(mapping: Mapping[str, Any]) -> dict[str, Any]:
+    """Keys of a file without the placeholder of its body."""
+    constants = {
+        key: value for key, value in mapping.get("constants", {}).items() if (key, value) != ("body", PLACEHOLDER)
+    }
+    kept = {key: value for key, value in mapping.items() if key != "constants"}
+    return {**kept, **({"constants": constants} if constants else {})}
 
 
 def _one_pose(guess: Guess) -> Guess:

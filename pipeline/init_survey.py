@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from truing.formats.presets import target_column
 from truing.formats.units import conversion
-from truing.pipeline.init_preview import first_rows
-from truing.pipeline.init_questions import names_a_body
+from truing.pipeline.init_preview import batches
+from truing.pipeline.init_questions import PLACEHOLDER, is_body_open, names_a_body, without_placeholder
 from truing.pipeline.starter import assumed_unit
 from truing.schemas.faults import CampaignFaults
 
@@ -59,14 +60,16 @@ def _survey(folder: Path, group: RawGroup, guess: Guess) -> Survey | None:
 def _completed(folder: Path, group: RawGroup, guess: Guess, survey: Survey) -> Guess:
     if guess.table != "points" or guess.known:
         return guess
-    lacks_body = not names_a_body(guess)
-    rows = rows_of(folder, group, guess, {"body": "body"} if lacks_body else {})
+    lacks_body = is_body_open(guess)
+    rows = rows_of(folder, group, guess, {"body": PLACEHOLDER} if lacks_body else {})
     if rows is None:
         return guess
     if lacks_body and (keys := _keys_of_bodies(guess, rows.targets, survey.bodies)):
         note = f"bodies by {survey.name}"
         answered = guess.answered | {"body"}
-        guess = replace(guess, mapping={**guess.mapping, **keys}, notes=(*guess.notes, note), answered=answered)
+        rows = replace(rows, bodies=[survey.bodies[target] for target in rows.targets])
+        mapping = {**without_placeholder(guess.mapping), **keys}
+        guess = replace(guess, mapping=mapping, notes=(*guess.notes, note), answered=answered)
     if assumed_unit("x_mm", guess) is None or (unit := _unit(rows, survey.places)) is None:
         return guess
     note = f"unit {unit}: distances between targets are then those of {survey.name}"
@@ -81,13 +84,14 @@ def _keys_of_bodies(guess: Guess, targets: Sequence[str], bodies: Mapping[str, s
     if not present or not all(target in bodies for target in present):
         return {}
     constants, columns = guess.mapping.get("constants", {}), guess.mapping.get("columns", {})
+    raw = columns.get("target") or target_column(guess.mapping.get("format", ""))
     if len({bodies[target] for target in present}) == 1:
         return {"constants": {**constants, "body": bodies[present[0]]}}
-    if "target" not in columns:
+    if raw is None:
         return {}
     by_name = {re.escape(target): body for target, body in bodies.items()}
     renames = {**guess.mapping.get("rename", {}), "body": by_name}
-    return {"columns": {**columns, "body": columns["target"]}, "rename": renames}
+    return {"columns": {**columns, "body": raw}, "rename": renames}
 
 
 def _unit(rows: SurveyRows, places: Mapping[str, Array]) -> str | None:
@@ -122,7 +126,7 @@ def with_lost_points(folder: Path, guesses: Sequence[tuple[RawGroup, Guess]]) ->
 def _without_zeros(folder: Path, group: RawGroup, guess: Guess) -> Guess:
     if guess.table != "points" or guess.known or "missing" in guess.mapping or "format" in guess.mapping:
         return guess
-    constants = {} if names_a_body(guess) else {"body": "body"}
+    constants = {} if names_a_body(guess) else {"body": PLACEHOLDER}
     examples = [group.example.parent / name for name in group.names[:_MOST_FILES]] or [group.example]
     files = (rows_of(folder, replace(group, example=one), guess, constants, most=_MOST_LOOKED_AT) for one in examples)
     if not any(rows is not None and (rows.places == 0.0).all(axis=1).any() for rows in files):
@@ -147,17 +151,20 @@ def rows_of(
     """Return the first rows of a file by a guess; None if it cannot be read so."""
     added = {**guess.mapping.get("constants", {}), **constants}
     mapping = {**guess.mapping, "constants": added} if added else guess.mapping
+    texts: dict[str, list[str]] = {"pose": [], "body": [], "target": []}
+    places: list[Array] = []
     try:
-        batch = first_rows(folder, group.example, str(guess.table), "photogrammetry", mapping)
+        for batch in batches(folder, group.example, str(guess.table), "photogrammetry", mapping):
+            names, count = batch.columns, min(batch.rows, most - len(texts["target"]))
+            if not {"target", *_PLACE} <= set(names):
+                return None
+            for name, own in texts.items():
+                own += map(str, names[name].slice(0, count).to_pylist()) if name in names else [""] * count
+            columns = [np.array(names[name].slice(0, count).to_pylist(), dtype=float) for name in _PLACE]
+            places.append(np.column_stack(columns))
+            if len(texts["target"]) >= most:
+                break
     except CampaignFaults:
         return None
-    names = {} if batch is None else batch.columns
-    if not {"target", *_PLACE} <= set(names):
-        return None
-    count = min(batch.rows, most) if batch is not None else 0
-    texts = {
-        name: [str(value) for value in names[name].slice(0, count).to_pylist()] if name in names else [""] * count
-        for name in ("pose", "body", "target")
-    }
-    columns = [np.array(names[name].slice(0, count).to_pylist(), dtype=float) for name in _PLACE]
-    return SurveyRows(texts["pose"], texts["body"], texts["target"], np.column_stack(columns))
+    found = np.concatenate(places) if places else np.empty((0, len(_PLACE)))
+    return SurveyRows(texts["pose"], texts["body"], texts["target"], found) if len(found) else None

@@ -60,10 +60,11 @@ def starter_text(
     """Text of the whole file; name and kind as TOML, files: the lines of [files], robot: of a description."""
     chain = list(mechanism_of(robot, guesses))
     tables = {guess.table for guess in guesses if guess.table}
+    sections = list(_sections(guesses, tables, chain))
     lines = [
         '# Settings of a measurement campaign. Complete the lines marked "needed", then run:  truing check .',
         "# A line after a # is inactive. Raw files are never changed. All keys, with explanations:  truing init --all",
-        *([_GUESSED] if any(line.startswith(MARK) for line in files) else []),
+        *([_GUESSED] if any(line.startswith(MARK) for line in (*files, *sections)) else []),
         "",
         "format = 1",
         "",
@@ -73,7 +74,7 @@ def starter_text(
         *([] if chain else _drives(guesses, tables)),
         *_with_head("[noise]", [_commented_line(line, remark) for line, remark in _noise(guesses, tables, kind)]),
         *([_commented_line(*_OF_JOINTS)] if chain else []),
-        *_sections(guesses, tables, chain),
+        *sections,
         *files,
     ]
     return "\n".join(lines).rstrip() + "\n"
@@ -161,7 +162,11 @@ def _noise(guesses: Sequence[Guess], tables: set[str], kind: str) -> Iterator[tu
 
 def _sections(guesses: Sequence[Guess], tables: set[str], chain: Sequence[tuple[str, str]]) -> Iterator[str]:
     """Sections other than [noise], each after an empty line; ``chain``: lines and remarks of its [mechanism]."""
-    if "poses" in tables or chain:
+    if any("target" in guess.mapping.get("constants", {}) for guess in guesses):
+        yield from ("", "[measurement]")
+        yield f"{MARK} one target in each pose, so the instrument is assumed not to have moved"
+        yield 'frame = "campaign"'
+    elif "poses" in tables or chain:
         yield from ("", "[measurement]")
         yield _commented_line('frame = "campaign"', "the instrument did not move; absent: every pose has its own frame")
     if any("euler_a_deg" in guess.mapping.get("columns", {}) for guess in guesses):

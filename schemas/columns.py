@@ -753,7 +753,7 @@ _CONCLUDED = (
     size("upper", "", "upper end of the 95 % interval of the number in this row", nullable=True),
     integer(
         "poses_judged",
-        "number of poses (force sensor: of held-out load cases) whose error was compared with the requirement",
+        "number of poses (force sensor: of held-out runs) whose error was compared with the requirement",
         minimum=1,
         nullable=True,
     ),

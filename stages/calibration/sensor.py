@@ -28,7 +28,7 @@ from truing.estimation.sensor.contenders import (
     HeldOutPredictions,
     SensorCalibrations,
     calibrations,
-    errors_by_case,
+    errors_by_run,
     predicted_loads,
 )
 from truing.estimation.sensor.error_classes import CREEP_S, ErrorClass, axis_errors
@@ -291,14 +291,14 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
 
 
 def requirement_rows_of_loads(settings: Campaign, found: RecordedLoads, fitted: SensorCalibrations) -> Rows:
-    """One row per required component of the load, by errors of load cases that were not fitted."""
+    """One row per required component of the load, by errors of runs that were not fitted."""
     keys = {name: f"{name}_{'n' if name.startswith('f') else 'nm'}" for name in fitted.table.load_names}
     limits = [getattr(settings.requirement, key) for key in keys.values()]
     units = {name: _UNITS[name[0]] for name in keys}
-    errors = errors_by_case(found, fitted)
+    errors = errors_by_run(found, fitted)
     variances = np.broadcast_to(found.load_sigma**2, errors.shape)
     every = np.ones(len(errors), bool)
-    return limit_rows(units, limits, (fitted.chosen.model.name, "none"), errors, variances, every, what="load cases")
+    return limit_rows(units, limits, (fitted.chosen.model.name, "none"), errors, variances, every, what="runs")
 
 
 def _with_other_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> OtherCalibrations | None:

@@ -87,7 +87,7 @@ def test_coordinates_without_header_by_position_and_compressed(tmp_path):
     (tmp_path / "s.txt.gz").write_bytes(gzip.compress(b"# made today\n  P1 1.5 2.5 3.5\n  P2 4 5 6\n" * 400))
     guess = sniff_file(tmp_path / "s.txt.gz")
     assert guess.mapping["comment"] == "#"
-    assert guess.mapping.get("format") == "vstars"
+    assert guess.mapping["columns"] == {"target": 1, "x_mm": 2, "y_mm": 3, "z_mm": 4}
 
 
 @pytest.mark.parametrize("content", [b"", b"\n\n", b"\x00\x01\x02" * 50, b"just a sentence\n", b"\xff\xfe", b"PAR1 no"])

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 _TRACKER = {"feature", "id", "x", "y", "z"}
 _METASHAPE = re.compile(r"#?\s*Label[,;\t].*\bX_est\b")
 _WHERE = "say under from_name or constants which pose and body it is"
+_AXES_ONLY = 4  # columns of a list without sigmas
+_OF_VSTARS = re.compile(r"(CODE|TARGET|NUGGET|AUTOBAR|SCALE|CSB)", re.IGNORECASE)
 _FLAGS_FROM = 7  # columns of an adjustment's list after id, three coordinates and three sigmas
 _BETWEEN = ("_", ".", ":", "-", " ", "")
 _UNIT_BEHIND = re.compile(r"[\s_]*[\[(/]?\s*(mm|cm|um|µm|m|in)\s*[\])]?$")
@@ -81,7 +83,10 @@ def metashape(lines: Sequence[str]) -> Guess | None:
         return None
     note = f"Metashape: measured are X_est Y_est Z_est; {_WHERE}"
     names = tuple(re.split(r"[,;\t]", heading.lstrip("# ")))
-    return _points("metashape", names, note)
+    stated = re.search(r"\((mm|cm|m|ft|in)\)", " ".join(lines[:10]))
+    keys = {"unit": stated[1]} if stated is not None and stated[1] != "m" else {}
+    guess = _points("metashape", names, note, **keys)
+    return guess if stated is None else replace(guess, answered=frozenset({"unit"}))
 
 
 def tracker(names: Sequence[str], thousands: str | None) -> Guess | None:
@@ -104,7 +109,10 @@ def adjusted_points(records: Sequence[Sequence[str]], is_number: Callable[[str],
             note = f"AICON: id x y z sx sy sz rays used, where 0 under used is a point to leave out; {_WHERE}"
             return _points("aicon", names, note, select={"used": "1"})
         return _vstars(names)
-    return _vstars(names) if width <= _FLAGS_FROM + 1 and all(record[0][:1].isalpha() for record in records) else None
+    is_named = all(record[0][:1].isalpha() for record in records)
+    has_sigmas = _AXES_ONLY < width <= _FLAGS_FROM + 1
+    is_own = width == _AXES_ONLY and all(_OF_VSTARS.match(record[0]) for record in records)
+    return _vstars(names) if is_named and (has_sigmas or is_own) else None
 
 
 def coded_alone(lines: Sequence[str], separators: str = ",;\t ") -> dict[str, Any]:
@@ -120,6 +128,25 @@ def _vstars(names: tuple[str, ...]) -> Guess:
 
 def _points(file_format: str, names: tuple[str, ...], note: str, **more: Any) -> Guess:
     return Guess({"format": file_format, **more, "constants": {"body": "body"}}, names, "points", (note,))
+
+
+def inspection(lines: Sequence[str], decimal_comma: re.Pattern[str] = re.compile(r"[-+]?\d+,\d+")) -> Guess | None:
+    """Return a guess for a report of an inspection program with a row for each coordinate."""
+    from truing.formats.inspection import COLUMNS, inspected_points
+
+    found = inspected_points(lines)
+    if found is None:
+        return None
+    keys = {"decimal": ","} if all(decimal_comma.fullmatch(value) for value in found.rows[0][2:]) else {}
+    has_parts = len({row[0] for row in found.rows}) > 1
+    keys |= {"columns": {"pose": "part"}} if has_parts else {}
+    note = f"a report with a row for each coordinate, the measured ones of which are read{_unit_words(found.unit)}"
+    guess = _points("inspection", COLUMNS if has_parts else COLUMNS[1:], note, **keys)
+    return replace(guess, answered=frozenset() if found.unit is None else frozenset({"unit"}))
+
+
+def _unit_words(unit: str | None) -> str:
+    return "" if unit is None else f", in {unit}"
 
 
 def is_id(records: Sequence[Sequence[str]]) -> bool:

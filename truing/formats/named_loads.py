@@ -12,13 +12,18 @@ from truing.formats.units import bare_and_unit, known_unit, may_be
 from truing.schemas.columns import find_column
 
 _UNIT = r"(?:[\s_]*[\[(/]\s*(?P<unit>[^\])]+?)\s*[\])]?)?"
-_LETTER = re.compile(rf"(?P<of>known|applied|ref|reference|soll)?[ _.-]?(?P<what>[fm])_?(?P<axis>[xyz]){_UNIT}", re.I)
+_REFERENCE = "known|applied|nominal|ref|reference|soll|vorgabe"  # loads that are no readings
+_BEHIND_NAME = rf"(?:[ _.-](?P<after>{_REFERENCE}))?"
+_LETTER = re.compile(
+    rf"(?P<of>{_REFERENCE})?[ _.-]?(?P<what>[fm])_?(?P<axis>[xyz]){_BEHIND_NAME}{_UNIT}",
+    re.I,
+)
 _SPELT = re.compile(
     rf"(?P<axis>[xyz])[ _.-](?P<what>force|moment|torque|displacement|translation|rotation){_UNIT}", re.I
 )
 _BEHIND = re.compile(
-    rf"(?P<of>known|applied|ref|reference|soll)?[ _.-]?(?P<what>force|moment|torque|displacement|translation|rotation)"
-    rf"[ _.-](?P<axis>[xyz]){_UNIT}",
+    rf"(?P<of>{_REFERENCE})?[ _.-]?(?P<what>force|moment|torque|displacement|translation|rotation)"
+    rf"[ _.-](?P<axis>[xyz]){_BEHIND_NAME}{_UNIT}",
     re.I,
 )
 _LOGGED = re.compile(r"\d{1,4}\s*<(?P<name>[^<>]+)>\s*(?P<unit>\(.*\))?")  # number, name, unit of a channel
@@ -67,15 +72,18 @@ def load_columns(names: Sequence[str]) -> LoadMapping | None:
     if len(plain) + len(applied) < _FEWEST or not any(column[0] in "fm" for column in (*plain, *applied)):
         return None
     steps: dict[str, Any] = {"number_rows": {"step": 1}, "constants": {"run": "1"}}
+    channels = _channels(names)
     if any(column[0] in "dr" for column in plain):
         return LoadMapping("displacement", {**_keys(plain), **steps}, "displacements under load")
     if applied:
         signals = {f"v{WRENCH.index(column) + 1}_mv": name for column, name in plain.items()}
+        if not signals:
+            given, doubts = _of_applied(applied, channels, steps)
+            return replace(given, doubts=doubts)
         keys = {**_keys(applied), **steps}
         return LoadMapping(
             "signals", {**keys, "columns": {**signals, **applied}}, "known loads, beside the channels of a sensor"
         )
-    channels = _channels(names)
     given, doubts = _of_applied(plain, channels, steps)
     shown_keys = _keys({f"shown_{column}": name for column, name in plain.items()})
     note = 'what a sensor shows; which load was applied no column says: constants = { load_axis = "fz", load = 10.0 }'
@@ -146,5 +154,6 @@ def _components(names: Sequence[str]) -> tuple[dict[str, str], dict[str, str]]:
         match = next((m for p in (_LETTER, _SPELT, _BEHIND) if (m := p.fullmatch(_bare(name)))), None)
         if match is not None:
             column = _COLUMN[match["what"].lower()].format(match["axis"].lower())
-            (applied if match.groupdict().get("of") is not None else plain).setdefault(column, name)
+            of_reference = any(match.groupdict().get(word) is not None for word in ("of", "after"))
+            (applied if of_reference else plain).setdefault(column, name)
     return plain, applied

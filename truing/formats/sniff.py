@@ -16,6 +16,7 @@ from truing.formats.guess import (
     by_format,
     coded_alone,
     guess_by_first_lines,
+    inspection,
     is_rig_file,
     metashape,
 )
@@ -117,6 +118,8 @@ def _sniff_text(path: Path, joints: Sequence[str]) -> Guess:
         return network
     if (known := metashape(lines)) is not None:
         return known if encoding == "utf-8" else replace(known, mapping={"encoding": encoding, **known.mapping})
+    if (report := inspection(text.splitlines())) is not None:
+        return report if encoding == "utf-8" else replace(report, mapping={"encoding": encoding, **report.mapping})
     if sum(_INDEXED.match(line) is not None for line in lines) > len(lines) // 2:
         note = 'lines of name[i,j]=number: docs/own-files.md has such a file under "Positioning runs of an axis"'
         return Guess(notes=(note,))
@@ -203,10 +206,31 @@ def _sniff_workbook(path: Path, joints: Sequence[str]) -> Guess:
         guesses[name] = sniff_cells(texts[first:], keys, first_lines=before[first:], unit=unit, joints=joints)
     if not guesses:
         return Guess(notes=("no sheet holds anything",))
+    if (alike := _alike_sheets(guesses)) is not None:
+        return alike
     name, best = next(((n, g) for n, g in guesses.items() if g.table is not None), next(iter(guesses.items())))
     others = [other for other in guesses if other != name]
     more = (f"sheet {name} is read; there are {', '.join(others[:_SHOWN])}",) if others else ()
     return replace(best, notes=(*best.notes, *more))
+
+
+def _alike_sheets(guesses: dict[str, Guess]) -> Guess | None:
+    """Return one proposal for sheets of points that differ in their number alone, each a pose; None without such."""
+    parts = [re.fullmatch(r"(?P<head>.*?)\d+", name) for name in guesses]
+    heads = {match["head"] for match in parts if match is not None}
+    keys = [{**guess.mapping, "sheet": ""} for guess in guesses.values()]
+    first = next(iter(guesses.values()))
+    is_like = len(parts) > 1 and all(parts) and len(heads) == 1 and all(one == keys[0] for one in keys)
+    if (
+        not is_like
+        or first.table not in ("points", "targets")
+        or "pose" in {*first.columns, *keys[0].get("columns", {})}
+    ):
+        return None
+    head = heads.pop()
+    named = {"sheet": f"{head}*", "from_name": rf"sheet {re.escape(head)}(?P<pose>\d+)"}
+    note = f"{len(keys)} sheets {head}*, each taken for a pose"
+    return replace(first, mapping={**first.mapping, **named}, table="points", notes=(*first.notes, note))
 
 
 def _sniff_matlab(path: Path) -> Guess:

@@ -46,6 +46,11 @@ from truing.schemas.mapping import is_uncertainty
 
 _ONE_MOTION = "a single rigid motion (4x4): how two frames lie to each other, no measurement; it is not read"
 _A_COORDINATE_PER_ROW = "a row for each coordinate; export a table of points with columns X, Y and Z"
+_MARKER = re.compile(r"Marker\.(?P<name>.+)\.[^.]*\.Position\.[XYZ](?: \[.*\])?")
+_POLAR = "directions and distances of a total station or theodolite; export the adjusted coordinates X, Y, Z"
+_HORIZONTAL = re.compile(r"hz|ha|h(orizontal)?[ _]?(angle|dir(ection)?|winkel|richtung)|azimuth|bearing|richtung", re.I)
+_VERTICAL = re.compile(r"v|va|v(ertical)?[ _]?(angle|winkel)|zenith([ _]?angle)?|zenitwinkel|elevation", re.I)
+_DISTANCE = re.compile(r"sd|d|s(lope|lant)?[ _]?dist(ance)?|(schr(ä|ae)g)?(strecke|distanz)|range|distance", re.I)
 _OF_COORDINATES = ("points", "targets", "poses", "scans", "surfaces")
 _OF_EACH_POSE = ("time_s", "temperature_c")  # columns that tables of coordinates do not have
 _LONGEST_NAME = 200  # the search for meanings in names tries many ways to split them
@@ -236,17 +241,25 @@ def _without_names(
     if values.shape[1] == len(about.joints) and np.isfinite(values).all():
         return _of_joints(bare_joints(values, about.joints), mapping, names)
     found, notes = _positions(data, notation)
-    return Guess(mapping | found, names, table_of({*names, *found.get("columns", {})}), tuple(notes))
+    table = table_of({*names, *found.get("columns", {})})
+    raw = found.get("columns", {}).get("target")
+    if raw is not None and (parts := parts_of_names([row[raw - 1] for row in data], str(raw), ())):
+        found, table = found | parts, "points"
+    return Guess(mapping | found, names, table, tuple(notes))
 
 
 def _by_names(
     names: tuple[str, ...], data: list[list[str]], values: Array, mapping: dict[str, Any], joints: Sequence[str]
 ) -> Guess:
     """Return a proposal for rows of cells (N, W) and their numbers, by the names of the columns."""
+    if (markers := _of_markers(names, mapping)) is not None:
+        return markers
     if (several := _of_bodies(names, mapping, values)) is not None:
         return several
     if (poses := pose_columns(names, values)) is not None:
         return _poses(poses, names, mapping, data, values, joints)
+    if is_polar(names):
+        return Guess(mapping, names, None, (_POLAR,), known=True)
     found, notes = columns_by_names(names)
     table = table_of({*names, *found.get("columns", {})})
     if table in _OF_COORDINATES:
@@ -280,6 +293,28 @@ def _by_names(
     if table is None:
         return Guess(mapping | found, names, None, (_A_COORDINATE_PER_ROW,) if _has_axes_in_rows(data) else ())
     return Guess(mapping | found, names, table, tuple(notes))
+
+
+def _of_markers(names: tuple[str, ...], mapping: dict[str, Any]) -> Guess | None:
+    """Return a proposal for markers of motion capture beside poses of rigid bodies; None without markers."""
+    found = [match["name"] for name in names if (match := _MARKER.fullmatch(name))]
+    if len(found) < _SEVERAL * _AXES or not any(name.startswith("Rigid Body.") for name in names):
+        return None
+    has_body = all(":" in name for name in found)
+    wide = f"Marker.{'{body}:' if has_body else ''}{{target}}.{{id}}.Position.{{axis}}"
+    keys: dict[str, Any] = {"wide": wide, "missing": [""], **({} if has_body else {"constants": {"body": "body"}})}
+    keys |= {"columns": {"pose": names[0]}} if names[0].casefold() == "frame" else {"number_rows": {"pose": 1}}
+    note = "markers of motion capture; poses of rigid bodies in the same file are not read, because markers give them"
+    return Guess({**mapping, **keys}, names, "points", (note,))
+
+
+def is_polar(names: Sequence[str]) -> bool:
+    """True if columns are a horizontal and a vertical angle and a distance, and none are coordinates."""
+    bare = [bare_and_unit(name)[0] for name in names]
+    kinds = (_HORIZONTAL, _VERTICAL, _DISTANCE)
+    return all(any(kind.fullmatch(name) for name in bare) for kind in kinds) and not {"x", "y", "z"} <= {
+        name.casefold() for name in bare
+    }
 
 
 def _has_axes_in_rows(data: list[list[str]]) -> bool:

@@ -43,7 +43,7 @@ _WORDS = {
 class Watched:
     """State after one round: number and time of the round, measured amount in words, verdicts by section, faults, the
     most urgent next measurement in words, whether the looks before confirm the decision, and from how many compared
-    poses (or load cases of a force sensor: ``compared``) on a look can."""
+    poses (or runs of a force sensor: ``compared``) on a look can."""
 
     campaign: str
     number: int
@@ -123,7 +123,7 @@ def watched(campaign: str, number: int, at: datetime, tables: Tables, faults: tu
 
 @dataclass(frozen=True)
 class RequirementLook:
-    """What one round says on the requirements: number of compared poses or load cases, decision (empty: none), p-value
+    """What one round says on the requirements: number of compared poses or runs, decision (empty: none), p-value
     against the limits."""
 
     poses: int

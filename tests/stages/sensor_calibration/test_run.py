@@ -68,7 +68,7 @@ def test_the_matrix_is_the_true_one_within_its_sigma(six):
     assert set(rows["unit"]) == {"N/mV", "N m/mV"}
 
 
-def test_requirements_compare_the_error_of_whole_held_out_cases(six):
+def test_requirements_compare_the_errors_of_whole_held_out_runs(six):
     errors = six.frame("sensor_choice").query("figure == 'heldout_rms'").set_index(["model", "subject"])["value"]
     chosen = _chosen(six.frame("sensor_choice"))
     rows = six.frame("requirements").set_index("component")

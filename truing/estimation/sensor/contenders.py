@@ -349,19 +349,20 @@ def _check(table: LoadTable) -> None:
             raise
 
 
-def errors_by_case(found: RecordedLoads, fitted: SensorCalibrations) -> Array:
-    """Return the rms error (B, W) of every load case that the chosen calibration was not fitted to, N and N m.
+def errors_by_run(found: RecordedLoads, fitted: SensorCalibrations) -> Array:
+    """Return the rms error (R, W) of every run that the chosen calibration was not fitted to, N and N m.
 
-    These are the verification runs; without any, the cases of the calibration, each by a fit to all others. Errors of
-    one case share its load, zero and mounting, so that they count as one.
+    These are the verification runs; without any, those of the calibration, each step by a fit without its case. Errors
+    of one run share its zero, its mounting and often the direction of its load, so that a run counts once.
     """
     rows = found.steps.held_out
     if rows.any():
         table = found.table(rows, found.steps.run)
         errors = predicted_loads(fitted.chosen, table).value - table.loads
     else:
-        table, errors = fitted.table, fitted.choice.chosen.errors
-    return np.array([np.sqrt(np.mean(errors[table.case == case] ** 2, axis=0)) for case in table.cases])
+        rows, errors = ~rows, fitted.choice.chosen.errors
+    run = found.steps.run[rows]
+    return np.array([np.sqrt(np.mean(errors[run == one] ** 2, axis=0)) for one in np.unique(run)])
 
 
 def _verified(found: RecordedLoads, fit: Calibration) -> Array:

@@ -57,8 +57,8 @@ def requirements(tables: Tables) -> ReportSection | None:
 
 
 def assessed_noun(requirements: pd.DataFrame) -> str:
-    """Return what the errors of requirements are those of: poses, or the load cases of a force sensor."""
-    return "load case" if requirements["component"].isin(_LOADS).any() else "pose"
+    """Return what the errors of requirements are those of: poses, or the runs of a force sensor."""
+    return "run" if requirements["component"].isin(_LOADS).any() else "pose"
 
 
 def _heads(requirements: pd.DataFrame) -> tuple[str, ...]:
@@ -67,15 +67,15 @@ def _heads(requirements: pd.DataFrame) -> tuple[str, ...]:
 
 def _name_of(key: Key, requirements: pd.DataFrame) -> str:
     """Return the name of the calibration: of a mechanism, or of a force sensor."""
-    return f"the calibration {key[0]}" if assessed_noun(requirements) == "load case" else calibration_name(key)
+    return f"the calibration {key[0]}" if assessed_noun(requirements) == "run" else calibration_name(key)
 
 
 def _place(tables: Tables, requirements: pd.DataFrame) -> str:
     """Return a sentence on the errors: of a tip, an axis or a sensor; empty for mechanisms with calibrations."""
-    if assessed_noun(requirements) == "load case":
+    if assessed_noun(requirements) == "run":
         return (
-            "Errors are those of load cases to which the calibration was not fitted: shown minus applied load, rms "
-            "over the steps of a case, which share load, zero and mounting and count as one."
+            "Errors are shown minus applied loads to which the calibration was not fitted, rms over the steps of a "
+            "run, which share its zero and mounting and count as one."
         )
     if table_or_none(tables, "axis_errors") is not None:
         return "Errors are those of the axis, after a constant is subtracted."

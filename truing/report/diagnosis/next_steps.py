@@ -106,15 +106,15 @@ def _measurement_of(components: list[str], *, is_axis: bool) -> str:
     return f"To evaluate the requirement on {', '.join(components)}, measure {what}."
 
 
-_ALL_OVER = {"row": "the travel", "pose": "the workspace", "load case": "the range"}
+_ALL_OVER = {"row": "the travel", "pose": "the workspace", "run": "the range"}
 _VERIFICATION = ", with role verification"
-_ROLES = {"row": _VERIFICATION, "pose": _VERIFICATION, "load case": " (with role verification if others have it)"}
+_ROLES = {"row": _VERIFICATION, "pose": _VERIFICATION, "run": " (with role verification if others have it)"}
 
 
 def _deciding_measurements(row: Any, pace_s: float | None, several: int, noun: str) -> NextStep:
     """Return the measurements that decide one requirement; they also serve the others if ``several`` are undecided.
 
-    noun: row of an axis, pose, or load case of a force sensor.
+    noun: row of an axis, pose, or run of a force sensor.
     """
     total = int(row.measurements)
     takes = "" if pace_s is None else f" ({approximate_duration(total * pace_s)} at the pace of this campaign)"

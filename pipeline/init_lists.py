@@ -1,0 +1,132 @@
+"""Lists of numbered places beside a log of readings, for `truing init`: each place is one target in another pose."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from truing.formats.guess import OtherWay
+from truing.formats.presets import target_column
+from truing.pipeline.init_preview import first_rows
+from truing.pipeline.init_questions import PLACEHOLDER, is_body_open, without_placeholder
+from truing.pipeline.init_survey import rows_of
+from truing.schemas.faults import CampaignFaults
+
+if TYPE_CHECKING:
+    from truing.formats.guess import Guess
+    from truing.pipeline.init_entries import RawGroup
+    from truing.pipeline.init_robot import Robot
+
+TARGET = "reflector"
+_TIP = "tip"  # link of a chain without a URDF
+_NUMBERED = re.compile(r"(?P<stem>.*?)[\s_.#-]*(?P<number>\d+)")
+_FEWEST, _MOST_ROWS = 5, 100_000
+_COVERED = 0.8  # share of the logged poses that have a place
+_File = tuple["RawGroup", "Guess"]
+
+
+def with_numbered_poses(folder: Path, files: Sequence[_File], robot: Robot | None) -> list[_File]:
+    """Read lists such as TCP001, TCP002, ... as poses of one target, if a log of readings has as many poses."""
+    logs = [(group, guess) for group, guess in files if guess.table == "configurations"]
+    lists = [guess for _, guess in files if guess.table in ("points", "targets")]
+    if len(logs) != 1 or len(lists) != 1 or any(guess.table == "poses" for _, guess in files):
+        return list(files)  # beside points, a numbered list is a survey
+    log = _log(folder, *logs[0])
+    body = _moved_body(logs[0][1], robot)
+    return [(group, _read_as_poses(folder, group, guess, log, body)) for group, guess in files]
+
+
+@dataclass(frozen=True)
+class _Log:
+    """Poses of a log, and whether they are the numbers of its rows."""
+
+    poses: tuple[str, ...] = ()
+    is_counted: bool = False
+
+
+def _log(folder: Path, group: RawGroup, guess: Guess) -> _Log:
+    try:
+        batch = first_rows(folder, group.example, "configurations", "photogrammetry", guess.mapping)
+    except CampaignFaults:
+        return _Log()
+    if batch is None or group.count > 1:
+        return _Log()
+    return _Log(tuple(map(str, batch.columns["pose"].to_pylist())), "pose" in guess.mapping.get("number_rows", {}))
+
+
+def _moved_body(log: Guess, robot: Robot | None) -> str:
+    """The body that a log moves: the tip of a robot; a placeholder if it is not known."""
+    if robot is not None:
+        return robot.tip
+    columns = (*log.columns, *log.mapping.get("columns", {}))
+    return _TIP if any(re.match(r"joint1_|\w+_joint_", column) for column in columns) else PLACEHOLDER
+
+
+def _read_as_poses(folder: Path, group: RawGroup, guess: Guess, log: _Log, body: str) -> Guess:
+    raw = guess.mapping.get("columns", {}).get("target") or target_column(guess.mapping.get("format", ""))
+    if guess.table not in ("points", "targets") or guess.known or not is_body_open(guess) or raw is None:
+        return guess
+    if group.count > 1:
+        return _single_target(folder, group, guess, body)
+    rows = rows_of(folder, group, replace(guess, table="points"), {"pose": 1, "body": PLACEHOLDER}, most=_MOST_ROWS)
+    numbers = [] if rows is None else _numbers(rows.targets)
+    keys = _numbering(numbers, log, raw, guess)
+    if len(numbers) < _FEWEST or keys is None:
+        return guess
+    stem = rows.targets[0] if rows is not None else ""
+    doubt = f"places such as {stem} are assumed to be one target on {body} in as many poses"
+    found = replace(guess, table="points", mapping={**_of_one_target(guess, body), **keys})
+    if body != PLACEHOLDER:  # the log has these poses, and moves this body
+        return replace(found, doubts=(*guess.doubts, doubt), answered=guess.answered | {"body"})
+    way = OtherWay("numbers", f"Numbers in names such as {stem}", "poses", "targets", guess, doubt)
+    return replace(found, ways=(*guess.ways, way))
+
+
+def _numbers(names: Sequence[str]) -> list[int]:
+    """The numbers of names with one stem, each once; empty for other names."""
+    found = [_NUMBERED.fullmatch(name) for name in names]
+    numbers = [int(match["number"]) for match in found if match is not None]
+    stems = {match["stem"].casefold() for match in found if match is not None}
+    return numbers if len(numbers) == len(names) == len(set(numbers)) and len(stems) == 1 else []
+
+
+def _numbering(numbers: Sequence[int], log: _Log, raw: str | int, guess: Guess) -> dict[str, Any] | None:
+    """Keys that give each place its pose: the number of its name, shifted if need be, or the number of its row.
+
+    None if the log has other poses. A log whose rows are counted has no numbers of its own, so a list from 0 on is
+    shifted, and one with other numbers is taken in its order if it is as long.
+    """
+    by_name: dict[str, Any] = {"split": {**guess.mapping.get("split", {}), str(raw): r".*?(?P<pose>\d+)"}}
+    logged = {int(pose) for pose in log.poses if pose.isdecimal()}
+    if not numbers or not logged:
+        return None
+    if not log.is_counted:
+        both = len(logged.intersection(numbers))
+        return by_name if both >= _COVERED * max(len(numbers), len(logged)) else None
+    shift = min(logged) - min(numbers)
+    is_within = max(numbers) + shift <= max(logged) and len(numbers) >= _COVERED * len(logged)
+    if min(numbers) in (0, 1) and is_within:
+        return by_name if shift == 0 else {**by_name, "offset": {"pose": shift}}
+    return {"number_rows": {"pose": min(logged)}} if len(numbers) == len(logged) else None
+
+
+def _of_one_target(guess: Guess, body: str) -> dict[str, Any]:
+    """Keys of a file without names of targets, which are one target of a body."""
+    mapping = without_placeholder(guess.mapping)
+    columns = {key: name for key, name in mapping.get("columns", {}).items() if key != "target"}
+    constants = {**mapping.get("constants", {}), "body": body, "target": TARGET}
+    return {**mapping, "columns": columns, "constants": constants}
+
+
+def _single_target(folder: Path, group: RawGroup, guess: Guess, body: str) -> Guess:
+    """The guess for files of one pose each, if they hold one place: it is on the body that the log moves."""
+    rows = rows_of(folder, group, guess, {"body": PLACEHOLDER})
+    if rows is None or len(rows.targets) != 1 or body == PLACEHOLDER:
+        return guess
+    doubt = f"the only place in each file is assumed to be one target on {body}"
+    return replace(
+        guess, mapping=_of_one_target(guess, body), doubts=(*guess.doubts, doubt), answered=guess.answered | {"body"}
+    )
