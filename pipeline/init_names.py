@@ -186,6 +186,7 @@ def with_bodies_of_targets(folder: Path, files: Sequence[_File]) -> list[_File]:
 def _with_bodies(folder: Path, group: RawGroup, guess: Guess) -> Guess:
     if guess.table != "points" or guess.known or not is_body_open(guess):
         return guess
+    guess = _with_uncoded(folder, group, guess)
     own = target_column(guess.mapping["format"]) if "format" in guess.mapping else "target"
     raw = guess.mapping.get("columns", {}).get("target", own)
     rows = None if raw is None else _of_files(folder, group, guess)
@@ -234,6 +235,16 @@ def _rigid_groups(rows: SurveyRows) -> list[list[str]]:
     groups = list(dict.fromkeys(rigid))
     whole = all(rigid[k] == own for own in groups for k in own) and all(len(own) >= _FEWEST for own in groups)
     return [[names[k] for k in own] for own in groups] if whole else []
+
+
+def _with_uncoded(folder: Path, group: RawGroup, guess: Guess) -> Guess:
+    """A guess of V-STARS' coded targets with the uncoded ones, if these keep their names and distances in all files."""
+    if guess.mapping.get("format") != "vstars" or "select" not in guess.mapping or group.count < 2:
+        return guess
+    mapping = {key: value for key, value in guess.mapping.items() if key != "select"}
+    whole = replace(guess, mapping=mapping, notes=(*guess.notes, "uncoded targets keep their names over the files"))
+    rows = _of_files(folder, group, whole)
+    return whole if rows is not None and _rigid_groups(rows) else guess
 
 
 def _by_words(guess: Guess, rows: SurveyRows, raw: str | int, pattern: str) -> Guess | None:

@@ -197,3 +197,18 @@ def test_targets_that_keep_their_distances_are_bodies_if_others_do_not(tmp_path:
     if moves:
         renamed = document["files"]["points"]["rename"]["body"]
         assert renamed == {str(100 + k): f"body{1 + k // 3}" for k in range(6)}
+
+
+@pytest.mark.parametrize("is_numbered_anew", [True, False])
+def test_uncoded_targets_are_read_if_they_keep_their_names(tmp_path: Path, is_numbered_anew: bool) -> None:
+    for pose in range(1, 5):
+        places = motion(pose) + RNG.normal(0.0, 0.01, (6, 3))
+        uncoded = np.roll([3, 4, 5], pose) if is_numbered_anew else [3, 4, 5]
+        names = ["CODE1", "CODE2", "CODE3", *(f"TARGET{k}" for k in uncoded)]
+        rows = [f"{n},{x:.4f},{y:.4f},{z:.4f},0.01,0.01,0.01,0\n" for n, (x, y, z) in zip(names, places, strict=True)]
+        (tmp_path / f"set_{pose}.csv").write_text("".join(rows))
+    _, document = init(tmp_path)
+    found = table(tmp_path, document, POINTS)
+    targets = {"CODE1", "CODE2", "CODE3"} | (set() if is_numbered_anew else {"TARGET3", "TARGET4", "TARGET5"})
+    assert set(found.table.column("target").to_pylist()) == targets
+    assert len(set(found.table.column("body").to_pylist())) == len(targets) // 3
