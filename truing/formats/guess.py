@@ -130,15 +130,17 @@ def _points(file_format: str, names: tuple[str, ...], note: str, **more: Any) ->
     return Guess({"format": file_format, **more, "constants": {"body": "body"}}, names, "points", (note,))
 
 
-def inspection(lines: Sequence[str], decimal_comma: re.Pattern[str] = re.compile(r"[-+]?\d+,\d+")) -> Guess | None:
+def inspection(lines: Sequence[str]) -> Guess | None:
     """Return a guess for a report of an inspection program with a row for each coordinate."""
     from truing.formats.inspection import COLUMNS, inspected_points
 
     found = inspected_points(lines)
     if found is None:
         return None
-    keys = {"decimal": ","} if all(decimal_comma.fullmatch(value) for value in found.rows[0][2:]) else {}
+    cells = [value for row in found.rows for value in row[2:]]
+    has_commas = any("," in cell for cell in cells) and not any("." in cell for cell in cells)
     has_parts = len({row[0] for row in found.rows}) > 1
+    keys: dict[str, Any] = {"decimal": ","} if has_commas else {}
     keys |= {"columns": {"pose": "part"}} if has_parts else {}
     note = f"a report with a row for each coordinate, the measured ones of which are read{_unit_words(found.unit)}"
     guess = _points("inspection", COLUMNS if has_parts else COLUMNS[1:], note, **keys)
