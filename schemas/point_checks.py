@@ -99,8 +99,8 @@ OF_POINTS: Checks = {
             "two exchanged columns explain it",
             "the nominal chain misses the measured places or distances by more than 2 % of their spread",
         ),
-        "Correct the column in the message once you have confirmed it; else check the robot description, the names of "
-        "the links and of the poses.",
+        "If the message names a slip, correct it once you have confirmed it; else check the robot description, the "
+        "names of the links and of the poses.",
         not_evaluated="no chain",
         withholds="models",
     ),
