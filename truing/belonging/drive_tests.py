@@ -28,8 +28,8 @@ _FACTORS = (1.0, _RADIANS, 1.0 / _RADIANS)
 
 @dataclass(frozen=True)
 class DrivenBody:
-    """A body with its measured rotations (B, 3, 3), the readings (B,) of a drive in degrees, and names of the poses in
-    the order of the file.
+    """A body with its measured rotations (B, 3, 3), the readings (B,) of a drive in degrees, and names of the
+    poses.
 
     ``mirrored``: changes of axes with the rotations (B, 3, 3) that the points show after each, for a flat body, which
     is its own mirror image.

@@ -41,8 +41,8 @@ ErrorsAt: TypeAlias = Callable[[NDArray, NDArray], Array]
 class ChainComparison:
     """A chain and its measured positions: readings (B, n), rad or m, values (B, K, 3), m; or distances (B, D, 1).
 
-    ``errors_at`` gives the errors (B, K, 3), NaN where not seen, at readings and values, with the places of the chain
-    fitted to some poses, a mask (B,). ``limit``: misfit, m, above which poses do not belong to their readings.
+    ``errors_at`` fits the places of the chain to some poses, a mask (B,). It gives the errors (B, K, 3) at readings and
+    values, NaN where not seen. ``limit``: misfit, m, above which poses do not belong to their readings.
     ``targets`` (K,): link and name of each position. ``fewest``: fewest poses that determine the places.
     """
 

@@ -78,10 +78,10 @@ def turning_misfit(links: NDArray, measured: NDArray, euler: str | None) -> Turn
 def _otherwise(measured: NDArray, euler: str | None) -> Iterator[tuple[RecordSlip, Array]]:
     """Yield slips with the orientations (B, 3, 3) without them.
 
-    One that changes the sign of an odd number of components of the quaternion, or exchanges two of them, is an
-    inversion between two constant rotations (an orthogonal map of four dimensions with determinant -1), which an
-    unknown base and tool take up: the scalar at the other end, and rotation vectors with two components exchanged or
-    one reversed, are no trials of their own. Mirrored axes are no inversion, and cannot be seen at all.
+    A slip that reverses an odd number of components of the quaternion, or exchanges two, is an orthogonal map of four
+    dimensions with determinant -1. That is an inversion between two constant rotations, and an unknown base and tool
+    take these up. So the scalar at the other end, and rotation vectors with two components exchanged or one reversed,
+    are no trials of their own. Mirrored axes are no inversion, and cannot be seen at all.
     """
     yield _slip("inversion" if euler is None else "inverse"), np.swapaxes(measured, -1, -2)
     read = Rotation.from_matrix(measured)
@@ -100,8 +100,10 @@ def _misfit(links: NDArray, measured: NDArray, enough: float) -> float:
 
 
 def _places(links: NDArray, measured: NDArray, enough: float) -> tuple[Array, Array]:
-    """Return the base and the tool (3, 3) that leave the least between base @ links @ tool and measured orientations,
-    or the first that leave at most ``enough``, rad."""
+    """Return the base and the tool (3, 3) of the least misfit between base @ links @ tool and measured orientations.
+
+    The search ends with the first that leave at most ``enough``, rad.
+    """
     found: list[tuple[float, tuple[Array, Array]]] = []
     for tool in _starts():
         places = _fitted(links, measured, tool)

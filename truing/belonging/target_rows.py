@@ -200,8 +200,9 @@ def exchanged_names(
     misfit: Array,
     limit: float,
 ) -> Iterator[tuple[str, Array]]:
-    """Yield pairs of targets that have each other's names in poses that do not fit, with the misfit (B,), m, after the
-    exchange is undone, infinite in other poses.
+    """Yield pairs of targets that have each other's names in poses that do not fit.
+
+    Each comes with the misfit (B,), m, after the exchange is undone, infinite in other poses.
 
     source (T, 3) and points (B, T, 3) in m, seen (B, T); misfit (B,), m, as recorded, and the limit of what fits. Few
     poses are left to the test of single labels.

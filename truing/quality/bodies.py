@@ -165,8 +165,10 @@ def body_view(
 
 
 def with_most_points(body: BodyView, around: PoseSurroundings) -> BodyView:
-    """Return the body with its survey in another scale, or else with more noise, if most points are gross errors
-    without and hardly any with it; else the body as it is."""
+    """Return the body with its survey in another scale, or else with more noise, if that makes most points fit.
+
+    Most points have to be gross errors without the change, and hardly any with it; else the body stays as it is.
+    """
     if body.gross_share <= MOST_GROSS:
         return body
     for change in (_with_fitting_scale, _with_fitting_noise):
@@ -227,8 +229,10 @@ def _scatters_alike(body: BodyView) -> bool:
 
 
 def _scatter_over_declared(body: BodyView) -> float:
-    """Return the scatter of all points about the mean of each target, over the declared noise; 0 if the means differ
-    from the places by more than that scatter, or if there is nothing to average."""
+    """Return the scatter of all points about the mean of each target, over the declared noise.
+
+    It is 0 if the means differ from the places by more than that scatter, or if there is nothing to average.
+    """
     seen, source = body.points.seen & body.frame & body.framed[:, None], body.survey.points
     mean_sigma = np.where(seen, np.sqrt((body.sigma**2).mean(axis=2)), 1.0)
     fit = umeyama(np.broadcast_to(source, body.points.points.shape), body.points.points, seen / mean_sigma**2)
