@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 
 import pytest
 
+from tests.report.bench_tables import bench_tables
+from tests.report.calibration_tables import calibration_tables
+from tests.report.campaign_tables import campaign_tables
+from tests.report.explained import unexplained, unlinked
+from tests.report.test_page import Reader
 from truing.report.glossary_section import glossary_section
-from truing.report.page import ErrorChange, FirstScreen, Listing, PageHead, ReportSection
+from truing.report.heads import Head, meaning_of
+from truing.report.page import ErrorChange, FirstScreen, Listing, PageHead, ReportSection, all_of
 from truing.report.rendering.render import render_page
 from truing.report.rendering.terms import AMBIGUOUS, marked
+from truing.report.sections import build_sections
 from truing.report.wordings.catalogue import WORDINGS, cause_meaning, cause_words
 from truing.schemas.glossary import Term, glossary
 from truing.schemas.point_checks import OF_POINTS
@@ -25,7 +33,7 @@ TERMS = {term.term: term for term in glossary()}
 def test_first_use_of_a_term_shows_its_meaning() -> None:
     used: set[str] = set()
     first, again = (str(marked("Residuals of all arms", used)) for _ in range(2))
-    assert first == f'<abbr title="{TERMS["residual"].meaning}">Residuals</abbr> of all arms'
+    assert first == f'<abbr tabindex="0" title="{TERMS["residual"].meaning}">Residuals</abbr> of all arms'
     assert again == "Residuals of all arms"
     assert used == {"residual"}
 
@@ -49,7 +57,9 @@ def test_longest_term_wins() -> None:
 
 
 def test_symbol_alone_is_a_term_and_names_it() -> None:
-    assert str(marked("p (corrected)", set())).startswith(f'<abbr title="p-value: {TERMS["p-value"].meaning}">p</abbr>')
+    assert str(marked("p (corrected)", set())).startswith(
+        f'<abbr tabindex="0" title="p-value: {TERMS["p-value"].meaning}">p</abbr>'
+    )
 
 
 def test_text_is_escaped() -> None:
@@ -62,7 +72,8 @@ _ORDINARY = {"6×6 matrix", "beam path", "measurement noise", "stated noise", "s
 
 def test_every_term_of_a_tooltip_has_an_entry() -> None:
     questions = [check.question for checks in CHECKS.values() for check in checks.values()]
-    texts = [*(term.meaning for term in glossary()), *questions, *map(cause_meaning, WORDINGS)]
+    heads = [meaning_of(head) for kind in EVERY for listing in listings_of(kind) for head in listing.heads]
+    texts = [*(term.meaning for term in glossary()), *questions, *map(cause_meaning, WORDINGS), *heads]
     kinds = "noise|floor|matrix|uncertainty|frame|configuration|path|calibration|deviation|adjustment"
     found = {match for text in texts for match in re.findall(rf"[\w×-]+ (?:{kinds})\b", text)}
     plain = {words for words in found if words.split()[0].lower() in _PARTICLES}
@@ -74,7 +85,7 @@ def test_the_first_screen_explains_the_noise_floor() -> None:
         (("machine", "axis"),), "", ErrorChange("rms of measured minus predicted", "2 µm", "1 µm", "1 µm", "")
     )
     page = render_page(PageHead("c", (("pass", "ok"),), screen=screen), [])
-    assert f'<abbr title="{TERMS["noise floor"].meaning}">noise floor</abbr>' in page
+    assert f'<abbr tabindex="0" title="{TERMS["noise floor"].meaning}">noise floor</abbr>' in page
 
 
 def test_ambiguous_terms_are_terms() -> None:
@@ -83,31 +94,47 @@ def test_ambiguous_terms_are_terms() -> None:
 
 
 def test_each_section_of_a_page_explains_a_term_once() -> None:
-    listings = (Listing(("pose", "residual"), (("1", "2"),), caption="Poses"), Listing(("pose",), (("1",),)))
+    listings = (Listing(("pose",), (("1",),), caption="Poses"), Listing(("pose",), (("1",),), caption="Residual poses"))
     sections = [ReportSection(name, name, "", listings=listings) for name in ("one", "two")]
     page = render_page(PageHead("campaign", ()), sections)
-    shown = re.findall(r"<abbr title=[^>]*>([^<]*)</abbr>", page)
-    assert shown == ["Poses", "residual"] * 2
-    assert '<th scope="col">pose</th>' in page
-    assert "docs/glossary.md" in page
+    assert re.findall(r"<abbr [^>]*>([^<]*)</abbr>", page) == ["Poses", "Residual"] * 2
 
 
-def test_names_in_tables_lead_to_their_definition() -> None:
+def test_names_heads_and_terms_lead_to_their_explanation() -> None:
     rows = (("pass", "time-gaps", "poses"), ("pass", "own-check", "poses"))
-    checks = ReportSection("qa", "Quality", "Two checks.", listings=(Listing(("verdict", "check", "subject"), rows),))
+    heads = ("verdict", Head("check", "Name of the check."), Head("subject", "What it concerns."))
+    checks = ReportSection("qa", "Quality", "Two checks.", listings=(Listing(heads, rows, caption="Residuals"),))
     cause = Listing(("cause", "verdict"), (("actuator gain, leg <3>", "found"),))
     causes = ReportSection("diagnosis", "Diagnosis", "One cause.", listings=(cause,))
     meanings = glossary_section([checks, causes])
     assert meanings is not None
-    page = render_page(PageHead("c", (("pass", "ok"),)), [checks, causes, meanings])
-    links = re.findall(r'<a class="defined" href="#([^"]+)" title="([^"]+)">([^<]+)</a>', page)
-    assert [(place, text) for place, _, text in links] == [
-        ("check-time-gaps", "time-gaps"),
-        ("cause-actuator-gain", "actuator gain, leg &lt;3&gt;"),
-    ]
-    assert all(f'<tr id="{place}">' in page for place, *_ in links)
-    assert links[0][1] == OF_POINTS["time-gaps"].question
-    assert "<td>own-check</td>" in page
+    read = Reader(render_page(PageHead("c", (("pass", "ok"),)), [checks, causes, meanings]))
+    links = {a["href"]: a["title"] for tag, a in read.elements if tag == "a" and "title" in a}
+    assert links["#check-time-gaps"] == OF_POINTS["time-gaps"].question
+    assert links["#cause-actuator-gain"] == cause_meaning("actuator-gain")
+    assert links["#column-subject"] == "What it concerns."
+    assert links["#term-residual"] == TERMS["residual"].meaning
+    assert not [place for place in links if "own-check" in place]
+    assert set(links) <= {f"#{a['id']}" for _, a in read.elements if "id" in a}
+
+
+@cache
+def listings_of(kind: str) -> tuple[Listing, ...]:
+    """All tables of the page of a sort of campaign."""
+    tables = {"campaign": campaign_tables, "bench": bench_tables, "calibration": calibration_tables}[kind]
+    return tuple(listing for section in all_of(build_sections(tables(), {"poses": {}})) for listing in section.listings)
+
+
+EVERY = ("campaign", "bench", "calibration")
+
+
+@pytest.mark.parametrize("kind", EVERY)
+def test_every_head_check_and_cause_has_a_sentence_and_a_working_anchor(kind: str) -> None:
+    listings = listings_of(kind)
+    page = render_page(PageHead("c", (("pass", "ok"),)), [ReportSection("all", "All", "", listings=listings)])
+    assert not unexplained(page)
+    assert not unlinked(page, "check")
+    assert not unlinked(page, "cause")
 
 
 @pytest.mark.parametrize("cause", WORDINGS)

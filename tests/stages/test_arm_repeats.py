@@ -13,6 +13,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
+from tests.report.explained import unexplained
 from tests.tolerance import assert_between, assert_close
 from truing.pipeline.command_line import app
 
@@ -124,6 +125,7 @@ def test_figures_are_those_of_the_standard(tmp_path: Path, named: bool) -> None:
         found[first, "AP"]["value"], 300.0, 1e3 * OFF + 150.0 + 3.0 * noise, what="AP of the pose that is off"
     )
     page = (run / "report.html").read_text(encoding="utf-8")
+    assert not unexplained(page)
     assert "ISO 9283 asks for 30" in page
 
 

@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 
 from tests.blind.generator.axis import AxisCampaign, AxisLayout, Hidden, record, write
 from tests.faults import assert_fault, faults_of
+from tests.report.explained import unexplained
 from tests.tolerance import assert_close
 from truing.pipeline.command_line import app
 from truing.schemas.campaign import read_campaign
@@ -88,6 +89,7 @@ def test_errors_fall_to_the_noise_in_every_encoder_held_out_too(run: Path) -> No
 
 def test_the_page_shows_the_axis_and_names_what_was_found(run: Path) -> None:
     page = (run / "report.html").read_text(encoding="utf-8")
+    assert not unexplained(page)
     assert 'id="axis"' in page
     assert "otion is lost between" in page
     assert "power-cycle" in page

@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 from tests.blind.generator.arms import draw, write
 from tests.packaging.source_tree import PROJECT
+from tests.report.explained import unexplained
 from tests.runs.test_robot_description import _textbook
 from tests.stages.line import run_line
 from truing.estimation.rotation import exp_so3
@@ -103,6 +104,7 @@ def test_the_page_shows_the_chain_its_numbers_and_series(run: Path) -> None:
     assert {"joints that turn", "joints that slide", "base: base_link", "targets"} <= named
     assert sum(len(trace.x) for trace in errors.data) == 2 * pq.read_table(run / "prediction.parquet").num_rows
     page = (run / "report.html").read_text(encoding="utf-8")
+    assert not unexplained(page)
     assert 'id="chain"' in page
     assert "without a mechanism" not in page
 

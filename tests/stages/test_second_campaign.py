@@ -16,6 +16,7 @@ from tests.blind.generator.axis import record, write
 from tests.blind.generator.effects import ActuatorGain as HiddenGain
 from tests.blind.generator.sensor.effects import LoadEccentricity as HiddenEccentricity
 from tests.faults import assert_fault, faults_of
+from tests.report.explained import unexplained
 from tests.sentences import assert_says
 from tests.stages.benches import bench, layout
 from tests.stages.line import run_line, settings_of
@@ -195,6 +196,7 @@ def test_a_run_tells_the_errors_of_a_second_series_and_predict_tells_the_same(tm
         assert 0.9 * low < found["rms_error"] / found["noise_rms"] < high
         assert 0.8 * arcsec / 2.0 < drawn["rms_error"] < 1.2 * arcsec
     page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert not unexplained(page)
     assert "A second campaign of the same machine" in page
     model = str(tmp_path / "run" / "model.toml")
     code, said = _truing("predict", model, str(tmp_path / "second"), "--out", str(tmp_path / "errors.parquet"))

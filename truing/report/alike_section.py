@@ -14,17 +14,30 @@ from truing.report.calibration.calibrations import (
 )
 from truing.report.diagnosis.assessed_causes import accepted_of, assessed_causes, modelled_of
 from truing.report.diagnosis.prediction_errors import errors_of_models, part_names
+from truing.report.heads import Head
 from truing.report.numbers import plain, quantity, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, is_bench, table_or_none
 
-_HEADS = ("section", "quantity", "over", "value")
+_HEADS = (
+    Head("section", "Section of this page that gives the number."),
+    Head("quantity", "Exact definition of the number."),
+    Head("over", "Data over which it is taken."),
+    Head("value", "Number with its unit, and its uncertainty where it has one."),
+)
 _Row = tuple[str, str, str, str]
 _ERRORS = "Errors: each row is another quantity, so the values need not agree"
 _SHAPES = "K by three estimates: of one quantity, from other data or with other free parameters"
 _DEFORMATION = {"none": "without a model", "linear": "after the linear model", "matrix": "after the matrix model"}
 _OF_BENCH = {"none": "without a model", "linear": "after a diagonal compliance", "matrix": "after a full compliance"}
-_ESTIMATES = ("entry", "diagnosis, with all causes", "deformation, of shifts alone", "calibration, with the geometry")
+_ESTIMATES = (
+    Head("entry", "Entry of K: attachment that shifts, then actuator that moves it."),
+    Head("diagnosis, with all causes", "Estimate from measured values, together with all causes found."),
+    Head("deformation, of shifts alone", "Estimate from the measured shifts of the attachments alone."),
+    Head(
+        "calibration, with the geometry", "Estimate from measured poses, together with the parameters of the geometry."
+    ),
+)
 _SHOWN = 3  # entries of K
 
 

@@ -8,6 +8,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from truing.report.figure_style import BLUE, ORANGE, style
+from truing.report.heads import Head
 from truing.report.numbers import count, rough, sign
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, table_or_none
@@ -43,7 +44,13 @@ def _pictures(errors: pd.DataFrame) -> list[tuple[str, str]]:
 
 def _listing(errors: pd.DataFrame, encoders: list[str]) -> Listing:
     unit = sign(str(errors["unit"].iloc[0]))
-    heads = ("recorded by", "rows", f"rms before, {unit}", f"rms after, {unit}", f"noise alone, {unit}")
+    heads = (
+        Head("recorded by", "Encoder or instrument, and whether its rows were fitted or held out."),
+        Head("rows", "Number of rows."),
+        Head(f"rms before, {unit}", "Root mean square of measured minus predicted without the causes found."),
+        Head(f"rms after, {unit}", "Root mean square of measured minus predicted with the causes found."),
+        Head(f"noise alone, {unit}", "Rms error that declared noise alone gives."),
+    )
     held = errors["role"] == "verification"
     reported = []
     for role, own in (("fitted", errors[~held]), ("held out", errors[held])):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
+from truing.report.heads import POSE, Head
 from truing.report.numbers import count, listed, plain, quantity, rough, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.scene.view import scene_axes
@@ -54,6 +55,16 @@ _CURVES = (
     "drawn where the data determine it. Elsewhere predictions rest on the assumption that it is small."
 )
 _ISO = ("AP", "RP", "vAP", "AP_a", "AP_b", "AP_c", "RP_a", "RP_b", "RP_c", "vAP_a", "vAP_b", "vAP_c")
+
+
+def _iso_words(name: str) -> str:
+    """Return the meaning of a figure of ISO 9283: ``RP_a``."""
+    figure, _, turn = name.partition("_")
+    of = f"rotation about {'xyz'['abc'.index(turn)]}" if turn else "position"
+    return f"{_ISO_WORDS[figure]} of the {of} by ISO 9283."
+
+
+_ISO_WORDS = {"AP": "Accuracy", "RP": "Repeatability", "vAP": "Multi-directional variation of the accuracy"}
 _ISO_CAPTION = (
     "Pose accuracy AP, repeatability RP (from five repeats on) and multi-directional variation vAP by ISO 9283; a, b, "
     "c: small rotations about x, y, z. A command is the nominal chain at the readings, with places of base and tool "
@@ -146,10 +157,23 @@ def _listing(numbers: pd.DataFrame) -> Listing:
             )
         )
         marks.append("warn" if row.identifiable and abs(row.pull) > FAR else "none")
-    heads = ("joint", "number", "identified − nominal", "tolerance", "pull", "determined by the data")
+    heads = (
+        _JOINT,
+        Head("number", "Parameter of the joint: zero, or shift or rotation of its frame in the link below."),
+        Head("identified − nominal", "Identified minus nominal value, with one standard deviation."),
+        Head("tolerance", "Standard deviation of the nominal value as declared; free: none is declared."),
+        Head("pull", "Identified minus nominal value, divided by the standard deviation expected for this difference."),
+        Head(
+            "determined by the data",
+            "Whether the measurements reduce the standard deviation below 70 % of that known before.",
+        ),
+    )
     return Listing(
         heads, tuple(rows), tuple(marks), f"Identified numbers. {_NUMBERS}", held_by="chain_parameters.parquet"
     )
+
+
+_JOINT = Head("joint", "Joint of the chain that the row concerns.")
 
 
 def _on_repeats(repeated: pd.DataFrame | None) -> tuple[tuple[str, str], ...]:
@@ -167,13 +191,21 @@ def _on_repeats(repeated: pd.DataFrame | None) -> tuple[tuple[str, str], ...]:
     return tuple(found)
 
 
+_ISO_HEADS = (
+    Head("subject", "Body or point that was measured repeatedly."),
+    POSE,
+    Head("repeats", "Number of measurements of the pose."),
+    *(Head(name, _iso_words(name)) for name in _ISO),
+)
+
+
 def _of_repeats(repeated: pd.DataFrame) -> Listing:
     """Return a row per subject and pose with the figures of ISO 9283, and 95 % intervals of repeatability."""
     rows = []
     for (subject, pose), own in repeated.groupby(["subject", "pose"], sort=False):
         cells = {r.figure: _figure_cell(r) for r in own.itertuples()}
         rows.append((str(subject), str(pose), str(own["attained"].max()), *(cells.get(name, "–") for name in _ISO)))
-    return Listing(("subject", "pose", "repeats", *_ISO), tuple(rows), caption=_ISO_CAPTION, folded=len(rows) > _OPEN,
+    return Listing(_ISO_HEADS, tuple(rows), caption=_ISO_CAPTION, folded=len(rows) > _OPEN,
                    held_by="arm_accuracy.parquet")  # fmt: skip
 
 
@@ -184,7 +216,13 @@ def _figure_cell(row: Any) -> str:
 
 def _by_series(series: pd.DataFrame) -> Listing:
     unit = sign(str(series["unit"].iloc[0]))
-    heads = ("series", "use", "poses", f"rms before, {unit}", f"rms after, {unit}")
+    heads = (
+        Head("series", "Part of the campaign, where several were measured."),
+        Head("use", "Whether the poses were fitted or held out."),
+        Head("poses", "Number of poses."),
+        Head(f"rms before, {unit}", "Root mean square of measured minus predicted without the causes found."),
+        Head(f"rms after, {unit}", "Root mean square of measured minus predicted with the causes found."),
+    )
     words = {"calibration": "fitted", "verification": "held out"}
     rows = tuple(
         (r.series, words.get(r.role, r.role), str(r.poses), rough(r.rms_before), rough(r.rms_after))
@@ -206,7 +244,12 @@ def _of_motors(motors: pd.DataFrame) -> Listing:
         name = _MOTOR_WORDS.get(row.parameter, row.parameter)
         rows.append((row.joint, name, size if row.identifiable else "not determined", says))
         marks.append("warn" if beyond else "none")
-    heads = ("joint", "motor / ratio − joint", "size", "beyond chance")
+    heads = (
+        _JOINT,
+        Head("motor / ratio − joint", "Term of the motor reading over the ratio minus the joint reading."),
+        Head("size", "Estimate of the term at the joint, with one standard deviation."),
+        Head("beyond chance", "Whether the term is larger than chance explains."),
+    )
     return Listing(heads, tuple(rows), tuple(marks), f"Motor encoders. {_MOTORS}", held_by="motor_encoders.parquet")
 
 

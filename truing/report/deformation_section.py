@@ -11,6 +11,7 @@ import plotly.graph_objects as go
 from truing.belonging.relation import RelationState
 from truing.report.coefficient_map import cells_of, coefficient_map, matrix_axes, significant
 from truing.report.figure_style import BAR, BLUE, GREEN, ORANGE, RED, label, panel_grid, style
+from truing.report.heads import FIGURE, VALUE, Head
 from truing.report.in_plane_section import directions, in_plane_maps, in_plane_sentence, in_plane_test
 from truing.report.model_tests import REJECTED, ModelTest, by_p, listing_of
 from truing.report.numbers import count, p_equals, p_value, plain, quantity
@@ -216,7 +217,13 @@ def _errors(tables: Tables) -> Listing:
         )
         for r in tables["deformation_errors"].itertuples()
     )
-    heads = ("model", "of", "subject", "figure", "value")
+    heads = (
+        Head("model", "Model of the deformation: none, linear (own actuator) or matrix (all actuators)."),
+        Head("of", "Leg whose attachment is meant, or all legs together."),
+        Head("subject", "Poses, group or test that the figure concerns; a dash for all fitted shifts."),
+        FIGURE,
+        VALUE,
+    )
     return Listing(
         heads, rows, caption="Error figures of every model", folded=True, held_by="deformation_errors.parquet"
     )

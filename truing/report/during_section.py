@@ -6,6 +6,7 @@ import math
 
 import pandas as pd
 
+from truing.report.heads import BODY, FREEDOM, POSE, TARGET, Head, P
 from truing.report.numbers import count, p_value, plain, quantity, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, table_or_none
@@ -81,7 +82,15 @@ def _statements(tables: Tables) -> list[tuple[str, str]]:
 
 
 def _surveys(table: pd.DataFrame) -> list[Listing]:
-    heads = ("verdict", "survey", "body", "target", *(f"shift in {a} (mm)" for a in _AXES), "p", "holds as")
+    heads = (
+        Head("verdict", "Whether the target moved between two surveys."),
+        Head("survey", "Later survey that is compared with the earlier one."),
+        BODY,
+        TARGET,
+        *(Head(f"shift in {a} (mm)", "New minus earlier coordinate, with one standard deviation.") for a in _AXES),
+        P,
+        Head("holds as", "Name under which the new position is used, and from which pose on."),
+    )
     rows, marks = [], []
     for r in table.itertuples():
         shift = [_shift(r, a) for a in _AXES]
@@ -106,7 +115,14 @@ def _shift(r: object, axis: str) -> str:
 
 def _names(table: pd.DataFrame) -> list[Listing]:
     rows = tuple((r.body, r.called, r.target, _poses(r), f"{r.rows:,}", cell(r.reason)) for r in table.itertuples())
-    heads = ("body", "name in the files", "used as", "poses", "points", "by whom, and why")
+    heads = (
+        BODY,
+        Head("name in the files", "Name of the target in the raw files."),
+        Head("used as", "Name of the target in the survey, which all results use."),
+        Head("poses", "Poses in which the name was changed."),
+        Head("points", "Number of points whose name was changed."),
+        Head("by whom, and why", "Person who decided, with the reason in campaign.toml."),
+    )
     return [Listing(heads, rows, caption="Under other names", folded=len(rows) > _OPEN, held_by="relabelled.parquet")]
 
 
@@ -119,7 +135,10 @@ def _suggested(table: pd.DataFrame) -> list[Listing]:
     """Return lines for campaign.toml, to be copied after a check by a person."""
     lines = [line for r in table.itertuples() for line in _toml(r)]
     caption = "For campaign.toml, after a check: these names may belong to these targets"
-    return [Listing(("lines",), tuple((line,) for line in lines), caption=caption, held_by="likely_names.parquet")]
+    return [Listing((_LINES,), tuple((line,) for line in lines), caption=caption, held_by="likely_names.parquet")]
+
+
+_LINES = Head("lines", "Lines for campaign.toml, to be copied.")
 
 
 def _toml(r: object) -> list[str]:
@@ -150,7 +169,19 @@ def _by_pose(table: pd.DataFrame) -> list[Listing]:
                 for r in own.itertuples()}  # fmt: skip
         figures = [reported.get(name, "–") for name in ("sigma", "RP", "RP_a", "RP_b", "RP_c")]
         rows.append((str(subject), str(pose), f"{own['attained'].iloc[0]}", *figures))
-    heads = ("subject", "pose", "measured", "sigma of a coordinate", "RP", "RP_a", "RP_b", "RP_c")
+    heads = (
+        Head("subject", "Body or point that was measured repeatedly."),
+        POSE,
+        Head("measured", "Number of measurements of the pose."),
+        Head(
+            "sigma of a coordinate", "Standard deviation of one coordinate between the repeats, with its 95 % interval."
+        ),
+        Head("RP", "Repeatability of the position by ISO 9283, with its 95 % interval."),
+        *(
+            Head(f"RP_{c}", f"Repeatability of the rotation about {a} by ISO 9283.")
+            for c, a in zip("abc", "xyz", strict=True)
+        ),
+    )
     caption = "Repeatability pose by pose (ISO 9283: RP from five measurements on), with 95 % intervals"
     return [Listing(heads, tuple(rows), (), caption, len(rows) > _OPEN, "pose_repeatability.parquet")]
 
@@ -168,14 +199,14 @@ def _repeats(table: pd.DataFrame) -> list[Listing]:
              quantity(stated, r.unit), ratio, p_value(p) if (p := getattr(r, "p_equal", math.nan)) == p else "–")
         )  # fmt: skip
     heads = (
-        "of",
-        "subject",
-        "pure error (1 sigma)",
-        "95 % interval",
-        "degrees of freedom",
-        "stated (1 sigma)",
-        "ratio",
-        "equal groups, p",
+        Head("of", "Repeated quantity: pose, point, attachment, reading or signal."),
+        Head("subject", "Body, point, leg or channel that was measured repeatedly."),
+        Head("pure error (1 sigma)", "Standard deviation between repeated measurements."),
+        Head("95 % interval", "Interval that holds the pure error with 95 % confidence, by the number of repeats."),
+        FREEDOM,
+        Head("stated (1 sigma)", "Standard deviation that campaign.toml or the adjustment states."),
+        Head("ratio", "Pure error divided by the stated standard deviation; 1 if the stated one is right."),
+        Head("equal groups, p", "Probability of such differences in scatter between groups if all scatter alike."),
     )
     number = int(table["groups"].max())
     caption = f"Pure error: the scatter of {number} repeated groups, identified by {table['told_by'].iloc[0]}"
@@ -194,6 +225,16 @@ def _fits(table: pd.DataFrame) -> list[Listing]:
         freedom = f"{worst['freedom_of_fit']:.1f}, {worst['freedom_of_error']:.0f}"
         text = "exceeds pure error" if leaves else "within pure error"
         rows.append((text, str(kind), str(model), str(worst["subject"]), plain(worst["f_ratio"]), freedom, p_value(p)))
-    heads = ("verdict", "of", "model", "most at", "F", "degrees of freedom", "p, all subjects counted")
+    heads = (
+        Head("verdict", "Whether the misfit of the model exceeds pure error."),
+        Head("of", "Repeated quantity: pose, point, attachment, reading or signal."),
+        Head("model", "Model whose residuals are compared with pure error."),
+        Head("most at", "Subject with the most significant misfit."),
+        Head("F", "Mean square of the residuals beyond pure error, divided by the mean square of pure error."),
+        Head("degrees of freedom", "Degrees of freedom of the misfit, then of pure error."),
+        Head(
+            "p, all subjects counted", "Probability of so large an F by chance, multiplied by the number of subjects."
+        ),
+    )
     caption = "Lack of fit: residuals of each model on the fitted measurements, compared with pure error from repeats"
     return [Listing(heads, tuple(rows), tuple(marks), caption, len(rows) > _OPEN, "lack_of_fit.parquet")]

@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from truing.report.heads import BODY, CHANNEL, POSE, RUN, TARGET, Head
 from truing.report.numbers import count, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import SHIFT, Tables, cell, each_row, table_or_none
@@ -63,17 +64,23 @@ def _effects(tables: Tables) -> Listing:
         for r in each_row(tables, "exclusion_effects")
     )
     heads = (
-        "entry",
-        "by",
-        "reason",
-        "of",
-        "left out",
-        "would be gross errors",
-        "largest change of a result",
-        "change / sigma",
+        Head("entry", "Number of the entry in campaign.toml, from 1."),
+        Head("by", "Person who decided, and the day if it is recorded."),
+        Head("reason", "Reason that the person gave."),
+        Head("of", "Points, readings or poses that the entry names."),
+        Head("left out", "Number of rows that the entry leaves out."),
+        Head("would be gross errors", "Number of the rows left out that are gross errors even without the entry."),
+        Head("largest change of a result", "Largest change of a result if no row is left out by a person."),
+        Head("change / sigma", "Largest change of a result divided by the standard deviation of the result."),
     )
     caption = "Effect of exclusions by persons: results without any of them"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "exclusion_effects.parquet")
+
+
+_STAGE = Head("stage", "Stage of the run that left it out.")
+_REASON = Head("reason", "Reason for leaving it out.")
+_WHY = Head("why", "Reason why no pose was determined, or why the point was not used.")
+_OFF_BY = Head("off by", "Distance between the measured value and the value fitted to the others.")
 
 
 def _decisions(tables: Tables) -> Listing:
@@ -91,7 +98,11 @@ def _decisions(tables: Tables) -> Listing:
     for r in each_row(tables, "qa"):
         if by := cell(getattr(r, "accepted", None)):
             rows.append((f"accepted by {by}", f"{r.check} {cell(r.subject)}".strip(), f"{r.verdict}: {r.message}"))
-    heads = ("decision, by whom, and why", "of what", "where")
+    heads = (
+        Head("decision, by whom, and why", "Decision of a person in campaign.toml, with name and reason."),
+        Head("of what", "Target, channel or check that the decision concerns."),
+        Head("where", "Poses or runs in which it applies, or the verdict that was accepted."),
+    )
     return Listing(heads, tuple(rows), caption="Decided by a person", folded=len(rows) > _OPEN)
 
 
@@ -102,7 +113,13 @@ def _pose_names(poses: pd.Series) -> str:
 def _rows_of_files(tables: Tables) -> Listing:
     files = each_row(tables, "exclusions")
     rows = tuple((r.stage, cell(r.subject), cell(r.reason), f"{r.rows:,}", cell(r.by)) for r in files)
-    heads = ("stage", "subject", "reason", "rows", "by")
+    heads = (
+        _STAGE,
+        Head("subject", "File, table or body that the rows belong to."),
+        _REASON,
+        Head("rows", "Number of rows of the file."),
+        Head("by", "Rule or person that left them out."),
+    )
     return Listing(heads, rows, (), "Rows of raw files", len(rows) > _OPEN, "exclusions.parquet")
 
 
@@ -114,7 +131,12 @@ def _by_rule(tables: Tables, name: str) -> pd.DataFrame:
 
 def _points_by_target(tables: Tables) -> Listing:
     """Return the targets with excluded points, the most frequent first, where there are many."""
-    out, heads = _by_rule(tables, "residuals"), ("body", "target", "left out in poses")
+    out = _by_rule(tables, "residuals")
+    heads = (
+        BODY,
+        TARGET,
+        Head("left out in poses", "Number of poses in which it was left out, of those that show it."),
+    )
     if len(out) <= _OPEN:
         return Listing(heads, ())
     seen = tables["residuals"].groupby(["body", "target"]).size()
@@ -128,7 +150,14 @@ def _points(tables: Tables) -> Listing:
         (str(r.pose), r.body, r.target, quantity(math.hypot(*_shift(r)), "mm"), _pose_shift_words(r), cell(r.reason))
         for r in _by_rule(tables, "residuals").itertuples()
     )
-    heads = ("pose", "body", "target", "off by", "x, y, z (mm)", "reason")
+    heads = (
+        POSE,
+        BODY,
+        TARGET,
+        _OFF_BY,
+        Head("x, y, z (mm)", "Measured minus fitted coordinates of the point."),
+        _REASON,
+    )
     caption = f"{count(len(rows), 'object point')} left out of the poses by a rule, not confirmed by a person"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "residuals.parquet")
 
@@ -148,7 +177,7 @@ def _readings(tables: Tables) -> Listing:
         (str(r.run), str(r.step), r.channel, _reading_deviation(r.residual, r.unit), cell(r.reason))
         for r in _by_rule(tables, "reading_residuals").itertuples()
     )
-    heads = ("run", "step", "channel", "off by", "reason")
+    heads = (RUN, Head("step", "Load step within its run, in the order taken."), CHANNEL, _OFF_BY, _REASON)
     caption = f"{count(len(rows), 'reading')} left out of the displacement by a rule, not confirmed by a person"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "reading_residuals.parquet")
 
@@ -164,7 +193,11 @@ def _no_part(tables: Tables) -> Listing:
     if (residuals := table_or_none(tables, "residuals")) is not None:
         idle = residuals[~residuals["rejected"] & residuals["reason"].notna() & ~_by_person(residuals)]
         rows = [(body, why, f"{n:,}") for (body, why), n in idle.groupby(["body", "reason"], sort=False).size().items()]
-    return Listing(("body", "why", "points"), tuple(rows), caption="Points not used in a pose for another reason")
+    return Listing(
+        (BODY, _WHY, Head("points", "Number of points that were not used.")),
+        tuple(rows),
+        caption="Points not used in a pose for another reason",
+    )
 
 
 def _scans(tables: Tables) -> Listing:
@@ -172,7 +205,8 @@ def _scans(tables: Tables) -> Listing:
     out = [r for r in each_row(tables, "scans") if r.status != "ok"]
     rows = tuple((str(r.pose), r.body, r.status, cell(r.message)) for r in out)
     caption = f"{count(len(rows), 'dense scan')} that gave no pose"
-    return Listing(("pose", "body", "status", "why"), rows, (), caption, len(rows) > _OPEN, "scans.parquet")
+    heads = (POSE, BODY, Head("status", "End of the registration of the scan."), _WHY)
+    return Listing(heads, rows, (), caption, len(rows) > _OPEN, "scans.parquet")
 
 
 def _of_models(tables: Tables) -> Listing:
@@ -182,7 +216,14 @@ def _of_models(tables: Tables) -> Listing:
         for stage in ("diagnosis", "calibration")
         for r in each_row(tables, f"{stage}_left_out")
     )
-    heads = ("stage", "subject", "where", "reason", "value", "limit")
+    heads = (
+        _STAGE,
+        Head("subject", "Target, leg or channel whose measured value was left out."),
+        Head("where", "Pose, or run and load step, in which it was left out."),
+        _REASON,
+        Head("value", "Deviation of the measured value."),
+        Head("limit", "Largest deviation that is still accepted as noise."),
+    )
     caption = (
         f"{count(len(rows), 'further gross error')} left out by diagnosis and calibration, not confirmed by a person"
     )
@@ -198,6 +239,11 @@ def _row_subject(r: Any) -> str:
 def _attachments(tables: Tables) -> Listing:
     out = [r for r in each_row(tables, "deformation") if getattr(r, "rejected", False)]
     rows = tuple((str(r.pose), f"leg {r.leg}", quantity(r.delta_bz_um, "um"), cell(r.reason)) for r in out)
-    heads = ("pose", "attachment", "shift along z", "reason")
+    heads = (
+        POSE,
+        Head("attachment", "Attachment of a leg on the platform, by the number of the leg."),
+        Head("shift along z", "Measured shift of the attachment along z of the platform."),
+        _REASON,
+    )
     caption = f"{count(len(rows), 'shift')} of attachments left out of the deformation models"
     return Listing(heads, rows, (), caption, len(rows) > _OPEN, "deformation.parquet")

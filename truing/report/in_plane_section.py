@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from truing.report.coefficient_map import coefficient_map
+from truing.report.heads import Head
 from truing.report.model_tests import REJECTED, ModelTest, by_p
 from truing.report.numbers import p_equals, quantity
 from truing.report.page import Drawn, Listing
@@ -84,7 +85,20 @@ def directions(tables: Tables) -> tuple[Listing, ...]:
         return ()
     kept = shifts[~shifts["rejected"]] if "rejected" in shifts else shifts
     rows = [(f"leg {leg}", *_cells(own)) for leg, own in kept.groupby("leg")]
-    heads = ("attachment", *(text for axis in _SIGMAS for text in (f"rms Δb_{axis}", "rms sigma")))
+    heads = (
+        Head("attachment", "Attachment of a leg on the platform, by the number of the leg."),
+        *(
+            one
+            for axis in _SIGMAS
+            for one in (
+                Head(
+                    f"rms Δb_{axis}",
+                    f"Root mean square over the poses of the attachment's shift along {axis} of the platform.",
+                ),
+                Head("rms sigma", "Root mean square standard deviation of the shift in the column before."),
+            )
+        ),
+    )
     caption = "Shifts of the attachments along the axes of the platform, over all poses"
     return (Listing(heads, (*rows, ("all", *_cells(kept))), (), caption, True, "deformation.parquet"),)
 

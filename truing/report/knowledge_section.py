@@ -12,6 +12,7 @@ from truing.report import absorption
 from truing.report.absorption import absorbed_by, agreement, most_shifted_words
 from truing.report.calibration.calibrations import Key, calibration_name, displayed_calibration, rows_of
 from truing.report.figure_style import label, style
+from truing.report.heads import DEFORMATION, PARAMETER, UNIT, Head, leg_head
 from truing.report.numbers import plain, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.parameter_names import kind_of, name_of, print_unit, symbols
@@ -19,7 +20,14 @@ from truing.report.reasons import why_not_known
 from truing.report.tables import Tables, table_or_none
 
 _TITLE = "What can be known"
-_INDICES = ("condition", "O1", "O2", "O3", "O4", "O5")
+_INDICES = {
+    "condition": "Largest over smallest singular value of the scaled Jacobian; near 1 is good.",
+    "O1": "Geometric mean of the singular values over the root of the number of poses (Borm and Menq).",
+    "O2": "Smallest over largest singular value (Driels and Pathre).",
+    "O3": "Smallest singular value (Nahvi, Hollerbach and Hayward).",
+    "O4": "Square of the smallest singular value over the largest one (Nahvi and Hollerbach).",
+    "O5": "Inverse of the sum of the inverse singular values (Sun and Hollerbach).",
+}
 # Identifiable sets with more names than this are counted instead.
 _NAMED = 12
 _OPEN = 20
@@ -125,7 +133,16 @@ def _combinations(own: pd.DataFrame, caption: str, folded: bool = False) -> List
         for r in _unknown(own).itertuples()
         for k, words in enumerate(r.combination.split(";"))
     )
-    heads = ("combination (m, rad)", "standard deviation of the unobservable direction, in tolerances")
+    heads = (
+        Head(
+            "combination (m, rad)",
+            "Combination of parameters that the data cannot distinguish; lengths in m, angles in rad.",
+        ),
+        Head(
+            "standard deviation of the unobservable direction, in tolerances",
+            "Uncertainty that the data alone leave in this direction; 1 or more: no better than the tolerance.",
+        ),
+    )
     folded = folded or len(rows) > _OPEN
     return Listing(heads, rows, caption=caption, folded=folded, held_by="observability.parquet")
 
@@ -137,7 +154,16 @@ def _indices(legs: pd.DataFrame, whole: pd.DataFrame, key: Key) -> Listing:
         parts.append((calibration_name(key), whole))
     rows = tuple(_index_row(name, own) for name, own in parts)
     caption = "Observability of each leg by poses and readings alone, and of the chosen model by all measurements"
-    heads = ("of", "numbers", "rank", "a largest identifiable set", *_INDICES)
+    heads = (
+        Head("of", "Leg by itself, or the whole model."),
+        Head("numbers", "Number of parameters."),
+        Head("rank", "Number of independent combinations of parameters that the data determine."),
+        Head(
+            "a largest identifiable set",
+            "One choice of as many parameters as possible that the data determine together.",
+        ),
+        *(Head(name, words) for name, words in _INDICES.items()),
+    )
     return Listing(heads, rows, caption=caption, held_by="observability.parquet")
 
 
@@ -165,7 +191,7 @@ def _sigmas(legs: pd.DataFrame) -> Listing:
         cells.setdefault(str(r.combination).removesuffix(str(int(r.leg))), {})[r.leg] = plain(r.value)
     rows = tuple((symbols(name), *(own.get(leg, "") for leg in numbers)) for name, own in cells.items())
     caption = "Standard deviation of each parameter from the data alone, in tolerances (a dash: not determined)"
-    return Listing(("number", *(f"leg {int(leg)}" for leg in numbers)), rows, caption=caption, folded=True)
+    return Listing((PARAMETER, *(leg_head(int(leg)) for leg in numbers)), rows, caption=caption, folded=True)
 
 
 def _known_parameters(tables: Tables, key: Key) -> Drawn:
@@ -194,7 +220,15 @@ def _absorption(absorbed: pd.DataFrame | None) -> Drawn:
 
 def _absorbed(absorbed: pd.DataFrame) -> Listing:
     rows = tuple(_absorbed_row(r) for r in absorbed.itertuples())
-    heads = ("effect left out", "deformation", "estimator", "parameter", "predicted", "observed", "unit")
+    heads = (
+        Head("effect left out", "Effect that the fit ignores."),
+        DEFORMATION,
+        Head("estimator", "Method of the fit: maximum likelihood or implicit objectives."),
+        PARAMETER,
+        Head("predicted", "Shift of the parameter that linear algebra predicts before the fit."),
+        Head("observed", "Shift of the parameter between both fits, with one standard deviation."),
+        UNIT,
+    )
     caption = "Bias of every parameter if an effect is left out"
     return Listing(heads, rows, caption=caption, folded=True, held_by="absorption.parquet")
 

@@ -13,6 +13,7 @@ from plotly.subplots import make_subplots
 from truing.belonging.counted_times import merely_counts
 from truing.report import poses_section as pose_figures
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, label, style
+from truing.report.heads import BODY, CHANNEL, LOAD, ROLE, RUN, TARGET, Head
 from truing.report.numbers import count, duration, in_one_unit, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import (
@@ -97,8 +98,19 @@ def _bodies(points: pd.DataFrame, survey: pd.DataFrame | None, known: pd.Series)
                 ", ".join(quantity(s, "mm") for s in part[SIGMA].median()),
             )
         )
-    heads = ("body", "targets", "surveyed", "at attachments", "poses", "points", "median sigma x, y, z")
+    heads = (
+        BODY,
+        Head("targets", "Number of targets of the body, surveyed or seen."),
+        Head("surveyed", "Number of targets with coordinates in the frame of the body."),
+        Head("at attachments", "Number of targets at attachments of legs, which move if the platform deforms."),
+        Head("poses", "Number of poses in which the body was measured."),
+        Head("points", "Number of measured points of the body."),
+        Head("median sigma x, y, z", "Median standard deviation of a coordinate, by axis."),
+    )
     return Listing(heads, tuple(rows), caption="Bodies and their targets")
+
+
+_FROM, _TO = Head("from", "Smallest value."), Head("to", "Largest value.")
 
 
 def _ranges(configurations: pd.DataFrame) -> Listing:
@@ -114,7 +126,13 @@ def _ranges(configurations: pd.DataFrame) -> Listing:
         )
         for c in columns
     )
-    return Listing(("column", "from", "to", "poses"), rows, caption="Readings and surroundings", folded=len(rows) > 12)
+    heads = (
+        Head("column", "Column of the table of configurations."),
+        _FROM,
+        _TO,
+        Head("poses", "Number of poses with a value."),
+    )
+    return Listing(heads, rows, caption="Readings and surroundings", folded=len(rows) > 12)
 
 
 def _targets(points: pd.DataFrame, survey: pd.DataFrame | None, residuals: pd.DataFrame | None) -> Listing:
@@ -126,7 +144,14 @@ def _targets(points: pd.DataFrame, survey: pd.DataFrame | None, residuals: pd.Da
     if residuals is not None:
         table = table.merge(residuals.groupby(keys)["rejected"].sum().reset_index(), on=keys, how="left")
     rows = tuple(_target_row(r) for r in table.itertuples())
-    heads = ("body", "target", "x, y, z in the survey (mm)", "attachment", "seen in poses", "left out in")
+    heads = (
+        BODY,
+        TARGET,
+        Head("x, y, z in the survey (mm)", "Coordinates of the target in the frame of its body."),
+        Head("attachment", "Leg at whose attachment the target sits; a dash for the others."),
+        Head("seen in poses", "Number of poses in which the target was measured."),
+        Head("left out in", "Number of poses in which its point was left out as a gross error."),
+    )
     return Listing(heads, rows, caption=f"All {count(len(rows), 'target')}", folded=True, held_by="survey.parquet")
 
 
@@ -153,11 +178,14 @@ def _measured_scans(tables: Tables) -> ReportSection:
 def _measured_poses(tables: Tables, given: pd.DataFrame) -> ReportSection:
     """Return poses that an instrument measured directly, with the columns recorded with them."""
     rows = tuple((str(body), f"{len(part):,}") for body, part in given.groupby("body", sort=False))
-    listings = [Listing(("body", "poses"), rows, caption="Bodies whose poses were measured")]
+    listings = [Listing((BODY, _MEASURED_POSES), rows, caption="Bodies whose poses were measured")]
     if (conf := table_or_none(tables, "configurations")) is not None and _ranges(conf).rows:
         listings.append(_ranges(conf))
     text = f"{_campaign_sentence(tables)} Poses were measured as such, without targets: {len(given):,} of them."
     return ReportSection("measured", "Measured", text, listings=tuple(listings))
+
+
+_MEASURED_POSES = Head("poses", "Number of poses that the instrument reported.")
 
 
 def _scans(scans: pd.DataFrame) -> Listing:
@@ -173,7 +201,14 @@ def _scans(scans: pd.DataFrame) -> Listing:
         )
         for body, part in scans.groupby("body", sort=False)
     )
-    heads = ("body", "scans registered", "points used, median", "overlap", "rms", "scatter over declared noise")
+    heads = (
+        BODY,
+        Head("scans registered", "Number of scans that gave a pose."),
+        Head("points used, median", "Median number of points of a scan in the fit."),
+        Head("overlap", "Share of a scan's points on the reference surface."),
+        Head("rms", "Root mean square distance of the points from the reference surface."),
+        Head("scatter over declared noise", "Rms distance from the reference surface divided by the declared noise."),
+    )
     return Listing(heads, rows, caption="Dense scans")
 
 
@@ -353,7 +388,15 @@ def _readings_by_load(steps: pd.DataFrame, read: pd.DataFrame) -> go.Figure:
 
 def _loads(steps: pd.DataFrame, axes: list[str]) -> Listing:
     rows = tuple(_load_row(steps, axis) for axis in axes)
-    heads = ("load", "runs", "steps", "levels", "from", "to", "direction")
+    heads = (
+        LOAD,
+        Head("runs", "Number of runs with this load."),
+        Head("steps", "Number of load steps with this load."),
+        Head("levels", "Number of different sizes of the load."),
+        _FROM,
+        _TO,
+        Head("direction", "Whether the load only rises or also falls, and whether both signs were applied."),
+    )
     return Listing(heads, rows, caption="Loads, axis by axis")
 
 
@@ -386,7 +429,14 @@ def _channels(tables: Tables, read: pd.DataFrame) -> Listing:
         if own is not None and len(own):
             low, high = (plain(value) for value in (own[f"{name}_mv"].min(), own[f"{name}_mv"].max()))
             rows.append((name, str(own["run"].nunique()), f"{len(own):,}", f"{low} mV", f"{high} mV", signal_noise))
-    heads = ("channel", "runs", "readings", "from", "to", "noise of a reading")
+    heads = (
+        CHANNEL,
+        Head("runs", "Number of runs in which the channel was read."),
+        Head("readings", "Number of readings of the channel."),
+        _FROM,
+        _TO,
+        Head("noise of a reading", "Standard deviation of one reading, as declared or estimated from raw signals."),
+    )
     return Listing(heads, tuple(rows), caption="Channels and signals")
 
 
@@ -419,6 +469,9 @@ def _signal_noise(tables: Tables) -> str:
     return "not declared" if size != size else f"{plain(float(size))} mV"
 
 
+_NUMBER = Head("number", "Number of rows with a value.")
+
+
 def _surroundings(tables: Tables) -> Listing:
     """Return the ranges of the surroundings and of further recorded columns."""
     table = table_or_none(tables, "readings")
@@ -430,7 +483,7 @@ def _surroundings(tables: Tables) -> Listing:
         known = table[column].dropna() if table is not None and table[column].dtype.kind in "fi" else ()
         if len(known) and not column.endswith("_mv"):
             rows.append((words, f"{min(known):.6g} {unit}", f"{max(known):.6g} {unit}", f"{len(known):,}"))
-    heads = ("surroundings", "from", "to", "number")
+    heads = (Head("surroundings", "Recorded quantity that is no load and no reading."), _FROM, _TO, _NUMBER)
     return Listing(heads, tuple(rows), caption="Environment and other records")
 
 
@@ -439,7 +492,15 @@ def _runs(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> Listing:
     channels = read.groupby("run")["channel"].unique() if len(read) else {}
     timed = steps.assign(time_s=np.nan) if _is_counted(steps) else steps
     rows = tuple(_run_row(run, own, channels) for run, own in timed.groupby("run", sort=False))
-    heads = ("run", "role", "loads", "channels", "steps", "begins at", "takes")
+    heads = (
+        RUN,
+        ROLE,
+        Head("loads", "Load components that were applied in the run."),
+        Head("channels", "Channels that were read in the run."),
+        Head("steps", "Number of load steps."),
+        Head("begins at", "Time of the first step, by the clock of the files."),
+        Head("takes", "Time from the first to the last step."),
+    )
     held_by = "observations.parquet" if "readings" in tables else "signals.parquet"
     return Listing(heads, rows, caption=f"All {count(len(rows), 'run')}", folded=len(rows) > _OPEN, held_by=held_by)
 
@@ -464,5 +525,10 @@ def corrections(tables: Tables, *, of_axis: bool = False) -> Listing:
         )
         for row in reported
     )
-    heads = ("reading", "corrected for", "at most by", "known to (one sigma)")
+    heads = (
+        Head("reading", "Channel, or axis, whose readings are corrected."),
+        Head("corrected for", "Effect that the correction removes: air or material."),
+        Head("at most by", "Largest correction of a reading."),
+        Head("known to (one sigma)", "Standard deviation of the correction."),
+    )
     return Listing(heads, rows, caption="Corrections of readings", held_by="reading_corrections.parquet")

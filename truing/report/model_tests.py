@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from truing.report.heads import Head, P
 from truing.report.numbers import p_value, plain
 from truing.report.page import Listing
 
@@ -58,4 +59,10 @@ def below_noise(asked: str, chi_square: float, freedom: float, why: str) -> Mode
 def listing_of(tests: Sequence[ModelTest], caption: str) -> Listing:
     """Return a listing of the tests, one per row."""
     rows = tuple((test.state, test.question, p_value(test.p), test.statement) for test in tests)
-    return Listing(("result", "hypothesis", "p", "meaning"), rows, tuple(_MARKS[test.state] for test in tests), caption)
+    heads = (
+        Head("result", "Outcome of the test: pass, fail, rejected, contradicted or not evaluated."),
+        Head("hypothesis", "Statement about the model that the test asks for."),
+        P,
+        Head("meaning", "What follows from the outcome."),
+    )
+    return Listing(heads, rows, tuple(_MARKS[test.state] for test in tests), caption)

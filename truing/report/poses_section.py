@@ -22,6 +22,7 @@ from truing.report.figure_style import (
     size_axis,
     style,
 )
+from truing.report.heads import BODY, POSE, Head, schema_head
 from truing.report.numbers import count, quantity, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
@@ -116,12 +117,30 @@ def _undetermined_poses(lost: pd.DataFrame) -> Listing:
         named = ", ".join(str(p) for p in part["pose"].iloc[:12])
         more = f" and {len(part) - 12:,} more" if len(part) > 12 else ""
         rows.append((str(body), str(status), f"{len(part):,}", named + more))
-    return Listing(("body", "why", "poses", "which"), tuple(rows), caption="Poses that could not be determined")
+    heads = (
+        BODY,
+        Head("why", "Reason why the pose could not be determined."),
+        Head("poses", "Number of poses that could not be determined."),
+        Head("which", "Names of the poses that could not be determined."),
+    )
+    return Listing(heads, tuple(rows), caption="Poses that could not be determined")
 
 
 def _all_poses(chosen: pd.DataFrame) -> Listing:
     rows = tuple(_pose_row(r) for r in chosen.itertuples())
-    heads = ("pose", "body", "from", "x, y, z (mm)", "rotation vector (mrad)", "rms", "used", "left out", "status")
+    heads = (
+        POSE,
+        BODY,
+        Head("from", "Frame in which the pose is given: a body, or the frame of the measurement."),
+        Head("x, y, z (mm)", "Origin of the body in the frame of the column from, with one standard deviation."),
+        Head(
+            "rotation vector (mrad)", "Axis times angle of the rotation from the body to the frame of the column from."
+        ),
+        Head("rms", "Root mean square of the residuals of the points used."),
+        Head("used", "Number of points, or readings, in the fit."),
+        Head("left out", "Number of points, or readings, left out as gross errors or by a person."),
+        schema_head("status"),
+    )
     caption = f"All {count(len(rows), 'pose')}"
     return Listing(heads, rows, caption=caption, folded=True, held_by="poses.parquet")
 

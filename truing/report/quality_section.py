@@ -9,6 +9,7 @@ import pandas as pd
 
 from truing.belonging.relation import RelationState
 from truing.report.belonging import RELATIONS, listed
+from truing.report.heads import Head, schema_head
 from truing.report.numbers import count as counted
 from truing.report.numbers import printed, quantity
 from truing.report.page import Listing, ReportSection
@@ -19,7 +20,15 @@ from truing.schemas.quality_checks import WITHHOLDING
 from truing.schemas.verdict import ReasonCode
 
 _ORDER = {"fail": 0, "warn": 1, "pass": 2, "not evaluated": 3}
-_HEADS = ("verdict", "check", "subject", "value", "limit", "what it says")
+_HEADS = (
+    Head("verdict", "Result of the check: pass, warn, fail or not evaluated."),
+    schema_head("check"),
+    Head("subject", "Body, target, channel or run that the row concerns; a dash for the whole campaign."),
+    Head("value", "Quantity that the check compares with its limit."),
+    Head("limit", "Limit of the value for this verdict."),
+    Head("what it says", "Result of the check in one or two sentences."),
+)
+_ACCEPTED_BY = Head("accepted by", "Person who accepted the verdict, with the reason in campaign.toml.")
 # Longer listings of warnings are folded.
 _OPEN = 12
 
@@ -34,7 +43,7 @@ def qa(tables: Tables) -> ReportSection | None:
     accepted = accepted_verdicts(qa)
     listings = [
         _checks(qa[(qa["verdict"] == "fail") & ~accepted], "Failed"),
-        _checks(qa[accepted], "Accepted by a person", ("accepted by",)),
+        _checks(qa[accepted], "Accepted by a person", (_ACCEPTED_BY,)),
         _checks(qa[(qa["verdict"] == "warn") & ~accepted], "Warnings"),
         _checks(qa, f"All {len(qa)} checks", folded=True),
     ]

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from truing.report.heads import Head, term_head
 from truing.report.page import NO_FACTS, CampaignFacts, Depth, Listing, ReportSection
 from truing.schemas.installed import with_installed
 
@@ -190,6 +191,14 @@ def _note_for_missing(
     return ReportSection(section.name, section.title, why_absent(section.name, tables), state="not evaluated")
 
 
+_ARTIFACT_HEADS = (
+    term_head("artifact"),
+    term_head("stage"),
+    Head("version", "Version of truing that wrote it."),
+    Head("digest", "First 16 digits of the SHA-256 of inputs, settings and source of the stage."),
+)
+
+
 def _provenance(provenance: Mapping[str, Mapping[str, str]], about: CampaignFacts) -> ReportSection:
     """Return the artifacts that the page was made from, with the digest of their inputs, settings and software."""
     rows = tuple(
@@ -198,8 +207,19 @@ def _provenance(provenance: Mapping[str, Mapping[str, str]], about: CampaignFact
     )
     lead = "The digest of an artifact covers its inputs, its settings and the source that made it."
     listings = (
-        Listing(("key of campaign.toml", "value"), about.declared, caption="Declared settings"),
-        Listing(("software", "version"), about.software, caption="Software that made this page"),
-        Listing(("artifact", "stage", "version", "digest"), rows, caption="Artifacts"),
+        Listing(
+            (Head("key of campaign.toml", "Key by its section."), Head("value", "Declared value.")),
+            about.declared,
+            caption="Declared settings",
+        ),
+        Listing(
+            (
+                Head("software", "Program or library that computed."),
+                Head("version", "Version of this program or library."),
+            ),
+            about.software,
+            caption="Software that made this page",
+        ),
+        Listing(_ARTIFACT_HEADS, rows, caption="Artifacts"),
     )
     return ReportSection("provenance", "Provenance", lead, listings=tuple(one for one in listings if one.rows))

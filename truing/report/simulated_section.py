@@ -9,6 +9,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.report.comparison_map import comparison_map
+from truing.report.heads import Head
 from truing.report.model_tests import CONTRADICTED, ModelTest, by_p
 from truing.report.numbers import p_equals, with_uncertainty
 from truing.report.page import Drawn, Listing
@@ -115,6 +116,13 @@ def simulated_entries(tables: Tables) -> tuple[Listing, ...]:
         for r in entries.itertuples()
     )
     marks = tuple({"differs": "warn", "agrees": "pass"}[str(verdict)] for verdict in entries["verdict"])
-    heads = ("entry", "measured, µm/mm", "simulated, µm/mm", "difference, µm/mm", "sigmas apart", "verdict")
+    heads = (
+        Head("entry", "Entry of K: attachment that shifts, then actuator that moves it."),
+        Head("measured, µm/mm", "Entry as measured, with one standard deviation."),
+        Head("simulated, µm/mm", "Entry as simulated."),
+        Head("difference, µm/mm", "Measured minus simulated entry."),
+        Head("sigmas apart", "Difference divided by its standard deviation."),
+        Head("verdict", "Whether both agree, at 5 % false alarms over all entries together."),
+    )
     caption = "K, entry by entry. Differs: at 5 % false alarms over all entries together"
     return (Listing(heads, rows, marks, caption, True, "simulated_deformation.parquet"),)

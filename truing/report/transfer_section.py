@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
+from truing.report.heads import MODEL_OF_LEGS, Head
 from truing.report.numbers import count, plain, quantity, sign
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, reason, table_or_none
@@ -42,6 +43,11 @@ def _listing(errors: pd.DataFrame) -> Listing:
         rows.append((str(by), cell(model), *(cells.get(name, "") for name, _ in columns)))
     reported = of[of["noise_rms"].notna()].set_index("quantity")["noise_rms"]
     rows.append(("noise alone", "", *(plain(reported[name]) if name in reported else "" for name, _ in columns)))
-    heads = ("predicted by", "model", *(f"{name} ({sign(unit)})" for name, unit in columns))
+    error = "Rms / largest of measured minus predicted in the second campaign."
+    heads = (
+        Head("predicted by", "Model that predicts: nominal machine, chosen calibration, or extended model."),
+        MODEL_OF_LEGS,
+        *(Head(f"{name} ({sign(unit)})", error) for name, unit in columns),
+    )
     caption = "Measured minus predicted in the second campaign: rms / largest"
     return Listing(heads, tuple(rows), caption=caption, held_by=f"{_ARTIFACT}.parquet")

@@ -10,6 +10,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
+from truing.report.heads import Head, term_head
 from truing.report.numbers import count, plain, rough, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.reasons import why_absent
@@ -105,6 +106,12 @@ def _reading(groups: _Grouped) -> str:
     return f"Shares of the variance; hatched: type A.{typical}"
 
 
+_OF = Head("of", "Body, leg, cause or channel that the result concerns.")
+_QUANTITY = Head("quantity", "Quantity that the result gives.")
+_STATE = Head("state", "State of the row: not evaluated.")
+_WHY = Head("why", "Reason why it has no stated uncertainty, or is not in the budget.")
+
+
 def _stated(reported: pd.DataFrame) -> Listing:
     rows = tuple(
         (
@@ -117,13 +124,20 @@ def _stated(reported: pd.DataFrame) -> Listing:
         )
         for r in reported.itertuples()
     )
-    heads = ("of", "quantity", "estimate ± expanded uncertainty U", "u", "k", "ν_eff")
+    heads = (
+        _OF,
+        _QUANTITY,
+        Head("estimate ± expanded uncertainty U", "Estimate and half width of its 95 % interval: U = k u."),
+        term_head("u", "standard uncertainty"),
+        term_head("k", "coverage factor"),
+        Head("ν_eff", "Effective degrees of freedom of u, by Welch and Satterthwaite."),
+    )
     return Listing(heads, rows, caption="Results", folded=len(rows) > _OPEN, held_by=_WHERE)
 
 
 def _not_stated(left: pd.DataFrame) -> Listing:
     rows = tuple(("not evaluated", cell(r.subject), cell(r.quantity), cell(r.reason)) for r in left.itertuples())
-    heads, marks = ("state", "of", "quantity", "why"), ("none",) * len(rows)
+    heads, marks = (_STATE, _OF, _QUANTITY, _WHY), ("none",) * len(rows)
     return Listing(heads, rows, marks, "Without a stated uncertainty", len(rows) > _OPEN, _WHERE)
 
 
@@ -142,15 +156,23 @@ def _budget(groups: _Grouped) -> Listing:
         for source in groups.sources
         if groups.share[group, source] >= 5e-4
     )
-    what = "standard uncertainty, rms of the results" if groups.several else "standard uncertainty"
-    heads = ("result", "source", "type", "distribution", what, "ν", "share of the variance")
+    of = ", rms of the results" if groups.several else ""
+    heads = (
+        Head("result", "Result, or group of results of one kind."),
+        Head("source", "Source of uncertainty."),
+        Head("type", "A: from observations of this campaign; B: declared, from other knowledge."),
+        Head("distribution", "Assumed distribution of the source."),
+        Head(f"standard uncertainty{of}", "Standard uncertainty of the result by this source alone."),
+        Head("ν", "Degrees of freedom of the source's standard uncertainty; ∞ if it is taken as exactly known."),
+        Head("share of the variance", "Part of the squared uncertainty of the result that this source gives."),
+    )
     caption = "Budget; parts below 0.05 % are in uncertainty_budget.parquet"
     return Listing(heads, rows, caption=caption, folded=len(rows) > 2 * _OPEN, held_by="uncertainty_budget.parquet")
 
 
 def _omitted(budget: pd.DataFrame) -> Listing:
     rows = tuple(("not evaluated", cell(r.input_source), cell(r.reason)) for r in budget.itertuples())
-    heads, marks = ("state", "source", "why"), ("none",) * len(rows)
+    heads, marks = (_STATE, Head("source", "Source of uncertainty."), _WHY), ("none",) * len(rows)
     return Listing(heads, rows, marks, "Not in the budget", held_by="uncertainty_budget.parquet")
 
 

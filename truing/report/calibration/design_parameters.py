@@ -8,6 +8,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.report.figure_style import BLUE, GREY, style
+from truing.report.heads import MODEL_OF_LEGS, PARAMETER, Head
 from truing.report.numbers import count, plain, quantity, sign
 from truing.report.page import Drawn, Listing
 from truing.report.tables import Tables, table_or_none
@@ -47,7 +48,16 @@ def design_parameters(tables: Tables) -> tuple[Listing, ...]:
         return ()
     rows = tuple(_row(r) for r in table.itertuples())
     marks = tuple("pass" if known else "none" for known in table["identifiable"])
-    heads = ("model", "parameter", "nominal", "tolerance", "effect", "noise", "sigma / tolerance", "identifiable")
+    heads = (
+        MODEL_OF_LEGS,
+        PARAMETER,
+        Head("nominal", "Value of the parameter in campaign.toml."),
+        Head("tolerance", "Standard deviation of the parameter by manufacture: as declared, else its nominal value."),
+        Head("effect", "Rms change of the leg's closure over the poses if the parameter changes by one tolerance."),
+        Head("noise", "Rms noise of the leg's closure by poses and readings."),
+        Head("sigma / tolerance", "Standard deviation from the data alone divided by the tolerance."),
+        Head("identifiable", "Whether the data determine the parameter better than its tolerance."),
+    )
     caption = f"{_words(table)}. Tolerance: as declared, else 100 % of the nominal value"
     return (Listing(heads, rows, marks, caption, True, "flexure_parameters.parquet"),)
 

@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 
 from truing.report.calibration.calibrations import Key, calibration_name, deformation_words, in_order, keys_of, rows_of
+from truing.report.heads import DEFORMATION, MODEL_OF_LEGS, PARAMETER, Head, leg_head
 from truing.report.numbers import p_value, plain, with_uncertainty
 from truing.report.page import Listing
 from truing.report.parameter_names import MEANING, UNBROKEN, kind_of, name_of, print_unit
@@ -14,22 +15,29 @@ from truing.report.tables import cell
 
 GOOD = ("ok", "converged")
 _HEADS = (
-    "choice",
-    "model",
-    "deformation",
-    "fitted (µm)",
-    "(arcsec)",
-    "held out (µm)",
-    "(arcsec)",
-    "held out / noise",
-    "p",
-    "rms pull",
-    "χ² / freedom",
+    Head("choice", "Marks the calibration that is chosen, those that are as good, and fits that failed."),
+    MODEL_OF_LEGS,
+    DEFORMATION,
+    Head("fitted (µm)", "Mean / maximum distance between measured and predicted position, at the fitted poses."),
+    Head(
+        "(arcsec)",
+        "Mean / maximum angle between measured and predicted orientation, at the fitted poses.",
+    ),
+    Head("held out (µm)", "Mean / maximum distance between measured and predicted position, at the held-out poses."),
+    Head(
+        "(arcsec)",
+        "Mean / maximum angle between measured and predicted orientation, at the held-out poses.",
+    ),
+    Head("held out / noise", "Error at the held-out poses over that of noise alone; 1 as noise alone."),
+    Head("p", "Probability that noise alone gives held-out errors at least this large."),
+    Head("rms pull", "Root mean square of the pulls of all parameters; 1 if they agree with their tolerances."),
+    Head("χ² / freedom", "Sum of the squared weighted residuals / degrees of freedom of the fit."),
 )
 _ERRORS = "Errors: mean / maximum. p: probability of the held-out errors by chance. Equal: as good as the chosen one"
 _SAID = {"chosen": "chosen", "indistinguishable": "equal"}
 _MARKS = {"": "", "chosen": "pass", "equal": "none"}
 _STRONG = 0.9
+_ALL_LEGS = Head("all legs", "Value of a parameter that belongs to no single leg.")
 _OPEN = 12
 
 _CELL = "Identified − nominal ± one standard deviation; in brackets the pull: that shift over its expected size."
@@ -83,7 +91,11 @@ def strong_correlations(correlations: pd.DataFrame) -> Listing:
         for r in strong.itertuples()
     )
     caption = f"Correlations of {_STRONG:g} and more: only the sum or the difference of the two is well known"
-    heads = ("parameter", "with", "correlation")
+    heads = (
+        PARAMETER,
+        Head("with", "Other parameter of the pair."),
+        Head("correlation", "Correlation of the errors of both parameters, from −1 to 1."),
+    )
     return Listing(heads, rows, caption=caption, folded=len(rows) > _OPEN, held_by="correlations.parquet")
 
 
@@ -94,7 +106,7 @@ def deviations(fitted: pd.DataFrame, key: Key) -> Listing:
     measured = f" {_MEASURED}" if own["parameter"].str.startswith(_BENT).any() else ""
     caption = f"Parameters of {calibration_name(key)}. {_CELL}{star} {MEANING}{measured}"
     heads, rows = _by_leg(own)
-    return Listing(("parameter", *heads), rows, caption=caption, held_by="calibration.parquet")
+    return Listing((PARAMETER, *heads), rows, caption=caption, held_by="calibration.parquet")
 
 
 def all_deviations(fitted: pd.DataFrame, method: str, held_by: str) -> list[Listing]:
@@ -111,7 +123,7 @@ def _of_deformation(fitted: pd.DataFrame, deformation: str, method: str, held_by
         for row in _by_leg(rows_of(own, (model, deformation)), heads)[1]
     ]
     caption = f"All parameters with {deformation_words(deformation)}, {method}"
-    return Listing(("model", "parameter", *heads), tuple(rows), caption=caption, folded=True, held_by=held_by)
+    return Listing((MODEL_OF_LEGS, PARAMETER, *heads), tuple(rows), caption=caption, folded=True, held_by=held_by)
 
 
 def _by_leg(
@@ -119,7 +131,10 @@ def _by_leg(
 ) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
     """Return heads of the columns (legs, and parameters of none), and a row of cells per kind of parameter."""
     legs = sorted(parameters["leg"].dropna().unique())
-    heads = heads or (*(f"leg {int(leg)}" for leg in legs), *(["all legs"] if parameters["leg"].isna().any() else []))
+    heads = heads or (
+        *(leg_head(int(leg)) for leg in legs),
+        *([_ALL_LEGS] if parameters["leg"].isna().any() else []),
+    )
     cells: dict[str, dict[str, str]] = {}
     for r in parameters.assign(known=_identifiable(parameters)).itertuples():
         kind, unit = _kind(r), print_unit(r.parameter, r.unit)[1]

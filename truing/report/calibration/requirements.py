@@ -20,6 +20,7 @@ from truing.report.calibration.calibrations import (
     rows_of,
 )
 from truing.report.figure_style import GREEN, GREY, ORANGE, RED, label, sequence_title, size_axis, style
+from truing.report.heads import DEFORMATION, MODEL_OF_LEGS, Head, schema_head
 from truing.report.numbers import count, in_one_unit, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.reasons import is_by_components, why_absent, why_no_requirement
@@ -31,6 +32,7 @@ _TITLE = "Requirements"
 _MARKS = {"meets": "pass", "fails": "fail", "undecided": "warn"}
 _COMPONENTS = {"rx": "tilt about x", "ry": "tilt about y", "rz": "turn about z"}
 _LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
+_VERDICT = Head("verdict", "Whether the machine meets the requirement: meets, fails, or undecided with these data.")
 
 _DRAWN_AS = {"meets": (GREEN, "circle"), "undecided": (ORANGE, "diamond"), "fails": (RED, "x")}
 
@@ -62,7 +64,14 @@ def assessed_noun(requirements: pd.DataFrame) -> str:
 
 
 def _heads(requirements: pd.DataFrame) -> tuple[str, ...]:
-    return ("component", "limit", f"95 % of {assessed_noun(requirements)}s below", "interval (95 %)", "error / limit")
+    noun = f"{assessed_noun(requirements)}s"
+    return (
+        schema_head("component"),
+        Head("limit", "Accuracy that [requirement] of campaign.toml asks for."),
+        Head(f"95 % of {noun} below", f"Estimate of the absolute error that 95 of 100 {noun} do not exceed."),
+        Head("interval (95 %)", f"Range that holds this error with 95 % confidence, by the number of {noun}."),
+        Head("error / limit", "Estimated error divided by the limit."),
+    )
 
 
 def _name_of(key: Key, requirements: pd.DataFrame) -> str:
@@ -190,9 +199,9 @@ def _requirement_listing(requirements: pd.DataFrame, key: Key) -> Listing:
     idle = requirements["verdict"] == "not evaluated"
     if idle.any() and "message" in requirements:
         remarks: list[tuple[str, ...]] = [(cell(message),) for message in requirements["message"].where(idle, "")]
-        heads: tuple[str, ...] = ("verdict", *_heads(requirements), "why")
+        heads: tuple[str, ...] = (_VERDICT, *_heads(requirements), Head("why", "Reason why it was not evaluated."))
     else:
-        remarks, heads = [()] * len(requirements), ("verdict", *_heads(requirements))
+        remarks, heads = [()] * len(requirements), (_VERDICT, *_heads(requirements))
     rows = tuple((r.verdict, *_sizes(r), *remark) for r, remark in zip(requirements.itertuples(), remarks, strict=True))
     caption = f"With {_name_of(key, requirements)}"
     return Listing(heads, rows, _marks(requirements), caption, held_by="requirements.parquet")
@@ -200,7 +209,7 @@ def _requirement_listing(requirements: pd.DataFrame, key: Key) -> Listing:
 
 def _other_calibrations(others: pd.DataFrame) -> Listing:
     rows = tuple((r.verdict, r.model, r.deformation, *_sizes(r)) for r in others.itertuples())
-    heads = ("verdict", "model", "deformation", *_heads(others))
+    heads = (_VERDICT, MODEL_OF_LEGS, DEFORMATION, *_heads(others))
     return Listing(heads, rows, _marks(others), "With every other calibration", True, "requirements.parquet")
 
 

@@ -6,11 +6,13 @@ from collections.abc import Sequence
 
 import pandas as pd
 
+from truing.report.heads import Head, schema_head
 from truing.report.numbers import count, listed, plain, sign
 from truing.report.page import Listing, Verdict
 from truing.report.tables import Tables, cell, table_or_none
 
 _RECORDED = "as recorded"
+_ERROR = "Rms / largest of measured minus predicted in this quantity."
 _CAPTION = "Calibrations of the data as recorded and with findings applied: errors on held-out data, rms / largest"
 _OF_FITTED = " (here on the fitted poses: none was held out)"
 _NO_EFFECT = "no calibration depends on it, so no result changes"
@@ -26,11 +28,11 @@ def compared_calibrations(tables: Tables) -> list[Listing]:
     columns = list(zip(of["quantity"], of["unit"], strict=True))
     rows = [row for main in (True, False) for row in _rows(table[table["is_main"] == main], columns)]
     heads = (
-        "calibration",
-        "findings applied",
-        "model",
-        "tested on",
-        *(f"{name} ({sign(unit)})" for name, unit in columns),
+        Head("calibration", "Whether the calibration is the main one, which all other tables of the page show."),
+        schema_head("findings applied", "findings"),
+        Head("model", "Model of the calibration that held-out data choose."),
+        schema_head("tested on"),
+        *(Head(f"{name} ({sign(unit)})", _ERROR) for name, unit in columns),
     )
     caption = _CAPTION + (_OF_FITTED if (table["tested_on"] == "calibration poses").any() else "")
     return [Listing(heads, tuple(rows), caption=caption, held_by="calibrations_compared.parquet")]

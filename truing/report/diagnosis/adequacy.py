@@ -10,6 +10,7 @@ from truing.belonging.relation import RelationState
 from truing.report.diagnosis.assessed_causes import accepted_of, assessed_causes, modelled_of
 from truing.report.diagnosis.findings import subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, errors_of_models
+from truing.report.heads import CORRECTED_P, Head
 from truing.report.numbers import count, p_value, rough, sign
 from truing.report.page import Listing, ReportSection
 from truing.report.section_verdict import SectionVerdict
@@ -62,7 +63,13 @@ def adequacy(tables: Tables) -> ReportSection | None:
         (_LOOKED_FOR[row.test], _column_words(row), _value(row), p_value(row.p_value), row.state) for row in rows
     )
     marks = tuple({"fails": "fail", "ok": "pass"}.get(row.state, "none") for row in rows)
-    heads = ("test", "along", "value", "p (corrected)", "state")
+    heads = (
+        Head("test", "Property of the residuals of the final model that is compared with pure noise."),
+        Head("along", "Quantity along which neighbours or regions are compared."),
+        Head("value", "Statistic of the test; its kind stands in brackets."),
+        Head("p (corrected)", CORRECTED_P),
+        Head("state", "Result: ok, fails, or not tested with these data."),
+    )
     listing = Listing(heads, cells, marks, "All tests", len(cells) > 8, "adequacy.parquet")
     return ReportSection("adequacy", _TITLE, lead, (), (listing,))
 

@@ -9,6 +9,7 @@ import pandas as pd
 from truing.report.diagnosis.assessed_causes import FOUND, NOT_TESTABLE, REJECTED, SUSPECTED, AssessedCause
 from truing.report.diagnosis.effect_units import plain_size, stem
 from truing.report.diagnosis.findings import few, subject_words
+from truing.report.heads import CAUSE, PARAMETER, Head
 from truing.report.numbers import count, printed
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, table_or_none
@@ -64,7 +65,14 @@ def _by_cause(table: pd.DataFrame, rows: list[AssessedCause]) -> Listing:
         (cause_words(str(cause)), str(parameter), _subject_words(own), *_from_to(own), verdicts.get(str(cause), "–"))
         for (cause, parameter), own in _kinds(table)
     )
-    heads = ("cause", "parameter", "concerns", "found from, best subject", "worst subject", "result")
+    heads = (
+        CAUSE,
+        PARAMETER,
+        Head("concerns", "Part of the machine that the parameter concerns: the whole, or each leg, target or axis."),
+        Head("found from, best subject", "Smallest size that would have been found, at the part that shows it best."),
+        Head("worst subject", "Smallest size that would have been found, at the part that shows it worst."),
+        Head("result", "Decision of the diagnosis on this cause."),
+    )
     caption = "The smallest size that would have been found, of the subjects that show it best and worst"
     marks = tuple("found" if row[-1] == FOUND else "none" for row in cells)
     return Listing(heads, cells, marks, caption, held_by="detectable.parquet")
@@ -107,11 +115,20 @@ def _full_listing(table: pd.DataFrame) -> Listing:
         (cause_words(r.cause), subject_words(r.subject), few(str(r.parameter)), r.told, f"{100 * r.power:.0f} %")
         for r in table.itertuples()
     )
-    heads = ("cause", "subject", "parameter", "found from", "with probability")
+    heads = (
+        CAUSE,
+        Head("subject", "Leg, target or axis that the row concerns; a dash for the whole machine."),
+        PARAMETER,
+        Head("found from", "Smallest size of the effect that is found with the stated probability."),
+        Head("with probability", "Probability that the diagnosis finds an effect of this size."),
+    )
     return Listing(heads, rows, (), "Every cause and subject", True, "detectable.parquet")
+
+
+_SAYS = Head("what the data say", "Result of the assessment in words.")
 
 
 def _in_words(rows: list[AssessedCause]) -> Listing:
     """Return the sizes from the explanations of rejected causes, where there is no table."""
     reported = tuple((row.name, printed(row.explanation)) for row in rows if row.verdict in (REJECTED, NOT_TESTABLE))
-    return Listing(("cause", "what the data say"), reported, (), "What was not found", True, "diagnosis.parquet")
+    return Listing((CAUSE, _SAYS), reported, (), "What was not found", True, "diagnosis.parquet")

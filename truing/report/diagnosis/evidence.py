@@ -19,6 +19,7 @@ from truing.report.diagnosis.assessed_causes import (
     accepted_of,
 )
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, label, style
+from truing.report.heads import CAUSE, UNIT, Head
 from truing.report.numbers import count, p_equals, p_value, plain, rough, sign
 from truing.report.page import Listing, ReportSection
 from truing.report.parameter_names import UNBROKEN
@@ -258,8 +259,17 @@ def _finish(figure: go.Figure, title: str, subtitle: str, count_of_rows: int) ->
 
 
 _HEADS = (
-    *("rank", "cause", "verdict", "p", "signal / noise", "log10 odds", "probability", "ranking, sizes × 3"),
-    *("rms", "rms, not fitted", "unit"),
+    Head("rank", "Place among the candidates; 1 is the most probable."),
+    CAUSE,
+    Head("verdict", "Decision on the candidate: found, suspected, indistinguishable, rejected or not testable."),
+    Head("p", "Probability of so clear an effect by chance, corrected for the number of candidates."),
+    Head("signal / noise", "Size of the effect over its noise, after other free parameters have absorbed their part."),
+    Head("log10 odds", "Decimal logarithm of the odds of the model with this cause over the model without it."),
+    Head("probability", "Probability among the candidates, given the data."),
+    Head("ranking, sizes × 3", "Whether the rank holds if the assumed sizes of all effects are tripled."),
+    Head("rms", "Rms of measured minus predicted on fitted data, before → after the cause is accepted."),
+    Head("rms, not fitted", "Rms of measured minus predicted on held-out data, before → after the cause is accepted."),
+    UNIT,
 )
 
 

@@ -35,6 +35,7 @@ from truing.report.figure_style import (
     size_axis,
     style,
 )
+from truing.report.heads import RMS_AFTER, RMS_BEFORE, UNIT, Head
 from truing.report.numbers import plain, rough, sign
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.tables import Tables, table_or_none
@@ -172,7 +173,15 @@ def _parts(missed: list[_Missed], tables: Tables) -> Drawn:
 def _by_role(tables: Tables) -> Listing:
     """Return rms and largest error over the poses of each role, with intervals from resampled poses."""
     table = table_or_none(tables, "prediction")
-    heads = ("poses", "number", "rms before", "rms after", "largest before", "largest after", "unit")
+    heads = (
+        Head("poses", "Use of the poses: fitted (calibration), or held out of every fit (verification)."),
+        Head("number", "Number of poses."),
+        Head("rms before", RMS_BEFORE),
+        Head("rms after", RMS_AFTER),
+        Head("largest before", "Largest absolute error of a single measured value, without the causes found."),
+        Head("largest after", "Largest absolute error of a single measured value, with the causes found."),
+        UNIT,
+    )
     if table is None:
         return Listing(heads, ())
     rng = np.random.default_rng(0)
@@ -216,7 +225,16 @@ def _plain(tables: Tables) -> Drawn:
 
 def _calibrations(tables: Tables) -> Listing:
     errors = _compared_calibrations(tables)
-    heads = ("calibration", "poses", "position rms", "largest", "noise alone", "unit")
+    heads = (
+        Head("calibration", "Model that predicts the position of the platform."),
+        Head("poses", "Use of the poses: fitted (calibration), or held out of every fit (verification)."),
+        Head(
+            "position rms", "Root mean square of the distances between measured and predicted origin of the platform."
+        ),
+        Head("largest", "Largest distance between measured and predicted origin of the platform."),
+        Head("noise alone", "Rms distance between measured and predicted origin that declared noise alone gives."),
+        UNIT,
+    )
     if errors is None:
         return Listing(heads, ())
     roles = errors["role"].replace("reference", "calibration")

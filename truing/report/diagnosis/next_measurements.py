@@ -13,6 +13,7 @@ import pandas as pd
 from truing.report.diagnosis.assessed_causes import AssessedCause
 from truing.report.diagnosis.next_steps import NextStep, next_steps
 from truing.report.diagnosis.prediction_errors import READINGS, part_names
+from truing.report.heads import CAUSE, Head, schema_head
 from truing.report.numbers import count, printed
 from truing.report.page import MOST_ROWS, Listing, ReportSection
 from truing.report.tables import LOAD_UNITS, LOADS, Tables, cell, table_or_none
@@ -28,9 +29,25 @@ _TOLD = (
 )
 # Actuators are set to a tenth of a micrometre at best.
 _PLACES = 4
-_CALLED = {"repeat_of": "repeats"}
 
-_HEADS = ("run", "times", "loads, step by step", "channels", "conditions", "repeats", "expected result")
+_TIMES = schema_head("times")
+_CONDITIONS = schema_head("conditions")
+_EXPECTED = Head("expected result", "Uncertainty or probability after this row and all rows above it are measured.")
+_HEADS = (
+    Head("run", "Number of the proposed run of loads."),
+    _TIMES,
+    Head("loads, step by step", "Loads to apply in this order; each step lasts until the readings are taken."),
+    Head("channels", "Channels to read in this run."),
+    _CONDITIONS,
+    Head("repeats", "Measured runs that this one repeats; a dash if it repeats none."),
+    _EXPECTED,
+)
+_KNOWN_HEADS = {
+    "times": _TIMES,
+    "conditions": _CONDITIONS,
+    "repeat_of": Head("repeats", "Measured pose that this one repeats; a dash if it repeats none."),
+}
+_WHAT_TO_MEASURE = Head("what to measure", "Change of the measurement that lets this cause be tested.")
 _STEPS = ("run", "step", "time_s", *LOADS.values(), "channels")
 _SERVED = {
     Need.REQUIREMENT: ("requirement is undecided", "requirements are undecided"),
@@ -50,7 +67,7 @@ def requested_measurements(rows: list[AssessedCause], tables: Tables) -> ReportS
     untested = tuple((step.purpose, step.words) for step in steps if step.need == Need.TESTABLE)
     listings = _computed(tables)
     if untested:
-        listings += (Listing(("cause", "what to measure"), untested, (), _CAPTION, True, "next_measurements.parquet"),)
+        listings += (Listing((CAUSE, _WHAT_TO_MEASURE), untested, (), _CAPTION, True, "next_measurements.parquet"),)
     lead = _opening_sentences(steps, tables)
     state = "" if listings or (asked and part_names(tables) is READINGS) else "not evaluated"
     return ReportSection("next", _TITLE, lead, listings=listings, statements=asked, state=state)
@@ -86,7 +103,7 @@ def _listing(purpose: str, own: pd.DataFrame) -> Listing:
     rows = tuple(
         (str(r["pose"]), *(_cell(r[c]) for c in columns), printed(cell(r["expected"]))) for r in own.to_dict("records")
     )
-    heads = ("pose", *(_CALLED.get(c, c) for c in columns), "expected result")
+    heads = (Head("pose", "Number of the proposed pose."), *map(_head, columns), _EXPECTED)
     caption = f"{purpose}: {count(len(own), 'configuration')}{_in_all(own, 'pose')}"
     bare = ((row[0], *("" if c == "–" else c for c in row[1:-1])) for row in rows[:MOST_ROWS])
     text = _csv(("pose", *columns), bare)
@@ -104,6 +121,11 @@ def _columns(own: pd.DataFrame) -> list[str]:
     names = [str(c) for c in own.columns if c not in _TOLD and own[c].notna().any()]
     readings = sorted((c for c in names if re.fullmatch(r"rho\d+_mm", c)), key=lambda c: int(c[3:-3]))
     return [*(c for c in ("times",) if c in names), *readings, *(c for c in names if c not in (*readings, "times"))]
+
+
+def _head(name: str) -> Head:
+    """Return the head of a setting; columns of the campaign keep their names, with their units."""
+    return _KNOWN_HEADS.get(name) or Head(name, "Value to set or command, in the unit at the end of the name.")
 
 
 def _cell(value: object) -> str:

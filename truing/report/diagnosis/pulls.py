@@ -13,6 +13,7 @@ import plotly.graph_objects as go
 from truing.belonging.relation import RelationState
 from truing.report.diagnosis.prediction_errors import PartNames, part_names
 from truing.report.figure_style import BLUE, GREY, ORANGE, label, style
+from truing.report.heads import FREEDOM, PARAMETER, UNIT, Head, P
 from truing.report.numbers import count, p_equals, p_value, plain, rough, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.parameter_names import kind_of, name_of, print_unit
@@ -170,14 +171,28 @@ def _summary_listing(sums: dict[str, Any]) -> Listing:
         )
         for model, row in sums.items()
     )
-    heads = ("model", "rms pull", "chi-square", "95 % band", "degrees of freedom", "p")
+    heads = (
+        Head("model", "Model with which the geometry was identified: without or with the causes found."),
+        Head("rms pull", "Root mean square of the pulls; 1 if the geometry agrees with its tolerances."),
+        Head("chi-square", "Sum of the squared pulls, with their correlations taken into account."),
+        Head("95 % band", "Range in which chi-square lies with 95 % probability if tolerances are realistic."),
+        FREEDOM,
+        P,
+    )
     return Listing(heads, rows, caption="All pulls together, their correlations taken into account")
+
+
+_PULL_HEADS = (
+    PARAMETER,
+    Head("pull before", "Pull of the parameter without the causes found."),
+    Head("after", "Pull of the parameter with the causes found."),
+)
 
 
 def _pull_listing(own: pd.DataFrame) -> Listing:
     order = own.assign(size=own["pull_before"].abs()).sort_values("size", ascending=False, kind="stable")
     rows = tuple((name_of(r.parameter, r.leg), plain(r.pull_before), plain(r.pull_after)) for r in order.itertuples())
-    return Listing(("parameter", "pull before", "after"), rows, (), "Every pull", True, "pulls.parquet")
+    return Listing(_PULL_HEADS, rows, (), "Every pull", True, "pulls.parquet")
 
 
 def pull_figure(table: pd.DataFrame, columns: Mapping[str, str], title: str, axis: str) -> go.Figure:
@@ -315,7 +330,16 @@ def _listing(table: pd.DataFrame) -> Listing:
     ordered = ordered.sort_values(["changed", "jump", "size"], ascending=False, kind="stable", na_position="last")
     rows = tuple(_cells(r) for r in ordered.itertuples())
     marks = tuple("changed" if changed else "none" for changed in ordered["changed"])
-    heads = ("number", "before", "now", "difference", "in sigma", "changed by", "or instead", "unit")
+    heads = (
+        Head("number", "Parameter of the machine that both campaigns determine."),
+        Head("before", "Value from the earlier campaign, with one standard deviation."),
+        Head("now", "Value from this campaign alone, with one standard deviation."),
+        Head("difference", "Value now minus value before, with one standard deviation."),
+        Head("in sigma", "Difference divided by its standard deviation."),
+        Head("changed by", "Estimated change, if only the parameters marked as changed have changed."),
+        Head("or instead", "Parameters whose change would explain the data equally well."),
+        UNIT,
+    )
     caption = "Every parameter: earlier value, and value from this campaign alone"
     return Listing(heads, rows, marks, caption, len(rows) > 12, "changes.parquet")
 

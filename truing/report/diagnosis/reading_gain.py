@@ -12,13 +12,21 @@ from plotly.subplots import make_subplots
 
 from truing.report.diagnosis.prediction_errors import READINGS, channels_of, rms_with_interval, root_mean_square
 from truing.report.figure_style import BLUE, GREY, MANY_POINTS, ORANGE, label, style
+from truing.report.heads import CHANNEL, RMS_AFTER, RMS_BEFORE, UNIT, Head
 from truing.report.numbers import plain, rough, sign
 from truing.report.page import Drawn, Listing
 from truing.report.tables import LOAD_UNITS, SEVERAL, axes_of, is_unloading, loaded_by_run
 
 _HEADS = (
-    *("channel", "runs", "readings", "noise alone"),
-    *("rms before", "rms after", "largest before", "largest after", "unit"),
+    CHANNEL,
+    Head("runs", "Number of runs in which the channel was read."),
+    Head("readings", "Number of readings of the channel."),
+    Head("noise alone", "Rms error that the noise of the readings alone gives."),
+    Head("rms before", RMS_BEFORE),
+    Head("rms after", RMS_AFTER),
+    Head("largest before", "Largest absolute error of a single measured value, without the causes found."),
+    Head("largest after", "Largest absolute error of a single measured value, with the causes found."),
+    UNIT,
 )
 
 _SERIES = (("before", "without the causes", ORANGE, "circle-open"), ("after", "with the causes", BLUE, "circle"))

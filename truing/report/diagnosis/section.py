@@ -26,6 +26,7 @@ from truing.report.diagnosis.next_measurements import requested_measurements
 from truing.report.diagnosis.pulls import changes, pulls
 from truing.report.diagnosis.words import certainty, counted, lower
 from truing.report.figure_style import BAR, BLUE, GREY, label, style
+from truing.report.heads import CAUSE, PARAMETER, UNIT, Head
 from truing.report.numbers import count, printed, rough, sign, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_diagnosis
@@ -88,7 +89,11 @@ def _finding(row: AssessedCause, tables: Tables) -> str:
 def _words(rows: list[AssessedCause]) -> Listing:
     """Return the full explanations from the tables."""
     reported = tuple((row.name, printed(row.explanation), printed(row.then)) for row in rows)
-    heads = ("cause", "what the data say", "next measurement")
+    heads = (
+        CAUSE,
+        Head("what the data say", "Result of the assessment in words, with sizes, errors and probabilities."),
+        Head("next measurement", "Measurement that confirms the cause, or separates it from its rivals."),
+    )
     return Listing(heads, reported, (), "Full sentences, as in diagnosis.parquet", True, "diagnosis.parquet")
 
 
@@ -137,7 +142,11 @@ def _combined(row: AssessedCause, own: pd.DataFrame) -> Listing:
         factor, handy = handy_unit(stem(row.sizes[0].name), cell(unit), abs(value))
         size = with_uncertainty(factor * value, factor * sigma, sign(handy))
         cells.append((text, printed(size), rough(abs(value) / sigma)))
-    heads = ("combination, best determined first", "value", "in standard deviations")
+    heads = (
+        Head("combination, best determined first", "Combination of parameters that the data determine by itself."),
+        Head("value", "Estimate of the combination, with one standard deviation."),
+        Head("in standard deviations", "Estimate divided by its standard deviation."),
+    )
     caption = f"Determined combinations of {row.name}"
     return Listing(heads, tuple(cells), caption=caption, held_by="determined_combinations.parquet")
 
@@ -220,7 +229,12 @@ def _subject_of_size(size: ParameterSize) -> str:
 def _parameters(row: AssessedCause) -> Listing:
     cells = tuple((size.name, *_cells(size)) for size in row.sizes)
     caption = f"Parameters of {row.name}"
-    heads = ("parameter", "value", "in the units of the tables", "unit")
+    heads = (
+        PARAMETER,
+        Head("value", "Estimate with one standard deviation, in a unit that is easy to read."),
+        Head("in the units of the tables", "Estimate as the artifacts hold it, in the unit of the column unit."),
+        UNIT,
+    )
     return Listing(heads, cells, caption=caption, folded=len(cells) > 8, held_by="diagnosis.parquet")
 
 

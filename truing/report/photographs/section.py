@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from truing.report.heads import POSE, Head
 from truing.report.numbers import count, in_suitable_unit, plain, printed, quantity, with_uncertainty
 from truing.report.numbers import count as counted
 from truing.report.page import MOST_ROWS, Listing, ReportSection
@@ -99,7 +100,12 @@ def _cameras(cameras: pd.DataFrame, tables: Tables) -> Listing:
                 strongest.get(f"{r.camera} {r.parameter}", ""),
             )
         )
-    heads = ("camera", "parameter", "value", "most correlated")
+    heads = (
+        Head("camera", "Name of the camera."),
+        Head("parameter", "Parameter of the interior orientation: focal length, principal point or distortion."),
+        Head("value", "Adjusted value with one standard deviation; held: not adjusted."),
+        Head("most correlated", "Parameter of the camera with the strongest correlation, and the correlation."),
+    )
     return Listing(heads, tuple(rows), caption="Cameras: interior orientation as adjusted", held_by="cameras.parquet")
 
 
@@ -123,7 +129,14 @@ def _bars(tables: Tables) -> Iterator[Listing]:
     if table is None:
         return
     bars = table[~table["bar"].str.startswith((FROM_SURVEY, FROM_MARKER))]
-    heads = ("pose", "bar", "serves as", "calibrated", "adjusted", "difference")
+    heads = (
+        POSE,
+        Head("bar", "Name of the scale bar."),
+        Head("serves as", "Whether the bar gives the scale or only checks it."),
+        Head("calibrated", "Length as calibrated, with one standard deviation."),
+        Head("adjusted", "Length after the bundle adjustment, with one standard deviation."),
+        Head("difference", "Adjusted minus calibrated length, with one standard deviation."),
+    )
     if len(bars):
         rows = tuple((str(r.pose), r.bar, r.serves, *_length(r)) for r in bars.itertuples())
         yield Listing(heads, rows, caption="Scale bars", folded=len(rows) > _OPEN, held_by=_LENGTHS)
@@ -135,7 +148,10 @@ def _bars(tables: Tables) -> Iterator[Listing]:
         worst = own.loc[off.groupby(own["bar"], sort=False).idxmax()]
         each = tuple((r.bar.removeprefix(start), str(r.pose), *_length(r)) for r in worst.itertuples())
         caption = f"{what} that define the scale ({len(each)}), each in the pose with its largest deviation"
-        yield Listing(("distance", "pose", *heads[3:]), each, (), caption, len(each) > _OPEN, _LENGTHS)
+        yield Listing((_DISTANCE, POSE, *heads[3:]), each, (), caption, len(each) > _OPEN, _LENGTHS)
+
+
+_DISTANCE = Head("distance", "Names of the two points.")
 
 
 def _length(r: Any) -> tuple[str, str, str]:
@@ -161,7 +177,14 @@ def _noise(tables: Tables) -> Iterator[Listing]:
         if figure == "noise over stated"
     )
     if rows:
-        heads = ("camera, kind", "noise over stated", "redundancy")
+        heads = (
+            Head("camera, kind", "Camera, and kind of target in its images."),
+            Head(
+                "noise over stated",
+                "Noise of the image coordinates divided by the stated one, with one standard deviation.",
+            ),
+            Head("redundancy", "Mean redundancy of an image coordinate: 0 unchecked, 1 fully checked by the others."),
+        )
         yield Listing(heads, rows, caption="Noise of the image coordinates, from the residuals")
 
 
@@ -170,7 +193,13 @@ def _rejected(residuals: pd.DataFrame) -> Iterator[Listing]:
     left = residuals[residuals["rejected"]]
     left = left.assign(size=np.hypot(left["vx_px"], left["vy_px"]), reason=left["reason"].map(cell))
     left = left.sort_values("size", ascending=False, kind="stable")
-    heads = ("pose", "image", "point", "at x, y (px)", "residual (px)")
+    heads = (
+        POSE,
+        Head("image", "Name of the photograph."),
+        Head("point", "Name of the target, or its kind where it has no name."),
+        Head("at x, y (px)", "Place in the photograph; x to the right, y downwards."),
+        Head("residual (px)", "Measured minus adjusted place in the photograph, along x and y."),
+    )
     for reason, count_of in left["reason"].value_counts().items():
         rows = tuple(_ray(r) for r in left[left["reason"] == reason].head(MOST_ROWS).itertuples())
         caption = f"Rays left out ({count_of:,}): {reason}"
@@ -193,7 +222,13 @@ def _points(points: pd.DataFrame) -> Listing:
         )
         for r in points.head(MOST_ROWS).itertuples()
     )
-    heads = ("pose", "point", "x, y, z (mm)", "rays", "angle (deg)")
+    heads = (
+        POSE,
+        Head("point", "Name of the target."),
+        Head("x, y, z (mm)", "Adjusted coordinates, with one standard deviation."),
+        Head("rays", "Number of photographs that show the point."),
+        Head("angle (deg)", "Widest angle between two of its rays."),
+    )
     return Listing(
         heads,
         rows,

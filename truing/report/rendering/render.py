@@ -17,7 +17,7 @@ import plotly.graph_objects as go
 
 from truing.report.numbers import count
 from truing.report.page import Listing, PageHead, ReportSection, all_of
-from truing.report.rendering.terms import anchor, defined, marked
+from truing.report.rendering.terms import COLUMN, Meanings, anchors, defined, explained, marked
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -53,12 +53,13 @@ class _Figure:
 
 @dataclass(frozen=True)
 class _ListingTable:
-    """A listing with its name, and its CSV if that differs from the cells."""
+    """A listing with its name, its CSV if that differs from the cells, and the ids of rows that explain something."""
 
     listing: Listing
     called: str
     csv: str  # JSON, safe in a script element
     file: str
+    ids: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def render_page(head: PageHead, sections: Sequence[ReportSection]) -> str:
     """Return the whole page as text; it contains plotly's library once, so that it opens without a network."""
     any_figure = any(section.figures for section in all_of(sections))
     plotly = _plotly_script() if any_figure else ""
-    scripts = [_package_text(f"{name}.js") for name in ("scene", "narrow", "figures", "csv", "tables")]
+    scripts = [_package_text(f"{name}.js") for name in ("scene", "narrow", "figures", "csv", "tables", "tips")]
     return _template().render(
         head=head,
         head_terms=set[str](),  # glossary terms that already have a tooltip there
@@ -99,10 +100,17 @@ def render_page(head: PageHead, sections: Sequence[ReportSection]) -> str:
     )
 
 
-def _meanings(sections: Sequence[ReportSection]) -> dict[tuple[str, str], str]:
-    """Return the sentences that the page's tables define, by kind (check, cause, term) and name."""
-    listings = (listing for section in all_of(sections) for listing in section.listings if listing.anchor)
-    return {(listing.anchor, row[0]): row[1] for listing in listings for row in listing.rows}
+def _meanings(sections: Sequence[ReportSection]) -> Meanings:
+    """Return the rows of the page's tables that explain a check, a cause, a column or a term."""
+    by_name: dict[tuple[str, str], tuple[str, str]] = {}
+    columns: dict[str, str] = {}
+    for listing in (listing for section in all_of(sections) for listing in section.listings if listing.anchor):
+        for place, (name, meaning, *_) in zip(anchors(listing.rows, listing.anchor), listing.rows, strict=True):
+            if listing.anchor == COLUMN:
+                columns[meaning] = place
+            else:
+                by_name[listing.anchor, name] = (place, meaning)
+    return Meanings(by_name, columns)
 
 
 def _print_marks(head: PageHead) -> str:
@@ -141,9 +149,9 @@ def _figure(figure: go.Figure, caption: str, name: str, campaign: str) -> _Figur
 def _tables(section: ReportSection, campaign: str) -> Iterator[_ListingTable]:
     for k, listing in enumerate(section.listings):
         csv = embedded(listing.csv) if listing.csv else ""
-        yield _ListingTable(
-            listing, listing.caption or section.title, csv, file_name(campaign, f"{section.id}-table-{k}")
-        )
+        file = file_name(campaign, f"{section.id}-table-{k}")
+        ids = anchors(listing.shown, listing.anchor) if listing.anchor else ()
+        yield _ListingTable(listing, listing.caption or section.title, csv, file, ids)
 
 
 @cache
@@ -171,7 +179,7 @@ def _template() -> jinja2.Template:
 
     loader = jinja2.PackageLoader("truing.report.rendering", "")
     environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {"unbroken": _with_fixed_spaces, "terms": marked, "defined": defined, "anchor": anchor}
+    environment.filters |= {"unbroken": _with_fixed_spaces, "terms": marked, "defined": defined, "explained": explained}
     return environment.get_template("report.html.jinja")
 
 

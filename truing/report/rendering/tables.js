@@ -31,7 +31,10 @@
   };
 
   for (const table of document.querySelectorAll("table")) {
-    for (const head of table.tHead.querySelectorAll("th")) Object.assign(head, { tabIndex: 0, ariaSort: "none" });
+    for (const head of table.tHead.querySelectorAll("th")) {
+      head.ariaSort = "none";
+      if (!head.querySelector("a")) head.tabIndex = 0; // the link of an explained head is its stop
+    }
     if (table.tBodies[0].rows.length <= LONG) continue;
     const label = `Filter rows: ${table.ariaLabel}`;
     table.parentElement.before(Object.assign(document.createElement("input"), { type: "search", className: "filter", placeholder: "Filter rows", ariaLabel: label }));
@@ -41,13 +44,13 @@
   };
   document.addEventListener("input", ({ target }) => target.matches(".filter") && filter(target));
   document.addEventListener("click", ({ target }) => {
-    if (target.closest("thead th")) sort(target.closest("th"));
+    if (target.closest("thead th") && !target.closest(".tip")) sort(target.closest("th"));
     if (target.matches(".open-all")) openAll();
   });
   document.addEventListener("keydown", (event) => {
-    if (!event.target.matches("thead th") || !["Enter", " "].includes(event.key)) return;
+    if (!event.target.matches("thead th, thead a.defined") || !["Enter", " "].includes(event.key)) return;
     event.preventDefault();
-    sort(event.target);
+    sort(event.target.closest("th"));
   });
 
   const reveal = () => {

@@ -1,12 +1,15 @@
-"""Tooltips: the first use of a glossary term in the table heads and captions of a section shows its meaning."""
+"""Explanations on the page: heads, names in cells, and the first use of a term, with a tooltip and a link."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING
 
+from truing.report.heads import meaning_of
 from truing.schemas.glossary import Term, glossary
 
 if TYPE_CHECKING:
@@ -14,10 +17,26 @@ if TYPE_CHECKING:
 
 # Terms that pages also use in another sense, for which a tooltip would be wrong.
 AMBIGUOUS = frozenset({"approach", "base", "drive", "evidence", "gain", "prior", "reading", "run", "slip", "verdict"})
+_LONGEST = 40  # characters of an id
+COLUMN, TERM = "column", "term"  # kinds of rows of the reference, besides check and cause
 
 
-def marked(text: str, used: set[str]) -> Markup:
-    """Return the text as HTML: terms that are not in ``used`` become ``abbr`` with their meaning, and enter it."""
+@dataclass(frozen=True)
+class Meanings:
+    """Ids of the rows that explain something, with their sentence: by kind and name, and of columns by sentence."""
+
+    by_name: Mapping[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
+    columns: Mapping[str, str] = field(default_factory=dict)
+
+
+NO_MEANINGS = Meanings()
+
+
+def marked(text: str, used: set[str], meanings: Meanings = NO_MEANINGS) -> Markup:
+    """Return the text as HTML: terms that are not in ``used`` get a tooltip with their meaning, and enter it.
+
+    A term with a row in the reference is a link to it; another one can be reached by the keyboard.
+    """
     from markupsafe import Markup, escape
 
     parts, end = [], 0
@@ -27,28 +46,46 @@ def marked(text: str, used: set[str]) -> Markup:
             continue
         used.add(term.term)
         title = f"{term.term}: {term.meaning}" if found["symbol"] else term.meaning
-        parts += [escape(text[end : found.start()]), Markup('<abbr title="{}">{}</abbr>').format(title, found[0])]
+        place, _ = meanings.by_name.get((TERM, term.term), ("", ""))
+        link = '<a class="defined" href="#{2}" title="{0}">{1}</a>' if place else _WITHOUT_ROW
+        parts += [escape(text[end : found.start()]), Markup(link).format(title, found[0], place)]
         end = found.end()
     return Markup("").join([*parts, escape(text[end:])])
 
 
-def anchor(name: str, kind: str) -> str:
-    """Return the id of the row that defines a name: ``check-time-gaps``."""
-    return f"{kind}-{re.sub(r'[^a-z0-9]+', '-', name.lower())}"
+_WITHOUT_ROW = '<abbr tabindex="0" title="{0}">{1}</abbr>'
 
 
-def defined(cell: str, head: str, meanings: Mapping[tuple[str, str], str]) -> Markup | str:
+def anchors(rows: Sequence[tuple[str, ...]], kind: str) -> tuple[str, ...]:
+    """Return an id for each row that explains its first cell, all different: ``check-time-gaps``."""
+    seen: Counter[str] = Counter()
+    ids = []
+    for row in rows:
+        name = f"{kind}-{re.sub(r'[^a-z0-9]+', '-', row[0].lower()).strip('-')[:_LONGEST]}"
+        seen[name] += 1
+        ids.append(name if seen[name] == 1 else f"{name}-{seen[name]}")
+    return tuple(ids)
+
+
+def defined(cell: str, head: str, meanings: Meanings) -> Markup | str:
     """Return a cell as a link to the row that defines what it names, with the sentence as tooltip, if there is one.
 
     ``head``: that of its column; words behind a comma are the subject.
     """
-    name = cell.partition(",")[0]
-    if (head, name) not in meanings:
-        return cell
+    place, meaning = meanings.by_name.get((head, cell.partition(",")[0]), ("", ""))
+    return _link(cell, place, meaning) if place else cell
+
+
+def explained(head: str, meanings: Meanings) -> Markup | str:
+    """Return a head as a link to the row of its column, with the sentence as tooltip, if it has one."""
+    place = meanings.columns.get(meaning := meaning_of(head), "")
+    return _link(head, place, meaning) if place else head
+
+
+def _link(text: str, place: str, meaning: str) -> Markup:
     from markupsafe import Markup
 
-    link = '<a class="defined" href="#{}" title="{}">{}</a>'
-    return Markup(link).format(anchor(name, head), meanings[head, name], cell)
+    return Markup('<a class="defined" href="#{}" title="{}">{}</a>').format(place, meaning, text)
 
 
 @cache

@@ -6,12 +6,19 @@ import numpy as np
 import pandas as pd
 
 from truing.report.calibration.calibrations import calibration_name, displayed_calibration, rows_of
+from truing.report.heads import LEG, Head
 from truing.report.numbers import count, plain, with_uncertainty
 from truing.report.page import Listing
 from truing.report.parameter_names import kind_of, print_unit
 from truing.report.tables import LOAD_UNITS, Tables, table_or_none
 
-_HEADS = ("leg", "quantity", "value", "minus nominal", "pull")
+_HEADS = (
+    LEG,
+    Head("quantity", "Shift of the attachment, or parameter of the leg."),
+    Head("value", "Estimate with one standard deviation."),
+    Head("minus nominal", "Identified minus nominal value, with one standard deviation."),
+    Head("pull", "Identified minus nominal value, divided by the standard deviation expected for this difference."),
+)
 _BENT = ("K", "kappa")
 
 

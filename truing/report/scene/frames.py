@@ -10,6 +10,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, label, style
+from truing.report.heads import Head
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import XYZ, Tables, table_or_none
 
@@ -155,5 +156,10 @@ def _listing(table: pd.DataFrame) -> Listing:
         )
         for r in table.itertuples()
     )
-    heads = ("frame", "axis", "origin, mm", "direction")
+    heads = (
+        Head("frame", "Frame of the base, the platform or a leg; the joints of a leg; or the measured directions."),
+        Head("axis", "Axis of the frame, end of a flexure, joint axis S1 to S6, or channel."),
+        Head("origin, mm", "Coordinates x, y, z of the point in the frame of the base."),
+        Head("direction", "Components of the unit vector along the axis, in the frame of the base."),
+    )
     return Listing(heads, rows, (), "Origins and axes in the frame of the base", True, "frames.parquet")

@@ -11,6 +11,7 @@ import plotly.graph_objects as go
 from truing.belonging.relation import RelationState
 from truing.report.calibration.with_findings import compared_calibrations, data_words
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, style
+from truing.report.heads import LOAD, UNIT, Head
 from truing.report.model_tests import ModelTest, below_noise, listing_of
 from truing.report.numbers import plain, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
@@ -192,10 +193,13 @@ def _matrix(matrices: pd.DataFrame) -> Listing:
             sigma = np.nanmax([one.sigma, getattr(one, "sigma_by_case", np.nan)])
             cells.append(with_uncertainty(one.value, float(sigma)))
         rows.append((f"{load} ({LOAD_UNITS[load]})", *cells))
-    heads = ("load", *(f"per mV of {column}" for column in columns))
+    heads = (LOAD, *(Head(f"per mV of {column}", _PER_MV) for column in columns))
     csv = own.drop(columns=["chosen", "matrix"]).to_csv(index=False)
     caption = "G_B of the chosen calibration. ±: larger standard deviation, by the fit or by leaving out load cases"
     return Listing(heads, tuple(rows), (), caption, held_by="sensor_matrix.parquet", csv=csv)
+
+
+_PER_MV = "Entry of G_B: part of the load, in N or N·m, that one millivolt of this signal indicates."
 
 
 def _choices(choice: pd.DataFrame, largest: dict[str, float]) -> Listing:
@@ -220,15 +224,20 @@ def _choices(choice: pd.DataFrame, largest: dict[str, float]) -> Listing:
         )
         marks.append("pass" if text == "chosen" else "none" if text else "")
     heads = (
-        "model",
-        *(f"{load} ({LOAD_UNITS[load]})" for load in largest),
-        "error / noise",
-        "log density",
-        "numbers",
-        "choice",
+        Head("model", "Form of the calibration: which terms of the signals or loads it has."),
+        *(Head(f"{load} ({LOAD_UNITS[load]})", _HELD_OUT_ERROR) for load in largest),
+        Head("error / noise", "Error on held-out loads over that of the noise of the signals; 1 as noise alone."),
+        Head(
+            "log density", "Log of the probability density of the held-out data; the larger, the better the prediction."
+        ),
+        Head("numbers", "Number of free parameters of the model."),
+        Head("choice", "Marks the chosen model and those that are as good; for a refused model its reason."),
     )
     caption = "All calibrations, rms error on held-out loads. Equal: as good as the chosen one"
     return Listing(heads, tuple(rows), tuple(marks), caption, len(rows) > 12, "sensor_choice.parquet")
+
+
+_HELD_OUT_ERROR = "Root mean square error of this load component on held-out loads."
 
 
 def _classes(classes: pd.DataFrame) -> Listing:
@@ -245,7 +254,15 @@ def _classes(classes: pd.DataFrame) -> Listing:
             (r.load, r.error_class, r.indicated, value, plain(r.limit), at, "significant" if seen else "within noise")
         )
         marks.append("warn" if seen else "")
-    heads = ("load", "class", "indicated by", "%", "noise limit, %", "at", "verdict")
+    heads = (
+        LOAD,
+        Head("class", "Name of the error in laboratory terms."),
+        Head("indicated by", "Load component of the calibration in which the error shows."),
+        Head("%", "Size of the error in per cent of the range, with one standard deviation."),
+        Head("noise limit, %", "Size that noise alone exceeds rarely; larger errors are significant."),
+        Head("at", "Applied load at which the error is largest."),
+        Head("verdict", "Whether the error is significant or within noise."),
+    )
     caption = "Error classes of every axis, per cent of the range (interpolation: of the load)"
     return Listing(heads, tuple(rows), tuple(marks), caption, True, "error_classes.parquet")
 
@@ -272,7 +289,14 @@ def _merits(merit: pd.DataFrame) -> Listing:
         )
         for r in shown.itertuples()
     )
-    heads = ("matrix", "figure", "of", "value", "unit", "moments over")
+    heads = (
+        Head("matrix", "Matrix from signals to loads: G as drawn, G' with assembly errors, G_B' by the calibration."),
+        Head("figure", "Name of the figure of merit."),
+        Head("of", "Load component that the figure concerns; a dash for the whole matrix."),
+        Head("value", "Figure of merit, with one standard deviation."),
+        UNIT,
+        Head("moments over", "Length by which moments are divided, so that forces and moments have one unit."),
+    )
     return Listing(heads, rows, (), "Figures of merit, raw (1 m) and scaled", True, "sensor_merit.parquet")
 
 
@@ -294,10 +318,17 @@ def _types(merit: pd.DataFrame) -> list[Listing]:
         cells = own.set_index("subject")
         words = f"{_ANGLES[figure]}{', elastic joints' if model == 'elastic joints' else ''}"
         rows.append((words, *(with_uncertainty(cells.loc[s, "value"], cells.loc[s, "sigma"]) for s in LOADS), ""))
-    heads = ("per cent", *(f"S {load}" for load in LOADS), "condition")
+    heads = (
+        Head("per cent", "Quantity in the row: an error of the theory, or an angle between columns."),
+        *(Head(f"S {load}", "Value for the sensitivity to this load component.") for load in LOADS),
+        Head("condition", "Value for the condition number of the matrix."),
+    )
     caption = "Theory compared with the calibration (moments in N·m). Errors compare lengths of columns, which do not "
     caption += "change if a cell has the wrong sign; the angle between the columns does."
     return [Listing(heads, tuple(rows), (), caption)]
+
+
+_TYPES_MISSING = "Type 1 and Type 2 errors"
 
 
 def _without_types(merit: pd.DataFrame) -> list[Listing]:
@@ -305,7 +336,9 @@ def _without_types(merit: pd.DataFrame) -> list[Listing]:
     if not (merit["matrix"] == "G_B'").any() or not (merit["matrix"] == "G'").any():
         return []
     why = "G_B' has another number of channels than the drawing has legs: no channel has a leg to be compared with."
-    return [Listing(("Type 1 and Type 2 errors",), (("not evaluated",),), (), why)]
+    return [
+        Listing((Head(_TYPES_MISSING, "Differences between theory and calibration."),), (("not evaluated",),), (), why)
+    ]
 
 
 def held_out_errors(choice: pd.DataFrame, largest: dict[str, float]) -> go.Figure:

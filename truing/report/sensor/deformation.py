@@ -14,6 +14,7 @@ from truing.belonging.relation import RelationState
 from truing.report.comparison_map import comparison_map
 from truing.report.deformation_section import compliance_map
 from truing.report.figure_style import BAR, BLUE, GREY, ORANGE, RED, panel_grid, style
+from truing.report.heads import FIGURE, LOAD, UNIT, VALUE, Head
 from truing.report.model_tests import CONTRADICTED, REJECTED, ModelTest, by_p, listing_of
 from truing.report.numbers import count, p_equals, p_value, plain, printed, quantity, with_uncertainty
 from truing.report.page import Drawn, Listing, ReportSection
@@ -208,7 +209,15 @@ def _entries(compliance: pd.DataFrame) -> Listing:
             verdict = "" if one is None else cell(getattr(one, "verdict", None))
             rows.append((response, load, measured, simulated, unit, pull, verdict))
             marks.append({"differs": "warn", "agrees": "pass"}.get(verdict, "none"))
-    heads = ("component", "load", "measured", "simulated", "unit", "sigmas apart", "verdict")
+    heads = (
+        Head("component", "Component of the platform's motion."),
+        LOAD,
+        Head("measured", "Entry of the measured compliance, with one standard deviation."),
+        Head("simulated", "The same entry as simulated, with its standard deviation by tolerances."),
+        UNIT,
+        Head("sigmas apart", "Measured minus simulated, divided by its standard deviation."),
+        Head("verdict", "Whether both agree, at 5 % false alarms over all entries together."),
+    )
     caption = "Compliance, entry by entry. Differs: at 5 % false alarms over all entries together"
     return Listing(heads, tuple(rows), tuple(marks), caption, True, "compliance.parquet")
 
@@ -227,7 +236,12 @@ def _errors(errors: pd.DataFrame) -> Listing:
         )
         for r in errors.itertuples()
     )
-    heads = ("model", "component", "figure", "value")
+    heads = (
+        Head("model", "Form of the compliance: none, diagonal (linear) or full matrix."),
+        Head("component", "Component of the platform's motion; a dash for all together."),
+        FIGURE,
+        VALUE,
+    )
     caption = "Error figures of every model; cv: whole runs left out; verification: held-out runs"
     return Listing(heads, rows, (), caption, True, "deformation_errors.parquet")
 

@@ -7,6 +7,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.report.figure_style import BAR, BLUE, MANY_POINTS, ORANGE, RED, label, panel_grid, style
+from truing.report.heads import CHANNEL, LOAD, RUN, UNIT, Head, P
 from truing.report.numbers import count, p_value, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import CHANNELS, LOADS, Tables, moved_unit, reason, table_or_none
@@ -48,6 +49,13 @@ def _opening_sentences(cases: pd.DataFrame, residuals: pd.DataFrame) -> str:
     return " ".join(texts)
 
 
+_CASE_HEADS = (
+    LOAD,
+    Head("cases", "Number of load cases: equal loads, approached in the same way."),
+    *(Head(channel, "Number of load cases in which this component of the motion is known.") for channel in CHANNELS),
+)
+
+
 def _complete_cases(cases: pd.DataFrame) -> Listing | None:
     """Return the number of load cases of every axis with all components known."""
     loads = cases[list(LOADS.values())].to_numpy()
@@ -66,7 +74,16 @@ def _complete_cases(cases: pd.DataFrame) -> Listing | None:
     if not rows:
         return None
     caption = "Load cases in which each component was measured"
-    return Listing(("load", "cases", *CHANNELS), tuple(rows), tuple(marks), caption, held_by="displacement.parquet")
+    return Listing(_CASE_HEADS, tuple(rows), tuple(marks), caption, held_by="displacement.parquet")
+
+
+_DRIFT_HEADS = (
+    RUN,
+    CHANNEL,
+    Head("drift", "Change of the zero over the run, with one standard deviation."),
+    UNIT,
+    P,
+)
 
 
 def _drifts(terms: pd.DataFrame) -> Listing | None:
@@ -80,7 +97,7 @@ def _drifts(terms: pd.DataFrame) -> Listing | None:
         for r in real.itertuples()
     )
     caption = f"Runs that drift beyond chance, {len(real)} of {len(drifts)} that tell their drift"
-    return Listing(("run", "channel", "drift", "unit", "p"), rows, (), caption, len(rows) > 20, "run_terms.parquet")
+    return Listing(_DRIFT_HEADS, rows, (), caption, len(rows) > 20, "run_terms.parquet")
 
 
 def reading_residuals(residuals: pd.DataFrame) -> go.Figure:

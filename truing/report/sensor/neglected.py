@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pandas as pd
 
+from truing.report.heads import UNIT, Head
 from truing.report.numbers import count, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.tables import Tables, cell, per_kilo, table_or_none
@@ -69,7 +70,16 @@ def _row(row: object) -> tuple[str, ...]:
     )
 
 
-_HEADS = ("effect", "entry", "simulated", "change", "sigma", "unit", "change over sigma", "verdict")
+_HEADS = (
+    Head("effect", "Physical effect that the simulation leaves out."),
+    Head("entry", "Entry of the compliance: component of the motion under one load component."),
+    Head("simulated", "Entry as simulated without the effect."),
+    Head("change", "Change of the simulated entry by the effect."),
+    Head("sigma", "Standard deviation of measured minus simulated entry."),
+    UNIT,
+    Head("change over sigma", "Size of the change divided by the standard deviation of measured minus simulated."),
+    Head("verdict", "Whether the effect is negligible for this entry."),
+)
 
 
 def _worst(effects: pd.DataFrame) -> Listing:
@@ -94,6 +104,13 @@ def _listed(effects: pd.DataFrame) -> tuple[tuple[tuple[str, ...], ...], tuple[s
     return rows, tuple(_MARKS.get(row[-1], "none") for row in rows)
 
 
+_WEIGHT_HEADS = (
+    Head("quantity", "Quantity that the row gives."),
+    Head("of", "Part of the sensor that it concerns."),
+    Head("value", "Computed value with its unit."),
+)
+
+
 def _weight(weight: pd.DataFrame) -> Listing:
     rows = tuple((str(r.figure), str(r.subject), quantity(float(r.value), str(r.unit))) for r in weight.itertuples())
-    return Listing(("quantity", "of", "value"), rows, (), "Own weight, and its effect on the sensor")
+    return Listing(_WEIGHT_HEADS, rows, (), "Own weight, and its effect on the sensor")

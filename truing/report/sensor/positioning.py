@@ -11,6 +11,7 @@ import plotly.graph_objects as go
 from truing.belonging.relation import RelationState
 from truing.report.axis_page import ENCODERS
 from truing.report.figure_style import BLUE, ORANGE, label, style
+from truing.report.heads import RUN, Head
 from truing.report.measured_section import corrections
 from truing.report.numbers import count, in_suitable_unit, printed, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
@@ -29,6 +30,14 @@ _WAYS = (("forward", BLUE, "triangle-right"), ("backward", ORANGE, "triangle-lef
 _TOLD = {"A": "accuracy A", "R": "repeatability R", "B": "reversal B"}
 _DRAWN = 6  # most runs in figures
 _COLUMNS = ["run", "figure", "subject", "value", "sigma", "low", "high", "unit"]
+_AT_TARGETS = {
+    "mean forward": "Mean deviation from the target, approached in the forward direction.",
+    "mean backward": "Mean deviation from the target, approached in the backward direction.",
+    "B": "Reversal: mean deviation of the forward minus the backward approach.",
+    "s forward": "Standard deviation of the position, approached in the forward direction.",
+    "s backward": "Standard deviation of the position, approached in the backward direction.",
+    "R": "Repeatability of the position at this target, over both directions.",
+}
 _CYCLES = 5  # repeats of the standard
 _PLAN = "Send the axis to five targets or more, five times from each side."
 _SIDES = {"forward": "↑", "backward": "↓"}
@@ -170,7 +179,13 @@ def _of_axis(rows: pd.DataFrame) -> Listing:
         for r in rows.itertuples()
     )
     unit = sign(str(rows["unit"].iloc[0])) if len(rows) else "µm"
-    heads = ("run", "symbol", "what", f"value, {unit}", f"95 %, {unit}")
+    heads = (
+        RUN,
+        Head("symbol", "Symbol of the quantity in ISO 230-2."),
+        Head("what", "Name of the quantity."),
+        Head(f"value, {unit}", "Estimate, with one standard deviation where it is known."),
+        Head(f"95 %, {unit}", "Interval that holds the value with 95 % confidence."),
+    )
     return Listing(heads, reported, held_by="positioning.parquet")
 
 
@@ -195,9 +210,9 @@ def _of_targets(rows: pd.DataFrame) -> Listing:
         for run, subject in order.itertuples(index=False)
     )
     shown = (
-        "run",
-        "target",
-        *(f"{what}, {unit}" for what in ("mean forward", "mean backward", "B", "s forward", "s backward", "R")),
+        RUN,
+        Head("target", "Commanded position of the axis."),
+        *(Head(f"{what}, {unit}", words) for what, words in _AT_TARGETS.items()),
     )
     return Listing(
         shown, reported, caption="Target by target", folded=len(reported) > 12, held_by="positioning.parquet"

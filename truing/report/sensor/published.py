@@ -8,6 +8,7 @@ from typing import Any
 import plotly.graph_objects as go
 
 from truing.report.figure_style import GREEN
+from truing.report.heads import UNIT, Head
 from truing.report.numbers import count, plain, with_uncertainty
 from truing.report.page import Listing
 from truing.report.tables import CHANNELS, LOADS, Tables, cell, kilo, table_or_none
@@ -71,15 +72,15 @@ def published_listing(tables: Tables) -> Listing | None:
         )
         marks.append(_MARKS.get(verdict, "none"))
     heads = (
-        "figure",
-        "displacement",
-        "published as",
-        "published",
-        "this campaign",
-        "unit",
-        "apart",
-        "allowed",
-        "verdict",
+        Head("figure", "Figure or table of the publication."),
+        Head("displacement", "Component of the platform's motion, and the load under which it was taken."),
+        Head("published as", "Whether the published value was computed (theory) or measured (measurement)."),
+        Head("published", "Published value, in the unit of its row."),
+        Head("this campaign", "The same quantity in this campaign: simulated for theory, measured for a measurement."),
+        UNIT,
+        Head("apart", "Published value minus that of this campaign, in per cent of the latter."),
+        Head("allowed", "Difference that noise and tolerances of this campaign explain with 95 % probability."),
+        Head("verdict", "Whether both values agree within the allowed difference."),
     )
     caption = (
         "Published values compared with this campaign: theory with the simulation, a measurement with that at the same "

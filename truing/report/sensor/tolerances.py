@@ -12,6 +12,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.report.figure_style import BLUE, GREEN, GREY, ORANGE, RED, figure_template, style
+from truing.report.heads import Head
 from truing.report.numbers import percent, plain, sign
 from truing.report.page import Listing, PageHead, ReportSection
 from truing.report.tables import Tables, table_or_none
@@ -28,12 +29,14 @@ _NAMES = {
 }
 _SAMPLES = {"position": "platform_shift_um", "attitude": "platform_turn_arcsec"}
 _HEADS = (
-    "source",
-    "tolerance T",
-    "rms",
-    "rms of 100 drawn sensors (95 %)",
-    "95 % of sensors below",
-    "share of the variance",
+    Head("source", "Tolerance of the sensor that moves its platform; all: every tolerance at once."),
+    Head("tolerance T", "Full width of the tolerance zone; the standard deviation is a sixth of it."),
+    Head("rms", "Rms error of the platform to first order in the tolerances."),
+    Head(
+        "rms of 100 drawn sensors (95 %)", "Rms error of sensors drawn at random, with the 95 % interval of this rms."
+    ),
+    Head("95 % of sensors below", "Error that 95 % of all sensors do not exceed."),
+    Head("share of the variance", "Part of the variance of the error by all tolerances that this one explains."),
 )
 _COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7")
 _SPREAD = 0.28  # half width of the cloud of dots
