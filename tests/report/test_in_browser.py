@@ -111,6 +111,10 @@ def _points(traces) -> list[np.ndarray]:
 
 def press(page: Page, control: str, key: str, code: int) -> None:
     page.value(f"document.querySelector({f'#deformation {control}'!r}).focus()")
+    press_key(page, key, code)
+
+
+def press_key(page: Page, key: str, code: int) -> None:
     for kind in ("rawKeyDown", "keyUp"):
         page.ask("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code)
 
@@ -162,6 +166,32 @@ def test_a_table_is_sorted_by_a_click_on_its_head_and_filtered_by_words(drawn):
     left = drawn.value(f"[...{table}.tBodies[0].rows].filter((row) => !row.matches('.filtered')).length")
     assert 1 <= left < len(before)
     drawn.value(f"{field}.value = ''; {changed}")
+
+
+def test_explanations_show_by_the_keyboard_by_pointing_and_by_a_tap_and_not_on_paper(drawn):
+    """The Tab key reaches a head and then the link of its explanation; Escape hides it; a first tap does not leave."""
+    head = "[...document.querySelectorAll('thead a.defined')].find((one) => one.offsetParent)"
+    tip = "document.querySelector('.tip')"
+    drawn.value(f"{head}.scrollIntoView({{ block: 'center' }}); {head}.focus()")
+    assert drawn.value(f"{tip}.querySelector('#tip').textContent === {head}.dataset.tip")
+    assert drawn.value(f"document.getElementById({tip}.querySelector('a').hash.slice(1)).matches('tr')")
+    assert drawn.value(f"{head}.getAttribute('aria-describedby')") == "tip"
+    press_key(drawn, "Tab", 9)
+    assert drawn.value(f"document.activeElement === {tip}.querySelector('a')")
+    press_key(drawn, "Escape", 27)
+    assert drawn.value(f"{tip} === null")
+    place = drawn.value(f"(({{ x, y }}) => ({{ x: x + 3, y: y + 3 }}))({head}.getBoundingClientRect())")
+    drawn.ask("Input.dispatchMouseEvent", type="mouseMoved", **place)
+    assert drawn.becomes(f"{tip}")
+    drawn.ask("Input.dispatchMouseEvent", type="mouseMoved", x=1, y=1)
+    assert drawn.becomes(f"!{tip}")
+    for kind, points in (("touchStart", [place]), ("touchEnd", [])):
+        drawn.ask("Input.dispatchTouchEvent", type=kind, touchPoints=points)
+    assert drawn.becomes(f"{tip}")
+    assert not drawn.value("location.hash")
+    drawn.value("dispatchEvent(new Event('beforeprint')); dispatchEvent(new Event('afterprint'))")
+    assert drawn.value(f"{tip} === null")
+    assert not drawn.complaints()
 
 
 def test_the_numbers_of_a_figure_are_a_file(drawn, tmp_path):

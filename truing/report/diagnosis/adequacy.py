@@ -54,9 +54,9 @@ def adequacy(tables: Tables) -> ReportSection | None:
     if table is None:
         return None
     rows = list(table.itertuples())
-    tested = [row for row in rows if row.state != "not tested" and row.test != CAUSES_LEFT]
+    tested = sum(row.state != "not tested" for row in rows)
     failed = shortcoming(tables)
-    lead = f"{count(len(tested), 'test')} of the residuals of the final model: "
+    lead = f"{count(tested, 'test')} of the final model: "
     lead += f"{failed}." if failed else "none finds more than noise."
     lead += "".join(_untested(rows, why, words) for why, words in _WHY_UNTESTED.items())
     cells = tuple(
@@ -70,7 +70,8 @@ def adequacy(tables: Tables) -> ReportSection | None:
         Head("p (corrected)", CORRECTED_P),
         Head("state", "Result: ok, fails, or not tested with these data."),
     )
-    listing = Listing(heads, cells, marks, "All tests", len(cells) > 8, "adequacy.parquet")
+    caption = f"All {count(len(rows), 'test')}" + (f", {tested} of them evaluated" if tested < len(rows) else "")
+    listing = Listing(heads, cells, marks, caption, len(cells) > 8, "adequacy.parquet")
     return ReportSection("adequacy", _TITLE, lead, (), (listing,))
 
 
