@@ -105,6 +105,7 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
             units,
             np.concatenate([READING_SI, np.full(steps.signal.shape[1], _MILLIVOLT)]),
             np.arange(len(units)) >= len(CHANNELS),
+            held_out="held-out runs" if held.any() else "runs left out in turn",
         ),
         relation=Relation.LOADS_READINGS if seen[:, : len(CHANNELS)].any() else Relation.LOADS_SIGNALS,
     )

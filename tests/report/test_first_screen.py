@@ -11,13 +11,14 @@ import pytest
 
 from tests.report.bench_tables import bench_tables
 from tests.report.campaign_tables import campaign_tables
+from tests.report.diagnosis_tables import diagnosis_tables
 from tests.report.test_page import ATTACKS, Reader, render, sections_of
 from truing.report.alike_section import alike
 from truing.report.comments import with_comments
 from truing.report.diagnosis.assessed_causes import assessed_causes, modelled_of
 from truing.report.diagnosis.next_steps import next_steps
 from truing.report.diagnosis.prediction_errors import errors_of_models
-from truing.report.first_screen import first_screen
+from truing.report.first_screen import first_screen, sigma_of_rms
 from truing.report.head import build_head
 from truing.report.numbers import plain
 from truing.report.page import CampaignFacts, Depth
@@ -64,6 +65,27 @@ def test_its_error_is_that_of_the_section_before_and_after(tables) -> None:
     for told, size in ((change.before, first.before), (change.after, first.after)):
         number = float(re.match(r"[\d.]+", told)[0])
         assert number == pytest.approx(float(plain(size)), rel=0.05)
+
+
+def test_both_errors_have_an_uncertainty_and_it_is_said_of_what_kind_or_why_not() -> None:
+    for tables, kind in ((diagnosis_tables(), "scatter of 6 poses"), (bench_tables(), "by noise, from")):
+        change = build_head("c", tables).screen.change
+        assert change is not None
+        assert "±" in change.before
+        assert "±" in change.after
+        assert kind in change.note
+    change = build_head("c", campaign_tables()).screen.change
+    assert change is not None
+    assert "not known" in change.note
+
+
+def test_the_uncertainty_of_an_rms_is_that_of_repeated_measurement() -> None:
+    """Fixed errors of three sizes plus noise, measured 4,000 times."""
+    rng = np.random.default_rng(1)
+    for fixed in (0.0, 1.0, 5.0):
+        course = fixed * np.sin(np.arange(60.0)) / np.sqrt(np.mean(np.sin(np.arange(60.0)) ** 2))
+        rms = np.sqrt(np.mean((course + rng.standard_normal((4000, 60))) ** 2, axis=1))
+        assert sigma_of_rms(float(np.hypot(fixed, 1.0)), 1.0, 60.0) == pytest.approx(rms.std(), rel=0.05)
 
 
 def test_its_links_lead_to_sections_of_the_page() -> None:

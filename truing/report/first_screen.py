@@ -9,7 +9,7 @@ import numpy as np
 
 from truing.report.axis_page import ENCODERS
 from truing.report.diagnosis.assessed_causes import assessed_causes, modelled_of
-from truing.report.diagnosis.prediction_errors import Overall, errors_of_models, part_names
+from truing.report.diagnosis.prediction_errors import Overall, PartNames, errors_of_models, part_names
 from truing.report.measured_section import campaign_span
 from truing.report.numbers import count, listed, plain, sign, with_uncertainty
 from truing.report.page import CampaignFacts, ErrorChange, FirstScreen
@@ -155,11 +155,10 @@ def _change(tables: Tables) -> ErrorChange | None:
     if not errors:
         return None
     one, of = errors[0], part_names(tables)
-    sigma = _sigmas(one, tables, max(each.freedom for each in errors))
+    *sigma, note = _sigmas(one, of, tables, max(each.freedom for each in errors))
     before, after = (_size(size, s, one.unit) for size, s in zip((one.before, one.after), sigma, strict=True))
     what = f"rms of measured minus predicted, {of.held_out if one.held_out else of.fitted}"
     floor = "" if one.floor is None else _size(one.floor, None, one.unit)
-    note = "± one standard deviation" if sigma[1] is not None else ""
     return ErrorChange(what, before if modelled_of(rows) else "", after, floor, note)
 
 
@@ -167,14 +166,31 @@ def _size(size: float, sigma: float | None, unit: str) -> str:
     return with_uncertainty(size, sigma, sign(unit)) if sigma is not None else f"{plain(size)} {sign(unit)}".rstrip()
 
 
-def _sigmas(one: Overall, tables: Tables, freedom: float) -> tuple[float | None, float | None]:
-    """Return the standard deviations of both rms by the scatter of the poses' mean squares; without poses, that after
-    all causes by ``freedom``, the number of independent values that were predicted."""
+def _sigmas(one: Overall, of: PartNames, tables: Tables, freedom: float) -> tuple[float | None, float | None, str]:
+    """Return the standard deviations of both rms, and what they are: by the scatter of the poses' mean squares; without
+    poses by noise, from ``freedom``, the least number of independent values that were predicted."""
     poses = table_or_none(tables, "prediction")
     own = None if poses is None else poses[poses["role"].eq("verification") == one.held_out]
     if own is not None and len(own) >= _FEWEST:
         squares = own[["rms_before", "rms_after"]].dropna().to_numpy(dtype=float) ** 2
         scatter = squares.std(axis=0, ddof=1) / math.sqrt(len(squares))
         before, after = scatter / (2.0 * np.sqrt(squares.mean(axis=0)))
-        return float(before), float(after)
-    return None, one.after / math.sqrt(2.0 * freedom) if freedom > 0.0 else None
+        return (
+            float(before),
+            float(after),
+            f"± one standard deviation, by the scatter of {count(len(squares), of.single)}",
+        )
+    if not freedom > 0.0:
+        return None, None, "without ±: the number of independent values is not known"
+    before, after = (sigma_of_rms(size, one.after, freedom) for size in (one.before, one.after))
+    return before, after, f"± one standard deviation by noise, from {freedom:,.0f} independent values or more"
+
+
+def sigma_of_rms(rms: float, noise: float, values: float) -> float:
+    """Return the standard deviation of the rms of a number of independent values, each a fixed error plus noise.
+
+    The mean square has variance (4 noise² rms² - 2 noise⁴) / values; without a fixed error the result is
+    rms / sqrt(2 values).
+    """
+    size = max(rms, noise)
+    return noise / size * math.sqrt((2.0 * size**2 - noise**2) / (2.0 * values)) if size > 0.0 else 0.0

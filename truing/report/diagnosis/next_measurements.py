@@ -12,7 +12,7 @@ import pandas as pd
 
 from truing.report.diagnosis.assessed_causes import AssessedCause
 from truing.report.diagnosis.next_steps import NextStep, next_steps
-from truing.report.diagnosis.prediction_errors import READINGS, part_names
+from truing.report.diagnosis.prediction_errors import part_names
 from truing.report.heads import CAUSE, Head, schema_head
 from truing.report.numbers import count, printed
 from truing.report.page import MOST_ROWS, Listing, ReportSection
@@ -69,7 +69,7 @@ def requested_measurements(rows: list[AssessedCause], tables: Tables) -> ReportS
     if untested:
         listings += (Listing((CAUSE, _WHAT_TO_MEASURE), untested, (), _CAPTION, True, "next_measurements.parquet"),)
     lead = _opening_sentences(steps, tables)
-    state = "" if listings or (asked and part_names(tables) is READINGS) else "not evaluated"
+    state = "" if listings or (asked and part_names(tables).is_of_readings) else "not evaluated"
     return ReportSection("next", _TITLE, lead, listings=listings, statements=asked, state=state)
 
 

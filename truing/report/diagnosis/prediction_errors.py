@@ -52,6 +52,11 @@ class PartNames:
         """True for points of bodies in poses."""
         return self.single == POINTS.single
 
+    @property
+    def is_of_readings(self) -> bool:
+        """True for readings and signals of a bench."""
+        return self.single == READINGS.single
+
 
 POINTS = PartNames(
     "pose",
@@ -91,7 +96,19 @@ _AXIS_IN_TURN = replace(  # no row has the role of verification
     fitted_or_not="Rows left out in turn are predicted by fits that did not use them.",
     not_fitted="predicted by fits that did not use them",
 )
-_POINTS_FITTED = replace(POINTS, fitted_or_not="All poses were used in the fit.")
+_FITS_WITHOUT = "predicted by fits that did not use them"
+_POINTS_IN_TURN = replace(
+    POINTS,
+    held_out="poses left out in turn",
+    fitted_or_not="All poses were used in the fit.",
+    not_fitted=_FITS_WITHOUT,
+)
+_READINGS_IN_TURN = replace(
+    READINGS,
+    held_out="runs left out in turn",
+    fitted_or_not="Runs left out in turn are predicted by fits that did not use them.",
+    not_fitted=_FITS_WITHOUT,
+)
 
 
 def part_names(tables: Tables) -> PartNames:
@@ -100,9 +117,10 @@ def part_names(tables: Tables) -> PartNames:
     if axis is not None:
         return _AXIS if axis["role"].eq("verification").any() else _AXIS_IN_TURN
     if is_bench(tables):
-        return READINGS
+        errors = table_or_none(tables, "reading_errors")
+        return READINGS if errors is None or errors["role"].eq("verification").any() else _READINGS_IN_TURN
     poses = table_or_none(tables, "prediction")
-    return POINTS if poses is None or poses["role"].eq("verification").any() else _POINTS_FITTED
+    return POINTS if poses is None or poses["role"].eq("verification").any() else _POINTS_IN_TURN
 
 
 def reading_misses(tables: Tables) -> pd.DataFrame | None:
@@ -213,7 +231,7 @@ def overall(found: list[AssessedCause], tables: Tables, *, held_out: bool) -> Ov
     and orientation, are assessed by the errors of each pose.
     """
     effects = modelled_of(found)
-    if part_names(tables) is READINGS and len(effects) > 1:
+    if part_names(tables).is_of_readings and len(effects) > 1:
         units = dict.fromkeys(row.unit for row in effects)
         reported = [one for unit in units if (one := _of_readings(unit, tables, held_out)) is not None]
         return max(reported, key=lambda one: one.before / one.after if one.after > 0.0 else 1.0, default=None)
@@ -239,7 +257,7 @@ def _of_poses(effects: list[AssessedCause], tables: Tables, held_out: bool) -> O
 
 def plain_errors(rows: list[AssessedCause], tables: Tables, *, held_out: bool) -> list[Overall]:
     """Return the errors of the plain simulation where nothing was found; on a bench by unit."""
-    if part_names(tables) is READINGS:
+    if part_names(tables).is_of_readings:
         misses = reading_misses(tables)
         units = [] if misses is None else list(dict.fromkeys(misses["unit"]))
         return [one for unit in units if (one := _of_readings(unit, tables, held_out)) is not None]
@@ -265,7 +283,7 @@ def _freedom(tables: Tables, unit: str, held_out: bool) -> float:
     """Return the least number of independent values in an rms: readings of a channel less one zero per run; for points,
     poses. Values of one pose have errors in common. The number per pose follows from the scatter of the poses' mean
     squares."""
-    if part_names(tables) is READINGS:
+    if part_names(tables).is_of_readings:
         own = _own_readings(unit, tables, held_out)
         if own is None:
             return 0.0

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable
 
 from truing.report.diagnosis.assessed_causes import EQUAL_ODDS, AssessedCause
-from truing.report.diagnosis.prediction_errors import READINGS, PartNames
+from truing.report.diagnosis.prediction_errors import PartNames
 from truing.report.numbers import plain
 
 ONE_BLOCK, NONE = "one-block", "none"
@@ -67,12 +67,12 @@ def _odds(gain: float) -> str:
 
 
 def _to_measure(of: PartNames) -> str:
-    if of is READINGS:
+    if of.is_of_readings:
         return "To test it, apply loads in three runs or more, or in four ranges of loads, at least four steps each."
     return f"To test it, measure at least four {of.single}s on each of three days, or in each quarter of the workspace."
 
 
 def not_elsewhere(found: Iterable[AssessedCause], of: PartNames) -> tuple[tuple[str, str], ...]:
     """Return the section with measurements that would test findings without informative blocks."""
-    untested = of is not READINGS and any(row.left_out_by == NONE for row in found)
+    untested = not of.is_of_readings and any(row.left_out_by == NONE for row in found)
     return (("next", "What to measure next"),) if untested else ()
