@@ -40,6 +40,7 @@ def campaign_facts(settings: Campaign, files: CampaignFiles | None = None) -> Ca
         laboratory=campaign.laboratory or _name(certificate.laboratory),
         customer=campaign.customer or _name(certificate.customer),
         logo=_data_uri(campaign.logo, files.folder) if campaign.logo and files is not None else "",
+        item=_item(certificate.item),
         machine=_machine(settings),
         instrument=", ".join(filter(None, map(_item, certificate.equipment))),
         measured=days,
@@ -81,10 +82,9 @@ def _item(item: Item) -> str:
 
 
 def _machine(settings: Campaign) -> str:
-    """Return the item of the certificate and the type of a mechanism with legs; empty where both are unknown."""
+    """Return the type of a mechanism with legs; empty for others."""
     legs = getattr(settings.mechanism, "legs", None)
-    kind = f"{settings.mechanism.type}, {len(legs)} legs" if legs else ""
-    return ", ".join(filter(None, (_item(settings.certificate.item), kind)))
+    return f"{settings.mechanism.type}, {len(legs)} legs" if legs else ""
 
 
 def _today() -> date:

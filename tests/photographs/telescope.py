@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.blind.generator.campaign import Campaign, truth_record
+from tests.blind.generator.certificate import certificate_lines
 from tests.blind.generator.effects import MatrixDeformation
 from tests.blind.generator.folder import truth_path, write_lines
 from tests.blind.generator.layout import Layout, Targets
@@ -36,7 +37,12 @@ from tests.photographs.telescope_scene import DOT_MM, FAMILY, Standing, code_of,
 
 SEED = 46
 SAMPLE_POSES = (0, 1, 2)
-LAYOUT: Layout = replace(MACHINE, name="telescope-images", targets=Targets(per_leg=0))
+LAYOUT: Layout = replace(
+    MACHINE,
+    name="telescope-images",
+    targets=Targets(per_leg=0),
+    certificate=certificate_lines("hexapod of a telescope, simulated", "camera, simulated", "2026-11-21", "2026-11-21"),
+)
 LENS, SENSOR, STATIONS = Lens(name="camera"), Sensor(), Round()
 PHOTOGRAPHS = (
     "",

@@ -31,7 +31,7 @@ _DATES = (1.0e9, 4.0e9)  # seconds since 1970 that are dates of measurements: 20
 def first_screen(tables: Tables, about: CampaignFacts) -> FirstScreen:
     """Return the first screen of a run's page."""
     facts = (
-        ("machine", about.machine or _machine(tables)),
+        ("machine", "; ".join(filter(None, (about.item, about.machine or _machine(tables))))),
         ("instrument", _instrument(tables, about)),
         ("measured", _when(tables, about)),
         ("data", counts(tables)),

@@ -91,6 +91,7 @@ class CampaignFacts:
     laboratory: str = ""
     customer: str = ""
     logo: str = ""
+    item: str = ""  # what is calibrated, as [certificate] names it
     machine: str = ""
     instrument: str = ""
     measured: tuple[str, ...] = ()

@@ -76,7 +76,7 @@ def campaign_toml(campaign: Campaign) -> Iterable[str]:
     """The lines of campaign.toml."""
     layout = campaign.layout
     yield "format = 1"
-    yield from ("", "[campaign]", f'name = "{layout.name}"', 'kind = "photogrammetry"')
+    yield from ("", "[campaign]", f'name = "{layout.name}"', 'kind = "photogrammetry"', *layout.certificate)
     yield from ("", "[mechanism]", f'type = "{layout.geometry.mechanism}"')
     yield f"reference_temperature_c = {layout.surroundings.reference_temperature_c}"
     if layout.actuator_pitch_mm is not None:

@@ -162,6 +162,7 @@ class Layout:
     decimals: int = 5
     actuator_pitch_mm: float | None = None
     weight: Weight | None = None
+    certificate: tuple[str, ...] = ()  # lines of campaign.toml that follow [campaign]
     further_sections: tuple[str, ...] = ()  # lines of campaign.toml that the generator itself has no use for
 
 

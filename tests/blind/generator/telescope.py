@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.blind.generator.campaign import Campaign, draw_campaign
+from tests.blind.generator.certificate import certificate_lines
 from tests.blind.generator.effects import MatrixDeformation
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import DataFaults, Layout, Surroundings
@@ -59,6 +60,9 @@ LAYOUT = Layout(
     name="telescope",
     faults=DataFaults(missing_share=0.01, gross_share=0.005, gross_mm=(0.1, 3.0)),
     surroundings=Surroundings(frame_turn_rad=0.1, frame_shift_mm=30.0),
+    certificate=certificate_lines(
+        "hexapod of a telescope, simulated", "photogrammetry, simulated", "2026-11-21", "2026-11-21"
+    ),
     further_sections=(*ASSUMED_PARTS, *RANGES),
 )
 

@@ -20,12 +20,17 @@ from tests.blind.generator.arms.transforms import Array
 REFERENCE_C = 20.0
 
 
-def write(campaign: ArmCampaign, folder: Path | str, name: str | None = None) -> Path:
-    """Write the campaign folder, and ``<folder>.truth.json`` beside it; return the folder."""
+def write(
+    campaign: ArmCampaign, folder: Path | str, name: str | None = None, certificate: tuple[str, ...] = ()
+) -> Path:
+    """Write the campaign folder, and ``<folder>.truth.json`` beside it; return the folder.
+
+    ``certificate``: lines of campaign.toml that follow [campaign].
+    """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     bench, instrument = campaign.bench, campaign.bench.instrument
-    (folder / "campaign.toml").write_text(settings_text(campaign, name or folder.name), encoding="utf-8")
+    (folder / "campaign.toml").write_text(settings_text(campaign, name or folder.name, certificate), encoding="utf-8")
     if bench.design.notation == "urdf":
         arm = bench.design.arm
         if not bench.design.tells_masses:
@@ -68,10 +73,11 @@ def truth(campaign: ArmCampaign) -> dict[str, object]:
     }
 
 
-def settings_text(campaign: ArmCampaign, name: str) -> str:
+def settings_text(campaign: ArmCampaign, name: str, certificate: tuple[str, ...] = ()) -> str:
     """campaign.toml of a campaign."""
     bench, arm, instrument = campaign.bench, campaign.bench.design.arm, campaign.bench.instrument
-    lines = ["format = 1", "[campaign]", f'name = "{name}"', 'kind = "photogrammetry"', "", "[mechanism]"]
+    lines = ["format = 1", "[campaign]", f'name = "{name}"', 'kind = "photogrammetry"', *certificate]
+    lines += ["", "[mechanism]"]
     lines += ['type = "chain"', *mechanism_lines(bench.design), f'base = "{arm.links[0].name}"']
     lines += [f'closure = "{arm.loops.closure}"'] if arm.loops is not None else []
     lines += [f'tip = "{arm.links[arm.tips[0]].name}"', f"joints = {json.dumps(arm.names())}"]

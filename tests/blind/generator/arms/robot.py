@@ -18,6 +18,7 @@ from tests.blind.generator.arms.motion import at_rest, places
 from tests.blind.generator.arms.schedule import Schedule, approach
 from tests.blind.generator.arms.strength import Bench, linear_fit
 from tests.blind.generator.arms.transforms import Array, X, Y, Z, rotation
+from tests.blind.generator.certificate import certificate_lines
 
 SEED = 20240611
 POSES, EVERY = 75, 5  # every fifth pose is held out
@@ -108,4 +109,5 @@ def _hidden(bench: Bench) -> list[Effect]:
 
 def write_robot(folder: Path) -> Path:
     """Writes the sample campaign into ``folder``; the same bytes every time."""
-    return write(robot_campaign(), folder, "robot")
+    told = certificate_lines("robot, simulated", "laser tracker, simulated", "2026-11-23", "2026-11-23")
+    return write(robot_campaign(), folder, "robot", told)

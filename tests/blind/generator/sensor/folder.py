@@ -108,7 +108,7 @@ def _numbers(values: Array, form: str) -> str:
 def _campaign_toml(campaign: Campaign) -> Iterable[str]:
     layout = campaign.layout
     yield "format = 1"
-    yield from ("", "[campaign]", f'name = "{layout.name}"', 'kind = "interferometer"')
+    yield from ("", "[campaign]", f'name = "{layout.name}"', 'kind = "interferometer"', *layout.certificate)
     yield from ("", "[mechanism]", 'type = "6-upur"')
     yield f"reference_temperature_c = {layout.surroundings.reference_temperature_c}"
     yield "legs = ["

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.blind.generator.certificate import certificate_lines
 from tests.blind.generator.sensor.campaign import Campaign, draw_campaign
 from tests.blind.generator.sensor.effects import LoadEccentricity
 from tests.blind.generator.sensor.folder import write_campaign
@@ -22,6 +23,7 @@ LAYOUT = Layout(
     tolerance=Tolerance(stiffness=0.02),
     programme=Programme(channels="separate", pause_s=60.0),
     signals=6,
+    certificate=certificate_lines("force sensor, simulated", "interferometer, simulated", "2026-11-21", "2026-11-22"),
 )
 # Figures 12 to 17: theoretical maximum, measured maxima at positive and at negative load, as printed.
 PUBLISHED = (

@@ -121,6 +121,7 @@ class Layout:
     written_as: str = "interferometer"  # or "displacement"
     compliance_given: bool = False
     stated_range: bool = True
+    certificate: tuple[str, ...] = ()  # lines of campaign.toml that follow [campaign]
 
 
 def noiseless(layout: Layout) -> Layout:
