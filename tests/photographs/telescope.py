@@ -41,7 +41,7 @@ LAYOUT: Layout = replace(
     MACHINE,
     name="telescope-images",
     targets=Targets(per_leg=0),
-    certificate=certificate_lines("hexapod of a telescope, simulated", "camera, simulated", "2026-11-21", "2026-11-21"),
+    certificate=certificate_lines("hexapod of a telescope, simulated", "camera, simulated", "2026-11-22", "2026-11-22"),
 )
 LENS, SENSOR, STATIONS = Lens(name="camera"), Sensor(), Round()
 PHOTOGRAPHS = (

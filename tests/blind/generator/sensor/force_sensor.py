@@ -23,7 +23,7 @@ LAYOUT = Layout(
     tolerance=Tolerance(stiffness=0.02),
     programme=Programme(channels="separate", pause_s=60.0),
     signals=6,
-    certificate=certificate_lines("force sensor, simulated", "interferometer, simulated", "2026-11-21", "2026-11-22"),
+    certificate=certificate_lines("force sensor, simulated", "bench, simulated", "2026-11-22", "2026-11-23"),
 )
 # Figures 12 to 17: theoretical maximum, measured maxima at positive and at negative load, as printed.
 PUBLISHED = (
