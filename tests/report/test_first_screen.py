@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 
@@ -134,6 +135,61 @@ def test_the_drawing_is_upright_and_inside_its_box() -> None:
     ]
     assert all(0 < x < 300 and 0 < y < 240 for _, x, y in dots)
     assert max(y for kind, _, y in dots if kind == "target") < min(y for kind, _, y in dots if kind == "fixed")
+
+
+def failed(check: str, subject: str, *slip: str) -> dict[str, pd.DataFrame]:
+    """A failed check on a subject, and the slip that explains it."""
+    slips = json.dumps([{"subjects": list(slip)}])
+    relation = {"relation": [check], "state": ["fails"], "slips": [slips]}
+    return {
+        "qa": pd.DataFrame({"check": [check], "subject": [subject], "verdict": ["fail"]}),
+        "belonging": pd.DataFrame(relation),
+    }
+
+
+def test_the_drawing_marks_what_failed_checks_name() -> None:
+    tables = placed("platform")
+    assert "failing" not in machine_drawing(tables)
+    whole = machine_drawing({**tables, **failed("points-against-survey", "platform")})
+    assert whole.count('<circle class="target failing"') == 2
+    one = machine_drawing({**tables, **failed("exchanged-labels", "targets B1 P2")})
+    assert one.count('<circle class="fixed failing"') == one.count('<circle class="target failing"') == 1
+    assert one.count('<circle class="fixed"') == 2
+    legs = machine_drawing({**tables, **failed("readings-against-poses", "", "rho1_mm", "rho3_mm")})
+    assert legs.count('<polyline class="leg failing"') == 2
+    assert legs.count('<polyline class="leg"') == 1
+    accepted = failed("points-against-survey", "platform")
+    accepted["qa"]["accepted"] = "B. Maier"
+    assert "failing" not in machine_drawing({**tables, **accepted})
+
+
+def test_without_poses_bodies_stand_as_designed_or_side_by_side() -> None:
+    tables = {name: table for name, table in placed("platform").items() if name != "motions"}
+    assert machine_drawing(tables) == machine_drawing(placed("platform"))
+    alone = machine_drawing({"shape": tables["shape"]})
+    dots = re.findall(r'class="(fixed|target)" cx="([\d.-]+)"', alone)
+    assert max(float(x) for kind, x in dots if kind == "fixed") < min(float(x) for kind, x in dots if kind == "target")
+
+
+def test_numbers_and_letters_in_the_drawing_do_not_cover_each_other() -> None:
+    """Six feet in three pairs, as near as those of a hexapod, and axes between them."""
+    tables = placed("platform")
+    angles = np.radians([0, 8, 120, 128, 240, 248])
+    rows = [
+        (f"joints of leg {k}", end, 50 * np.cos(a), 50 * np.sin(a), z, 0, 0, 1)
+        for k, a in enumerate(angles, 1)
+        for end, z in (("u", 0), ("b", 100))
+    ]
+    frames = tables["frames"]
+    own = frames[~frames["frame"].str.startswith("joints")]
+    tables["frames"] = pd.concat([own, pd.DataFrame(rows, columns=frames.columns)])
+    svg = machine_drawing(tables)
+    texts = re.findall(r'<text x="([\d.-]+)" y="([\d.-]+)">([^<]+)<', svg)
+    assert len(texts) == 6 + 6
+    for k, (x, y, words) in enumerate(texts):
+        for u, v, others in texts[:k]:
+            wide = 2.6 * (len(words) + len(others)) * 0.9
+            assert abs(float(x) - float(u)) > wide or abs(float(y) - float(v)) > 8.0, (words, others)
 
 
 def test_names_in_the_drawing_are_text() -> None:

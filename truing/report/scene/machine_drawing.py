@@ -1,8 +1,13 @@
-"""Small drawing of the machine for the first screen: legs, links, targets and frames, as inline SVG."""
+"""Small drawing of the machine for the first screen: legs, links, targets and frames, as inline SVG.
+
+What a failed check names is ringed. Bodies without poses stand as designed, or side by side as surveyed.
+"""
 
 from __future__ import annotations
 
 import html
+import json
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -10,8 +15,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from truing.report.quality_section import accepted_verdicts
 from truing.report.scene.frames import leg_joints
-from truing.report.tables import XYZ, Tables, table_or_none
+from truing.report.tables import XYZ, Tables, cell, table_or_none
 
 _Points = NDArray[np.float64]
 _PLACE, _ENTRIES = ["px_mm", "py_mm", "pz_mm"], [f"r{i}{j}" for i in range(3) for j in range(3)]
@@ -23,14 +29,24 @@ _MOST_TARGETS = 400
 _AXIS_LENGTH = 0.2  # of the machine's size
 
 
+_LETTER, _TEXT = 5.2, 10.0  # width of a letter and height of a text, px
+_NEAR = (7.0, 12.0, 18.0, 25.0, 33.0)  # distances of a text from what it names, px
+_ASIDE = np.radians([0.0, 40.0, -40.0, 80.0, -80.0, 130.0, -130.0])  # and angles from the wanted direction
+_KEY = "ringed or dashed: named by a failed check"
+_FAILING = " failing"  # further class of what a failed check names
+
+
 @dataclass
 class _Shape:
-    """Parts in one frame, mm: lines and dots with their class, frames by name, and labels at points."""
+    """Parts in one frame, mm: lines and dots with their class, frames by name, and labels at points.
+
+    A label is written on the side away from its last point.
+    """
 
     lines: list[tuple[str, _Points]] = field(default_factory=list)
     dots: list[tuple[str, _Points]] = field(default_factory=list)
     frames: list[tuple[str, _Points, _Points]] = field(default_factory=list)  # name, origin, axes in columns
-    labels: list[tuple[str, _Points]] = field(default_factory=list)
+    labels: list[tuple[str, _Points, _Points]] = field(default_factory=list)
 
     @property
     def points(self) -> _Points:
@@ -41,36 +57,58 @@ class _Shape:
 
 def machine_drawing(tables: Tables) -> str:
     """Return the drawing as SVG; empty where the tables hold no geometry."""
+    named = failing_names(tables)
     for build in (_chain, _machine, _axis):
-        shape = build(tables)
+        shape = build(tables, named)
         if shape is not None and len(points := shape.points[np.isfinite(shape.points).all(axis=1)]):
             return _svg(shape, points)
     return ""
 
 
-def _machine(tables: Tables) -> _Shape | None:
+def failing_names(tables: Tables) -> frozenset[str]:
+    """Return the names of bodies, targets, joints and columns in failed checks that nobody accepted, and their slips;
+    a leg as ``leg 3``."""
+    checks, relations = table_or_none(tables, "qa"), table_or_none(tables, "belonging")
+    words: list[str] = []
+    if checks is not None:
+        failed = checks[checks["verdict"].eq("fail") & ~accepted_verdicts(checks)]
+        words += [cell(subject) for subject in failed["subject"]]
+        if relations is not None and len(failed):
+            own = relations[relations["state"].eq("fails") & relations["relation"].isin(failed["check"])]
+            words += [subject for slips in own["slips"] for slip in json.loads(cell(slips) or "[]")
+                      for subject in slip["subjects"]]  # fmt: skip
+    legs = (f"leg {number}" for number in re.findall(r"\b(?:rho|leg )(\d+)(?:_mm)?\b", " ".join(words)))
+    return frozenset([*legs, *" ".join(words).replace(",", " ").split()])
+
+
+def _machine(tables: Tables, named: frozenset[str]) -> _Shape | None:
     """Return legs between their joints, both rings and the frames, as designed; targets of all bodies in one pose."""
     table, shape = table_or_none(tables, "frames"), _Shape()
-    _add_bodies(shape, tables, with_frames=table is None)
+    _add_bodies(shape, tables, named, with_frames=table is None)
     if table is None:
         return shape
-    _add_legs(shape, *leg_joints(table))
+    _add_legs(shape, *leg_joints(table), named)
     for name, own in table[table["frame"].isin(["base", "platform"])].groupby("frame", sort=False):
-        axes = own[["along_x", "along_y", "along_z"]].to_numpy(float).T
-        shape.frames.append((str(name), own[XYZ].to_numpy(float)[0], axes))
+        shape.frames.append((str(name), *_frame(own)))
     return shape
 
 
-def _add_legs(shape: _Shape, lower: _Points, upper: _Points) -> None:
-    shape.lines += [("leg", np.stack([a, b])) for a, b in zip(lower, upper, strict=True)]
+def _frame(own: pd.DataFrame) -> tuple[_Points, _Points]:
+    """Return origin (3,) and axes in columns (3, 3) of a frame's rows."""
+    return own[XYZ].to_numpy(float)[0], own[["along_x", "along_y", "along_z"]].to_numpy(float).T
+
+
+def _add_legs(shape: _Shape, lower: _Points, upper: _Points, named: frozenset[str]) -> None:
+    for k, ends in enumerate(zip(lower, upper, strict=True), 1):
+        shape.lines.append((f"leg{_FAILING * (f'leg {k}' in named)}", np.stack(ends)))
     for name, ring in (("base", lower), ("platform", upper)):
         middle = ring - ring.mean(axis=0)
         order = np.argsort(np.arctan2(middle[:, 1], middle[:, 0]))
         shape.lines.append((name, ring[np.append(order, order[0])]))
-    shape.labels += [(str(k), a) for k, a in enumerate(lower, 1)]
+    shape.labels += [(str(k), a, lower.mean(axis=0)) for k, a in enumerate(lower, 1)]
 
 
-def _chain(tables: Tables) -> _Shape | None:
+def _chain(tables: Tables, named: frozenset[str]) -> _Shape | None:
     """Return the links of an open chain, its joints, and the frames of base and tip."""
     nodes = table_or_none(tables, "chain_nodes")
     if nodes is None:
@@ -82,8 +120,11 @@ def _chain(tables: Tables) -> _Shape | None:
     moves = (nodes["joint_kind"] != "fixed").to_numpy()
     size = 0.05 * max(float(np.ptp(places, axis=0).max()), 1.0)
     ways = nodes[_AXIS].to_numpy(float)
-    shape.lines += [("base", np.stack([origins[k] - size * ways[k], origins[k] + size * ways[k]])) for k in
-                    np.flatnonzero(moves)]  # fmt: skip
+    for k in np.flatnonzero(moves):
+        joint = cell(nodes["joint"].iloc[k])
+        shape.lines.append((f"base{_FAILING * (joint in named)}", origins[k] + size * np.outer([-1.0, 1.0], ways[k])))
+        if joint in named:
+            shape.labels.append((joint, origins[k], places.mean(axis=0)))
     ends = [(0, str(nodes["link"].iloc[0])), *((int(k), str(nodes["link"].iloc[k])) for k in _tips(nodes))]
     for k, name in ends:
         shape.frames.append((name, places[k], nodes.loc[k, _ENTRIES].to_numpy(float).reshape(3, 3)))
@@ -91,9 +132,8 @@ def _chain(tables: Tables) -> _Shape | None:
     for k, node in enumerate(nodes["link"]):
         if survey is None:
             break
-        own = survey.loc[survey["body"] == node, XYZ].dropna().to_numpy(float)
         turn = nodes.loc[k, _ENTRIES].to_numpy(float).reshape(3, 3)
-        shape.dots.append(("target", own @ turn.T + places[k]))
+        _add_targets(shape, survey, str(node), (places[k], turn), named)
     return shape
 
 
@@ -101,17 +141,55 @@ def _tips(nodes: pd.DataFrame) -> NDArray[np.intp]:
     return np.flatnonzero(nodes["is_tip"])
 
 
-def _add_bodies(shape: _Shape, tables: Tables, *, with_frames: bool) -> None:
-    """Add the targets of all bodies in the first pose that has most of them, and their frames."""
-    places, motions = table_or_none(tables, "shape"), table_or_none(tables, "motions")
-    if places is None or motions is None:
+def _add_targets(
+    shape: _Shape, places: pd.DataFrame, body: str, at: tuple[_Points, _Points], named: frozenset[str]
+) -> None:
+    """Add the targets of a body that stands at a place (3,) with a rotation (3, 3); those that are named apart, or all
+    of a named body of which none is."""
+    own = places[places["body"] == body].dropna(subset=XYZ)[:_MOST_TARGETS]
+    origin, turn = at
+    points = own[XYZ].to_numpy(float) @ turn.T + origin
+    failing = own["target"].astype(str).isin(named).to_numpy()
+    if body in named and not failing.any():
+        failing = np.ones(len(own), dtype=bool)
+    elif failing.any():
+        middle = points.mean(axis=0)
+        names = zip(own["target"][failing], points[failing], strict=True)
+        shape.labels += [(str(name), point, middle) for name, point in names]
+    kind = "fixed" if body == "base" else "target"
+    for chosen, more in ((~failing, ""), (failing, _FAILING)):
+        if chosen.any():
+            shape.dots.append((f"{kind}{more}", points[chosen]))
+
+
+def _add_bodies(shape: _Shape, tables: Tables, named: frozenset[str], *, with_frames: bool) -> None:
+    """Add the targets of all bodies, and their frames: in the first pose that has most of them; without poses where
+    the machine is designed to hold them, or else side by side."""
+    places, motions, designed = (table_or_none(tables, name) for name in ("shape", "motions", "frames"))
+    if places is None:
         return
-    number = motions.groupby("pose", sort=False)["body"].nunique()
-    for body, (origin, turn) in _placed(motions[motions["pose"] == number.idxmax()]):
-        targets = places.loc[places["body"] == body, XYZ].dropna().to_numpy(float)[:_MOST_TARGETS]
-        shape.dots.append(("fixed" if body == "base" else "target", targets @ turn.T + origin))
+    if motions is not None:
+        number = motions.groupby("pose", sort=False)["body"].nunique()
+        standing = list(_placed(motions[motions["pose"] == number.idxmax()]))
+    elif designed is not None:
+        names = {name.replace(" ", ""): _frame(own) for name, own in designed.groupby("frame", sort=False)}
+        standing = [(str(body), names[body]) for body in places["body"].unique() if body in names]
+    else:
+        standing = list(_side_by_side(places))
+    for body, (origin, turn) in standing:
+        _add_targets(shape, places, body, (origin, turn), named)
         if with_frames and not body.startswith("leg"):
             shape.frames.append((body, origin, turn))
+
+
+def _side_by_side(places: pd.DataFrame) -> Iterator[tuple[str, tuple[_Points, _Points]]]:
+    """Yield each body with a place (3,) next to the one before, unturned."""
+    right = 0.0
+    for body, own in places.dropna(subset=XYZ).groupby("body", sort=False):
+        points = own[XYZ].to_numpy(float)
+        wide = max(float(np.ptp(points[:, 0])), 1.0)
+        yield str(body), (np.array([right - points[:, 0].min(), 0.0, 0.0]), np.eye(3))
+        right += 1.3 * wide
 
 
 def _placed(motions: pd.DataFrame) -> Iterator[tuple[str, tuple[_Points, _Points]]]:
@@ -123,7 +201,7 @@ def _placed(motions: pd.DataFrame) -> Iterator[tuple[str, tuple[_Points, _Points
         yield str(row["body"]), (row[_PLACE].to_numpy(float), row[_ENTRIES].to_numpy(float).reshape(3, 3))
 
 
-def _axis(tables: Tables) -> _Shape | None:
+def _axis(tables: Tables, _: frozenset[str]) -> _Shape | None:
     """Return a circle about the axis, or a guide along it."""
     table = table_or_none(tables, "axis_errors")
     if table is None:
@@ -158,18 +236,46 @@ def _svg(shape: _Shape, points: _Points) -> str:
 
     parts = [f'<polyline class="{name}" points="{_listed(at(own))}"/>' for name, own in shape.lines]
     for name, own in shape.dots:
-        parts += [f'<circle class="{name}" cx="{x:.1f}" cy="{y:.1f}" r="2"/>' for x, y in at(own)]
+        size = 4.5 if name.endswith(_FAILING) else 2
+        parts += [f'<circle class="{name}" cx="{x:.1f}" cy="{y:.1f}" r="{size}"/>' for x, y in at(own)]
+    texts: list[tuple[str, _Points, _Points]] = []
     for (name, origin, _), ends in zip(shape.frames, tips, strict=True):
         (x, y), *arrows = at(np.vstack([origin, ends]))
         for axis, (u, v) in zip("xyz", arrows, strict=True):
             parts.append(f'<line class="axis" x1="{x:.1f}" y1="{y:.1f}" x2="{u:.1f}" y2="{v:.1f}"/>')
-            words = f"{axis} {html.escape(name)}".strip() if axis == "z" else axis
-            parts.append(f'<text x="{u + 2:.1f}" y="{v - 2:.1f}">{words}</text>')
-    for words, place in shape.labels:
-        ((x, y),) = at(place)
-        parts.append(f'<text x="{x - 3:.1f}" y="{y + 14:.1f}">{html.escape(words)}</text>')
+            words = f"{axis} {name}".strip() if axis == "z" else axis
+            texts.append((words, np.array([u, v]), np.array([x, y])))
+    texts += [(words, *at(np.stack([place, middle]))) for words, place, middle in shape.labels]
+    parts += [f'<text x="{x:.1f}" y="{y:.1f}">{html.escape(words)}</text>' for words, x, y in _apart(texts)]
+    if any(name.endswith(_FAILING) for name, _ in (*shape.lines, *shape.dots)):
+        parts.append(f'<text class="key" x="4" y="{_HEIGHT - 4:.0f}">{_KEY}</text>')
     size = f"{_WIDTH:.0f} {_HEIGHT:.0f}"
     return f'<svg class="machine" viewBox="0 0 {size}" role="img" aria-label="{_words(shape)}">{"".join(parts)}</svg>'
+
+
+def _apart(texts: list[tuple[str, _Points, _Points]]) -> Iterator[tuple[str, float, float]]:
+    """Yield each text with the middle of its base line, px, beside its point on the side away from another point; the
+    nearest place where it covers no text before it."""
+    taken: list[_Points] = []
+    for words, point, middle in texts:
+        half = np.array([0.5 * _LETTER * len(words), 0.5 * _TEXT])
+        away = point - middle
+        angle = np.arctan2(away[1], away[0])
+        boxes = []
+        for distance in _NEAR:
+            for turn in angle + _ASIDE:
+                way = np.array([np.cos(turn), np.sin(turn)])
+                centre = point + distance * way + np.abs(way) * np.sign(way) * half * [1.0, 0.0]
+                boxes.append(np.stack([centre - half, centre + half]))
+        inside = [box for box in boxes if (box[0] > 0.0).all() and (box[1] < [_WIDTH, _HEIGHT]).all()]
+        box = next((box for box in inside if not any(_overlap(box, other) for other in taken)), (inside or boxes)[0])
+        taken.append(box)
+        x, y = box.mean(axis=0)
+        yield words, float(x), float(y + 0.33 * _TEXT)
+
+
+def _overlap(one: _Points, other: _Points) -> bool:
+    return bool((one[0] < other[1]).all() and (other[0] < one[1]).all())
 
 
 def _listed(points: _Points) -> str:
@@ -180,6 +286,9 @@ def _words(shape: _Shape) -> str:
     """Return the content of the drawing in words, for readers who cannot see it."""
     targets = sum(len(own) for _, own in shape.dots)
     names = ", ".join(html.escape(name) for name, _, _ in shape.frames if name)
-    legs = sum(name == "leg" for name, _ in shape.lines)
-    parts = [f"frames of {names}"] * bool(names) + [f"{legs} lines for legs or links"] * bool(legs)
-    return "Drawing of the machine: " + "; ".join([*parts, *([f"{targets} targets"] if targets else [])])
+    legs = sum(name.startswith("leg") for name, _ in shape.lines)
+    failing = sum(name.endswith(_FAILING) for name, _ in shape.lines)
+    failing += sum(len(own) for name, own in shape.dots if name.endswith(_FAILING))
+    numbers = ((legs, "lines for legs or links"), (targets, "targets"), (failing, "of them named by a failed check"))
+    parts = [f"frames of {names}"] * bool(names) + [f"{number} {what}" for number, what in numbers if number]
+    return f"Drawing of the machine: {'; '.join(parts)}"
