@@ -21,6 +21,7 @@ from truing.pipeline.source_digest import SourceTree
 from truing.pipeline.stage_order import (
     IN_PIECES,
     OF_SECOND_CAMPAIGNS,
+    PAGE,
     RAW_READERS,
     bare,
     is_optional,
@@ -163,9 +164,10 @@ class CampaignRun:
         """Call a stage with exactly its declared inputs."""
         arguments: list[Any] = [self._tables(stage), SettingsView(self.settings, stage.settings), progress]
         if stage.name in RAW_READERS:
-            from truing.formats.source import CampaignFiles
+            from truing.formats.source import NO_DIGESTS, CampaignFiles
 
-            arguments.append(CampaignFiles(self.campaign.folder, self.settings, self.scratch))
+            digests = self.made_from(stage).raw if stage.name == PAGE else NO_DIGESTS
+            arguments.append(CampaignFiles(self.campaign.folder, self.settings, self.scratch, digests))
         if stage.name in IN_PIECES:
             arguments.append(self._ordered_results)
         if stage.name in OF_SECOND_CAMPAIGNS:

@@ -27,7 +27,7 @@ RAW_READERS: dict[str, tuple[str, ...]] = {
     "images": OF_IMAGES,
     "bundle": ("targets",),
     "ingest": OTHERS,
-    PAGE: (LOGO,),
+    PAGE: (LOGO, *OF_IMAGES, *OTHERS),  # it names all of them with their digests
 }
 # Stages with independent pieces of work, which can run in several processes.
 IN_PIECES = ("images",)

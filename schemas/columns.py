@@ -12,7 +12,7 @@ _CHANNELS = ("dx", "dy", "dz", "rx", "ry", "rz", *(f"v{number}" for number in ra
 
 _MEASURED = (
     Column("pose", "identifier", "number or name of the pose in the campaign"),
-    text("body", "rigid body: base, platform, leg1..leg6, or any name without a mechanism"),
+    text("body", "rigid body: base, platform or leg1..leg6 of a mechanism, link of a chain, or any other name"),
     text("parent", "frame in which the pose is given: name of a body, or measurement"),
     text("target", "name of the target on its body"),
     integer("leg", "leg, counted from 1; empty if the row concerns no leg", minimum=1, nullable=True),

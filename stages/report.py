@@ -22,7 +22,7 @@ DECLARATION = Stage(
     leaves=("frames?", "verdict", "next_measurements", "report"),
     settings=(
         *(f"campaign.{key}" for key in ("name", "title", "laboratory", "customer", "logo")),
-        *(f"certificate.{key}" for key in ("begin", "end", "laboratory", "customer", "item", "equipment")),
+        *(f"certificate.{key}" for key in ("begin", "end", "laboratory", "customer", "item", "equipment", "persons")),
         *("mechanism.type", "mechanism.legs", "mechanism.height_mm"),
         *("comment", "noise", "measurement", "bodies", "requirement", "diagnosis", "interferometer", "signals"),
     ),
@@ -33,7 +33,7 @@ DECLARATION = Stage(
 def run(
     tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress, files: CampaignFiles | None = None
 ) -> Outcome:
-    """Give the verdict, and render the page that reads it; ``files`` are needed for a logo alone."""
+    """Give the verdict, and render the page that reads it; ``files``: for a logo, and the digests of raw files."""
     from truing.report.page import all_of
     from truing.report.rendering.render import render_page
     from truing.report.verdict import gates

@@ -49,6 +49,8 @@ def campaign_facts(settings: Campaign, files: CampaignFiles | None = None) -> Ca
         comments=tuple((one.section, one.text) for one in settings.comment),
         declared=tuple(_declared(settings)),
         software=tuple(_software(__version__)),
+        persons=tuple((one.name or "", one.role or "") for one in certificate.persons),
+        files=() if files is None else tuple(_raw_files(files)),
     )
 
 
@@ -70,6 +72,12 @@ def _software(version: str) -> Iterator[tuple[str, str]]:
     for name in ("numpy", "scipy", "pandas", "pyarrow"):
         yield name, metadata.version(name)
     yield "system", f"{platform.system()} {platform.machine()}"
+
+
+def _raw_files(files: CampaignFiles) -> Iterator[tuple[str, int, str]]:
+    """Yield name, size in bytes and SHA-256 of the files that the campaign was read from."""
+    for name, digest in sorted(files.digests.items()):
+        yield name, os.path.getsize(files.folder / name), digest
 
 
 def _name(contact: Contact) -> str:

@@ -254,10 +254,13 @@ def test_a_bench_is_not_asked_for_a_requirement_that_does_not_apply_to_it() -> N
     assert verdict_rows(with_verdict(tables))["requirements"].explanation in section.lead
 
 
-def test_settings_and_software_stand_in_the_provenance() -> None:
-    about = replace(ABOUT, declared=(("noise.point_mm", "0.005"),), software=(("numpy", "2.4"),))
+def test_settings_software_files_and_persons_stand_in_the_provenance() -> None:
+    declared, software, persons = (("noise.point_mm", "0.005"),), (("numpy", "2.4"),), (("A. Berg", "operator"),)
+    files = (("points.csv", 12345, "ab" * 32),)
+    about = replace(ABOUT, declared=declared, software=software, persons=persons, files=files)
     section = {one.id: one for one in build_sections(campaign_tables(), {}, about)}["provenance"]
-    assert [listing.rows for listing in section.listings] == [about.declared, about.software]
+    shown = [listing.rows for listing in section.listings]
+    assert shown == [declared, software, (("points.csv", "12,345", "ab" * 32),), persons]
 
 
 def test_comments_stand_in_their_section_and_are_escaped() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import re
 import shutil
@@ -89,7 +90,7 @@ def test_errors_by_series_are_those_of_the_poses(campaign: Path, run: Path) -> N
     assert after < before
 
 
-def test_the_page_shows_the_chain_its_numbers_and_series(run: Path) -> None:
+def test_the_page_shows_the_chain_its_numbers_series_and_raw_files(campaign: Path, run: Path) -> None:
     sections = {section.id: section for section in load(run).sections}
     chain = sections["chain"]
     numbers, series = chain.listings
@@ -105,6 +106,8 @@ def test_the_page_shows_the_chain_its_numbers_and_series(run: Path) -> None:
     assert sum(len(trace.x) for trace in errors.data) == 2 * pq.read_table(run / "prediction.parquet").num_rows
     page = (run / "report.html").read_text(encoding="utf-8")
     assert not unexplained(page)
+    for file in ("points.csv", "robot.urdf"):
+        assert hashlib.sha256((campaign / file).read_bytes()).hexdigest() in page
     assert 'id="chain"' in page
     assert "without a mechanism" not in page
 

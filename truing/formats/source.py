@@ -8,6 +8,7 @@ import stat
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from truing.formats.file_search import TooManyEntries, companion_files, find_files, format_suffix
@@ -40,6 +41,7 @@ _OF_SENSORS = (
 )
 _OTHER_PICTURES = frozenset((*_COMPRESSED, *_OF_PROGRAMS, *_OF_SENSORS))
 _FILES_OF_MECHANISM = ("model", "compliance_file", "deformation_file", "urdf")
+NO_DIGESTS: Mapping[str, str] = MappingProxyType({})
 _DEEPEST = 3  # images/<pose>/<camera>/<file>
 _READ = ", ".join(f".{ending}" for ending in PICTURES)
 
@@ -58,10 +60,15 @@ class RawFile:
 
 
 class CampaignFiles:
-    """Raw files of one campaign, from its folder and its [files]; ``scratch``: folder for temporary files."""
+    """Raw files of one campaign, from its folder and its [files]; ``scratch``: folder for temporary files.
 
-    def __init__(self, folder: Path, campaign: Campaign, scratch: Path | None = None) -> None:
-        self.folder, self.scratch = folder, scratch
+    ``digests``: SHA-256 of the files that a stage depends on, by name; empty where nobody computed them.
+    """
+
+    def __init__(
+        self, folder: Path, campaign: Campaign, scratch: Path | None = None, digests: Mapping[str, str] = NO_DIGESTS
+    ) -> None:
+        self.folder, self.scratch, self.digests = folder, scratch, digests
         self.estimate: Estimate | None = None  # of covariances, for adjusted points without any
         self._files = campaign.files
         self._prior_model = getattr(campaign.mechanism, "model", None)

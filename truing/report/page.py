@@ -84,7 +84,8 @@ class CampaignFacts:
 
     ``measured``: first and last day of the measurement; ``made``: day of the page; ``logo``: a data URI; ``comments``:
     id of a section and text; ``declared``: keys of campaign.toml on which results rest, with their values;
-    ``software``: programs and libraries with their versions.
+    ``software``: programs and libraries with their versions; ``persons``: name and role; ``files``: raw files with
+    their size in bytes and SHA-256.
     """
 
     title: str = ""
@@ -100,6 +101,8 @@ class CampaignFacts:
     comments: tuple[tuple[str, str], ...] = ()
     declared: tuple[tuple[str, str], ...] = ()
     software: tuple[tuple[str, str], ...] = ()
+    persons: tuple[tuple[str, str], ...] = ()
+    files: tuple[tuple[str, int, str], ...] = ()
 
 
 NO_FACTS = CampaignFacts()

@@ -199,11 +199,24 @@ _ARTIFACT_HEADS = (
 )
 
 
+_FILE_HEADS = (
+    Head("file", "Raw file in the folder of the campaign."),
+    Head("bytes", "Size of the file."),
+    Head("SHA-256", "Digest of the file's content; equal files have equal digests."),
+)
+_PERSON_HEADS = (
+    Head("name", "Person as [[certificate.persons]] names it."),
+    Head("role", "Role of the person in the laboratory."),
+)
+_OPEN = 12  # raw files that are not folded
+
+
 def _provenance(provenance: Mapping[str, Mapping[str, str]], about: CampaignFacts) -> ReportSection:
     """Return the artifacts that the page was made from, with the digest of their inputs, settings and software."""
     rows = tuple(
         (name, facts.get("stage", ""), facts.get("software_version", ""), facts.get("digest", "")[:16])
         for name, facts in provenance.items()
+        if facts  # those that this stage makes carry none yet
     )
     lead = "The digest of an artifact covers its inputs, its settings and the source that made it."
     listings = (
@@ -221,5 +234,12 @@ def _provenance(provenance: Mapping[str, Mapping[str, str]], about: CampaignFact
             caption="Software that made this page",
         ),
         Listing(_ARTIFACT_HEADS, rows, caption="Artifacts"),
+        Listing(
+            _FILE_HEADS,
+            tuple((name, f"{size:,}", digest) for name, size, digest in about.files),
+            caption=f"Raw files ({len(about.files):,})",
+            folded=len(about.files) > _OPEN,
+        ),
+        Listing(_PERSON_HEADS, about.persons, caption="Responsible persons"),
     )
     return ReportSection("provenance", "Provenance", lead, listings=tuple(one for one in listings if one.rows))
