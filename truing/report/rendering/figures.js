@@ -1,7 +1,9 @@
 // Draws figures when they come near the view, and all of them, at the width of the paper, before the page is printed.
 "use strict";
 (() => {
-  const PAPER = { width: 680, height: 820 }; // px that A4 leaves between its margins, and less than its height
+  // px that A4 leaves between its margins, and less than its height; a figure of half a page leaves no page half empty,
+  // if its letters stay large enough.
+  const PAPER = { width: 680, height: 820, half: 390, least: 0.62 };
   const PRINT_OF_TABLES = 8 / 10.5; // their letters on paper over those on the screen
   const config = {
     displaylogo: false,
@@ -130,7 +132,8 @@
       if (!drawn.has(plot)) draw(plot);
       if (plot.dataset.narrow === "true") redraw(plot, PAPER.width);
       plot.dataset.height = plot.layout.height;
-      const share = Math.min(1, PAPER.height / plot.dataset.height);
+      const half = Math.max(PAPER.least, PAPER.half / plot.dataset.height);
+      const share = Math.min(1, half, PAPER.height / plot.dataset.height);
       plot.style.setProperty("--fit", share);
       library().relayout(plot, { width: PAPER.width / share, height: +plot.dataset.height });
     }
