@@ -2,7 +2,7 @@
 "use strict";
 window.Narrow = (() => {
   const WIDEST = 560; // px from which on a figure stays as it was made
-  const AXES = { left: 52, right: 10, row: 18, letter: 6, panel: 190, gap: 62, widest: 44, name: 20, line: 13 };
+  const AXES = { left: 52, right: 10, row: 18, letter: 6, panel: 190, gap: 62, widest: 44, name: 20, row_name: 24, names: 12, line: 13 };
 
   const axes = (layout, letter) => Object.keys(layout).filter((name) => name.startsWith(`${letter}axis`));
   const plain = (words) => words.replace(/<[^<>]*>/g, "");
@@ -37,10 +37,9 @@ window.Narrow = (() => {
     const titles = all.map((panel) => {
       const own = titled(layout, panel);
       const above = own.length ? null : all.find(({ across, up }) => same(across, panel.across) && up[1] > 1 - 1e-3);
-      const copies = above ? titled(layout, above).map((note) => ({ ...note })) : [];
-      layout.annotations?.push(...copies);
-      return [...own, ...copies];
+      return above ? titled(layout, above).map((note) => ({ ...note })) : own;
     });
+    layout.annotations?.push(...titles.flat().filter((note) => !layout.annotations.includes(note)));
     const inner = all.length * AXES.panel + (all.length - 1) * AXES.gap;
     const x = new Map(all.map((panel) => [panel.x, layout[panel.x] ?? {}]));
     const lowest = Math.min(...all.map(({ up }) => up[0]));
@@ -79,7 +78,7 @@ window.Narrow = (() => {
 
   const legend = (data, layout, width, above) => {
     const named = new Set(data.filter((trace) => trace.showlegend !== false && trace.name).map((trace) => trace.name));
-    if (!layout.legend || layout.showlegend === false || named.size < 1) return;
+    if (layout.showlegend === false || named.size < (layout.legend ? 1 : 2)) return;
     const lines = [...named].flatMap((name) => name.split("<br>"));
     const widest = Math.max(...lines.map((line) => line.length)) * AXES.letter + 46;
     const rows = Math.ceil(named.size / Math.max(1, Math.floor((width - 10) / widest)));
@@ -114,6 +113,30 @@ window.Narrow = (() => {
     const [low, high] = layout.xaxis.range;
     const needed = words.x.map((x, k) => low + ((x - low) * inner) / Math.max(inner - plain(words.text[k]).length * AXES.letter, 40));
     layout.xaxis = { ...layout.xaxis, range: [low, Math.max(high, ...needed)] };
+  };
+
+  // Long names beside points go on in a second line, too.
+  const rows = (data, layout) => {
+    if (layout.yaxis?.type !== "category" || layout.yaxis.tickvals) return;
+    const names = [...new Set(data.flatMap(({ y }) => (Array.isArray(y) ? y : [])))];
+    if (!names.length || longest(names.map(plain)) <= AXES.row_name) return;
+    layout.yaxis = { ...layout.yaxis, tickvals: names, ticktext: names.map((name) => split(name, AXES.row_name)) };
+    layout.height += names.length * AXES.line * 0.6;
+  };
+
+  // Names below an axis are turned where they would cover each other: none may be left out.
+  const turned = (layout, width) => {
+    for (const name of axes(layout, "x")) {
+      const axis = layout[name];
+      const names = axis.ticktext?.map(plain) ?? [];
+      const inner = (width - layout.margin.l - layout.margin.r) / Math.max(names.length, 1);
+      if (axis.tickangle || !names.every((one) => /[a-z]{3}/i.test(one)) || longest(names) * AXES.letter < inner) continue;
+      if (names.length > AXES.names) continue;
+      layout[name] = { ...axis, tickangle: -40 };
+      const high = Math.round(longest(names) * AXES.letter * Math.sin((40 * Math.PI) / 180));
+      layout.margin.b += high;
+      layout.height += high;
+    }
   };
 
   // Labels that a figure sets itself stand apart; the first one stays.
@@ -165,6 +188,8 @@ window.Narrow = (() => {
     if (!layout.scene) {
       stack(data, layout);
       bars(data, layout, width);
+      rows(data, layout);
+      turned(layout, width);
       thin(layout, width);
       titles(data, layout, width);
     }
