@@ -10,6 +10,7 @@ from truing.report.numbers import listed
 from truing.report.page import Listing, ReportSection, all_of
 from truing.report.rendering.terms import marked
 from truing.report.wordings.catalogue import WORDINGS, cause_meaning, cause_words
+from truing.report.wordings.error_classes import ERROR_CLASSES
 from truing.schemas.glossary import glossary
 from truing.schemas.quality_check import QualityCheck
 from truing.schemas.quality_checks import checks_of
@@ -26,6 +27,7 @@ _CHECK_HEADS = (
     Head("what to do", "Remedy if the check warns or fails."),
 )
 _CAUSE_HEADS = (CAUSE, _WHAT_IT_IS, Head("id", "Name of the cause in campaign.toml and in the artifacts."))
+_CLASS_HEADS = (Head("class", "Name of the error in laboratory terms."), Head("what it is", "Definition of the error."))
 _COLUMN_HEADS = (
     Head("column", "Text above the column; columns with one meaning share a row."),
     Head("meaning", "What the column, or the term, says."),
@@ -52,9 +54,13 @@ def glossary_section(sections: Sequence[ReportSection], *, bench: bool = False) 
             "check", _CHECK_HEADS, {name: _of_check(one) for name, one in checks.items()}, named_in(every, "check")
         ),
         _defined("cause", _CAUSE_HEADS, causes, named_in(every, "cause")),
+        _defined(
+            "class", _CLASS_HEADS, {name: (words,) for name, words in ERROR_CLASSES.items()}, named_in(every, "class")
+        ),
     ]
     titled = [(section.title, head) for section in all_of(sections) for one in section.listings for head in one.heads]
-    own = [(_TITLE, head) for heads in (_CHECK_HEADS, _CAUSE_HEADS, _COLUMN_HEADS, _TERM_HEADS) for head in heads]
+    own = [(_TITLE, head) for listing in listings if listing.rows for head in listing.heads]
+    own += [(_TITLE, head) for heads in (_COLUMN_HEADS, _TERM_HEADS) for head in heads]
     columns = _columns([*titled, *own])
     captions = [*_ON_FIRST_SCREEN, *(listing.caption for listing in every), *(row[1] for row in columns.rows)]
     terms = {term.term: (term.meaning, term.symbol, term.unit) for term in glossary()}
@@ -80,7 +86,10 @@ def named_in(listings: Iterable[Listing], head: str) -> set[str]:
 
 def _defined(kind: str, heads: tuple[Head, ...], known: dict[str, tuple[str, ...]], used: set[str]) -> Listing:
     rows = tuple((name, *known[name]) for name in sorted(used & known.keys()))
-    return Listing(heads, rows, caption=f"{kind.capitalize()}s", anchor=kind)
+    return Listing(heads, rows, caption=_CAPTIONS[kind], anchor=kind)
+
+
+_CAPTIONS = {"check": "Checks", "cause": "Causes", "class": "Error classes", "term": "Terms"}
 
 
 def _columns(titled: Sequence[tuple[str, str]]) -> Listing:

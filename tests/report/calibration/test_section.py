@@ -89,7 +89,7 @@ def test_the_gain_over_the_nominal_is_said_where_it_is_known():
     tables["model_choice"] = pd.concat([tables["model_choice"], nominal], ignore_index=True)
     lead = calibration(tables).lead
     assert_says(lead, "nominal parameters", "300 µm")
-    assert "100 times as much" in lead
+    assert "100 times as large" in lead
 
 
 def test_all_twelve_calibrations_stand_side_by_side_in_both_ways(sections):

@@ -314,7 +314,8 @@ def _gain(tables: Tables, chosen: Key, facts: pd.Series) -> str:
         before = nominal.dropna(subset=_HELD_OUT).iloc[0]
         times = plain(before[_HELD_OUT] / facts[_HELD_OUT])
         texts.append(
-            f"The nominal parameters give {_error_words(before, 'verification')} there, {times} times as much."
+            f"The nominal parameters give {_error_words(before, 'verification')} there; "
+            f"the position error is {times} times as large."
         )
     if reported is not None and chosen in reported.index and _is_known(reported.loc[chosen], _HELD_OUT):
         size = _error_words(reported.loc[chosen], "verification")

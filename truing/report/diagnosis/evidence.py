@@ -274,7 +274,7 @@ _HEADS = (
 
 
 def _change_words(pair: tuple[float | None, float | None]) -> str:
-    return f"{plain(pair[0])} → {plain(pair[1])}".replace(" ", UNBROKEN)
+    return "" if pair == (None, None) else f"{plain(pair[0])} → {plain(pair[1])}".replace(" ", UNBROKEN)
 
 
 def _candidates(rows: list[AssessedCause]) -> Listing:

@@ -52,7 +52,7 @@ def pulls(tables: Tables) -> ReportSection | None:
     sums = _sums(tables)
     axis = "shift / √(tolerance² − sigma²)"
     figure = pull_figure(own, _COLUMNS, f"Pulls of the identified {of.built}, before and after", axis)
-    words = "Effects that a model leaves out bias its other parameters; modelling the right cause lowers their pulls."
+    words = "Effects that a model leaves out bias its other parameters, which shows as large pulls."
     left = len(table) - len(own)
     words += f" Not shown: {count(left, 'parameter')} that the data do not determine." if left else ""
     return ReportSection(

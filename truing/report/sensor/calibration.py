@@ -54,7 +54,7 @@ def calibration(tables: Tables) -> ReportSection | None:
         shown.append((held_out_errors(choice, largest), words))
         listings += [*compared_calibrations(tables), _matrix(matrices), _choices(choice, largest)]
     if classes is not None and classes["value"].notna().any():
-        words = "Definitions: docs/error-classes.md. Loads by the chosen calibration, relative to the zero of each run."
+        words = "Definitions: under Reference. Loads by the chosen calibration, relative to the zero of each run."
         shown.append((error_classes(classes), words))
     if classes is not None:
         listings.append(_classes(classes))
