@@ -45,9 +45,9 @@ def test_legs_stand_in_the_frame_of_the_platform():
     assert np.allclose(scene.shift[0, 2], [0.0, -1e-3, 0.0])
     assert np.allclose(scene.lower[0], [[20.0, -10.0, -500.0]])
     assert np.allclose(scene.upper[0], [[5.0, 0.0, 0.0]])
-    rods = [trace for trace in drawn(scene, 0, 1.0, (1,)) if np.any(np.isclose(trace["z"], -500.0))]
-    assert len(rods) == 2  # the leg and its joints, where it is chosen
-    assert not [trace for trace in drawn(scene, 0, 1.0) if np.any(np.isclose(trace["z"], -500.0))]
+    for chosen, number in (((), 2), ((1,), 2), ((2,), 0)):  # the leg and its joints, unless others are chosen
+        rods = [trace for trace in drawn(scene, 0, 1.0, chosen) if np.any(np.isclose(trace["z"], -500.0))]
+        assert len(rods) == number
 
 
 def test_numbers_of_a_leg_have_units_and_uncertainties():

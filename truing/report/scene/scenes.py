@@ -56,6 +56,7 @@ def pose_scene(tables: Tables, residuals: pd.DataFrame, body: str) -> DrawnScene
         lower=lower,
         upper=upper,
         captions=_pose_captions(tables, poses, numbers),
+        all_legs=True,
     )
 
 
