@@ -13,7 +13,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from truing.report.page import CampaignFacts
+from truing.report.page import CampaignFacts, RawFileFacts
 from truing.report.sections import section_names
 from truing.schemas.faults import CampaignFaults, Fault
 from truing.schemas.near_names import did_you_mean
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _TYPES = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
 SECTIONS_SHOWN = ("noise", "measurement", "bodies", "requirement", "diagnosis", "interferometer", "signals")
 _MOST_BYTES = 1_000_000
+_OF_LINES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".xyz", ".gsi", ".trc", ".rtl", ".urdf", ".xml", ".toml", ".json")
 _EXPECTED = "a picture of at most 1 MB in PNG, JPEG or SVG"
 
 
@@ -74,10 +75,22 @@ def _software(version: str) -> Iterator[tuple[str, str]]:
     yield "system", f"{platform.system()} {platform.machine()}"
 
 
-def _raw_files(files: CampaignFiles) -> Iterator[tuple[str, int, str]]:
-    """Yield name, size in bytes and SHA-256 of the files that the campaign was read from."""
+def _raw_files(files: CampaignFiles) -> Iterator[RawFileFacts]:
+    """Yield facts of the files that the campaign was read from."""
     for name, digest in sorted(files.digests.items()):
-        yield name, os.path.getsize(files.folder / name), digest
+        path = files.folder / name
+        yield RawFileFacts(
+            name, os.path.getsize(path), _lines(path) if path.suffix.lower() in _OF_LINES else None, digest
+        )
+
+
+def _lines(path: Path) -> int:
+    """Return the number of lines of a text file; the last one may lack its end."""
+    count, last = 0, b"\n"
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            count, last = count + block.count(b"\n"), block[-1:]
+    return count + (last != b"\n")
 
 
 def _name(contact: Contact) -> str:

@@ -22,7 +22,7 @@ from truing.report.diagnosis.prediction_errors import errors_of_models
 from truing.report.first_screen import first_screen, sigma_of_rms
 from truing.report.head import build_head
 from truing.report.numbers import plain
-from truing.report.page import CampaignFacts, Depth
+from truing.report.page import CampaignFacts, Depth, RawFileFacts
 from truing.report.rendering.render import render_page
 from truing.report.scene.machine_drawing import machine_drawing
 from truing.report.section_verdict import verdict_rows
@@ -256,11 +256,12 @@ def test_a_bench_is_not_asked_for_a_requirement_that_does_not_apply_to_it() -> N
 
 def test_settings_software_files_and_persons_stand_in_the_provenance() -> None:
     declared, software, persons = (("noise.point_mm", "0.005"),), (("numpy", "2.4"),), (("A. Berg", "operator"),)
-    files = (("points.csv", 12345, "ab" * 32),)
+    files = (RawFileFacts("points.csv", 12345, 1201, "ab" * 32), RawFileFacts("a.jpg", 7, None, "cd" * 32))
     about = replace(ABOUT, declared=declared, software=software, persons=persons, files=files)
     section = {one.id: one for one in build_sections(campaign_tables(), {}, about)}["provenance"]
     shown = [listing.rows for listing in section.listings]
-    assert shown == [declared, software, (("points.csv", "12,345", "ab" * 32),), persons]
+    rows = (("points.csv", "12,345", "1,201", "ab" * 32), ("a.jpg", "7", "", "cd" * 32))
+    assert shown == [declared, software, rows, persons]
 
 
 def test_comments_stand_in_their_section_and_are_escaped() -> None:

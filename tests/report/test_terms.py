@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import cache
+from pathlib import Path
 
 import pytest
 
@@ -132,6 +133,13 @@ EVERY = ("campaign", "bench", "calibration")
 def test_every_head_check_and_cause_has_a_sentence_and_a_working_anchor(kind: str) -> None:
     listings = listings_of(kind)
     page = render_page(PageHead("c", (("pass", "ok"),)), [ReportSection("all", "All", "", listings=listings)])
+    assert not unexplained(page)
+    assert not unlinked(page, "check")
+    assert not unlinked(page, "cause")
+
+
+def test_the_page_of_a_run_explains_all_that_it_shows(workplace: Path) -> None:
+    page = (workplace / "runs" / "telescope" / "report.html").read_text(encoding="utf-8")
     assert not unexplained(page)
     assert not unlinked(page, "check")
     assert not unlinked(page, "cause")

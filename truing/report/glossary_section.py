@@ -17,7 +17,7 @@ from truing.schemas.quality_checks import checks_of
 
 _TITLE = "Reference"
 _LEAD = "Checks, causes, columns and terms of this page."
-_ON_FIRST_SCREEN = ("rms", "held-out poses", "noise floor")
+_ON_FIRST_SCREEN = ("rms", "noise floor")
 _WHAT_IT_IS = Head("what it is", "Effect in general, without its size in this campaign.")
 _CHECK_HEADS = (
     schema_head("check"),
@@ -62,7 +62,8 @@ def glossary_section(sections: Sequence[ReportSection], *, bench: bool = False) 
     own = [(_TITLE, head) for listing in listings if listing.rows for head in listing.heads]
     own += [(_TITLE, head) for heads in (_COLUMN_HEADS, _TERM_HEADS) for head in heads]
     columns = _columns([*titled, *own])
-    captions = [*_ON_FIRST_SCREEN, *(listing.caption for listing in every), *(row[1] for row in columns.rows)]
+    drawn = (caption for section in all_of(sections) for _, caption in section.figures)
+    captions = [*_ON_FIRST_SCREEN, *drawn, *(one.caption for one in every), *(row[1] for row in columns.rows)]
     terms = {term.term: (term.meaning, term.symbol, term.unit) for term in glossary()}
     listings += [columns, _defined("term", _TERM_HEADS, terms, _used_terms(captions))]
     shown = tuple(listing for listing in listings if listing.rows)

@@ -79,13 +79,22 @@ class ReportSection:
 
 
 @dataclass(frozen=True)
+class RawFileFacts:
+    """A raw file: name in the campaign's folder, size in bytes, lines (None of a file that is no text), and SHA-256."""
+
+    name: str
+    size: int
+    lines: int | None
+    digest: str
+
+
+@dataclass(frozen=True)
 class CampaignFacts:
     """What campaign.toml and the call say of a campaign and no table holds; all empty where unknown.
 
     ``measured``: first and last day of the measurement; ``made``: day of the page; ``logo``: a data URI; ``comments``:
     id of a section and text; ``declared``: keys of campaign.toml on which results rest, with their values;
-    ``software``: programs and libraries with their versions; ``persons``: name and role; ``files``: raw files with
-    their size in bytes and SHA-256.
+    ``software``: programs and libraries with their versions; ``persons``: name and role; ``files``: raw files.
     """
 
     title: str = ""
@@ -102,7 +111,7 @@ class CampaignFacts:
     declared: tuple[tuple[str, str], ...] = ()
     software: tuple[tuple[str, str], ...] = ()
     persons: tuple[tuple[str, str], ...] = ()
-    files: tuple[tuple[str, int, str], ...] = ()
+    files: tuple[RawFileFacts, ...] = ()
 
 
 NO_FACTS = CampaignFacts()

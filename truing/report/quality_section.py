@@ -45,7 +45,7 @@ def qa(tables: Tables) -> ReportSection | None:
         _checks(qa[(qa["verdict"] == "fail") & ~accepted], "Failed"),
         _checks(qa[accepted], "Accepted by a person", (_ACCEPTED_BY,)),
         _checks(qa[(qa["verdict"] == "warn") & ~accepted], "Warnings"),
-        _checks(qa, f"All {len(qa)} checks", folded=True),
+        _checks(qa, f"All {counted(len(qa), 'check')}", folded=True),
     ]
     counts = qa[~accepted]["verdict"].value_counts()  # same count as in the head of the page, the log and the exit code
     texts = [f"{counts[v]} {v}" for v in _ORDER if v in counts]

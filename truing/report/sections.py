@@ -202,6 +202,7 @@ _ARTIFACT_HEADS = (
 _FILE_HEADS = (
     Head("file", "Raw file in the folder of the campaign."),
     Head("bytes", "Size of the file."),
+    Head("lines", "Number of lines of a text file, heads and comments included."),
     Head("SHA-256", "Digest of the file's content; equal files have equal digests."),
 )
 _PERSON_HEADS = (
@@ -236,7 +237,10 @@ def _provenance(provenance: Mapping[str, Mapping[str, str]], about: CampaignFact
         Listing(_ARTIFACT_HEADS, rows, caption="Artifacts"),
         Listing(
             _FILE_HEADS,
-            tuple((name, f"{size:,}", digest) for name, size, digest in about.files),
+            tuple(
+                (one.name, f"{one.size:,}", "" if one.lines is None else f"{one.lines:,}", one.digest)
+                for one in about.files
+            ),
             caption=f"Raw files ({len(about.files):,})",
             folded=len(about.files) > _OPEN,
         ),

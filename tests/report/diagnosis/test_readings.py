@@ -170,7 +170,7 @@ def test_components_of_one_cause_stand_in_one_line():
 def test_a_page_of_a_bench_speaks_of_no_poses(tables):
     text = Reader(render(tables)).text
     assert not re.findall(r"\b[Pp]oses?\b", text.partition("Provenance The digest")[0])
-    assert_says(text, "held-out runs", "4.2 arcsec", "0.22 arcsec", "consistent")
+    assert_says(text, "runs left out in turn", "4.2 arcsec", "0.22 arcsec", "consistent")
     assert_says(text, "No loads", "computed")
 
 

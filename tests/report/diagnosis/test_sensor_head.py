@@ -208,7 +208,7 @@ def test_every_cause_has_its_sentence(cause, subject, parameters, words):
     mark, said = first_line(row(cause, subject=subject, parameters=parameters))
     assert mark == "found"
     assert words in said
-    assert_says(said, "held-out runs", "34 µm", "7.9 µm", "consistent", "noise (7.2 µm)")
+    assert_says(said, "runs left out in turn", "34 µm", "7.9 µm", "consistent", "noise (7.2 µm)")
     assert len(said) < 320
 
 

@@ -268,7 +268,10 @@ _HEADS = (
     Head("probability", "Probability among the candidates, given the data."),
     Head("ranking, sizes × 3", "Whether the rank holds if the assumed sizes of all effects are tripled."),
     Head("rms", "Rms of measured minus predicted on fitted data, before → after the cause is accepted."),
-    Head("rms, not fitted", "Rms of measured minus predicted on held-out data, before → after the cause is accepted."),
+    Head(
+        "rms, not fitted",
+        "Rms of measured minus predicted on data that the fit did not use, before → after the cause is accepted.",
+    ),
     UNIT,
 )
 

@@ -65,23 +65,42 @@ def machine_drawing(tables: Tables) -> str:
     return ""
 
 
-def failing_names(tables: Tables) -> frozenset[str]:
-    """Return the names of bodies, targets, joints and columns in failed checks that nobody accepted, and their slips;
-    a leg as ``leg 3``."""
+@dataclass(frozen=True)
+class Named:
+    """What failed checks name: legs by number, and words in which names of bodies, targets and joints stand."""
+
+    legs: frozenset[int] = frozenset()
+    words: str = ""
+
+    def __contains__(self, name: object) -> bool:
+        """True if the name stands in the words, between blanks."""
+        return f" {_spaced(str(name))} " in self.words
+
+
+def failing_names(tables: Tables) -> Named:
+    """Return what failed checks that nobody accepted name, and the slips that explain them."""
     checks, relations = table_or_none(tables, "qa"), table_or_none(tables, "belonging")
-    words: list[str] = []
-    if checks is not None:
-        failed = checks[checks["verdict"].eq("fail") & ~accepted_verdicts(checks)]
-        words += [cell(subject) for subject in failed["subject"]]
-        if relations is not None and len(failed):
-            own = relations[relations["state"].eq("fails") & relations["relation"].isin(failed["check"])]
-            words += [subject for slips in own["slips"] for slip in json.loads(cell(slips) or "[]")
-                      for subject in slip["subjects"]]  # fmt: skip
-    legs = (f"leg {number}" for number in re.findall(r"\b(?:rho|leg )(\d+)(?:_mm)?\b", " ".join(words)))
-    return frozenset([*legs, *" ".join(words).replace(",", " ").split()])
+    if checks is None:
+        return Named()
+    failed = checks[checks["verdict"].eq("fail") & ~accepted_verdicts(checks)]
+    words = [cell(subject) for subject in failed["subject"]]
+    if relations is not None:
+        own = relations[relations["state"].eq("fails") & relations["relation"].isin(failed["check"])]
+        slips = [slip for text in own["slips"] for slip in json.loads(cell(text) or "[]")]
+        words += [subject for slip in slips for subject in slip["subjects"]]
+    text = " ".join(words)
+    legs = frozenset(int(number) for number in re.findall(_LEG, text))
+    return Named(legs, f" {_spaced(re.sub(_LEG, ' ', text))} ")
 
 
-def _machine(tables: Tables, named: frozenset[str]) -> _Shape | None:
+_LEG = r"\b(?:rho|leg )(\d+)(?:_mm)?\b"
+
+
+def _spaced(words: str) -> str:
+    return " ".join(words.replace(",", " ").split())
+
+
+def _machine(tables: Tables, named: Named) -> _Shape | None:
     """Return legs between their joints, both rings and the frames, as designed; targets of all bodies in one pose."""
     table, shape = table_or_none(tables, "frames"), _Shape()
     _add_bodies(shape, tables, named, with_frames=table is None)
@@ -98,9 +117,9 @@ def _frame(own: pd.DataFrame) -> tuple[_Points, _Points]:
     return own[XYZ].to_numpy(float)[0], own[["along_x", "along_y", "along_z"]].to_numpy(float).T
 
 
-def _add_legs(shape: _Shape, lower: _Points, upper: _Points, named: frozenset[str]) -> None:
+def _add_legs(shape: _Shape, lower: _Points, upper: _Points, named: Named) -> None:
     for k, ends in enumerate(zip(lower, upper, strict=True), 1):
-        shape.lines.append((f"leg{_FAILING * (f'leg {k}' in named)}", np.stack(ends)))
+        shape.lines.append((f"leg{_FAILING * (k in named.legs)}", np.stack(ends)))
     for name, ring in (("base", lower), ("platform", upper)):
         middle = ring - ring.mean(axis=0)
         order = np.argsort(np.arctan2(middle[:, 1], middle[:, 0]))
@@ -108,7 +127,7 @@ def _add_legs(shape: _Shape, lower: _Points, upper: _Points, named: frozenset[st
     shape.labels += [(str(k), a, lower.mean(axis=0)) for k, a in enumerate(lower, 1)]
 
 
-def _chain(tables: Tables, named: frozenset[str]) -> _Shape | None:
+def _chain(tables: Tables, named: Named) -> _Shape | None:
     """Return the links of an open chain, its joints, and the frames of base and tip."""
     nodes = table_or_none(tables, "chain_nodes")
     if nodes is None:
@@ -122,8 +141,9 @@ def _chain(tables: Tables, named: frozenset[str]) -> _Shape | None:
     ways = nodes[_AXIS].to_numpy(float)
     for k in np.flatnonzero(moves):
         joint = cell(nodes["joint"].iloc[k])
-        shape.lines.append((f"base{_FAILING * (joint in named)}", origins[k] + size * np.outer([-1.0, 1.0], ways[k])))
-        if joint in named:
+        is_failing = bool(joint) and joint in named
+        shape.lines.append((f"base{_FAILING * is_failing}", origins[k] + size * np.outer([-1.0, 1.0], ways[k])))
+        if is_failing:
             shape.labels.append((joint, origins[k], places.mean(axis=0)))
     ends = [(0, str(nodes["link"].iloc[0])), *((int(k), str(nodes["link"].iloc[k])) for k in _tips(nodes))]
     for k, name in ends:
@@ -141,15 +161,13 @@ def _tips(nodes: pd.DataFrame) -> NDArray[np.intp]:
     return np.flatnonzero(nodes["is_tip"])
 
 
-def _add_targets(
-    shape: _Shape, places: pd.DataFrame, body: str, at: tuple[_Points, _Points], named: frozenset[str]
-) -> None:
+def _add_targets(shape: _Shape, places: pd.DataFrame, body: str, at: tuple[_Points, _Points], named: Named) -> None:
     """Add the targets of a body that stands at a place (3,) with a rotation (3, 3); those that are named apart, or all
     of a named body of which none is."""
     own = places[places["body"] == body].dropna(subset=XYZ)[:_MOST_TARGETS]
     origin, turn = at
     points = own[XYZ].to_numpy(float) @ turn.T + origin
-    failing = own["target"].astype(str).isin(named).to_numpy()
+    failing = np.array([name in named for name in own["target"]], dtype=bool)
     if body in named and not failing.any():
         failing = np.ones(len(own), dtype=bool)
     elif failing.any():
@@ -162,7 +180,7 @@ def _add_targets(
             shape.dots.append((f"{kind}{more}", points[chosen]))
 
 
-def _add_bodies(shape: _Shape, tables: Tables, named: frozenset[str], *, with_frames: bool) -> None:
+def _add_bodies(shape: _Shape, tables: Tables, named: Named, *, with_frames: bool) -> None:
     """Add the targets of all bodies, and their frames: in the first pose that has most of them; without poses where
     the machine is designed to hold them, or else side by side."""
     places, motions, designed = (table_or_none(tables, name) for name in ("shape", "motions", "frames"))
@@ -201,7 +219,7 @@ def _placed(motions: pd.DataFrame) -> Iterator[tuple[str, tuple[_Points, _Points
         yield str(row["body"]), (row[_PLACE].to_numpy(float), row[_ENTRIES].to_numpy(float).reshape(3, 3))
 
 
-def _axis(tables: Tables, _: frozenset[str]) -> _Shape | None:
+def _axis(tables: Tables, _: Named) -> _Shape | None:
     """Return a circle about the axis, or a guide along it."""
     table = table_or_none(tables, "axis_errors")
     if table is None:
