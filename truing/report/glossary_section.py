@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import chain
 
+from truing.report.diagnosis.assessed_causes import NOISE_ALONE
 from truing.report.heads import CAUSE, Head, meaning_of, schema_head
 from truing.report.numbers import listed
 from truing.report.page import Listing, ReportSection, all_of
-from truing.report.rendering.terms import marked
+from truing.report.rendering.terms import known_name, marked
 from truing.report.wordings.catalogue import WORDINGS, cause_meaning, cause_words
 from truing.report.wordings.error_classes import ERROR_CLASSES
 from truing.schemas.glossary import glossary
@@ -49,6 +50,7 @@ def glossary_section(sections: Sequence[ReportSection], *, bench: bool = False) 
     every = [listing for section in all_of(sections) for listing in section.listings]
     checks = checks_of("interferometer" if bench else "photogrammetry")
     causes = {cause_words(cause): (cause_meaning(cause), cause) for cause in WORDINGS}
+    causes |= {NOISE_ALONE: ("The measurements scatter otherwise than declared, without a mean effect.", "unexplained")}
     listings = [
         _defined(
             "check", _CHECK_HEADS, {name: _of_check(one) for name, one in checks.items()}, named_in(every, "check")
@@ -80,13 +82,14 @@ def _of_check(check: QualityCheck) -> tuple[str, ...]:
 
 
 def named_in(listings: Iterable[Listing], head: str) -> set[str]:
-    """Return the kind of name in columns with this head: the words before a comma, behind which is the subject."""
+    """Return the cells of columns with this head."""
     columns = ((listing, listing.heads.index(head)) for listing in listings if head in listing.heads)
-    return {row[k].partition(",")[0] for listing, k in columns for row in listing.rows}
+    return {row[k] for listing, k in columns for row in listing.rows}
 
 
 def _defined(kind: str, heads: tuple[Head, ...], known: dict[str, tuple[str, ...]], used: set[str]) -> Listing:
-    rows = tuple((name, *known[name]) for name in sorted(used & known.keys()))
+    names = {known_name(cell, known.__contains__) for cell in used} - {""}
+    rows = tuple((name, *known[name]) for name in sorted(names))
     return Listing(heads, rows, caption=_CAPTIONS[kind], anchor=kind)
 
 

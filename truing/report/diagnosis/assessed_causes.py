@@ -25,6 +25,9 @@ REMAINDER = "remainder"
 EQUAL_ODDS = 20.0
 
 
+NOISE_ALONE = "noise not as declared"  # name of a finding that has no mean effect
+
+
 @dataclass(frozen=True, kw_only=True)
 class AssessedCause(Claim):
     """One candidate cause with its verdict; rms in ``unit``, None if not evaluated."""
@@ -77,7 +80,7 @@ class AssessedCause(Claim):
     def _kind(self) -> str:
         kind = cause_words(self.cause)
         if self.is_noise and not self.is_remainder and self.cause == "unexplained":
-            return "noise not as declared"
+            return NOISE_ALONE
         return f"{kind} of {columns_words(self.follows)}" if self.cause == "unexplained" and self.follows else kind
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import TYPE_CHECKING
@@ -70,10 +70,21 @@ def anchors(rows: Sequence[tuple[str, ...]], kind: str) -> tuple[str, ...]:
 def defined(cell: str, head: str, meanings: Meanings) -> Markup | str:
     """Return a cell as a link to the row that defines what it names, with the sentence as tooltip, if there is one.
 
-    ``head``: that of its column; words behind a comma are the subject.
+    ``head``: that of its column.
     """
-    place, meaning = meanings.by_name.get((head, cell.partition(",")[0]), ("", ""))
+    place, meaning = meanings.by_name.get(
+        (head, known_name(cell, lambda name: (head, name) in meanings.by_name)), ("", "")
+    )
     return _link(cell, place, meaning) if place else cell
+
+
+def known_name(cell: str, is_known: Callable[[str], bool]) -> str:
+    """Return the known name with which a cell begins, empty for none: words behind a comma are the subject, and words
+    behind *of* may be inputs, ``nonparametric effect of time``."""
+    name = cell.partition(",")[0]
+    while name and not is_known(name):
+        name = name.rpartition(" of ")[0]
+    return name
 
 
 def explained(head: str, meanings: Meanings) -> Markup | str:
