@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from tests.blind.generator.campaign import draw_campaign
@@ -13,6 +14,7 @@ from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import random_moves
 from tests.conftest import PROJECT
 from tests.stages.line import run_line
+from truing.report.diagnosis.adequacy import adequacy
 from truing.report.numbers import count, gross_errors, percent
 
 # Words in the singular that end in s.
@@ -71,3 +73,13 @@ def test_gross_errors_and_percentages_read_as_words_and_numbers():
 def test_a_plural_of_one_is_found():
     assert plurals_of_one("read 1 images of 2 cameras; left out 1 load steps") == ["1 images", "1 load steps"]
     assert not plurals_of_one("1 pose is 2.1 times; 0.1 rays; 1 axis; 21 runs; 1 times; run 1 reads")
+
+
+def test_tests_of_the_final_model_are_counted_as_their_table_lists_them() -> None:
+    rows = [("causes-left", "ok"), ("observation-noise", "ok"), ("like-neighbours", "ok"), ("pure-error", "not tested")]
+    table = pd.DataFrame(rows, columns=["test", "state"]).assign(along="time_s", value=1.0, p_value=0.5, limit=0.02)
+    section = adequacy({"adequacy": table})
+    assert section is not None
+    assert section.lead.startswith("3 tests of the final model: ")
+    assert section.listings[0].caption == "All 4 tests, 3 of them evaluated"
+    assert len(section.listings[0].rows) == 4
