@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 
 from truing.report.diagnosis.assessed_causes import NOISE_ALONE
@@ -87,7 +87,7 @@ def named_in(listings: Iterable[Listing], head: str) -> set[str]:
     return {row[k] for listing, k in columns for row in listing.rows}
 
 
-def _defined(kind: str, heads: tuple[Head, ...], known: dict[str, tuple[str, ...]], used: set[str]) -> Listing:
+def _defined(kind: str, heads: tuple[Head, ...], known: Mapping[str, tuple[str, ...]], used: set[str]) -> Listing:
     names = {known_name(cell, known.__contains__) for cell in used} - {""}
     rows = tuple((name, *known[name]) for name in sorted(names))
     return Listing(heads, rows, caption=_CAPTIONS[kind], anchor=kind)

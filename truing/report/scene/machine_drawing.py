@@ -139,12 +139,14 @@ def _chain(tables: Tables, named: Named) -> _Shape | None:
     moves = (nodes["joint_kind"] != "fixed").to_numpy()
     size = 0.05 * max(float(np.ptp(places, axis=0).max()), 1.0)
     ways = nodes[_AXIS].to_numpy(float)
-    for k in np.flatnonzero(moves):
-        joint = cell(nodes["joint"].iloc[k])
+    for joint_node in np.flatnonzero(moves):
+        joint = cell(nodes["joint"].iloc[joint_node])
         is_failing = bool(joint) and joint in named
-        shape.lines.append((f"base{_FAILING * is_failing}", origins[k] + size * np.outer([-1.0, 1.0], ways[k])))
+        shape.lines.append(
+            (f"base{_FAILING * is_failing}", origins[joint_node] + size * np.outer([-1.0, 1.0], ways[joint_node]))
+        )
         if is_failing:
-            shape.labels.append((joint, origins[k], places.mean(axis=0)))
+            shape.labels.append((joint, origins[joint_node], places.mean(axis=0)))
     ends = [(0, str(nodes["link"].iloc[0])), *((int(k), str(nodes["link"].iloc[k])) for k in _tips(nodes))]
     for k, name in ends:
         shape.frames.append((name, places[k], nodes.loc[k, _ENTRIES].to_numpy(float).reshape(3, 3)))
@@ -254,8 +256,8 @@ def _svg(shape: _Shape, points: _Points) -> str:
 
     parts = [f'<polyline class="{name}" points="{_listed(at(own))}"/>' for name, own in shape.lines]
     for name, own in shape.dots:
-        size = 4.5 if name.endswith(_FAILING) else 2
-        parts += [f'<circle class="{name}" cx="{x:.1f}" cy="{y:.1f}" r="{size}"/>' for x, y in at(own)]
+        radius = 4.5 if name.endswith(_FAILING) else 2
+        parts += [f'<circle class="{name}" cx="{x:.1f}" cy="{y:.1f}" r="{radius}"/>' for x, y in at(own)]
     texts: list[tuple[str, _Points, _Points]] = []
     for (name, origin, _), ends in zip(shape.frames, tips, strict=True):
         (x, y), *arrows = at(np.vstack([origin, ends]))
