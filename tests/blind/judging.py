@@ -28,6 +28,7 @@ TOLD = ("found", "indistinguishable")
 SUSPECTED = "suspected"  # no claim: it counts neither for nor against a name
 ALTERNATIVE = "alternative"  # suspected only because others may explain the same: told as indistinguishable from them
 KEPT = ("cause", "verdict", "reason_code", "subject", "parameters", "follows", "p_value", "probability")
+TOLD_OF_TRUTH = ("seed", "effects", "layout", "strengths", "driver_strengths")
 KEPT_NUMBERS = ("rms_before", "rms_after", "heldout_rms_before", "heldout_rms_after", "noise_floor", "log_evidence")
 
 _SAME_FLOOR = 0.2  # of a logarithm
@@ -49,7 +50,10 @@ class Finding:
 
 @dataclass(frozen=True)
 class Hidden:
-    """An effect that was hidden: its cause, what it concerns and follows, its parameters, and how strong it is."""
+    """An effect that was hidden: its cause, what it concerns and follows, its parameters, and how strong it is.
+
+    ``of_drivers``: how strong the part is that only one of the columns tells which it follows, where that was measured.
+    """
 
     cause: str
     kind: str
@@ -57,6 +61,11 @@ class Hidden:
     follows: frozenset[str]
     value: dict[str, Any]
     strength: float
+    of_drivers: Mapping[str, float]
+
+    def clear_drivers(self, least: float) -> frozenset[str]:
+        """The columns that it follows and whose own part is as strong as that."""
+        return frozenset(column for column in self.follows if self.of_drivers.get(column, self.strength) >= least)
 
 
 @dataclass(frozen=True)
@@ -81,8 +90,9 @@ class Judged:
     def hidden(self) -> tuple[Hidden, ...]:
         truth = self.record["truth"]
         strengths = truth.get("strengths") or [float("inf")] * len(truth["effects"])
-        pairs = zip(truth["effects"], strengths, strict=True)
-        return tuple(_hidden(effect, strength, self._legs) for effect, strength in pairs)
+        of_drivers = truth.get("driver_strengths") or [{}] * len(strengths)
+        each = zip(truth["effects"], strengths, of_drivers, strict=True)
+        return tuple(_hidden(effect, strength, own, self._legs) for effect, strength, own in each)
 
     @property
     def _legs(self) -> int:
@@ -114,13 +124,13 @@ class Judged:
         best = [row for row in rows if row.verdict == "found"] or rows
         return frozenset[str]().union(*(row.subject for row in best)) != effect.subject
 
-    def follows_right(self, effect: Hidden) -> bool:
-        """Whether what is told as unexplained names all that the effect follows."""
+    def follows_right(self, effect: Hidden, least: float = 0.0) -> bool:
+        """Whether what is told as unexplained names all that the effect follows by a part of at least that strength."""
         rows = [row for row in self.found if row.cause == "unexplained"]
         named = frozenset[str]().union(*(row.follows for row in rows))
         if not effect.follows:
             return any(row.subject == effect.subject for row in rows)
-        return effect.follows <= named
+        return effect.clear_drivers(least) <= named
 
     @property
     def idle_columns(self) -> frozenset[str]:
@@ -200,7 +210,7 @@ def _grows(figures: Mapping[str, float | None], held: str, share: float) -> bool
     return before is not None and after is not None and after > (1.0 + share) * before
 
 
-def _hidden(effect: Record, strength: float, legs: int) -> Hidden:
+def _hidden(effect: Record, strength: float, of_drivers: Mapping[str, float], legs: int) -> Hidden:
     return Hidden(
         cause=effect["cause"],
         kind=effect.get("kind", effect["cause"]),
@@ -208,6 +218,7 @@ def _hidden(effect: Record, strength: float, legs: int) -> Hidden:
         follows=frozenset(effect.get("follows", "").split()),
         value={name: entry["value"] for name, entry in effect["parameters"].items()},
         strength=float(strength),
+        of_drivers=of_drivers,
     )
 
 
@@ -311,7 +322,7 @@ def _read(folder: Path, out: Path, seconds: float, said: str) -> Record:
     import pyarrow.parquet as pq
 
     truth = json.loads(truth_path(folder).read_text(encoding="utf-8"))
-    kept = {key: truth[key] for key in ("seed", "effects", "layout", "strengths") if key in truth}
+    kept = {key: truth[key] for key in TOLD_OF_TRUTH if key in truth}
     record: Record = {
         "name": folder.name,
         "truth": {**kept, "legs": truth["legs"] if "legs" in truth else len(truth["geometry"]["a_mm"])},

@@ -46,6 +46,7 @@ _FEWEST_OF_PLACE = 12
 _MOST_FREE = 400  # with more epochs, courses without any input are not tried
 _MOST_COURSES = 4  # of one group
 _DRAWS_OF_NOISE = 20
+_LEAST_SQUARES = 1e-300
 _LEAST_SHARE = 1e-6  # of the squares; less is told of no input
 _CLIPPED = 4.0  # residuals beyond so many robust standard deviations are clipped
 
@@ -69,20 +70,26 @@ class _Residuals:
     """Residuals (n, q) at selected epochs (B,), of some channels, or of all where ``channels`` is empty.
 
     A course is known to exceed noise, and only what it follows is open; ``course`` is its share of the squares of its
-    group's residuals, None of residuals that are no course.
+    group's residuals, None of residuals that are no course. ``group`` is the place of the group among all.
     """
 
     channels: tuple[int, ...]
     epochs: Mask
     rows: Array
+    group: int
     course: float | None = None
 
 
-def attributed(fitted: FittedModel[CauseT], level: float, level_of_course: float) -> tuple[Attributed, ...]:
+def attributed(
+    fitted: FittedModel[CauseT], level: float, level_of_course: float, plain: FittedModel[CauseT] | None = None
+) -> tuple[Attributed, ...]:
     """Return the inputs that predict the residuals of a model, at a familywise p-value of ``level``.
 
-    What a course follows is a question of its own, decided at ``level_of_course`` for each.
+    What a course follows is a question of its own, decided at ``level_of_course`` for each. Shares are of the squares
+    of the residuals of ``plain``, by default of the model's own.
     """
+    own_squares, squares = _squares_of_groups(fitted), _squares_of_groups(plain or fitted)
+    left = own_squares / np.maximum(np.maximum(own_squares, squares), _LEAST_SQUARES)
     order = fitted.scene.covariates.get(_ORDER)
     groups = fitted.model.error_groups
     columns = _columns(fitted, groups)
@@ -97,11 +104,12 @@ def attributed(fitted: FittedModel[CauseT], level: float, level_of_course: float
             known[key] = _Spectra(own, _InTime(_at_epochs(order, at), _at_epochs(groups, at)))
         tests, part = (len(tried), 1.0) if one.course is None else (1, one.course)
         least = level / tests if one.course is None else level_of_course
+        part *= left[one.group]
         for inputs, share, p_value in _sets_of_inputs(one.rows, known[key], least):
             if part * share < _LEAST_SHARE:
                 continue
             found.append(Attributed(one.channels, inputs, part * share, min(1.0, max(p_value * tests, LEAST_P))))
-    return tuple(_merged(found))
+    return merged(found)
 
 
 def random_courses(fitted: FittedModel[CauseT]) -> dict[tuple[str, ...], list[Array]]:
@@ -158,15 +166,16 @@ def _at_epochs(values: Array | Integers | None, at: Mask) -> Array | None:
     return None if values is None else np.asarray(values, float)[at]
 
 
-def _merged(found: Iterable[Attributed]) -> Iterator[Attributed]:
-    """Yield one entry for all entries of the same channels whose inputs are contained in it."""
-    left = sorted(found, key=lambda one: -len(one.inputs))
+def merged(found: Iterable[Attributed]) -> tuple[Attributed, ...]:
+    """Return one entry for all entries of the same channels whose inputs are contained in it."""
+    left, kept = sorted(found, key=lambda one: -len(one.inputs)), []
     while left:
         first = left[0]
         alike = [one for one in left if one.channels == first.channels and set(one.inputs) <= set(first.inputs)]
         share, p_value = max(one.share for one in alike), min(one.p_value for one in alike)
         left = [one for one in left if all(one is not other for other in alike)]
-        yield Attributed(first.channels, first.inputs, share, p_value)
+        kept.append(Attributed(first.channels, first.inputs, share, p_value))
+    return tuple(kept)
 
 
 def _columns(fitted: FittedModel[CauseT], groups: Integers | None) -> dict[str, Array]:
@@ -202,19 +211,28 @@ def _is_copy(first: Array, second: Array, groups: Integers | None) -> bool:
 
 def _residuals(fitted: FittedModel[CauseT]) -> Iterator[_Residuals]:
     """Yield the residuals to be explained. Where observations are numbers: one set per channel. In space: the courses
-    of all inputs together, and for each group those of the projection on smooth fields over its places, along its own
-    axes."""
+    of each group."""
+    measured = fitted.measured
+    for group, rows in enumerate(_groups_of_residuals(fitted)):
+        if measured.size == 1:
+            at = measured.seen[:, group] & np.isfinite(rows).all(1)
+            if measured.seen[:, group].any():
+                yield _Residuals((group,), at, rows[at], group)
+            continue
+        whole = np.ones(len(rows), bool)
+        for course in courses(rows):
+            yield _Residuals((), whole, course, group, float(np.sum(course**2) / np.sum(_centred(rows) ** 2)))
+
+
+def _groups_of_residuals(fitted: FittedModel[CauseT]) -> list[Array]:
+    """Return residuals (B, q) by group. Where observations are numbers: those of each channel, NaN where unseen. In
+    space: those of all inputs together, and for each group of channels those of the projection on smooth fields over
+    its places, along its own axes."""
     measured, whitened = fitted.measured, fitted.fit.whitened
     epochs, channels, size = measured.values.shape
     if size == 1:
-        for channel in range(channels):
-            seen = measured.seen[:, channel]
-            if seen.any():
-                rows = fitted.standardised[:, channel]
-                at = seen & np.isfinite(rows).all(1)
-                yield _Residuals((channel,), at, rows[at])
-        return
-    height, whole = channels * size, np.ones(epochs, bool)
+        return [fitted.standardised[:, channel] for channel in range(channels)]
+    height = channels * size
     rest = whitened.rest[: epochs * (height + whitened.problem.local_value.shape[1])].reshape(epochs, -1)
     of_groups = [rest[:, height + fitted.input_rows.start : height + fitted.input_rows.stop]]
     axes = (
@@ -225,9 +243,12 @@ def _residuals(fitted: FittedModel[CauseT]) -> Iterator[_Residuals]:
         own = fitted.model.channel_groups == group
         fields = _fields(np.asarray(fitted.scene.shape, float)[own])
         of_groups.append(np.einsum("bki,kp->bpi", along[:, own], fields).reshape(epochs, -1))
-    for rows in of_groups:
-        for course in courses(rows):
-            yield _Residuals((), whole, course, float(np.sum(course**2) / np.sum(_centred(rows) ** 2)))
+    return of_groups
+
+
+def _squares_of_groups(fitted: FittedModel[CauseT]) -> Array:
+    """Return the sums of squares (G,) of the centred residuals of each group."""
+    return np.array([np.sum(_centred(rows[np.isfinite(rows).all(1)]) ** 2) for rows in _groups_of_residuals(fitted)])
 
 
 def courses(rows: Array) -> Iterator[Array]:

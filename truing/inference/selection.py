@@ -17,7 +17,7 @@ import numpy as np
 from truing.inference import search_end
 from truing.inference.adequacy import Adequacy, adequacy_of
 from truing.inference.arrays import Mask
-from truing.inference.attribution import Attributed, attributed
+from truing.inference.attribution import Attributed, attributed, merged
 from truing.inference.block_gain import gain_in_blocks
 from truing.inference.blocks import EpochBlocks
 from truing.inference.choice import CandidateChoice, choose, confirmed, is_outdone, is_real, is_worth_reporting
@@ -242,11 +242,14 @@ class CauseSelection(Generic[CauseT]):
     def _attributed(self, searched: _Searched[CauseT], *, holds: bool) -> tuple[Attributed, ...]:
         """Return the inputs that predict residuals of the plain model; a model with wrong causes may have absorbed
         them. If the final model does not hold, the campaign is known to hold something else, and a larger level
-        suffices."""
+        suffices. Its own residuals are asked too: what it explains no longer hides the rest."""
         self._progress("what the misfit follows")
         if holds:
             return attributed(searched.plain, self._settings.dependence_level, self._settings.dependence_level)
-        return attributed(searched.plain, self._settings.doubted_level, _LEVEL_OF_COURSE)
+        models = (searched.plain, searched.final) if searched.kept else (searched.plain,)
+        level = self._settings.doubted_level / len(models)
+        found = (attributed(own, level, _LEVEL_OF_COURSE, searched.plain) for own in models)
+        return merged(one for several in found for one in several)
 
     def _is_incomplete(self, step: _Accepted[CauseT], searched: _Searched[CauseT]) -> bool:
         """Return True if nonparametric rivals of an accepted cause still explain something next to it."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -13,6 +13,7 @@ from tests.blind.generator.campaign import Campaign
 from tests.blind.generator.draw import LAYOUTS, Plan, draw_plan
 from tests.blind.generator.effects import Effect, Setting
 from tests.blind.generator.folder import write_campaign
+from tests.blind.generator.foreign import Foreign
 from tests.blind.generator.hidden import BENDING, KINDS, OfSize
 from tests.blind.generator.hidden_case import HiddenCase, PlannedMeasure
 from tests.blind.generator.strength import (
@@ -30,7 +31,17 @@ FIRST = 1e-5  # mm, 1/K or no unit: small enough for any effect to be in proport
 
 @dataclass(frozen=True)
 class Case(HiddenCase):
-    """Effects hidden in a photogrammetric campaign."""
+    """Effects hidden in a photogrammetric campaign.
+
+    ``driver_strengths``: of each effect without a form, how strong the part is that only one of its drivers tells.
+    """
+
+    driver_strengths: tuple[Mapping[str, float], ...] = ()
+
+    @property
+    def told(self) -> Mapping[str, object]:
+        own = [{driver: round(value, 3) for driver, value in one.items()} for one in self.driver_strengths]
+        return {**super().told, "driver_strengths": own}
 
     def put(self, campaign: Campaign, folder: Path) -> None:
         write_campaign(campaign, folder, self.plan.seed)
@@ -52,6 +63,12 @@ class Measure(PlannedMeasure):
         if np.any(scatter != 1.0):
             return strength_of_noise(self.plain, scatter)
         return strength(self._fit, change(self.exact, self.plan.campaign([effect], exact=True)))
+
+    def of_drivers(self, effect: Effect) -> Mapping[str, float]:
+        """Strength of the part of an effect that only one driver tells, by the driver; none of effects with a form."""
+        if not isinstance(effect, Foreign):
+            return {}
+        return {driver: self.strength(effect.of_driver(driver)) for driver in effect.drivers}
 
     @property
     def _setting(self) -> Setting:
@@ -80,7 +97,9 @@ def hide(names: Sequence[str], kind: str, wanted: float, seed: int) -> Case:
         of_size = KINDS[name].draw(measure.plain, rng)
         scaled = name != "targets-swapped"
         found.append(measure.of_strength(of_size, wanted) if scaled else (of_size(1.0), float("inf")))
-    return Case(plan, tuple(effect for effect, _ in found), tuple(size for _, size in found))
+    effects = tuple(effect for effect, _ in found)
+    own = tuple(measure.of_drivers(effect) for effect in effects)
+    return Case(plan, effects, tuple(size for _, size in found), own)
 
 
 def layouts_for(names: Sequence[str]) -> list[str]:

@@ -8,7 +8,7 @@ quantity that nobody recorded. What may be said of it is that it is unexplained,
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from tests.blind.generator.campaign import Campaign
 from tests.blind.generator.effects import Setting
 from tests.blind.generator.machine import Machine, Standing
 from tests.blind.generator.quaternions import Array
-from tests.blind.generator.smooth import random_function, random_walk, remanence
+from tests.blind.generator.smooth import own_part, random_function, random_walk, remanence
 from tests.blind.generator.strange import Strange, column_of
 
 TAILS = 2.0  # degrees of freedom of Student's t: one pose in ten lands four times as far off as the typical one
@@ -29,41 +29,52 @@ class Foreign(Strange):
     size: float
     seed: int
 
+    def of_driver(self, driver: str) -> Foreign:
+        """The part of the effect that only one of its drivers tells."""
+        return self
+
 
 @dataclass(frozen=True)
-class ForeignDrives(Foreign):
-    """Actuators of ``legs`` go wrong by a function each of several actuators' displacements and further columns."""
+class OfInputs(Foreign):
+    """An effect that is a random function of ``inputs``, or what only the column ``own`` tells of it."""
 
-    legs: tuple[int, ...]
     inputs: tuple[str, ...]
+    own: str = field(default="", kw_only=True)
 
     @property
     def drivers(self) -> tuple[str, ...]:
         return self.inputs
 
-    def drive(self, drho: Array, setting: Setting) -> Array:
+    def of_driver(self, driver: str) -> Foreign:
+        return replace(self, own=driver)
+
+    def course(self, drho: Array, setting: Setting, seed: int) -> Array:
+        """The function at every pose (N,)."""
         known = np.column_stack([_input(name, drho, setting) for name in self.inputs])
+        return own_part(known, seed, self.inputs.index(self.own)) if self.own else random_function(known, seed)
+
+
+@dataclass(frozen=True)
+class ForeignDrives(OfInputs):
+    """Actuators of ``legs`` go wrong by a function each of several actuators' displacements and further columns."""
+
+    legs: tuple[int, ...]
+
+    def drive(self, drho: Array, setting: Setting) -> Array:
         changed = drho.copy()
         for leg in self.legs:
-            changed[:, leg - 1] += self.size * random_function(known, self.seed + leg)
+            changed[:, leg - 1] += self.size * self.course(drho, setting, self.seed + leg)
         return changed
 
 
 @dataclass(frozen=True)
-class ForeignField(Foreign):
+class ForeignField(OfInputs):
     """The platform, or the base, bends by a field over its places, as a function of ``inputs`` says how far."""
 
     body: str
-    inputs: tuple[str, ...]
-
-    @property
-    def drivers(self) -> tuple[str, ...]:
-        return self.inputs
 
     def structure(self, machine: Machine, setting: Setting) -> None:
-        course = random_function(
-            np.column_stack([_input(name, machine.drho, setting) for name in self.inputs]), self.seed
-        )
+        course = self.course(machine.drho, setting, self.seed)
         joints = machine.b if self.body == "platform" else machine.a
         marks = setting.marks.of(self.body)
         places = np.concatenate([joints[0], setting.marks.place[marks]])
@@ -109,6 +120,9 @@ class Remembers(Foreign):
     @property
     def drivers(self) -> tuple[str, ...]:
         return tuple(f"rho{leg}_mm" for leg in self.legs)
+
+    def of_driver(self, driver: str) -> Foreign:
+        return replace(self, legs=tuple(leg for leg in self.legs if f"rho{leg}_mm" == driver))
 
     def drive(self, drho: Array, setting: Setting) -> Array:
         in_time, changed = np.argsort(setting.schedule.time_s), drho.copy()
@@ -180,10 +194,15 @@ def _some_legs(campaign: Campaign, rng: np.random.Generator) -> tuple[int, ...]:
     return tuple(sorted((rng.choice(legs, count, replace=False) + 1).tolist()))
 
 
+def _foreign_drives(campaign: Campaign, rng: np.random.Generator, seed: int) -> Foreign:
+    legs = _some_legs(campaign, rng)
+    return ForeignDrives(0.0, seed, _inputs(campaign, rng), legs)
+
+
 FOREIGN: Mapping[str, Draw] = {
-    "foreign drives": _of(lambda c, rng, seed: ForeignDrives(0.0, seed, _some_legs(c, rng), _inputs(c, rng))),
-    "foreign field of the platform": _of(lambda c, rng, seed: ForeignField(0.0, seed, "platform", _inputs(c, rng))),
-    "foreign field of the base": _of(lambda c, rng, seed: ForeignField(0.0, seed, "base", _inputs(c, rng))),
+    "foreign drives": _of(lambda c, rng, seed: _foreign_drives(c, rng, seed)),
+    "foreign field of the platform": _of(lambda c, rng, seed: ForeignField(0.0, seed, _inputs(c, rng), "platform")),
+    "foreign field of the base": _of(lambda c, rng, seed: ForeignField(0.0, seed, _inputs(c, rng), "base")),
     "wandering base": _of(lambda c, rng, seed: WanderingBase(0.0, seed)),
     "lands elsewhere": _of(lambda c, rng, seed: LandsElsewhere(0.0, seed)),
     "friction remembers": _of(lambda c, rng, seed: Remembers(0.0, seed, _some_legs(c, rng))),

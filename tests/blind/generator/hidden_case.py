@@ -40,7 +40,7 @@ class HiddenCase(ABC):
         """Writes a campaign."""
 
     @property
-    def told(self) -> Mapping[str, str]:
+    def told(self) -> Mapping[str, object]:
         """What the truth tells of the plan."""
         return {"layout": self.plan.kind}
 

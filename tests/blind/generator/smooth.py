@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from tests.blind.generator.quaternions import Array
@@ -17,17 +19,41 @@ def random_function(inputs: Array, seed: int) -> Array:
     A sum of waves in random directions, which is a draw from a Gaussian process. A plane would be what catalogues
     hold (a gain, a slope over time), so that it is taken off, and functions that are mostly a plane are drawn again.
     """
-    rng = np.random.default_rng(seed)
     scaled = standardised(inputs)
-    plane = np.column_stack([np.ones(len(scaled)), scaled])
+    return _drawn_form(scaled, seed)(scaled)
+
+
+def own_part(inputs: Array, seed: int, column: int) -> Array:
+    """What of a random function (N,) of inputs (N, D) only one column tells: less its mean over that column's values.
+
+    The other columns stay as they are, so that everything goes in which the column does together with them.
+    """
+    scaled = standardised(inputs)
+    form = _drawn_form(scaled, seed)
+    every = np.repeat(scaled[:, None], len(scaled), axis=1)
+    every[:, :, column] = scaled[:, column]
+    mean = form(every.reshape(-1, scaled.shape[1])).reshape(len(scaled), -1).mean(axis=1)
+    return form(scaled) - mean
+
+
+def _drawn_form(scaled: Array, seed: int) -> Callable[[Array], Array]:
+    """A random function of any inputs (M, D), drawn for and scaled by standardised ones (N, D)."""
+    rng = np.random.default_rng(seed)
+    plane = _with_one(scaled)
     while True:
         scale = rng.uniform(*LENGTH_SCALES, scaled.shape[1])
         turns = rng.normal(size=(scaled.shape[1], WAVES)) / scale[:, None]
-        waves = np.cos(scaled @ turns + rng.uniform(0, 2 * np.pi, WAVES))
-        course = waves @ rng.normal(size=WAVES)
-        rest = course - plane @ np.linalg.lstsq(plane, course, rcond=None)[0]
+        phases, sizes = rng.uniform(0, 2 * np.pi, WAVES), rng.normal(size=WAVES)
+        course = np.cos(scaled @ turns + phases) @ sizes
+        flat = np.linalg.lstsq(plane, course, rcond=None)[0]
+        rest = course - plane @ flat
         if np.std(rest) > BENT * np.std(course):
-            return rest / np.abs(rest).max()
+            largest = np.abs(rest).max()
+            return lambda at: (np.cos(at @ turns + phases) @ sizes - _with_one(at) @ flat) / largest
+
+
+def _with_one(columns: Array) -> Array:
+    return np.column_stack([np.ones(len(columns)), columns])
 
 
 def standardised(inputs: Array) -> Array:
