@@ -195,7 +195,8 @@ def foreign(campaigns: Sequence[Judged]) -> str:
     doubted = [one for one in campaigns if one.suspected and not one.misnamed]
     drives = [(one, effect) for one in campaigns for effect in one.hidden if effect.follows]
     told = [one.follows_right(effect) for one, effect in drives]
-    clear = [one.follows_right(effect, CLEAR_PART) for one, effect in drives if effect.clear_drivers(CLEAR_PART)]
+    apart = [(one, effect) for one, effect in drives if effect.of_drivers and effect.clear_drivers(CLEAR_PART)]
+    clear = [one.follows_right(effect, CLEAR_PART) for one, effect in apart]
     idle = [one for one in campaigns if one.idle_columns]
     of_one = [right for right, (_, effect) in zip(told, drives, strict=True) if len(effect.follows) == 1]
     recorded = [one for one in campaigns if all(effect.kind != "NobodyRecorded" for effect in one.hidden)]
@@ -203,7 +204,10 @@ def foreign(campaigns: Sequence[Judged]) -> str:
         ["a wrong name said as found", f"{len(wrong)} of {len(campaigns)}", "at most 1 in 20"],
         ["names that are suspected, and none that is found", f"{len(doubted)} of {len(campaigns)}", ""],
         ["effects told as unexplained with all that drives them", f"{sum(told)} of {len(told)}", "at least 8 in 10"],
-        ["the same, asked only for inputs whose own part is clear", f"{sum(clear)} of {len(clear)}", ""],
+        *(
+            [["the same, asked only for inputs whose own part is clear", f"{sum(clear)} of {len(clear)}", ""]]
+            * bool(clear)
+        ),
         ["such effects that follow a single column", f"{sum(of_one)} of {len(of_one)}", ""],
         ["campaigns with a column told that drives nothing", f"{len(idle)} of {len(campaigns)}", ""],
         ["held-out error over what noise leaves, median", _median_ratio(campaigns), "at most 1.2"],

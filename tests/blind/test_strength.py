@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,9 +12,11 @@ import pytest
 from tests.blind.generator.case import Case, Measure, hide, layouts_for
 from tests.blind.generator.draw import LAYOUTS, Plan, draw_plan
 from tests.blind.generator.effects import ActuatorGain, Effect, TargetMoved
+from tests.blind.generator.foreign import Foreign
 from tests.blind.generator.hidden import CATALOGUE, KINDS, STRANGE
 from tests.blind.generator.layout import DataFaults, Layout, Noise, Surroundings, Targets, Tolerance
 from tests.blind.generator.schedule import at_rest, published_moves
+from tests.blind.generator.smooth import own_part, random_function
 from tests.blind.generator.strange import Strange, VibratingTarget
 from tests.blind.generator.strength import squares_of_scatter, strength_of_scatter
 from tests.stages.line import run_line
@@ -75,6 +77,15 @@ def test_an_effect_twice_as_large_is_twice_as_strong() -> None:
     assert_between(twice / once, 1.999, 2.001, what="ratio")
 
 
+def test_what_only_one_column_tells_of_a_sum_is_its_own_term() -> None:
+    inputs = np.random.default_rng(3).normal(size=(40, 2))
+    alone = random_function(inputs[:, :1], 5)
+    assert_close(own_part(inputs[:, :1], 5, 0), alone - alone.mean(), atol=1e-12)
+    parts = [own_part(inputs, 5, column) for column in (0, 1)]
+    whole = random_function(inputs, 5)
+    assert all(0.1 * whole.var() < part.var() < 2.0 * whole.var() for part in parts)
+
+
 SCALED = sorted(set(KINDS) - {"targets-swapped"})
 
 
@@ -87,6 +98,14 @@ def test_every_kind_reaches_the_strength_asked_for(name: str) -> None:
     effect = case.effects[0]
     assert effect.id == (name if name in CATALOGUE else "unexplained")
     assert_shows(case, effect)
+    assert_parts(effect, case.driver_strengths[0], case.strengths[0])
+
+
+def assert_parts(effect: Effect, of_drivers: Mapping[str, float], strength: float) -> None:
+    """What a single driver tells is the whole effect, what each of several tells a part."""
+    assert sorted(of_drivers) == (sorted(effect.drivers) if isinstance(effect, Foreign) else [])
+    for own in of_drivers.values():
+        assert_between(own / strength, 0.1 if len(of_drivers) > 1 else 1 - 1e-6, 1.5, what="part")
 
 
 def assert_shows(case: Case, effect: Effect) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -133,6 +134,16 @@ def test_an_effect_of_no_catalogue_must_be_told_with_all_that_it_follows() -> No
     assert not right.misnamed
     assert not other.follows_right(other.hidden[0])
     assert other.misnamed == ["leg-drift"]
+
+
+def test_an_input_may_be_missed_whose_own_part_is_below_what_is_asked() -> None:
+    one = judged([HUMID | {"follows": "humidity_pct time_s"}], [("unexplained", "found", "", "time_s")], 20.0)
+    (effect,) = one.hidden
+    parts = replace(effect, of_drivers={"humidity_pct": 9.0, "time_s": 18.0})
+    assert parts.clear_drivers(10.0) == {"time_s"}
+    assert effect.clear_drivers(10.0) == {"humidity_pct", "time_s"}, "unmeasured parts count as the whole"
+    assert one.follows_right(parts, 10.0)
+    assert not one.follows_right(parts)
 
 
 def test_only_what_is_strong_enough_is_clear() -> None:

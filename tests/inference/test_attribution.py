@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from truing.inference import attribution
-from truing.inference.attribution import _dependences, _distinct, _InTime, courses
+from truing.inference.attribution import Attributed, _dependences, _distinct, _InTime, _merged, courses
 
 EPOCHS, LEVEL = 60, 0.005
 NAMES = ("temperature_c", "load_n", "rho1_mm", "rho2_mm")
@@ -121,6 +123,13 @@ def _bends(size: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarra
     pattern = rng.normal(size=30)
     bend = np.outer(course - course.mean(), pattern)
     return rng.normal(size=(60, 30)) + size * bend / np.linalg.norm(bend), course
+
+
+def test_inputs_within_others_of_the_same_channels_are_one_entry() -> None:
+    pair = Attributed((), ("rho1_mm", "load_n"), 0.2, 1e-3)
+    part = Attributed((), ("load_n",), 0.3, 1e-2)
+    elsewhere = Attributed((2,), ("load_n",), 0.1, 1e-4)
+    assert set(_merged([part, elsewhere, pair])) == {replace(pair, share=0.3), elsewhere}
 
 
 def test_noise_of_any_size_has_no_course() -> None:

@@ -67,49 +67,44 @@ class Attributed:
 
 @dataclass(frozen=True)
 class _Residuals:
-    """Residuals (n, q) at selected epochs (B,), of some channels, or of all where ``channels`` is empty.
+    """Residuals (n, q) of a group at selected epochs (B,), of some channels, or of all where ``channels`` is empty.
 
-    A course is known to exceed noise, and only what it follows is open; ``course`` is its share of the squares of its
-    group's residuals, None of residuals that are no course. ``group`` is the place of the group among all.
+    A course is known to exceed noise, and only what it follows is open. ``share`` is the share of the residuals in the
+    squares of their group.
     """
 
     channels: tuple[int, ...]
     epochs: Mask
     rows: Array
     group: int
-    course: float | None = None
+    share: float
+    is_course: bool
 
 
-def attributed(
-    fitted: FittedModel[CauseT], level: float, level_of_course: float, plain: FittedModel[CauseT] | None = None
-) -> tuple[Attributed, ...]:
-    """Return the inputs that predict the residuals of a model, at a familywise p-value of ``level``.
+def attributed(models: Sequence[FittedModel[CauseT]], level: float, level_of_course: float) -> tuple[Attributed, ...]:
+    """Return the inputs that predict the residuals of models of one campaign, at a familywise p-value of ``level``.
 
     What a course follows is a question of its own, decided at ``level_of_course`` for each. Shares are of the squares
-    of the residuals of ``plain``, by default of the model's own.
+    of the first model's residuals.
     """
-    own_squares, squares = _squares_of_groups(fitted), _squares_of_groups(plain or fitted)
-    left = own_squares / np.maximum(np.maximum(own_squares, squares), _LEAST_SQUARES)
-    order = fitted.scene.covariates.get(_ORDER)
-    groups = fitted.model.error_groups
-    columns = _columns(fitted, groups)
-    tried = [one for one in _residuals(fitted) if one.epochs.sum() >= _FEWEST_EPOCHS]
+    first = models[0]
+    order, groups = first.scene.covariates.get(_ORDER), first.model.error_groups
+    columns = _columns(first, groups)
+    tried = [one for own in models for one in _residuals(own, first) if one.epochs.sum() >= _FEWEST_EPOCHS]
     known: dict[bytes, _Spectra] = {}  # of the last epochs alone: all spectra of a long campaign take much memory
     found: list[Attributed] = []
-    for one in tried:
+    for one in sorted(tried, key=lambda one: one.group):
         at = one.epochs
         if (key := at.tobytes()) not in known:
             own = {name: values[at] for name, values in columns.items() if np.ptp(values[at]) > 0.0}
             known.clear()
             known[key] = _Spectra(own, _InTime(_at_epochs(order, at), _at_epochs(groups, at)))
-        tests, part = (len(tried), 1.0) if one.course is None else (1, one.course)
-        least = level / tests if one.course is None else level_of_course
-        part *= left[one.group]
+        tests, least = (1, level_of_course) if one.is_course else (len(tried), level / len(tried))
         for inputs, share, p_value in _sets_of_inputs(one.rows, known[key], least):
-            if part * share < _LEAST_SHARE:
+            if one.share * share < _LEAST_SHARE:
                 continue
-            found.append(Attributed(one.channels, inputs, part * share, min(1.0, max(p_value * tests, LEAST_P))))
-    return merged(found)
+            found.append(Attributed(one.channels, inputs, one.share * share, min(1.0, max(p_value * tests, LEAST_P))))
+    return tuple(_merged(found))
 
 
 def random_courses(fitted: FittedModel[CauseT]) -> dict[tuple[str, ...], list[Array]]:
@@ -166,16 +161,15 @@ def _at_epochs(values: Array | Integers | None, at: Mask) -> Array | None:
     return None if values is None else np.asarray(values, float)[at]
 
 
-def merged(found: Iterable[Attributed]) -> tuple[Attributed, ...]:
-    """Return one entry for all entries of the same channels whose inputs are contained in it."""
-    left, kept = sorted(found, key=lambda one: -len(one.inputs)), []
+def _merged(found: Iterable[Attributed]) -> Iterator[Attributed]:
+    """Yield one entry for all entries of the same channels whose inputs are contained in it."""
+    left = sorted(found, key=lambda one: -len(one.inputs))
     while left:
         first = left[0]
         alike = [one for one in left if one.channels == first.channels and set(one.inputs) <= set(first.inputs)]
         share, p_value = max(one.share for one in alike), min(one.p_value for one in alike)
         left = [one for one in left if all(one is not other for other in alike)]
-        kept.append(Attributed(first.channels, first.inputs, share, p_value))
-    return tuple(kept)
+        yield Attributed(first.channels, first.inputs, share, p_value)
 
 
 def _columns(fitted: FittedModel[CauseT], groups: Integers | None) -> dict[str, Array]:
@@ -209,19 +203,22 @@ def _is_copy(first: Array, second: Array, groups: Integers | None) -> bool:
     return bool(max(np.abs(own).max() for own in left) < _COPY)
 
 
-def _residuals(fitted: FittedModel[CauseT]) -> Iterator[_Residuals]:
+def _residuals(fitted: FittedModel[CauseT], first: FittedModel[CauseT]) -> Iterator[_Residuals]:
     """Yield the residuals to be explained. Where observations are numbers: one set per channel. In space: the courses
-    of each group."""
+    of each group. Shares are of the squares of a first model's residuals."""
     measured = fitted.measured
-    for group, rows in enumerate(_groups_of_residuals(fitted)):
+    own = _groups_of_residuals(fitted)
+    squares = map(_squares, own if first is fitted else _groups_of_residuals(first))
+    for group, (rows, whole) in enumerate(zip(own, squares, strict=True)):
         if measured.size == 1:
             at = measured.seen[:, group] & np.isfinite(rows).all(1)
-            if measured.seen[:, group].any():
-                yield _Residuals((group,), at, rows[at], group)
+            if at.any():
+                share = min(1.0, _squares(rows) / max(whole, _LEAST_SQUARES))
+                yield _Residuals((group,), at, rows[at], group, share, is_course=False)
             continue
-        whole = np.ones(len(rows), bool)
         for course in courses(rows):
-            yield _Residuals((), whole, course, group, float(np.sum(course**2) / np.sum(_centred(rows) ** 2)))
+            share = min(1.0, float(np.sum(course**2)) / max(whole, _LEAST_SQUARES))
+            yield _Residuals((), np.ones(len(rows), bool), course, group, share, is_course=True)
 
 
 def _groups_of_residuals(fitted: FittedModel[CauseT]) -> list[Array]:
@@ -246,9 +243,10 @@ def _groups_of_residuals(fitted: FittedModel[CauseT]) -> list[Array]:
     return of_groups
 
 
-def _squares_of_groups(fitted: FittedModel[CauseT]) -> Array:
-    """Return the sums of squares (G,) of the centred residuals of each group."""
-    return np.array([np.sum(_centred(rows[np.isfinite(rows).all(1)]) ** 2) for rows in _groups_of_residuals(fitted)])
+def _squares(rows: Array) -> float:
+    """Return the sum of squares of centred residuals (B, q), without epochs that hold a gap."""
+    kept = rows[np.isfinite(rows).all(1)]
+    return float(np.sum(_centred(kept) ** 2)) if len(kept) else 0.0
 
 
 def courses(rows: Array) -> Iterator[Array]:

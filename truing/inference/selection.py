@@ -17,7 +17,7 @@ import numpy as np
 from truing.inference import search_end
 from truing.inference.adequacy import Adequacy, adequacy_of
 from truing.inference.arrays import Mask
-from truing.inference.attribution import Attributed, attributed, merged
+from truing.inference.attribution import Attributed, attributed
 from truing.inference.block_gain import gain_in_blocks
 from truing.inference.blocks import EpochBlocks
 from truing.inference.choice import CandidateChoice, choose, confirmed, is_outdone, is_real, is_worth_reporting
@@ -245,11 +245,9 @@ class CauseSelection(Generic[CauseT]):
         suffices. Its own residuals are asked too: what it explains no longer hides the rest."""
         self._progress("what the misfit follows")
         if holds:
-            return attributed(searched.plain, self._settings.dependence_level, self._settings.dependence_level)
+            return attributed((searched.plain,), self._settings.dependence_level, self._settings.dependence_level)
         models = (searched.plain, searched.final) if searched.kept else (searched.plain,)
-        level = self._settings.doubted_level / len(models)
-        found = (attributed(own, level, _LEVEL_OF_COURSE, searched.plain) for own in models)
-        return merged(one for several in found for one in several)
+        return attributed(models, self._settings.doubted_level, _LEVEL_OF_COURSE)
 
     def _is_incomplete(self, step: _Accepted[CauseT], searched: _Searched[CauseT]) -> bool:
         """Return True if nonparametric rivals of an accepted cause still explain something next to it."""
