@@ -99,13 +99,16 @@ def adjust(
     weights: ArrayLike | None = None,
     variance_factor: ArrayLike | None = None,
     max_iterations: int = 50,
+    within: float = 0.0,
 ) -> Adjustment:
     """Return the adjusted network.
 
     used (N,): rays to adjust, by default all. Images and points without a used ray keep their start values. weights
     (N,) in [0, 1] multiply the information of rays, variance_factor (N,) their covariance. datum: "free" and "minimal"
     ignore known points; with "known" they are observations, and freedoms that they leave are treated as in "free". A
-    bar length with uncertainty 0 keeps its stated value. Raises `UndeterminedNetworkError` for points and images with
+    bar length with uncertainty 0 keeps its stated value. within: from a start near the minimum, stop after the first
+    undamped step that lowers the sum of squares as predicted, up to so much; the result then counts as not converged,
+    and 0 asks for full convergence. Raises `UndeterminedNetworkError` for points and images with
     too few rays, points behind cameras at the start, and networks with free directions.
     """
     count = network.rays.count
@@ -119,7 +122,7 @@ def adjust(
     observed = observe(network, layout, w, factor)
     near = freedoms(layout, start)
     held = tuple(conditions(free, datum) for free in near)
-    converged_state = _minimise(observed, start, near, held, max_iterations)
+    converged_state = _minimise(observed, start, near, held, max_iterations, within)
     state = in_datum(layout, converged_state.state, start, held)
     if datum != "minimal":  # inner constraints are those of the adjusted network
         held = tuple(conditions(free, datum) for free in freedoms(layout, state))
@@ -163,17 +166,22 @@ class _ConvergedState:
 
 
 def _minimise(
-    observed: Observed, start: NetworkState, near: tuple[Freedom, ...], held: tuple[Array, ...], most: int
+    observed: Observed,
+    start: NetworkState,
+    near: tuple[Freedom, ...],
+    held: tuple[Array, ...],
+    most: int,
+    within: float,
 ) -> _ConvergedState:
     """Return the state with the least sum of squares. near: freedoms at the start; held: conditions B (3 p, d) of the
-    datum per pose. The last steps are undamped, because a damped step underestimates the remaining way along a weak
-    direction."""
+    datum per pose; within: as in `adjust`. The last steps are undamped, because a damped step underestimates the
+    remaining way along a weak direction."""
     layout, state, placed, workspace = observed.layout, start, True, ArrayPool()
     equations = normal_equations(observed, state, workspace)
     if not np.isfinite(equations.chi2):
         raise UndeterminedNetworkError(_behind_cameras(observed, state))
     weight = tie_weights(observed, equations)
-    damping, growth, iteration, last, least = _START_DAMPING, 2.0, 0, 0.0, 0.0
+    damping, growth, iteration, last, least = 0.0 if within else _START_DAMPING, 2.0, 0, 0.0, 0.0
     for iteration in range(1, most + 1):
         try:
             reduced = eliminate_poses(observed, equations, near, weight, damping, workspace)
@@ -186,6 +194,8 @@ def _minimise(
         tried = stepped_state(layout, state, step)
         before, foreseen, length = _predicted(observed, equations, weight, step, damping)
         gain = before - _merit(observed, tried, weight, step.multipliers)
+        if not damping and abs(gain - foreseen) < within:
+            return _ConvergedState(tried, iteration, False, (state, reduced))
         left = length * (min(length / last, 1.0) if last else 1.0)  # assumes the contraction of the last two steps
         converged_state = left <= _CONVERGED_STEP + _ROUNDING * before
         if converged_state and damping <= least:

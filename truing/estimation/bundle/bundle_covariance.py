@@ -18,7 +18,7 @@ from truing.arrays import Array, Index
 from truing.estimation.bundle.datum import Freedom, freedoms
 from truing.estimation.bundle.determinable import UndeterminedNetworkError
 from truing.estimation.bundle.elimination import EliminatedPose, Reduced, eliminate_poses, tie_variances, tie_weights
-from truing.estimation.bundle.network import NetworkState, linearise
+from truing.estimation.bundle.network import NetworkState
 from truing.estimation.bundle.normal_equations import (
     ArrayPool,
     EquationLayout,
@@ -153,13 +153,12 @@ class BundleCovariance:
         """Return the covariance (n, 2, 2) of computed image points of one pose; these do not depend on the datum."""
         from truing.estimation.bundle.ray_kernels import computed_covariances
 
-        network, c, own = self.observed.network, len(self.common), own.for_rays()
-        at = linearise(network, self.state, network.rays.image[rows], network.rays.point[rows])
-        place = self._layout.interior[network.image_camera[network.rays.image[rows]]]
+        network, state, c, own = self.observed.network, self.state, len(self.common), own.for_rays()
         i, p, found = len(own.images), len(own.points_by_common) // 3, np.empty((len(rows), 2, 2))
         computed_covariances(
-            *(at.by_image, at.by_point, at.by_interior, place, image, point),
-            *(own.images, own.blocks(), own.with_points(image, point)),
+            *(network.rays.image[rows], network.rays.point[rows], network.image_camera),
+            *(state.interior, self.observed.formats[1], state.R, state.centre, state.points, self._layout.interior),
+            *(image, point, own.images, own.blocks(), own.with_points(image, point)),
             *(own.images_by_common.reshape(i, 6, c), own.points_by_common.reshape(p, 3, c), self.common, found),
         )
         return found

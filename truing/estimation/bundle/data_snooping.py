@@ -9,6 +9,7 @@ they pass.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from truing.estimation.bundle.orientation import Bundle, intersect
 from truing.estimation.bundle.variance_components import GlobalTest, VarianceComponents, global_test, grouped, updated
 
 _MOST_ROUNDS = 60
+_WITHIN = 1e-6  # remaining sum of squares between rounds: no residual is off by more than 0.001 standard deviations
 _STEADY = 1e-3  # relative change of the variance components at convergence
 _RETURNS = 2  # how often a rejected ray may be used again
 _LOOSE = 0.1  # standard deviation of a loosened bar, relative to its length: it gives a scale and hardly affects points
@@ -118,20 +120,26 @@ def _screened(
     if not with_components:
         components = replace(components, factor=np.ones_like(components.factor), sigma=np.zeros_like(components.sigma))
     returns = np.zeros(network.rays.count, np.int64)
-    rounds = 0
+    rounds, within = 0, 0.0
     while True:
         rounds += 1
         used = determinable(network, active, known=known).rays
-        adjusted = adjust(network, state, datum, used=used, variance_factor=components.of_rays())
+        adjusted = adjust(network, state, datum, used=used, variance_factor=components.of_rays(), within=within)
         state, tests = adjusted.state, ray_tests(adjusted, components)
         latest = updated(components, adjusted, tests.redundancy_blocks, passing_share(alpha))
         if with_components:
-            tests = _rescaled(tests, used, components, latest)
-        fails, passes = _worst_failures(network, used, tests, alpha), tests.p_value >= alpha
+            tests = _rescaled(tests, components, latest)
+        critical = tests.critical(alpha)
+        with np.errstate(invalid="ignore"):
+            fails, passes = used & (critical < tests.T), critical >= tests.T
+        fails = _worst_failures(network, used, tests, fails)
         passes &= possible & ~active & (returns < _RETURNS)
         converged = not with_components or bool(np.all(np.abs(latest.factor / components.factor - 1) < _STEADY))
-        if rounds == _MOST_ROUNDS or (converged and not fails.any() and not passes.any()):
+        passed = converged and not fails.any() and not passes.any()
+        if adjusted.converged and (passed or rounds >= _MOST_ROUNDS):
             break
+        # Between rounds one step tells who fails; what they leave is adjusted to the end, and tested once more.
+        within = 0.0 if passed or rounds >= _MOST_ROUNDS - 1 else _WITHIN
         components = latest if with_components else components
         returns += passes
         active = (active | passes) & ~fails
@@ -173,27 +181,24 @@ def _with_loose_bars(network: Network) -> Network:
     return replace(network, bars=replace(bars, repeat_sigma_m=loose))
 
 
-def _rescaled(tests: RayTests, used: Mask, before: VarianceComponents, after: VarianceComponents) -> RayTests:
-    """Return the tests rescaled to the latest components."""
+def _rescaled(tests: RayTests, before: VarianceComponents, after: VarianceComponents) -> RayTests:
+    """Return the tests rescaled to the latest components, which are estimated from the same residuals."""
     ratio = after.of_rays() / before.of_rays()
-    T = tests.T / ratio
-    p_value = p_values(T, tests.freedom, after.redundancy[after.component], used)
-    return replace(tests, T=T, p_value=p_value, w=tests.w / np.sqrt(ratio)[:, None])
+    scale = after.redundancy[after.component]
+    return replace(tests, T=tests.T / ratio, w=tests.w / np.sqrt(ratio)[:, None], scale_redundancy=scale)
 
 
-def _worst_failures(network: Network, used: Mask, tests: RayTests, alpha: float) -> Mask:
-    """Return the rays that fail by their own error. An error raises T of other rays by the square of their correlation,
-    about (3 / n)^2 among n rays of an image and (1.5 / n)^2 among those of a point. A T above four times that part of
-    the worst one has its own cause."""
-    with np.errstate(invalid="ignore"):
-        fails = used & (tests.p_value < alpha)
-    T = np.where(fails, tests.T, 0.0)
+def _worst_failures(network: Network, used: Mask, tests: RayTests, fails: Mask) -> Mask:
+    """Return the failing rays (N,) that fail by their own error. An error raises T of other rays by the square of their
+    correlation, about (3 / n)^2 among n rays of an image and (1.5 / n)^2 among those of a point. A T above four times
+    that part of the worst one has its own cause."""
+    T, own = np.where(fails, tests.T, 0.0), fails
     for index, part in ((network.rays.image, 6.0), (network.rays.point, 3.0)):
         most = np.zeros(int(index.max(initial=0)) + 1)
-        np.maximum.at(most, index, T)
+        np.maximum.at(most, index[fails], T[fails])
         many = np.maximum(np.bincount(index[used], minlength=len(most)), 1)
-        fails &= (np.minimum(part / many, 1.0) ** 2 * most)[index] <= T
-    return fails
+        own = own & ((np.minimum(part / many, 1.0) ** 2 * most)[index] <= T)
+    return own
 
 
 def relaxed(
@@ -220,18 +225,29 @@ def relaxed(
 
 @dataclass(frozen=True)
 class RayTests:
-    """Test statistics per ray: T (N,) with degrees of freedom (N,) 0, 1 or 2, p-value (N,); w (N, 2) of an error in one
-    coordinate, redundancy numbers (N, 2), and Q_vv C^-1 (N, 2, 2).
+    """Test statistics per ray: T (N,) with degrees of freedom (N,) 0, 1 or 2; w (N, 2) of an error in one coordinate,
+    redundancy numbers (N, 2), and Q_vv C^-1 (N, 2, 2); whether the ray is used (N,).
 
-    Unused rays have the values that they would have if they were used.
+    Unused rays have the values that they would have if they were used. scale_redundancy (N,): redundancy from which the
+    scale of a ray is estimated, None if it is stated.
     """
 
     T: Array
     freedom: Index
-    p_value: Array
     w: Array
     redundancy: Array
     redundancy_blocks: Array
+    used: Mask
+    scale_redundancy: Array | None = None
+
+    @cached_property
+    def p_value(self) -> Array:
+        """P-value (N,) of T, NaN without degrees of freedom."""
+        return p_values(self.T, self.freedom, self.scale_redundancy, self.used)
+
+    def critical(self, alpha: float) -> Array:
+        """Return the critical value (N,) of T at level alpha, NaN without degrees of freedom."""
+        return critical_values(alpha, self.freedom, self.scale_redundancy, self.used)
 
 
 def passing_share(alpha: float) -> float:
@@ -244,26 +260,49 @@ def ray_tests(adjusted: Adjustment, components: VarianceComponents) -> RayTests:
     """Return the tests of all rays of an adjustment with the components' variance factors."""
     C = adjusted.network.rays.cov_px2 * components.of_rays()[:, None, None]
     A, used, v = adjusted.covariance.computed_px2(), adjusted.used, adjusted.residuals_px
-    sound = np.isfinite(np.concatenate([A.reshape(-1, 4), v], axis=1)).all(axis=1)
+    sound = np.isfinite(A).all(axis=(1, 2)) & np.isfinite(v).all(axis=1)
     A, v = np.where(sound[:, None, None], A, 0.0), np.where(sound[:, None], v, 0.0)
-    inverse = np.linalg.inv(np.linalg.cholesky(C))
-    share, U = np.linalg.eigh(inverse @ A @ inverse.transpose(0, 2, 1))
-    rho = np.where(used[:, None], 1 - share, 1 / (1 + np.maximum(share, 0.0)))  # of the errors shows in the residuals
-    y = np.einsum("nji,njk,nk->ni", U, inverse, v)
-    checked = (rho > _CHECKED) & sound[:, None]
-    squares = y**2 * np.where(used[:, None], 1 / np.where(checked, rho, 1.0), rho)
-    T, freedom = np.where(checked, squares, 0.0).sum(axis=1), checked.sum(axis=1)
-    P = np.linalg.inv(C)
-    AP = A @ P
-    blocks, S, out = np.eye(2) - AP, P - P @ AP, ~used
-    blocks[out], S[out] = np.linalg.inv(np.eye(2) + AP[out]), np.linalg.inv(C[out] + A[out])  # P Q_vv P either way
+    # Q_vv P of a used ray, else the same as it would be if the ray were used: (1 + A P)^-1 = C (C + A)^-1.
+    P, R = _inverse(C), np.where(used[:, None, None], C - A, C + A)
+    inside = P @ R @ P
+    S = np.where(used[:, None, None], inside, _inverse(np.where(used[:, None, None], C, R)))
+    blocks = np.where(used[:, None, None], R @ P, C @ S)
     with np.errstate(divide="ignore", invalid="ignore"):
-        w = np.einsum("nij,nj->ni", np.where(used[:, None, None], P, S), v) / np.sqrt(
-            np.maximum(np.einsum("nii->ni", S), 0)
-        )
-    blind = ~sound
-    T[blind], w[blind], blocks[blind] = np.nan, np.nan, np.nan
-    return RayTests(T, freedom, p_values(T, freedom), w, np.einsum("nii->ni", blocks), blocks)
+        spread = np.sqrt(np.maximum(S[:, [0, 1], [0, 1]], 0))
+        w = (np.where(used[:, None, None], P, S) @ v[..., None])[..., 0] / spread
+    T, freedom = _two_directions(C, A, v, used)
+    T[~sound], w[~sound], blocks[~sound], freedom[~sound] = np.nan, np.nan, np.nan, 0
+    return RayTests(T, freedom, w, blocks[:, [0, 1], [0, 1]], blocks, used)
+
+
+def _inverse(M: Array) -> Array:
+    """Return the inverses (n, 2, 2) of symmetric matrices."""
+    a, b, d = M[:, 0, 0], M[:, 0, 1], M[:, 1, 1]
+    return np.stack([d, -b, -b, a], -1).reshape(-1, 2, 2) / (a * d - b * b)[:, None, None]
+
+
+def _two_directions(C: Array, A: Array, v: Array, used: Mask) -> tuple[Array, Index]:
+    """Return T (n,) and its degrees of freedom (n,), summed over the two directions in which the covariances C of
+    measured and A of computed image points (n, 2, 2) are both diagonal; v (n, 2): residuals."""
+    l11 = np.sqrt(C[:, 0, 0])
+    l21 = C[:, 1, 0] / l11
+    l22 = np.sqrt(C[:, 1, 1] - l21 * l21)
+    # M = L^-1 A L^-T and y = L^-1 v with the Cholesky factor L of C.
+    xx = A[:, 0, 0] / (l11 * l11)
+    xy = (A[:, 0, 1] / l11 - l21 * xx) / l22
+    yy = (A[:, 1, 1] / l22 - l21 * (2 * xy + l21 * xx / l22)) / l22
+    x = v[:, 0] / l11
+    y = (v[:, 1] - l21 * x) / l22
+    half, mean = np.hypot((xx - yy) / 2, xy), (xx + yy) / 2
+    whole, along = x * x + y * y, (xx - yy) / 2 * (x * x - y * y) + 2 * xy * x * y
+    along = np.divide(along, half, out=np.zeros_like(half), where=half > 0)
+    T, freedom = np.zeros(len(v)), np.zeros(len(v), np.int64)
+    for share, square in ((mean + half, (whole + along) / 2), (mean - half, (whole - along) / 2)):
+        rho = np.where(used, 1 - share, 1 / (1 + np.maximum(share, 0.0)))  # of the errors shows in the residuals
+        checked = rho > _CHECKED
+        T += np.where(checked, square * np.where(used, 1 / np.where(checked, rho, 1.0), rho), 0.0)
+        freedom += checked
+    return T, freedom
 
 
 def p_values(T: Array, freedom: Index, redundancy: Array | None = None, used: Mask | None = None) -> Array:
@@ -288,6 +327,20 @@ def p_values(T: Array, freedom: Index, redundancy: Array | None = None, used: Ma
     inside = betaincc(0.5, (r - 1) / 2, np.clip(T / r, 0.0, 1.0))
     p_value[one] = np.where(used, inside, betainc(r / 2, 0.5, r / (r + T)))
     return np.where(freedom > 0, p_value, np.nan)
+
+
+def critical_values(alpha: float, freedom: Index, redundancy: Array | None, used: Mask) -> Array:
+    """Return the T (N,) whose p-value by `p_values` is alpha, NaN without degrees of freedom."""
+    from scipy.special import betainccinv, betaincinv, chdtri
+
+    if redundancy is None:
+        return np.array([np.nan, *chdtri([1, 2], alpha)])[freedom]
+    levels, which = np.unique(redundancy, return_inverse=True)
+    one, two = np.maximum(levels, 2.0), np.maximum(levels, 3.0)
+    none = np.full((2, len(levels)), np.nan)  # of used rays, then of the others
+    of_one = one * betainccinv(0.5, (one - 1) / 2, alpha), one * (1 / betaincinv(one / 2, 0.5, alpha) - 1)
+    of_two = -two * np.expm1(2 / (two - 2) * np.log(alpha)), two * np.expm1(-2 / two * np.log(alpha))
+    return np.stack([none, of_one, of_two])[freedom, np.where(used, 0, 1), which]
 
 
 @dataclass(frozen=True)

@@ -31,8 +31,8 @@ class RayPoseCovariance:
     """`PoseCovariance` of a large pose.
 
     kept (k, k): covariance of the kept unknowns, padded by zeros to the width of an entry; entries of all points (p,),
-    own (p, 3, 3): N^-1, zero for kept points; datum with D (d, 3 p) as drawn, F C of the kept unknowns (d, k) as
-    across, and E (d, d) as spread; movements of images (i, 6, d) and points (p, 3, d) by the freedoms.
+    own (p, 3, 3): N^-1, zero for kept points; datum, and movements of images (i, 6, d) and points (p, 3, d) by its
+    freedoms; derivatives of points (3 p, c) and images (6 i, c) by the common unknowns before the datum.
     """
 
     kept: Array
@@ -41,16 +41,42 @@ class RayPoseCovariance:
     datum: Datum
     moved_images: Array
     moved_points: Array
-    drawn: Array
-    across: Array
-    spread: Array
-    points_by_common: Array
-    images_by_common: Array
+    points_before: Array
+    images_before: Array
     before_datum: RayPoseCovariance | None = None
 
     def for_rays(self) -> RayPoseCovariance:
         """Return the covariance before the datum, for quantities that do not depend on it."""
         return self.before_datum or self
+
+    @cached_property
+    def across(self) -> Array:
+        """F C (d, k) of the kept unknowns."""
+        back = self.datum.back.reshape(-1, len(self.own), 3)
+        return np.asarray(self.kept @ self.entries.transposed_times(back.transpose(1, 2, 0))).T
+
+    @cached_property
+    def drawn(self) -> Array:
+        """D = F C (d, 3 p) of the points."""
+        back = self.datum.back.reshape(-1, len(self.own), 3)
+        found = np.einsum("dpi,pij->pjd", back, self.own) + self.entries.times(self.across.T)
+        return found.reshape(3 * len(self.own), len(back)).T
+
+    @cached_property
+    def spread(self) -> Array:
+        """E = D F^T (d, d)."""
+        return np.asarray(self.drawn @ self.datum.back.T)
+
+    @cached_property
+    def points_by_common(self) -> Array:
+        """Derivatives (3 p, c) of the points by the common unknowns, in the datum."""
+        return self.datum.by_common(self.points_before)
+
+    @cached_property
+    def images_by_common(self) -> Array:
+        """Derivatives (6 i, c) of the images by the common unknowns, in the datum."""
+        moved = self.moved_images.reshape(len(self.images_before), -1)
+        return self.images_before - moved @ (self.datum.back @ self.points_before)
 
     @cached_property
     def images(self) -> Array:
@@ -150,32 +176,12 @@ def by_rays(one: EliminatedPose, reduced: ReducedRays, kept: Array, free: Freedo
     padded = np.zeros((entries.kept, entries.kept))
     padded[:k, :k] = kept
     by_common = unknowns_by_common(one, reduced)
-    of_points, of_images = by_common[6 * i :], by_common[: 6 * i]
-    before = _before_datum(padded, entries, own, of_points, of_images, i)
-    if not d:
-        return before
-    back = datum.back.reshape(d, p, 3)
-    across = padded @ entries.transposed_times(back.transpose(1, 2, 0))
-    drawn = np.einsum("dpi,pij->pjd", back, own) + entries.times(across)
-    drawn = drawn.reshape(3 * p, d).T
-    of_images = of_images - free.images.reshape(6 * i, d) @ (datum.back @ of_points)
-    return RayPoseCovariance(
-        *(padded, entries, own, datum, free.images, free.points, drawn, across.T, drawn @ datum.back.T),
-        *(datum.by_common(of_points), of_images, before),
-    )
-
-
-def _before_datum(
-    kept: Array, entries: Entries, own: Array, of_points: Array, of_images: Array, images: int
-) -> RayPoseCovariance:
-    """Return the covariance without conditions of a datum; the freedoms are held by the ties of the elimination."""
-    p = 3 * len(own)
-    none = Datum(np.zeros((p, 0)), np.zeros((0, p)), np.zeros(p, bool))
-    moved = np.zeros((images, 6, 0)), np.zeros((len(own), 3, 0))
-    return RayPoseCovariance(
-        *(kept, entries, own, none, *moved, np.zeros((0, p)), np.zeros((0, len(kept))), np.zeros((0, 0))),
-        *(of_points, of_images),
-    )
+    given = padded, entries, own
+    sides = by_common[6 * i :], by_common[: 6 * i]
+    # Before the datum, the freedoms are held by the ties of the elimination.
+    none = Datum(np.zeros((3 * p, 0)), np.zeros((0, 3 * p)), np.zeros(3 * p, bool))
+    before = RayPoseCovariance(*given, none, np.zeros((i, 6, 0)), np.zeros((p, 3, 0)), *sides)
+    return RayPoseCovariance(*given, datum, free.images, free.points, *sides, before) if d else before
 
 
 def _all_points(rays: PointRays, turned: Array, root: Array, reduced: ReducedRays) -> tuple[Entries, Array]:

@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 
 from truing.estimation import simd_arithmetic
 from truing.estimation.bundle import kernels
-from truing.estimation.bundle.kernels import invert_lower, lower_root, lower_times
+from truing.estimation.bundle.kernels import (
+    INTERIOR,
+    WIDTH,
+    direct,
+    invert_lower,
+    linearised,
+    lower_root,
+    lower_times,
+    turned,
+)
 from truing.estimation.simd_arithmetic import compiled, inner
 
 _SOURCES = (simd_arithmetic.__file__, kernels.__file__, __file__)
@@ -168,12 +177,17 @@ def image_covariances(
 
 @compiled(*_SOURCES)
 def computed_covariances(
-    by_image: NDArray,
-    by_point: NDArray,
-    by_interior: NDArray,
-    place: NDArray,
     image: NDArray,
     point: NDArray,
+    camera: NDArray,
+    interior: NDArray,
+    radius: NDArray,
+    R: NDArray,
+    centre: NDArray,
+    xyz: NDArray,
+    place: NDArray,
+    image_slot: NDArray,
+    point_slot: NDArray,
     images: NDArray,
     points: NDArray,
     cross: NDArray,
@@ -182,43 +196,52 @@ def computed_covariances(
     common: NDArray,
     found: NDArray,
 ) -> None:
-    """Fill in the covariance (n, 2, 2) of computed image points of one pose.
+    """Fill in the covariance (n, 2, 2) of computed image points of one pose, NaN for a point that is not in front of
+    its camera.
 
-    Derivatives by image (n, 2, 6), point (n, 2, 3) and interior (n, 2, 10), whose places among the common unknowns are
-    place (n, 10); covariances of images (i, 6, 6), of points (p, 3, 3), of both (n, 6, 3), all given the common
-    unknowns; derivatives (i, 6, c) and (p, 3, c) by these, with covariance (c, c).
+    Image and point (n,) by number in the network and by slot in the pose; camera, R, centre of every image, points xyz;
+    place (C, 10): interior elements among the common unknowns. Covariances of images (i, 6, 6), of points (p, 3, 3), of
+    both (n, 6, 3), all given the common unknowns; derivatives (i, 6, c) and (p, 3, c) by these, with covariance (c, c).
     """
     c = len(common)
     own, both, by_common, spread = np.zeros((2, 9)), np.zeros((9, 9)), np.zeros((2, c)), np.zeros(c)
-    half = np.zeros(9)
+    half, row, X = np.zeros(9), np.zeros((2, WIDTH)), np.zeros(3)
     for n in range(len(image)):
-        i, p = image[n], point[n]
-        own[:, :6], own[:, 6:] = by_image[n], by_point[n]
+        i, p, k = image_slot[n], point_slot[n], camera[image[n]]
+        direct(X, R[image[n]], xyz[point[n]], centre[image[n]])
+        if not X[2] > 0.0:
+            found[n] = np.nan
+            continue
+        linearised(row, interior[k], radius[k], X, (1.0, 0.0, 1.0))
+        turned(row, R[image[n]], xyz[point[n]], centre[image[n]])
+        for q in range(2):
+            for a in range(3):
+                own[q, a], own[q, 3 + a], own[q, 6 + a] = -row[q, a], row[q, 3 + a], row[q, a]
         both[:6, :6], both[6:, 6:] = images[i], points[p]
         for a in range(6):
             for b in range(3):
                 both[a, 6 + b] = both[6 + b, a] = cross[n, a, b]
         by_common[:] = 0.0
-        for k in range(2):
+        for q in range(2):
             for a in range(10):
-                if place[n, a] >= 0:
-                    by_common[k, place[n, a]] += by_interior[n, k, a]
+                if place[k, a] >= 0:
+                    by_common[q, place[k, a]] += row[q, INTERIOR + a]
             for a in range(9):
-                row = images_by_common[i, a] if a < 6 else points_by_common[p, a - 6]
+                moved = images_by_common[i, a] if a < 6 else points_by_common[p, a - 6]
                 for b in range(c):
-                    by_common[k, b] += own[k, a] * row[b]
-        for k in range(2):
+                    by_common[q, b] += own[q, a] * moved[b]
+        for q in range(2):
             half[:], spread[:] = 0.0, 0.0
             for a in range(9):
                 for b in range(9):
-                    half[b] += own[k, a] * both[a, b]
+                    half[b] += own[q, a] * both[a, b]
             for a in range(c):
                 for b in range(c):
-                    spread[b] += by_common[k, a] * common[a, b]
-            for q in range(2):
+                    spread[b] += by_common[q, a] * common[a, b]
+            for r in range(2):
                 value = 0.0
                 for b in range(9):
-                    value += half[b] * own[q, b]
+                    value += half[b] * own[r, b]
                 for b in range(c):
-                    value += spread[b] * by_common[q, b]
-                found[n, k, q] = value
+                    value += spread[b] * by_common[r, b]
+                found[n, q, r] = value
