@@ -63,18 +63,11 @@ def image_coordinates(interior: NDArray, centre: NDArray, radius: NDArray, X: ND
 
 def derivatives(interior: Array, radius: Array, X: Array) -> tuple[Array, Array]:
     """Return the derivatives of image coordinates by X (N, 2, 3) and by the interior (N, 2, 10)."""
-    c, _, _, a1, a2, a3, b1, b2, c1, c2 = interior.T
     u, v, depth = X[:, 0] / X[:, 2], X[:, 1] / X[:, 2], X[:, 2]
-    xi, eta = c * u, c * v
+    xi, eta = interior[:, 0] * u, interior[:, 0] * v
     s, s0 = xi * xi + eta * eta, radius * radius
-    radial = 1 + a1 * (s - s0) + a2 * (s**2 - s0**2) + a3 * (s**3 - s0**3)
-    slope = 2 * (a1 + 2 * a2 * s + 3 * a3 * s**2)
-    mixed = slope * xi * eta
-    xx = radial + slope * xi * xi + 6 * b1 * xi + 2 * b2 * eta + c1
-    xy = mixed + 2 * b1 * eta + 2 * b2 * xi + c2
-    yx = mixed + 2 * b2 * xi + 2 * b1 * eta
-    yy = radial + slope * eta * eta + 6 * b2 * eta + 2 * b1 * xi
-    per = c / depth
+    xx, xy, yx, yy = _slopes(interior, radius, xi, eta)
+    per = interior[:, 0] / depth
     x = [xx * per, xy * per, -(xx * u + xy * v) * per]
     y = [yx * per, yy * per, -(yx * u + yy * v) * per]
     by_direction = np.stack([np.stack(x, -1), np.stack(y, -1)], 1)
@@ -83,6 +76,18 @@ def derivatives(interior: Array, radius: Array, X: Array) -> tuple[Array, Array]
     of_x = [xx * u + xy * v, one, none, *(xi * p for p in powers), s + 2 * xi * xi, 2 * xi * eta, xi, eta]
     of_y = [yx * u + yy * v, none, one, *(eta * p for p in powers), 2 * xi * eta, s + 2 * eta * eta, none, none]
     return by_direction, np.stack([np.stack(of_x, -1), np.stack(of_y, -1)], 1)
+
+
+def _slopes(interior: Array, radius: Array, xi: Array, eta: Array) -> tuple[Array, Array, Array, Array]:
+    """Return the derivatives dx/dxi, dx/deta, dy/dxi, dy/deta (N,) of the distortion."""
+    _, _, _, a1, a2, a3, b1, b2, c1, c2 = interior.T
+    s, s0 = xi * xi + eta * eta, radius * radius
+    radial = 1 + a1 * (s - s0) + a2 * (s * s - s0 * s0) + a3 * (s * s * s - s0 * s0 * s0)
+    slope = 2 * (a1 + 2 * a2 * s + 3 * a3 * s * s)
+    mixed = slope * xi * eta
+    xx = radial + slope * xi * xi + 6 * b1 * xi + 2 * b2 * eta + c1
+    yy = radial + slope * eta * eta + 6 * b2 * eta + 2 * b1 * xi
+    return xx, mixed + 2 * b1 * eta + 2 * b2 * xi + c2, mixed + 2 * b2 * xi + 2 * b1 * eta, yy
 
 
 def directions(cameras: Sequence[Camera], interior: Array, camera: Index, xy_px: Array) -> Array:
@@ -96,16 +101,17 @@ def directions(cameras: Sequence[Camera], interior: Array, camera: Index, xy_px:
     values = interior[camera]
     X = np.ones((len(xy_px), 3))
     X[:, :2] = (xy_px - centre - values[:, 1:3]) / values[:, :1]
+    c = values[:, 0]
     with np.errstate(all="ignore"):  # points that do not converge may overflow
         for _ in range(_ROUNDS):
-            off, slope = xy_px - image_coordinates(values, centre, radius, X), derivatives(values, radius, X)[0]
-            (a, b), (d, e) = slope[:, :, :2].transpose(1, 2, 0)
-            step = (
-                np.stack([e * off[:, 0] - b * off[:, 1], a * off[:, 1] - d * off[:, 0]], 1) / (a * e - b * d)[:, None]
-            )
-            X[:, :2] += step
-            if np.nanmax(np.abs(step * values[:, :1]), initial=0.0) < _SETTLED_PX:
+            off = xy_px - image_coordinates(values, centre, radius, X)
+            xx, xy, yx, yy = _slopes(values, radius, c * X[:, 0], c * X[:, 1])
+            step = np.stack([yy * off[:, 0] - xy * off[:, 1], xx * off[:, 1] - yx * off[:, 0]], 1)
+            step /= (xx * yy - xy * yx)[:, None]
+            X[:, :2] += step / c[:, None]
+            if np.nanmax(np.abs(step), initial=0.0) < _SETTLED_PX:
                 break
-        off, slope = xy_px - image_coordinates(values, centre, radius, X), derivatives(values, radius, X)[0]
-        converged = (np.abs(off).max(axis=1, initial=0.0) < 1e-6) & (np.linalg.det(slope[:, :, :2]) > 0)
+        off = xy_px - image_coordinates(values, centre, radius, X)
+        xx, xy, yx, yy = _slopes(values, radius, c * X[:, 0], c * X[:, 1])
+        converged = (np.abs(off).max(axis=1, initial=0.0) < 1e-6) & (xx * yy - xy * yx > 0)
     return np.where(converged[:, None], X[:, :2], np.nan)

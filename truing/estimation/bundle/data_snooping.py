@@ -412,7 +412,8 @@ def robust_start(
     weights, state = np.ones(network.rays.count), start
     inverse = np.linalg.inv(network.rays.cov_px2)
     for step in range(_ROBUST_ROUNDS):
-        adjusted = adjust(network, state, datum, used=used, weights=weights, max_iterations=3 if step else 30)
+        near = {"max_iterations": 3, "within": _WITHIN} if step else {}
+        adjusted = adjust(network, state, datum, used=used, weights=weights, **near)
         v = adjusted.residuals_px
         off = np.sqrt(np.einsum("ni,nij,nj->n", v, inverse, v))
         if step == 0:

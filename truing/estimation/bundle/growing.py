@@ -25,6 +25,7 @@ _LEAST_TOLERANCE = 5e-4  # least final tolerance over the longer side
 _TOLERANCE_SPREADS = 6.0  # final tolerance in multiples of the spread of agreeing rays
 _FREE = ((3, ("c",)), (6, ("c", "A1")), (8, ("c", "x0", "y0", "A1", "A2", "B1", "B2")))  # from so many images on
 _ROUNDS = 3  # of bounded influence
+_WITHIN = 1e-2  # remaining sum of squares after the first of these rounds: far below the tolerance of agreement
 _BOUND = 2.0  # spreads up to which a ray has full weight
 _PLAUSIBLE_DISTANCE_RATIO = (0.4, 2.5)  # range of an adjusted principal distance relative to its start
 
@@ -249,8 +250,9 @@ def _released(network: Network, images: Index) -> tuple:
 def _bounded(network: Network, state: NetworkState, used: Mask) -> Adjustment:
     """Return the adjustment with Huber weights beyond some spreads, after a few rounds."""
     weights = np.ones(len(used))
-    for _ in range(_ROUNDS):
-        done = adjust(network, state, "free", used=used, weights=weights, max_iterations=30)
+    for step in range(_ROUNDS):
+        within = _WITHIN if step else 0.0
+        done = adjust(network, state, "free", used=used, weights=weights, max_iterations=30, within=within)
         off = np.linalg.norm(done.residuals_px, axis=1)
         # Spread of one coordinate, from the median of a Rayleigh distribution.
         spread = np.median(off[used]) / 1.1774 + 1e-9

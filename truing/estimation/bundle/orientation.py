@@ -81,15 +81,21 @@ def nearest_points(bundle: Bundle, weight: Array) -> tuple[Array, Array]:
 
     The quality is the least eigenvalue of the sum of 1 - d d^T, which is 1 - cos(angle) for two rays.
     """
-    d = bundle.lines()
-    across = (np.eye(3) - d[:, :, None] * d[:, None, :]) * weight[:, None, None]
-    A = sums(bundle.point, across, bundle.points)
+    A, meet, across = _crossing(bundle, weight)
     b = sums(bundle.point, np.einsum("nij,nj->ni", across, bundle.centre[bundle.image]), bundle.points)
-    meet = np.asarray(np.linalg.eigvalsh(A)[:, 0], float)
     solvable = meet > 1e-9
     X = np.full((bundle.points, 3), np.nan)
     X[solvable] = np.linalg.solve(A[solvable], b[solvable][..., None])[..., 0]
     return X, meet
+
+
+def _crossing(bundle: Bundle, weight: Array) -> tuple[Array, Array, Array]:
+    """Return the sums (P, 3, 3) of 1 - d d^T over the weighted rays of each point, their least eigenvalues (P,), and
+    the terms (N, 3, 3)."""
+    d = bundle.lines()
+    across = (np.eye(3) - d[:, :, None] * d[:, None, :]) * weight[:, None, None]
+    A = sums(bundle.point, across, bundle.points)
+    return A, np.asarray(np.linalg.eigvalsh(A)[:, 0], float), across
 
 
 def refine_points(bundle: Bundle, X: Array, weight: Array) -> Array:
@@ -135,7 +141,7 @@ def intersect(bundle: Bundle, tolerance_px: float, rng: np.random.Generator) -> 
     for _ in range(2):
         X = refine_points(rays, np.nan_to_num(best), agrees.astype(float))
         agrees = rays.agreeing_rays(X, tolerance_px)
-    meet = nearest_points(rays, agrees.astype(float))[1]
+    meet = _crossing(rays, agrees.astype(float))[1]
     placed = np.isfinite(best[:, 0]) & (meet > 1 - np.cos(LEAST_ANGLE))
     placed &= np.bincount(rays.point, agrees, minlength=bundle.points) >= 2
     X[~placed] = np.nan
