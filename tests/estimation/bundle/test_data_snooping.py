@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from truing.estimation.bundle import data_snooping
 from truing.estimation.bundle.adjustment import adjust
 from truing.estimation.bundle.camera import PARAMETERS
 from truing.estimation.bundle.data_snooping import (
@@ -14,6 +15,8 @@ from truing.estimation.bundle.data_snooping import (
     ONE_OF_TWO,
     SECOND_TARGET,
     adjust_robustly,
+    critical_values,
+    p_values,
     ray_tests,
 )
 from truing.estimation.bundle.network import Bars
@@ -48,6 +51,27 @@ def test_good_rays_are_rejected_at_the_stated_rate():
         assert found.family_level == pytest.approx(1 - (1 - alpha) ** found.tested)
         assert found.critical == pytest.approx(7.824, abs=1e-3)
     assert abs(rejected - alpha * (tested + rejected)) < 3.5 * np.sqrt(alpha * (tested + rejected))
+
+
+@pytest.mark.parametrize("seed", [3, 11])
+def test_steps_between_rounds_reject_the_same_rays_as_full_adjustments(seed, monkeypatch):
+    made = simulate(seed=seed, images=10, points=40, gross=0.08, sigma_px=0.2)
+    found = adjust_robustly(made.network, made.truth, alpha=0.01)
+    monkeypatch.setattr(data_snooping, "_WITHIN", 0.0)
+    full = adjust_robustly(made.network, made.truth, alpha=0.01)
+    assert (found.used == full.used).all()
+    assert found.rejected.reason == full.rejected.reason
+    assert min(found.rounds, full.rounds) > 2
+    np.testing.assert_allclose(found.adjustment.residuals_px, full.adjustment.residuals_px, rtol=0, atol=1e-6)
+
+
+def test_critical_values_have_the_p_value_alpha():
+    rng = np.random.default_rng(0)
+    freedom, used = rng.integers(1, 3, 40), rng.random(40) < 0.5
+    redundancy = 10 ** rng.uniform(0.5, 5, 40)
+    critical = critical_values(0.003, freedom, redundancy, used)
+    np.testing.assert_allclose(p_values(critical, freedom, redundancy, used), 0.003, rtol=1e-8)
+    np.testing.assert_allclose(p_values(critical_values(0.003, freedom, None, used), freedom), 0.003, rtol=1e-8)
 
 
 def shifted_ray_tests(made, cov, shift, used):

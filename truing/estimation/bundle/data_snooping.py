@@ -120,9 +120,8 @@ def _screened(
     if not with_components:
         components = replace(components, factor=np.ones_like(components.factor), sigma=np.zeros_like(components.sigma))
     returns = np.zeros(network.rays.count, np.int64)
-    rounds, within = 0, 0.0
+    rounds, within = 1, 0.0
     while True:
-        rounds += 1
         used = determinable(network, active, known=known).rays
         adjusted = adjust(network, state, datum, used=used, variance_factor=components.of_rays(), within=within)
         state, tests = adjusted.state, ray_tests(adjusted, components)
@@ -136,10 +135,12 @@ def _screened(
         passes &= possible & ~active & (returns < _RETURNS)
         converged = not with_components or bool(np.all(np.abs(latest.factor / components.factor - 1) < _STEADY))
         passed = converged and not fails.any() and not passes.any()
-        if adjusted.converged and (passed or rounds >= _MOST_ROUNDS):
-            break
-        # Between rounds one step tells who fails; what they leave is adjusted to the end, and tested once more.
-        within = 0.0 if passed or rounds >= _MOST_ROUNDS - 1 else _WITHIN
+        if passed or rounds >= _MOST_ROUNDS:
+            if adjusted.converged:
+                break
+            within = 0.0  # what passes after one step is adjusted to the end, and tested once more
+            continue
+        rounds, within = rounds + 1, _WITHIN
         components = latest if with_components else components
         returns += passes
         active = (active | passes) & ~fails
