@@ -72,9 +72,14 @@ def axes_of(steps: pd.DataFrame) -> list[str]:
 
 def loaded_by_run(steps: pd.DataFrame) -> pd.Series:
     """Return the loaded axis of each row's run, ``several`` or ``none``."""
-    loaded = steps[list(LOADS)].ne(0.0).groupby(steps["run"]).transform("any")
+    loaded = axes_loaded_by_run(steps)
     number = loaded.sum(axis=1)
     return loaded.idxmax(axis=1).mask(number > 1, SEVERAL).mask(number == 0, "none")
+
+
+def axes_loaded_by_run(steps: pd.DataFrame) -> pd.DataFrame:
+    """Return True for each row and axis if the row's run loads the axis."""
+    return steps[list(LOADS)].ne(0.0).groupby(steps["run"]).transform("any")
 
 
 def in_channel_order(names: Iterable[object]) -> list[str]:

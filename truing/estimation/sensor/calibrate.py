@@ -47,7 +47,7 @@ def _undetermined_combinations(columns: NDArray, labels: Sequence[str]) -> list[
     if not used:
         return texts
     seen = observe(columns[:, ~idle], 1.0 / length[~idle], used, unidentifiable=1.0 / _LEAST_SINGULAR)
-    return texts + [group.text for group in inseparable(seen)]
+    return texts if seen.rank == len(used) else texts + [group.text for group in inseparable(seen)]
 
 
 def check_signals(signals: NDArray, signal_cov: NDArray | None, labels: Sequence[str]) -> None:

@@ -206,8 +206,16 @@ def _spread(fit: Calibration, found: Wrenches, table: LoadTable) -> _Spread:
     if fit.model.direction == "direct" and (fit.model.estimator == "least squares" or table.load_cov is None):
         own = np.broadcast_to(fit.noise, (rows, width, width))  # residuals include the signals' errors
     by = np.einsum("nwr,nq->nwrq", found.gain, found.columns).reshape(rows * width, -1)
-    strength, axes = np.linalg.eigh(found.coefficients)
-    return _Spread(own, by @ (axes * np.sqrt(np.maximum(strength, 0.0))))
+    return _Spread(own, by @ _factor(found.coefficients))
+
+
+def _factor(covariance: NDArray) -> NDArray:
+    """Return F (P, P) with F F^T equal to a covariance that may be singular."""
+    try:
+        return np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        strength, axes = np.linalg.eigh(covariance)
+        return np.asarray(axes * np.sqrt(np.maximum(strength, 0.0)))
 
 
 def _misfit(miss: NDArray, spread: _Spread, own_zero: bool) -> tuple[float, float, float]:

@@ -15,7 +15,7 @@ from truing.report.figure_style import BLUE, GREY, MANY_POINTS, ORANGE, label, s
 from truing.report.heads import CHANNEL, RMS_AFTER, RMS_BEFORE, UNIT, Head
 from truing.report.numbers import plain, rough, sign
 from truing.report.page import Drawn, Listing
-from truing.report.tables import LOAD_UNITS, SEVERAL, axes_of, is_unloading, loaded_by_run
+from truing.report.tables import LOAD_UNITS, SEVERAL, axes_loaded_by_run, axes_of, is_unloading, loaded_by_run
 
 _HEADS = (
     CHANNEL,
@@ -215,11 +215,14 @@ def _unit(misses: pd.DataFrame, channel: str) -> str:
 
 def _panels(misses: pd.DataFrame) -> list[tuple[str, str]]:
     """Return channels and load axes with the largest misfit relative to noise."""
-    sizes = {
-        (c, a): _channel_misfit(_readings_under_load(misses, c, a), a)
-        for c in channels_of(misses)
-        for a in axes_of(misses)
-    }
+    sizes = {}
+    for channel in channels_of(misses):
+        own = misses[misses["channel"] == channel]
+        loaded = axes_loaded_by_run(own)
+        several = loaded.sum(axis=1) > 1
+        for axis in axes_of(misses):
+            under = loaded[axis]
+            sizes[channel, axis] = _channel_misfit(own[under], axis, several=bool(several[under].any()))
     known = sorted((key for key, size in sizes.items() if np.isfinite(size)), key=lambda key: -sizes[key])
     informative = [key for key in known if sizes[key] > _TELLING]
     return (informative if len(informative) >= _FEWEST_PANELS else known[:_FEWEST_PANELS])[:_PANELS]
@@ -247,10 +250,10 @@ def _first_of_runs(own: pd.DataFrame) -> NDArray[np.int64]:
     return np.flatnonzero(own["run"].ne(own["run"].shift()).to_numpy())
 
 
-def _channel_misfit(own: pd.DataFrame, axis: str) -> float:
-    """Return the misfit of a channel over noise; under several loads, of the part correlated with this one."""
+def _channel_misfit(own: pd.DataFrame, axis: str, *, several: bool) -> float:
+    """Return the misfit of a channel over noise; under several loads in a run, of the part correlated with this one."""
     size = _error_to_noise_ratio(own, "before")
-    if not (loaded_by_run(own) == SEVERAL).any():
+    if not several:
         return size
     load = own[axis].to_numpy(dtype=float)
     shapes = np.stack([load, np.abs(load)])
