@@ -25,16 +25,30 @@ _ATANC = (1.0, -1 / 3, 1 / 5, -1 / 7, 1 / 9, -1 / 11, 1 / 13, -1 / 15)
 def skew(v: NDArray) -> NDArray:
     """Return the matrix ``[v]x`` (..., 3, 3) with ``[v]x w = v x w`` of vectors v (..., 3)."""
     v = np.asarray(v)
+    found = np.zeros((*v.shape, 3), v.dtype)
+    _put_skew(v, found)
+    return found
+
+
+def _put_skew(v: NDArray, found: NDArray) -> None:
+    """Fill the off-diagonal elements of ``[v]x`` (..., 3, 3)."""
     x, y, z = v[..., 0], v[..., 1], v[..., 2]
-    zero = np.zeros_like(x)
-    rows = (zero, -z, y, z, zero, -x, -y, x, zero)
-    return np.stack(rows, axis=-1).reshape(*v.shape[:-1], 3, 3)
+    found[..., 0, 1], found[..., 0, 2], found[..., 1, 2] = -z, y, -x
+    found[..., 1, 0], found[..., 2, 0], found[..., 2, 1] = z, -y, x
 
 
 def rigid_motions(points: NDArray) -> NDArray:
     """Return the derivative (..., 3, 6) of points (..., 3) by a small motion (t, theta) of their body about the
     origin."""
-    return np.concatenate([np.broadcast_to(np.eye(3), (*points.shape, 3)), -skew(points)], -1)
+    found = np.zeros((*points.shape, 6), np.result_type(points, float))
+    put_rigid_motions(points, found)
+    return found
+
+
+def put_rigid_motions(points: NDArray, found: NDArray) -> None:
+    """Fill an array of zeros (..., 3, 6) with the derivatives of `rigid_motions`."""
+    found[..., [0, 1, 2], [0, 1, 2]] = 1.0
+    _put_skew(-points, found[..., 3:])
 
 
 def exp_so3(theta: NDArray) -> NDArray:

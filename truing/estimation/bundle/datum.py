@@ -17,7 +17,7 @@ from scipy.linalg import qr
 from truing.arrays import Array, Index
 from truing.estimation.bundle.network import NetworkState
 from truing.estimation.bundle.normal_equations import EquationLayout
-from truing.estimation.rotation import rigid_motions
+from truing.estimation.rotation import put_rigid_motions
 
 Datum = Literal["free", "minimal", "known"]
 
@@ -112,7 +112,10 @@ def _orthonormal(points: Array, start: Index) -> Array:
 
 def movements(points: Array) -> Array:
     """Return the movements (n, 3, 7) of points by shifts, rotations and scale about the origin."""
-    return np.concatenate([rigid_motions(points), points[..., None]], -1)
+    found = np.zeros((*points.shape, 7))
+    put_rigid_motions(points, found[..., :6])
+    found[..., 6] = points
+    return found
 
 
 def _null_space(rows: Array) -> Array:
