@@ -87,7 +87,7 @@ def rows_of_wrong_target(
     for target, name in enumerate(names):
         others = seen.astype(float)
         others[:, target] = 0.0
-        fit = umeyama(source, points, others)
+        fit = umeyama(source, points, others, calls=len(names))
         tested = seen[:, target] & (others.sum(axis=1) >= _FEWEST_OTHERS)
         agree = tested & fit.ok & (np.nan_to_num(fit.rms, nan=np.inf) <= limit)
         own = (name, points[:, target], fit, source[target], agree, 3.0 * limit, poses, groups)
@@ -215,7 +215,7 @@ def exchanged_names(
     for at, (one, other) in enumerate(pairs):
         order = np.arange(len(names))
         order[[one, other]] = other, one
-        fitted = umeyama(source[order], points[bad], seen[bad].astype(float)).rms
+        fitted = umeyama(source[order], points[bad], seen[bad].astype(float), calls=len(pairs)).rms
         after[at] = np.where(np.isfinite(fitted) & seen[bad][:, [one, other]].all(axis=1), fitted, np.inf)
     best = after.argmin(axis=0)
     for at in np.unique(best):

@@ -18,6 +18,7 @@ def umeyama(
     *,
     with_scale: bool = False,
     sigma: ArrayLike | None = None,
+    calls: int = 1,
 ) -> RigidFit:
     """Return the weighted least-squares rigid motion, never a reflection.
 
@@ -26,12 +27,13 @@ def umeyama(
     coordinate of target - R source (scalar, (B, 1) or (B, N)), that of the measured cloud, or
     ``hypot(sigma_source, sigma_target)`` if both have noise. Weights need not be 1/sigma^2; the covariance is that of
     the weighted estimator. Without sigma, it comes from the scatter of residuals with weights as relative 1/variance.
+    calls: number of such fits in turn, whose points together make compiled code worth its loading time.
     Raises ValueError for shapes that do not match, negative weights and used points that are not finite.
     Umeyama, IEEE PAMI 13 (1991) 376, eq. 34-43, weighted.
     """
     are_single = np.ndim(source) == np.ndim(target) == 2 and np.ndim(0.0 if weight is None else weight) < 2
     points = max(np.size(source) // 3, np.size(target) // 3, 0 if weight is None else np.size(weight))
-    if points >= _WORTH_COMPILED_CODE and not with_scale:
+    if calls * points >= _WORTH_COMPILED_CODE and not with_scale:
         from truing.estimation.rigid_poses.batched_kernel import solve
 
         found = solve(source, target, weight, sigma=sigma)
