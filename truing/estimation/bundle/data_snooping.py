@@ -261,7 +261,7 @@ def ray_tests(adjusted: Adjustment, components: VarianceComponents) -> RayTests:
     """Return the tests of all rays of an adjustment with the components' variance factors."""
     C = adjusted.network.rays.cov_px2 * components.of_rays()[:, None, None]
     A, used, v = adjusted.covariance.computed_px2(), adjusted.used, adjusted.residuals_px
-    sound = np.isfinite(A).all(axis=(1, 2)) & np.isfinite(v).all(axis=1)
+    sound = np.asarray(np.isfinite(A).all(axis=(1, 2)) & np.isfinite(v).all(axis=1))
     A, v = np.where(sound[:, None, None], A, 0.0), np.where(sound[:, None], v, 0.0)
     # Q_vv P of a used ray, else the same as it would be if the ray were used: (1 + A P)^-1 = C (C + A)^-1.
     P, R = _inverse(C), np.where(used[:, None, None], C - A, C + A)
@@ -413,8 +413,8 @@ def robust_start(
     weights, state = np.ones(network.rays.count), start
     inverse = np.linalg.inv(network.rays.cov_px2)
     for step in range(_ROBUST_ROUNDS):
-        near = {"max_iterations": 3, "within": _WITHIN} if step else {}
-        adjusted = adjust(network, state, datum, used=used, weights=weights, **near)
+        adjust_from = partial(adjust, max_iterations=3, within=_WITHIN) if step else adjust
+        adjusted = adjust_from(network, state, datum, used=used, weights=weights)
         v = adjusted.residuals_px
         off = np.sqrt(np.einsum("ni,nij,nj->n", v, inverse, v))
         if step == 0:
