@@ -41,17 +41,22 @@ def log_evidence(along: Array, strengths: Array, total: Array | float, freedom: 
     return np.asarray(largest[..., 0] + np.log(np.mean(np.exp(logs - largest), -1)))
 
 
-def log_possible(values: Array, covariance: Array, places: Sequence[int]) -> float:
+def log_possible(values: Array, covariance: Array, places: Sequence[int], left: float, freedom: float) -> float:
     """Return the gain in log evidence from the knowledge that some parameters are not negative.
 
-    values (P,) in units of the noise, with covariance (P, P). Half the prior is excluded, so the gain is the log of
-    twice the posterior probability of the allowed side: about a hundredth at 2.5 sigma on the wrong side.
+    values (P,) with covariance (P, P) at the declared noise; ``left``: sum of squares that the effect leaves;
+    ``freedom``: its degrees of freedom, including those of the declared noise. Half the prior is excluded, so the gain
+    is the log of twice the posterior probability of the allowed side: about a hundredth at 2.5 sigma on the wrong side.
+    The noise is that of `log_evidence`, so that a single parameter of the wrong sign has no evidence, however large.
+    Student's t as a normal deviate: Wallace, Ann. Math. Statist. 30 (1959) 1124.
     """
     from scipy.special import log_ndtr
 
     at = list(places)
-    sigma = np.sqrt(np.maximum(covariance[at, at], _LEAST_LEFT))
-    return float(np.sum(np.log(2.0) + log_ndtr(values[at] / sigma)))
+    sigma = np.sqrt(np.maximum(covariance[at, at], _LEAST_LEFT) * left / freedom)
+    deviates = values[at] / sigma
+    normal = np.copysign(np.sqrt(freedom * np.log1p(deviates**2 / freedom)), deviates)
+    return float(np.sum(np.log(2.0) + log_ndtr((8.0 * freedom + 1.0) / (8.0 * freedom + 3.0) * normal)))
 
 
 def probabilities(log_evidence: Mapping[str, float]) -> dict[str, float]:

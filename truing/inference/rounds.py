@@ -42,6 +42,7 @@ RIVAL_FACTOR = 20.0
 # A candidate explains the same as an accepted one if at most this share of its squares is left next to it; kinds whose
 # squares differ by less than this share have the same effect.
 _LOST, _EQUAL = 0.5, 1e-3
+_LEAST_LEFT = 1e-12  # share of the squares; rounding may make an almost complete reduction negative
 # Factor on the plausible scales in the test of robustness against them.
 STRETCH = 3.0
 # Prior probability that parameters of like parts have like size instead of independent sizes.
@@ -306,16 +307,17 @@ class Round(Generic[CauseT]):
         total, freedom = total_of(self.fitted)
         beforehand = sum(np.log(c.prior) + self._like_size_log_evidence(c) for c in pair)
         values, covariance = loadings @ (along / strengths), (loadings / strengths**2) @ loadings.T
-        signs = self._signs(pair, values, covariance)
+        signs = self._signs(pair, values, covariance, along)
         return float(log_evidence(along, strengths, total, freedom)) + float(beforehand) + signs
 
-    def _signs(self, pair: Sequence[CauseCandidate[CauseT]], values: Array, covariance: Array) -> float:
+    def _signs(self, pair: Sequence[CauseCandidate[CauseT]], values: Array, covariance: Array, along: Array) -> float:
         """Return the log evidence of candidates together that is due to impossible signs, from all their parameters
-        (P,)."""
+        (P,) and the parts (r,) of the residual along their directions."""
         parts, first, found = self.fitted.model.part_count, 0, 0.0
+        left = _left(self.fitted, along)
         for candidate in pair:
             own = np.s_[first : first + candidate.signature.parameters]
-            found += log_possible(values[own], covariance[own, own], candidate.cause.one_sided(parts))
+            found += log_possible(values[own], covariance[own, own], candidate.cause.one_sided(parts), *left)
             first = own.stop
         return found
 
@@ -404,7 +406,14 @@ def signs_of(candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], par
         return 0.0
     own = candidate.signature
     covariance = (own.loadings / own.strengths**2) @ own.loadings.T
-    return log_possible(own.fitted(parts), covariance, places)
+    return log_possible(own.fitted(parts), covariance, places, *_left(fitted, parts))
+
+
+def _left(fitted: FittedModel[CauseT], parts: Array) -> tuple[float, float]:
+    """Return the sum of squares that an effect leaves, and its degrees of freedom, from the parts (r,) of the residual
+    along its directions."""
+    total, freedom = total_of(fitted)
+    return max(total - float(parts @ parts), _LEAST_LEFT * total), freedom
 
 
 def log_evidence_of(
