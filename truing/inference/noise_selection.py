@@ -57,8 +57,10 @@ class NoiseSelection(Generic[CauseT]):
     ) -> tuple[ScatterCandidate[CauseT], float] | None:
         """Return the cause that makes inputs scatter, and its p-value, if it is far more probable than a cause with a
         mean effect."""
-        found, rest = self.scatter(first.fitted, kinds), residuals_of_inputs(first.fitted).standardised
-        return found if found is not None and self._outdoes_causes(rest, found[0].own, first) else None
+        if (found := self.scatter(first.fitted, kinds)) is None:
+            return None
+        rest = residuals_of_inputs(first.fitted).standardised(found[0].own)
+        return found if self._outdoes_causes(rest, found[0].own, first) else None
 
     def scatter(
         self, final: FittedModel[CauseT], kinds: Sequence[CauseT]
@@ -82,7 +84,7 @@ class NoiseSelection(Generic[CauseT]):
     def doubt_of_inputs(self, fitted: FittedModel[CauseT], own: Mask, kinds: Sequence[CauseT]) -> str:
         """Return the reason to doubt that inputs ``own`` (B, H) scatter; empty where there is none."""
         tried = self.fitter.scatter_count(fitted, kinds, of_inputs=True)
-        return self._doubt(residuals_of_inputs(fitted).standardised, own, fitted, tried)
+        return self._doubt(residuals_of_inputs(fitted).standardised(own), own, fitted, tried)
 
     def _doubt(self, rest: Array, own: Mask, fitted: FittedModel[CauseT], tried: int) -> str:
         """Return the reason to doubt that errors (B, K, d) in places ``own`` (B, K), one of those ``tried``, scatter;

@@ -7,17 +7,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Generic
 
 import numpy as np
 
-from truing.inference.arrays import Array, Mask
+from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.linear_problem import Whitened
 from truing.inference.model import CauseT, ScatterCandidate
 from truing.inference.noise import Driver, noise_dependence, variance_gain
 
-# Least redundancy of an input, relative to the largest one.
+# Least share of an input's redundancy that the inputs before must leave.
 _LEAST_REDUNDANCY = 0.01
 # Relative change below which a variance has converged.
 SETTLED = 0.01
@@ -51,17 +51,34 @@ class InputResiduals:
 
     rest: Array
     redundancy: Array
+    _known: dict[bytes, Array] = field(default_factory=dict, repr=False)  # standardised, by the inputs that come first
 
-    @property
-    def standardised(self) -> Array:
-        """Residuals (B, H, 1) of unit variance, uncorrelated within an epoch; NaN where the redundancy is too small."""
-        amount, axes = np.linalg.eigh(self.redundancy)
-        least = max(_LEAST_REDUNDANCY * float(amount.max(initial=0.0)), _TINY)
-        enough = amount > least
-        root = np.where(enough, 1.0 / np.sqrt(np.maximum(amount, least)), 0.0)
-        unit = np.einsum("bik,bk,bjk,bj->bi", axes, root, axes, self.rest)
-        share = np.einsum("bik,bk,bik->bi", axes, enough, axes)
-        return np.where(share > 0.5, unit / np.sqrt(np.maximum(share, 0.5)), np.nan)[..., None]
+    def standardised(self, own: Mask) -> Array:
+        """Return residuals (B, H, 1) of unit variance, uncorrelated within an epoch, those of inputs ``own`` (B, H)
+        first: these keep all that shows of their scatter.
+
+        NaN where the inputs before leave nothing of an input. Shared alike, the scatter of one input would appear in
+        all that move the observations alike.
+        """
+        first = own.any(0)
+        if first.tobytes() not in self._known:
+            self._known[first.tobytes()] = self._after(np.argsort(~first, kind="stable"))
+        return self._known[first.tobytes()]
+
+    def _after(self, order: Integers) -> Array:
+        """Return the residuals (B, H, 1), each without what those before it in the order (H,) predict of it."""
+        rest, left = self.rest[:, order], self.redundancy[:, order][:, :, order]
+        least = _LEAST_REDUNDANCY * np.diagonal(left, axis1=1, axis2=2) + _TINY
+        found = np.full(rest.shape, np.nan)
+        for place in range(len(order)):
+            pivot = left[:, place, place]
+            enough = pivot > least[:, place]
+            pivot = np.where(enough, pivot, np.inf)
+            found[enough, order[place]] = (rest[:, place] / np.sqrt(pivot))[enough]
+            column = left[:, :, place] / pivot[:, None]
+            rest = rest - column * rest[:, place, None]
+            left = left - column[:, :, None] * left[:, place, None, :]
+        return found[..., None]
 
     def factor(self, own: Mask) -> tuple[float, float]:
         """Return the scatter of inputs ``own`` (B, H) over their prior sigmas, and its relative standard deviation."""
@@ -113,10 +130,13 @@ def scattering(
     The p-value comes from the logarithms of squares, which a few large ones do not dominate. The candidate is chosen by
     the likelihood of a separate variance for its inputs.
     """
-    found = noise_dependence(residuals.standardised, drivers_of(candidates), level)
-    if found is None:
-        return None
-    return likeliest_scatter(residuals, candidates), found.p_value
+    p_value = 1.0
+    for inputs in {one.own.any(0).tobytes() for one in candidates}:
+        alike = [one for one in candidates if one.own.any(0).tobytes() == inputs]
+        share = len(alike) / len(candidates)
+        found = noise_dependence(residuals.standardised(alike[0].own), drivers_of(alike), level * share)
+        p_value = min(p_value, 1.0 if found is None else found.p_value / share)
+    return (likeliest_scatter(residuals, candidates), p_value) if p_value <= level else None
 
 
 def likeliest_scatter(
@@ -124,8 +144,11 @@ def likeliest_scatter(
 ) -> ScatterCandidate[CauseT]:
     """Return the candidate with the largest likelihood of a separate variance; the fit widened prior sigmas by factors
     (B, H)."""
-    square = (residuals.standardised[..., 0] * factor) ** 2
-    return candidates[int(np.argmax([variance_gain(square, candidate.own) for candidate in candidates]))]
+    gains = []
+    for candidate in candidates:
+        square = (residuals.standardised(candidate.own)[..., 0] * factor) ** 2
+        gains.append(variance_gain(square, candidate.own))
+    return candidates[int(np.argmax(gains))]
 
 
 def overlapping_candidates(
