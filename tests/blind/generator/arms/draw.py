@@ -24,6 +24,7 @@ BOUNDS = {  # sizes beyond them belong to no machine: 1/K, 1, rad/(N m), 1/(N mÂ
     "link-growth": 2e-4,
     "joint-gain": 0.02,
     "joint-compliance": 3e-4,
+    "joint-sag": 3e-4,
     "link-bending": 1e-3,
     "joint-offset": 0.05,
 }
