@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import log
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,12 +15,16 @@ from truing.inference.verdicts import FOUND, SUSPECTED, Reason
 
 @dataclass(frozen=True)
 class _Error:
-    """An error of predictions of which only the size is known."""
+    """An error of predictions of which only the size and the number of observations are known."""
 
     size: float
+    count: int = 300
 
     def growth_over(self, other: _Error) -> float:
         return self.size / other.size
+
+    def log_odds_over(self, other: _Error) -> float:
+        return -self.count * log(self.size / other.size)
 
 
 @dataclass(frozen=True)
@@ -37,8 +42,10 @@ class _Verdict:
     floor: Any = None
 
 
-def _verdict(name: str, after: float = 1.0, held: float | None = None, gain: float | None = None) -> _Verdict:
-    held_out = (None, None) if held is None else (_Error(2.0), _Error(held))
+def _verdict(
+    name: str, after: float = 1.0, held: float | None = None, gain: float | None = None, count: int = 300
+) -> _Verdict:
+    held_out = (None, None) if held is None else (_Error(2.0), _Error(held, count))
     block_gain = None if gain is None else SimpleNamespace(log_gain=gain)
     return _Verdict(SimpleNamespace(key=name), _Error(after), held_out, block_gain=block_gain)
 
@@ -51,6 +58,8 @@ def _verdict(name: str, after: float = 1.0, held: float | None = None, gain: flo
         (_verdict("in held-out epochs alone", after=2.1, held=1.5), None),
         (_verdict("held out alike", held=2.03), None),
         (_verdict("held out worse", held=2.05), Reason.HELD_OUT),
+        (_verdict("in few observations by chance", held=2.05, count=30), None),
+        (_verdict("in few observations beyond chance", held=2.3, count=30), Reason.HELD_OUT),
         (_verdict("less probable elsewhere", gain=-3.1), Reason.ELSEWHERE),
         (_verdict("undecided elsewhere", gain=-2.9), None),
     ],

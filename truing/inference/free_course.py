@@ -97,7 +97,7 @@ def course_rival(
     or too many values.
 
     ``without`` is the final model without the cause; all parameters after the first ``size`` are the cause's shape;
-    ``choice`` is the prior probability of its shape among all that it may have on its subject.
+    ``choice`` is the evidence averaged over all shapes that it may have on its subject, relative to that of its own.
     """
     patterns, left = _patterns_of(final, cause, size)
     if not patterns:

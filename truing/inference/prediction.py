@@ -87,6 +87,12 @@ class PredictionError(Generic[CauseT]):
         own, before = (float(np.sum((weights @ error.gap[..., None]) ** 2)) for error in (self, other))
         return float(np.sqrt(own / before)) if before > 0.0 else 1.0
 
+    def log_odds_over(self, other: PredictionError[CauseT]) -> float:
+        """Return the log likelihood ratio of this error to another one, over observations seen by both, each with a
+        noise of its own."""
+        count = self.measured.size * int(np.sum(self.seen & other.seen))
+        return -count * float(np.log(max(self.growth_over(other), 1e-300)))
+
     @property
     def squares(self) -> Array:
         """Whitened sum of squares of each epoch (B,)."""

@@ -161,9 +161,12 @@ class Round(Generic[CauseT]):
         return probabilities({kind: self.posterior(candidate) for kind, candidate in self.best.items()})
 
     def choice(self, candidate: CauseCandidate[CauseT]) -> float:
-        """Return the prior probability of a candidate among those of its kind on the same subject."""
-        alike = (c for c in self.candidates if c.kind == candidate.kind and c.cause.subject == candidate.cause.subject)
-        return min(1.0, candidate.prior / max(sum(c.prior for c in alike), 1e-300))
+        """Return the evidence averaged over the candidates of a kind on the same subject, relative to that of one of
+        them; at most 1."""
+        alike = [c for c in self.candidates if c.kind == candidate.kind and c.cause.subject == candidate.cause.subject]
+        whole = float(np.logaddexp.reduce([self.posterior(c) for c in alike]))
+        prior = float(np.log(max(sum(c.prior for c in alike), 1e-300)))
+        return float(np.exp(min(0.0, whole - prior - self.scores[candidate.key].log_evidence)))
 
     def scale_holds(self, candidate: CauseCandidate[CauseT], rivals: Sequence[CauseCandidate[CauseT]]) -> bool:
         """Return True if a candidate stays the most probable when plausible scales are tripled."""

@@ -123,7 +123,7 @@ class _Accepted(Generic[CauseT]):
     before: FittedModel[CauseT]  # the model without it
     after: FittedModel[CauseT]
     is_outdone: bool  # a nonparametric effect was more probable, but was refused
-    choice: float  # prior probability of its shape among those of its kind on its subject
+    choice: float  # evidence averaged over its shapes on its subject, relative to its own
     probability: float  # of its kind among all that explain the same
 
     @property
@@ -597,10 +597,13 @@ def _contradiction(verdict: Verdict[CauseT]) -> Reason | None:
 
 def _unpaid(verdict: Verdict[CauseT]) -> Reason | None:
     """Return the reason why a found cause does not pay, None where it does: predictions do not improve (``UNPAID``), or
-    held-out epochs are predicted worse (``HELD_OUT``)."""
+    held-out epochs are predicted worse (``HELD_OUT``), and not by chance."""
     before, after = verdict.held_out
-    held_out = 1.0 if before is None or after is None else after.growth_over(before)
+    held_out, is_chance = 1.0, True
+    if before is not None and after is not None:
+        held_out = after.growth_over(before)
+        is_chance = after.log_odds_over(before) > -np.log(RIVAL_FACTOR)
     pays = verdict.signal_to_noise > 0.0 and verdict.after.growth_over(verdict.before) <= _NO_MORE
     if not pays and held_out > 1.0 / _NO_WORSE:  # an effect in held-out epochs alone lowers only their errors
         return Reason.UNPAID
-    return Reason.HELD_OUT if held_out > _NO_WORSE else None
+    return Reason.HELD_OUT if held_out > _NO_WORSE and not is_chance else None
