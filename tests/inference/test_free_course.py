@@ -32,7 +32,7 @@ def _fitted(rng: np.random.Generator, moved: NDArray, design: NDArray, values: N
         noise=components(whitened, 3 * POINTS, READINGS),
         model=SimpleNamespace(part_count=DRIVES, error_groups=None),
         measured=SimpleNamespace(values=np.zeros((POSES, 1))),
-        scene=SimpleNamespace(covariates={"order": TIME, "time": TIME}, inputs=inputs),
+        scene=SimpleNamespace(covariates={"order": TIME, "time": TIME}, inputs=inputs, histories={}),
         design_matrix=lambda _: {"drive": design},
         values=lambda _: (values, np.eye(len(values))),
     )

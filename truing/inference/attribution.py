@@ -88,8 +88,7 @@ def attributed(models: Sequence[FittedModel[CauseT]], level: float, level_of_cou
     of the first model's residuals.
     """
     first = models[0]
-    order, groups = first.scene.covariates.get(_ORDER), first.model.error_groups
-    columns = _columns(first, groups)
+    columns = _columns(first, first.model.error_groups)
     tried = [one for own in models for one in _residuals(own, first) if one.epochs.sum() >= _FEWEST_EPOCHS]
     known: dict[bytes, _Spectra] = {}  # of the last epochs alone: all spectra of a long campaign take much memory
     found: list[Attributed] = []
@@ -98,7 +97,7 @@ def attributed(models: Sequence[FittedModel[CauseT]], level: float, level_of_cou
         if (key := at.tobytes()) not in known:
             own = {name: values[at] for name, values in columns.items() if np.ptp(values[at]) > 0.0}
             known.clear()
-            known[key] = _Spectra(own, _InTime(_at_epochs(order, at), _at_epochs(groups, at)))
+            known[key] = _Spectra(own, _in_time(first, at))
         tests, least = (1, level_of_course) if one.is_course else (len(tried), level / len(tried))
         for inputs, share, p_value in _sets_of_inputs(one.rows, known[key], least):
             if one.share * share < _LEAST_SHARE:
@@ -113,9 +112,9 @@ def random_courses(fitted: FittedModel[CauseT]) -> dict[tuple[str, ...], list[Ar
     They are smooth in an input, with its history or without, or linear in all inputs. Courses that follow no input
     walk in the order of the epochs, or have no order.
     """
-    order, groups = fitted.scene.covariates.get(_ORDER), fitted.model.error_groups
+    groups = fitted.model.error_groups
     columns, whole = _columns(fitted, groups), np.ones(len(fitted.measured.values), bool)
-    spectra = _Spectra(columns, _InTime(_at_epochs(order, whole), _at_epochs(groups, whole)))
+    spectra = _Spectra(columns, _in_time(fitted, whole))
     found: dict[tuple[str, ...], list[Array]] = {(name,): list(spectra.functions((name,))) for name in columns}
     asked = [own[:, None] for own in map(_numbers, fitted.scene.inputs.values()) if own is not None]
     inputs = tuple(name for name, own in columns.items() if any(_is_copy(own[:, None], one, None) for one in asked))
@@ -123,6 +122,7 @@ def random_courses(fitted: FittedModel[CauseT]) -> dict[tuple[str, ...], list[Ar
         together = np.column_stack([columns[name] for name in inputs])
         found[inputs] = [_standard(together), *([] if (levels := _levels(together)) is None else [levels])]
     if len(whole) <= _MOST_FREE:
+        order = spectra.in_time.order
         walk = [] if order is None else [np.tri(len(whole))[np.argsort(np.argsort(order))]]
         found[()] = [*walk, np.eye(len(whole))]
     return {name: [_of_unit_variance(own) for own in several] for name, several in found.items()}
@@ -151,10 +151,17 @@ def p_value_of_dependence(rest: Array, own: Mask, fitted: FittedModel[CauseT]) -
     columns = {name: values[at] for name, values in _columns(fitted, groups).items() if np.ptp(values[at]) > 0.0}
     if not columns or not rows.any():
         return 1.0
-    in_time = _InTime(_at_epochs(fitted.scene.covariates.get(_ORDER), at), _at_epochs(groups, at))
     whole = _clipped(_condensed(_centred(rows)))
-    odds = _odds_of_sets(whole, _Spectra(columns, in_time))
+    odds = _odds_of_sets(whole, _Spectra(columns, _in_time(fitted, at)))
     return float(min(1.0, np.exp(-np.logaddexp.reduce(list(odds.values())))))
+
+
+def _in_time(fitted: FittedModel[CauseT], at: Mask) -> _InTime:
+    """Return the order, the groups and the known histories of the epochs ``at`` (B,)."""
+    scene = fitted.scene
+    order = _at_epochs(scene.covariates.get(_ORDER), at)
+    known = [(np.asarray(scene.inputs[name], float)[at], own[at]) for name, own in scene.histories.items()]
+    return _InTime(order, _at_epochs(fitted.model.error_groups, at), tuple(known))
 
 
 def _at_epochs(values: Array | Integers | None, at: Mask) -> Array | None:
@@ -278,10 +285,14 @@ def _fields(places: Array) -> Array:
 
 @dataclass(frozen=True)
 class _InTime:
-    """Order in time (n,) of the epochs and the groups (n,) within which they follow each other; None where unknown."""
+    """Order in time (n,) of the epochs and the groups (n,) within which they follow each other; None where unknown.
+
+    ``known``: inputs (n,) whose history (n, m) is known, with it. Epochs that are left out are part of it.
+    """
 
     order: Array | None
     groups: Array | None
+    known: tuple[tuple[Array, Array], ...] = ()
 
     @property
     def _sorted(self) -> tuple[Integers, Integers]:
@@ -294,6 +305,9 @@ class _InTime:
     def history(self, values: Array) -> Array | None:
         """Return the history of an input (n,): its lead over play operators of several widths, and its previous value
         (n, 4). None where no order is known."""
+        for reading, past in self.known:
+            if np.ptp(reading) > 0.0 and _is_copy(values[:, None], reading[:, None], None):
+                return past
         if self.order is None:
             return None
         x, (in_time, groups) = _standard(values[:, None])[:, 0], self._sorted

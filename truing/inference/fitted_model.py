@@ -419,8 +419,7 @@ class Fitter(Generic[CauseT]):
         for _ in range(_MOST_SCALINGS):
             self._declared = self._declared.with_input_factor(factor)
             self.model = self._declared.rescaled(*self._ratios)
-            if self.calibration.measured.size == 1:  # a number alone looks wrong while its input is trusted too much
-                self._restore_screened()
+            self._restore_screened()  # an epoch looks wrong while its inputs are trusted too much
             fitted = self.converged(fitted.causes, fitted)
             square = self._mean_square(factor, own)
             if abs(square / max(before, 1e-300) - 1.0) < SETTLED:

@@ -16,7 +16,7 @@ _FREEDOMS = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 15.0, 1e3)  # the last is a normal di
 _STEPS = 30
 _FEWEST_REPEATS = 4
 # Log likelihood ratios: a place must be needed by the first, and tails there must not exceed the second.
-_NEEDED, _HEAVY = float(np.log(20.0)), 5.0
+_NEEDED, HEAVY = float(np.log(20.0)), 5.0
 
 
 def is_of_place(rest: Array, own: Mask, tried: int) -> bool:
@@ -38,7 +38,7 @@ def is_of_place(rest: Array, own: Mask, tried: int) -> bool:
         during = np.asarray(inside.any(1))
         needed.append(log_odds_of_place(whole, size, during))
         tails.append(log_odds_of_tails(whole[during], size))
-    return min(needed) > _NEEDED + math.log(max(tried, 1)) and max(tails) < _HEAVY
+    return min(needed) > _NEEDED + math.log(max(tried, 1)) and max(tails) < HEAVY
 
 
 def p_value_of_repeats(rest: Array, own: Mask, repeats: Integers) -> float:

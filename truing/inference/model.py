@@ -141,6 +141,10 @@ class SceneLike(Protocol[CauseT]):
         """Columns (B,) of the commanded values of every epoch, by name."""
 
     @property
+    def histories(self) -> Mapping[str, Array]:
+        """History (B, m) of some inputs, by name, in which epochs that the fit leaves out count too."""
+
+    @property
     def shape(self) -> Array:
         """Places (K, 0 to 3) of the channels on their groups, m."""
 

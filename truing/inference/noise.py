@@ -362,6 +362,13 @@ def variance_gain(square: Array, own: Mask) -> float:
     return float(sum(sign * len(part) / 2.0 * math.log(max(part.mean(), 1e-12)) for part, sign in parts))
 
 
+def scale_gain(square: Array, own: Mask) -> float:
+    """Return the gain in log likelihood of squares (B, H) of unit variance by a larger variance of ``own`` (B, H)."""
+    inside = square[np.isfinite(square) & own]
+    ratio = max(float(inside.mean()), 1.0) if len(inside) else 1.0
+    return len(inside) / 2.0 * (ratio - 1.0 - math.log(ratio))
+
+
 def _gain(score: tuple[float, float], driver: Driver) -> float:
     """Return the gain in log likelihood by a slope, less the lead that a cause must have."""
     strength = _strength(score, driver)

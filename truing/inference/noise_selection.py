@@ -15,9 +15,9 @@ from truing.inference.arrays import Array, Mask
 from truing.inference.attribution import p_value_of_dependence
 from truing.inference.choice import is_real
 from truing.inference.fitted_model import FittedModel, Fitter, residuals_of_inputs
-from truing.inference.heavy_tails import is_of_place, p_value_of_repeats
+from truing.inference.heavy_tails import HEAVY, is_of_place, log_odds_of_tails, p_value_of_repeats
 from truing.inference.model import CauseT, ScatterCandidate
-from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level, variance_gain
+from truing.inference.noise import NoiseDependence, NoiseLevel, noise_level, scale_gain, variance_gain
 from truing.inference.rounds import Round
 from truing.inference.verdicts import Reason
 
@@ -48,7 +48,9 @@ class NoiseSelection(Generic[CauseT]):
         found = self.fitter.noise_dependence(first.fitted, kinds, self.dependence_level)
         if found is None or found.driver.cause is None:
             return []
-        if not self._outdoes_causes(self.fitter.known_residuals(first.fitted), found.driver.values > 0.5, first):
+        rest, own = self.fitter.known_residuals(first.fitted), found.driver.values > 0.5
+        gain = rest.shape[-1] * variance_gain(np.mean(rest**2, -1), own)
+        if not self._outdoes_causes(rest, own, first, gain):
             return []
         return [self._weighted(first.fitted, found, kinds)]
 
@@ -59,8 +61,10 @@ class NoiseSelection(Generic[CauseT]):
         mean effect."""
         if (found := self.scatter(first.fitted, kinds)) is None:
             return None
-        rest = residuals_of_inputs(first.fitted).standardised(found[0].own)
-        return found if self._outdoes_causes(rest, found[0].own, first) else None
+        own, rest = found[0].own, residuals_of_inputs(first.fitted).standardised(found[0].own)
+        # Next to the noise that serves the evidence of causes: it may be too large, as the effect is part of it.
+        gain = scale_gain(rest[..., 0] ** 2, own)
+        return found if self._outdoes_causes(rest, own, first, gain) else None
 
     def scatter(
         self, final: FittedModel[CauseT], kinds: Sequence[CauseT]
@@ -78,25 +82,38 @@ class NoiseSelection(Generic[CauseT]):
         if found.driver.cause is not None:
             is_noise = is_unordered(rest, own, fitted, _SURELY_NOISE)
             tried = self.fitter.scatter_count(fitted, kinds, of_inputs=False)
-            doubt = self._doubt(rest, own, fitted, tried) if is_noise else Reason.UNNAMED
+            doubt = self._doubt(rest, own, fitted, tried, self.dependence_level) if is_noise else Reason.UNNAMED
         return replace(self.fitter.with_noise_dependence(fitted, found), doubt=doubt)
 
     def doubt_of_inputs(self, fitted: FittedModel[CauseT], own: Mask, kinds: Sequence[CauseT]) -> str:
-        """Return the reason to doubt that inputs ``own`` (B, H) scatter; empty where there is none."""
-        tried = self.fitter.scatter_count(fitted, kinds, of_inputs=True)
-        return self._doubt(residuals_of_inputs(fitted).standardised(own), own, fitted, tried)
+        """Return the reason to doubt that inputs ``own`` (B, H) scatter; empty where there is none.
 
-    def _doubt(self, rest: Array, own: Mask, fitted: FittedModel[CauseT], tried: int) -> str:
+        Scatter is as uncorrelated as noise, and more probable than a dependence on any input.
+        """
+        tried = self.fitter.scatter_count(fitted, kinds, of_inputs=True)
+        rest = residuals_of_inputs(fitted).standardised(own)
+        is_noise = is_unordered(rest, own, fitted, _SURELY_NOISE)
+        return self._doubt(rest, own, fitted, tried, 1.0) if is_noise else Reason.NOT_RANDOM
+
+    @staticmethod
+    def doubt_of_tails(fitted: FittedModel[CauseT], own: Mask) -> str:
+        """Return the reason to doubt that inputs ``own`` (B, H), whose prior is as wide as they scatter, do so in all
+        epochs: a few large errors may have looked like gross errors before; empty where there is none."""
+        rest = residuals_of_inputs(fitted).standardised(own)
+        return "" if log_odds_of_tails(rest[..., 0][own] ** 2, 1) < HEAVY else Reason.NOT_RANDOM
+
+    def _doubt(self, rest: Array, own: Mask, fitted: FittedModel[CauseT], tried: int, least: float) -> str:
         """Return the reason to doubt that errors (B, K, d) in places ``own`` (B, K), one of those ``tried``, scatter;
         empty where there is none.
 
-        Scatter is normal, larger than elsewhere next to heavy tails, different at repeats, and of no input.
+        Scatter is normal, larger than elsewhere next to heavy tails, different at repeats, and of no input: the p-value
+        of a dependence is at least ``least``.
         """
         repeats = self.fitter.repeats
         is_random = (
             is_of_place(rest, own, tried)
             and (repeats is None or p_value_of_repeats(rest, own, repeats) > _ORDERED)
-            and p_value_of_dependence(rest, own, fitted) > self.dependence_level
+            and p_value_of_dependence(rest, own, fitted) >= least
         )
         return "" if is_random else Reason.NOT_RANDOM
 
@@ -114,11 +131,10 @@ class NoiseSelection(Generic[CauseT]):
                 final = self.fitter.converged(final.causes, final)
         return found
 
-    def _outdoes_causes(self, rest: Array, own: Mask, first: Round[CauseT]) -> bool:
-        """Return True if extra scatter of residuals (B, K, d) in places ``own`` (B, K) is far more probable than the
-        best cause. The residuals there must also be uncorrelated. Causes that were accepted first would each absorb
-        some of the scatter, and the data would seem to hold several of them."""
-        gain = rest.shape[-1] * variance_gain(np.mean(rest**2, -1), own)
+    def _outdoes_causes(self, rest: Array, own: Mask, first: Round[CauseT], gain: float) -> bool:
+        """Return True if extra scatter of residuals (B, K, d) in places ``own`` (B, K), with a ``gain`` in log
+        likelihood, is far more probable than the best cause. The residuals there must also be uncorrelated. Causes that
+        were accepted first would each absorb some of the scatter, and the data would seem to hold several of them."""
         real = (c for c in first.best.values() if is_real(first, c, self.level))
         if gain <= max((first.posterior(c) for c in real), default=0.0) + _UNSTRUCTURED:
             return False

@@ -399,11 +399,18 @@ class CauseSelection(Generic[CauseT]):
         else:
             searched = self._searched(kinds, rounds)
         while searched.end.is_complete and len(scatters) < _MOST_SCATTERS:
-            if (more := self._noise.scatter(searched.final, kinds)) is None:
+            more = self._noise.scatter(searched.final, kinds)
+            if more is None or self._leaves_remainder(searched, more[0].cause.subject):
                 break
             searched, scatter = self._with_input_scatter(*more, searched.plain, kinds)
             scatters.append(scatter)
         return searched, scatters
+
+    @staticmethod
+    def _leaves_remainder(searched: _Searched[CauseT], subject: str) -> bool:
+        """Return True if a nonparametric effect of a subject was accepted: it is rough, and what it leaves passes for
+        scatter."""
+        return any(not step.cause.catalogued and step.cause.subject == subject for step in searched.kept)
 
     def _with_input_scatter(
         self, candidate: ScatterCandidate[CauseT], p_value: float, plain: FittedModel[CauseT], kinds: Sequence[CauseT]
@@ -415,6 +422,7 @@ class CauseSelection(Generic[CauseT]):
         candidate = self._fitter.widen(plain, candidate, kinds)
         searched = self._searched(kinds)
         found = self._fitter.input_scatter(searched.final, candidate, p_value)
+        doubt = doubt or self._noise.doubt_of_tails(searched.final, candidate.own)
         return searched, replace(found, doubt=doubt)
 
     def _first_round(self, kinds: Sequence[CauseT]) -> list[Round[CauseT]]:

@@ -74,6 +74,11 @@ class Scene(Generic[CauseT]):
         """Commanded inputs (B,) by column name; empty if nothing was commanded."""
         return {}
 
+    @property
+    def histories(self) -> Mapping[str, NDArray]:
+        """History (B, m) of inputs by name, from all rows of the campaign; empty where only these rows are known."""
+        return {}
+
     def with_seen(self, seen: NDArray) -> Self:
         """Return the scene with the mask ``seen`` (B, K) of existing observations."""
         return replace(self, seen=seen)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.inference.model import ChannelCandidates, ScatterCandidate
 from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
-from truing.simulation.inputs import ORDER, TIME, Missing
+from truing.simulation.inputs import LAST_STEP, MEMORY, ORDER, TIME, Missing
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
 
 _ANGLE, _LENGTH = 5e-4, 3e-4  # plausible errors of a joint, rad and m
@@ -47,6 +47,15 @@ class ChainScene(Scene["ChainCause"]):
         """Readings (B,) of the joints by name."""
         machine = self.inputs_of_machine
         return dict(zip(machine.tree.readings, machine.readings.T, strict=True))
+
+    @property
+    def histories(self) -> Mapping[str, NDArray]:
+        """States of stop operators and the reading before the last movement (B, 4), of each joint by name."""
+        machine, known = self.inputs_of_machine, self.covariates
+        if MEMORY not in known or LAST_STEP not in known:
+            return {}
+        past = np.concatenate([known[MEMORY], (machine.readings - known[LAST_STEP])[..., None]], axis=-1)
+        return dict(zip(machine.tree.readings, past.swapaxes(0, 1), strict=True))
 
     @property
     def shape(self) -> NDArray:
