@@ -103,6 +103,11 @@ class Judged:
         return tuple(row for row in self.told if row.verdict == "found")
 
     @property
+    def detected(self) -> bool:
+        """Whether something is found, or an effect of which only the name is open among others."""
+        return bool(self.found) or any(_is_open(row) for row in self.record["findings"])
+
+    @property
     def missed(self) -> set[str]:
         """Causes that were hidden and not named, nor called indistinguishable from what was."""
         return {effect.cause for effect in self.hidden} - {row.cause for row in self.told}
@@ -188,8 +193,11 @@ class Judged:
 
 
 def _verdict(row: Record) -> str:
-    is_open = row["verdict"] == SUSPECTED and row.get("reason_code") == ALTERNATIVE
-    return "indistinguishable" if is_open else str(row["verdict"])
+    return "indistinguishable" if _is_open(row) else str(row["verdict"])
+
+
+def _is_open(row: Record) -> bool:
+    return row["verdict"] == SUSPECTED and row.get("reason_code") == ALTERNATIVE
 
 
 def _finding(row: Record, legs: int) -> Finding:

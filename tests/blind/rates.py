@@ -77,8 +77,8 @@ def told(campaign: Judged) -> str:
 
 
 def alarms(campaigns: Sequence[Judged]) -> Count:
-    """Campaigns with nothing hidden in which something is found."""
-    return _count([one for one in campaigns if not one.hidden], lambda one: bool(one.found), told)
+    """Campaigns with nothing hidden in which something is found, or an effect whose name is open."""
+    return _count([one for one in campaigns if not one.hidden], lambda one: one.detected, told)
 
 
 def invented(campaigns: Sequence[Judged]) -> Count:
@@ -88,8 +88,8 @@ def invented(campaigns: Sequence[Judged]) -> Count:
 
 
 def detected(campaigns: Sequence[Judged]) -> Count:
-    """Campaigns with one effect in which anything is found."""
-    return _count(_of_one(campaigns), lambda one: bool(one.found), told)
+    """Campaigns with one effect in which anything is found, or an effect whose name is open."""
+    return _count(_of_one(campaigns), lambda one: one.detected, told)
 
 
 def named(campaigns: Sequence[Judged]) -> Count:

@@ -104,6 +104,14 @@ def test_runs_do_not_remember_what_came_before_them() -> None:
         np.testing.assert_allclose(history[3 * run : 3 * run + 3], history[:3])
 
 
+def test_a_known_history_comes_before_that_of_the_epochs_at_hand() -> None:
+    """Of an input in another unit too; another one has that of these epochs."""
+    values, past = np.linspace(0.0, 1.0, 12) ** 2, np.ones((12, 4))
+    in_time = _InTime(np.arange(12.0), None, ((values, past),))
+    assert in_time.history(np.rad2deg(values)) is past
+    assert in_time.history(values**2) is not past
+
+
 def test_a_copy_of_a_column_is_no_input_of_its_own() -> None:
     """Neither the same time within runs, nor an angle in degrees beside radians."""
     time, groups = np.arange(12.0)[:, None], np.repeat([0, 1], 6)

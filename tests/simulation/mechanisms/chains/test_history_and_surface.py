@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.polynomial import chebyshev
 
@@ -71,3 +73,15 @@ def test_the_place_of_a_joint_and_its_history_have_a_fifth_of_its_prior_each() -
         weight["history" if candidate.form == HISTORY else own] += candidate.prior(model.scene)
     for own in ("history", "place"):
         assert 0.15 < weight[own] / sum(weight.values()) < 0.3
+
+
+def test_the_history_of_poses_that_are_left_out_counts() -> None:
+    """The state of friction, and the reading before the last movement, of some poses of a campaign."""
+    model = campaign(np.random.default_rng(2), 60)
+    conditions = model.machine.conditions
+    kept = np.arange(60) % 4 > 0
+    part = replace(model.scene, inputs_of_machine=replace(model.machine, conditions=conditions.subset(kept)))
+    for k, (name, past) in enumerate(part.histories.items()):
+        assert_close(past[:, :3], conditions.covariates[MEMORY][kept, k], atol=0.0, what="stops")
+        before = np.roll(model.scene.inputs[name], 1)
+        assert_close(past[1:, 3], before[kept][1:], atol=1e-9, what="reading before")
