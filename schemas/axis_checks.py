@@ -45,6 +45,12 @@ OF_AXES: Checks = {
         "Declare the encoder's and the command's real noise in [noise]. Larger scatter is tested by adequacy, with the "
         "final model.",
     ),
+    "axis-encoders": QualityCheck(
+        "Does the outside instrument agree with the load encoder, and the encoder of the loop with the command?",
+        "Exchanged columns of motor and load, or a wrong loop, would appear as errors of the instrument.",
+        VerdictRule("the instrument agrees with the motor, and the other encoder follows the command, significantly"),
+        "Exchange the columns in [mechanism], or correct loop.",
+    ),
     "axis-approach": QualityCheck(
         "Were rows approached from both sides?",
         "Lost motion appears only between two directions of approach.",

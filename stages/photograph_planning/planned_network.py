@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 _FILE = "campaign.toml"
 _XYZ = ("x_mm", "y_mm", "z_mm")
 _WHENCE = (
-    "a camera: [[cameras]] in campaign.toml, the run of earlier photographs (--run), or photographs with EXIF data"
+    "a camera: [[cameras]] in campaign.toml, the run of earlier photographs (--run), or photographs with EXIF data; "
+    "for poses of a machine use truing design"
 )
 _NORMAL = ("normal_x", "normal_y", "normal_z")
 _NOMINAL = ("base", "platform")  # the bodies whose nominal places a mechanism tells

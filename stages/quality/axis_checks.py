@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
-from scipy.special import chdtr
+from scipy.special import chdtr, stdtr
 
 from truing.arrays import Array
 from truing.belonging.axis_rows import RowSlipKind, slip_of_rows
 from truing.report.numbers import count, listed
+from truing.simulation.axis.rows import ENCODERS, LOAD, MEASURED, MOTOR
 from truing.stages.common.axis_columns import AxisColumns, columns_of, command_sigma, encoder_sigma
 from truing.stages.common.point_arrays import number_column
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, CheckResults, not_evaluated
@@ -36,7 +37,7 @@ _OF_SLIP = 0.01  # how near a ratio lies to that of a slip
 _ODD, _WRONG = 0.1, 2.0
 _SIGNS = (("", 1.0), (" with the opposite sign", -1.0))
 _FEW = 0.1  # share of the rows
-_FEWEST = 3
+_FEWEST, _FEWEST_ROWS = 3, 8
 # From here on, readings are so coarse that equal rows say nothing.
 _COARSE = 0.5
 # Pairs that show a scatter, the factor of a declared noise that is too large, and its level; digits of deviations.
@@ -69,6 +70,7 @@ def _checks(
     deviations = columns.deviations(table)
     for encoder, own in zip(columns.encoders, deviations.T, strict=True):
         yield noise_of_rows(encoder, rows.command, rows.direction, own, float(np.hypot(off, sigmas[encoder])))
+    yield encoders_in_place(columns, dict(zip(columns.encoders, deviations.T, strict=True)))
     yield _repeated(table, columns, np.array(rows.poses, object), limits)
     yield _approach(rows.direction, limits)
 
@@ -97,6 +99,45 @@ def noise_of_rows(encoder: str, command: Array, direction: Array, deviations: Ar
         ": the declared noise is too large, so that small effects may be missed. Correct [noise]" if is_small else ""
     )
     return Check("axis-noise", encoder, ratio, 1.0 / _TOO_LARGE, "1", WARN if is_small else PASS, f"{text}.")
+
+
+def encoders_in_place(columns: AxisColumns, deviations: Mapping[str, Array]) -> Check:
+    """Check that the outside instrument agrees with the load encoder, and that of the loop with the command.
+
+    ``deviations`` (N,) of each encoder from the command, rad or m. Where the instrument agrees with the motor and the
+    other encoder follows the command, both by Pitman's test of correlated variances (Biometrika 31 (1939) 9), the two
+    columns are exchanged, or the loop is another one and the load encoder errs.
+    """
+    name, unit = "axis-encoders", columns.reported_unit
+    if missing := [each for each in ENCODERS if each not in deviations]:
+        return not_evaluated("one is missing", name, "", f"no readings of {listed(missing)}")
+    known = np.isfinite(np.column_stack([deviations[each] for each in ENCODERS])).all(1)
+    if known.sum() < _FEWEST_ROWS:
+        return not_evaluated("too few rows", name, "", f"{count(int(known.sum()), 'row')} with all encoders")
+    motor, load, measured = (deviations[each][known] for each in ENCODERS)
+    of_loop, other = (motor, load) if columns.loop == MOTOR else (load, motor)
+    is_astray = max(_larger_variance(measured - load, measured - motor), _larger_variance(of_loop, other)) < _UNLIKELY
+    apart = [f"{np.std(measured - own) / unit[1]:.3g}" for own in (load, motor)]
+    named = {each: columns.encoders[each] for each in ENCODERS}
+    text = f"{named[MEASURED]} departs from {named[LOAD]} by {apart[0]} {unit[0]} and from {named[MOTOR]} by {apart[1]}"
+    if is_astray:
+        follows = named[LOAD if columns.loop == MOTOR else MOTOR]
+        actual = LOAD if columns.loop == MOTOR else MOTOR
+        text += (
+            f", and {follows} follows the command. Did you mean: columns {named[MOTOR]} and {named[LOAD]} exchanged? "
+        )
+        text += f'Or loop = "{actual}", if the load encoder errs'
+    ratio = float(np.std(measured - motor) / max(float(np.std(measured - load)), 1e-300))
+    return Check(name, "", ratio, 1.0, "1", WARN if is_astray else PASS, f"{text}.")
+
+
+def _larger_variance(first: Array, second: Array) -> float:
+    """Return the one-sided p-value of equal variances of correlated values (N,) if the first one's is larger."""
+    total, difference = first + second, first - second
+    total, difference = total - total.mean(), difference - difference.mean()
+    scale = float(np.sqrt(np.sum(total**2) * np.sum(difference**2)))
+    r = min(max(float(total @ difference) / scale, -1.0 + 1e-12), 1.0 - 1e-12) if scale > 0.0 else 0.0
+    return float(stdtr(len(first) - 2, -r * np.sqrt((len(first) - 2) / (1.0 - r**2))))
 
 
 def _unit(encoder: str, column: str, columns: AxisColumns, command: Array, reading: Array) -> Check:

@@ -394,31 +394,45 @@ class CauseSelection(Generic[CauseT]):
         first round; ``outright`` is a scatter that is accounted for before any cause is searched."""
         scatters: list[FoundScatter[CauseT]] = []
         if outright is not None:
-            searched, scatter = self._with_input_scatter(*outright, rounds[0].fitted, kinds)
+            first = rounds[0].fitted
+            doubt = self._noise.doubt_of_inputs(first, outright[0].own, kinds)
+            searched, scatter = self._with_input_scatter(*outright, first, kinds, doubt)
             scatters.append(scatter)
         else:
             searched = self._searched(kinds, rounds)
         while searched.end.is_complete and len(scatters) < _MOST_SCATTERS:
             more = self._noise.scatter(searched.final, kinds)
-            if more is None or self._leaves_remainder(searched, more[0].cause.subject):
+            if more is None:
                 break
-            searched, scatter = self._with_input_scatter(*more, searched.plain, kinds)
+            doubt = self._noise.doubt_of_inputs(self._named_alone(searched), more[0].own, kinds)
+            if doubt and self._holds_unnamed(searched, more[0].cause.subject):
+                break
+            searched, scatter = self._with_input_scatter(*more, searched.plain, kinds, doubt)
             scatters.append(scatter)
         return searched, scatters
 
+    def _named_alone(self, searched: _Searched[CauseT]) -> FittedModel[CauseT]:
+        """Return the fit with the accepted causes of the catalogue alone."""
+        named = [step.cause for step in searched.kept if step.cause.catalogued]
+        return self._fitter.comparable((*self._given, *named), searched.final) if named else searched.plain
+
     @staticmethod
-    def _leaves_remainder(searched: _Searched[CauseT], subject: str) -> bool:
-        """Return True if a nonparametric effect of a subject was accepted: it is rough, and what it leaves passes for
+    def _holds_unnamed(searched: _Searched[CauseT], subject: str) -> bool:
+        """Return True if a nonparametric effect of a subject was accepted: it is rough, and what it leaves may pass for
         scatter."""
         return any(not step.cause.catalogued and step.cause.subject == subject for step in searched.kept)
 
     def _with_input_scatter(
-        self, candidate: ScatterCandidate[CauseT], p_value: float, plain: FittedModel[CauseT], kinds: Sequence[CauseT]
+        self,
+        candidate: ScatterCandidate[CauseT],
+        p_value: float,
+        plain: FittedModel[CauseT],
+        kinds: Sequence[CauseT],
+        doubt: str,
     ) -> tuple[_Searched[CauseT], FoundScatter[CauseT]]:
-        """Return a new search with a wider prior for a candidate's inputs, and their scatter. All residuals of these
-        inputs in the plain model count as scatter, because causes found before may have absorbed some of it; a real
-        cause is found again."""
-        doubt = self._noise.doubt_of_inputs(plain, candidate.own, kinds)
+        """Return a new search with a wider prior for a candidate's inputs, and their scatter, with a ``doubt`` of it.
+        All residuals of these inputs in the plain model count as scatter, because causes found before may have absorbed
+        some of it; a real cause is found again."""
         candidate = self._fitter.widen(plain, candidate, kinds)
         searched = self._searched(kinds)
         found = self._fitter.input_scatter(searched.final, candidate, p_value)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 
 import numpy as np
@@ -12,8 +12,10 @@ TIME, ORDER, TEMPERATURE = "time_s", "order", "temperature_c"
 OWN_DRIVE, APPROACH, LAST_STEP, MEMORY = "own drive", "approach", "last step", "memory"
 # States of stop operators, and their thresholds relative to the range of a reading.
 STOPPED, STOPS = ("stop 1", "stop 2", "stop 3"), (0.08, 0.2, 0.4)
+# The same for friction of any form: its path, on a finer scale of thresholds.
+PATH, FINE_STOPS = "path", (0.02, 0.05, 0.08, 0.13, 0.2, 0.3, 0.4, 0.6)
 # Inputs with a separate value for each actuator: its displacement, and its previous movements.
-LOOKING_BACK = (APPROACH, LAST_STEP, MEMORY, *STOPPED)
+LOOKING_BACK = (APPROACH, LAST_STEP, MEMORY, PATH, *STOPPED)
 PER_ACTUATOR = (OWN_DRIVE, *LOOKING_BACK)
 _MOST_LACKING = 0.1  # share of missing values up to which a column is interpolated
 
@@ -117,13 +119,13 @@ def approach(readings: NDArray, time: NDArray, least: float) -> NDArray:
     return direction
 
 
-def stop_states(steps: NDArray, extent: NDArray) -> NDArray:
-    """Return states (B, n, 3) in -1 .. 1 of stop operators after steps (B, n) in order; ``extent`` (n,) of readings.
+def stop_states(steps: NDArray, extent: NDArray, stops: Sequence[float] = STOPS) -> NDArray:
+    """Return states (B, n, s) in -1 .. 1 of s stop operators after steps (B, n) in order; ``extent`` (n,) of readings.
 
     A stop follows the reading within its threshold, as friction does; sums of them are any rate-independent hysteresis
     (Visintin, Differential models of hysteresis, 1994, chapter III).
     """
-    reach = np.maximum(extent[:, None] * np.array(STOPS), 1e-300)
+    reach = np.maximum(extent[:, None] * np.array(stops), 1e-300)
     state, found = np.zeros_like(reach), np.empty((len(steps), *reach.shape))
     for place, step in enumerate(steps):
         state = np.clip(state + step[:, None] / reach, -1.0, 1.0)
@@ -131,13 +133,13 @@ def stop_states(steps: NDArray, extent: NDArray) -> NDArray:
     return found
 
 
-def histories(readings: NDArray, order: NDArray) -> NDArray:
-    """Return the states (B, n, 3) of stop operators at readings (B, n), in order of time (B,); 0 where a reading is not
-    finite."""
-    found = np.zeros((*readings.shape, len(STOPS)))
+def histories(readings: NDArray, order: NDArray, stops: Sequence[float] = STOPS) -> NDArray:
+    """Return the states (B, n, s) of s stop operators at readings (B, n), in order of time (B,); 0 where a reading is
+    not finite."""
+    found = np.zeros((*readings.shape, len(stops)))
     read = np.flatnonzero(np.isfinite(readings).all(1))
     own = read[np.argsort(order[read], kind="stable")]
     if len(own):
         steps = np.diff(readings[own], axis=0, prepend=readings[own][:1])
-        found[own] = stop_states(steps, np.ptp(readings[own], axis=0))
+        found[own] = stop_states(steps, np.ptp(readings[own], axis=0), stops)
     return found

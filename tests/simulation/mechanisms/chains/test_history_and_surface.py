@@ -9,7 +9,7 @@ from numpy.polynomial import chebyshev
 
 from tests.simulation.mechanisms.chains.made_arms import campaign
 from tests.tolerance import assert_close
-from truing.simulation.inputs import MEMORY, STOPS
+from truing.simulation.inputs import MEMORY, PATH, STOPS
 from truing.simulation.mechanisms.chains.conditions import movements
 from truing.simulation.mechanisms.chains.nonparametric import HISTORY, SURFACE, NonparametricChainEffect
 
@@ -82,6 +82,6 @@ def test_the_history_of_poses_that_are_left_out_counts() -> None:
     kept = np.arange(60) % 4 > 0
     part = replace(model.scene, inputs_of_machine=replace(model.machine, conditions=conditions.subset(kept)))
     for k, (name, past) in enumerate(part.histories.items()):
-        assert_close(past[:, :3], conditions.covariates[MEMORY][kept, k], atol=0.0, what="stops")
+        assert_close(past[:, :-1], conditions.covariates[PATH][kept, k], atol=0.0, what="stops")
         before = np.roll(model.scene.inputs[name], 1)
-        assert_close(past[1:, 3], before[kept][1:], atol=1e-9, what="reading before")
+        assert_close(past[1:, -1], before[kept][1:], atol=1e-9, what="reading before")

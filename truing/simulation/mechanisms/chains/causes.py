@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from truing.inference.model import ChannelCandidates, ScatterCandidate
 from truing.simulation.cause import Cause, Parameter, ReportedParameter, Scene, Step
-from truing.simulation.inputs import LAST_STEP, MEMORY, ORDER, TIME, Missing
+from truing.simulation.inputs import LAST_STEP, ORDER, PATH, TIME, Missing
 from truing.simulation.mechanisms.chains.conditions import ChainInputs
 
 _ANGLE, _LENGTH = 5e-4, 3e-4  # plausible errors of a joint, rad and m
@@ -50,11 +50,11 @@ class ChainScene(Scene["ChainCause"]):
 
     @property
     def histories(self) -> Mapping[str, NDArray]:
-        """States of stop operators and the reading before the last movement (B, 4), of each joint by name."""
+        """States of stop operators and the reading before the last movement (B, 9), of each joint by name."""
         machine, known = self.inputs_of_machine, self.covariates
-        if MEMORY not in known or LAST_STEP not in known:
+        if PATH not in known or LAST_STEP not in known:
             return {}
-        past = np.concatenate([known[MEMORY], (machine.readings - known[LAST_STEP])[..., None]], axis=-1)
+        past = np.concatenate([known[PATH], (machine.readings - known[LAST_STEP])[..., None]], axis=-1)
         return dict(zip(machine.tree.readings, past.swapaxes(0, 1), strict=True))
 
     @property

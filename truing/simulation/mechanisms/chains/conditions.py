@@ -9,7 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truing.arrays import Array, Index, Mask
-from truing.simulation.inputs import LAST_STEP, MEMORY, ORDER, TEMPERATURE, TIME, approach, histories
+from truing.simulation.inputs import (
+    FINE_STOPS,
+    LAST_STEP,
+    MEMORY,
+    ORDER,
+    PATH,
+    TEMPERATURE,
+    TIME,
+    approach,
+    histories,
+)
 from truing.simulation.mechanisms.chains.tree import Tree
 
 APPROACH = "approach"
@@ -169,14 +179,13 @@ def movements(readings: NDArray, covariates: Mapping[str, NDArray], least: NDArr
     """Return each joint's last movement larger than ``least`` (n,), from readings (B, n) in order of time.
 
     Its direction (B, n), +1 before any; its size (B, n), rad or m, 0 before any; its history (B, n, 3), the states in
-    -1 .. 1 of stop operators; and, where times are known, the seconds (B, n) since the pose before it, infinite before
-    any. Rows with a reading that is not finite are passed
-    over.
+    -1 .. 1 of stop operators, and its path (B, n, 8), those of more of them; and, where times are known, the seconds
+    (B, n) since the pose before it, infinite before any. Rows with a reading that is not finite are passed over.
     """
     order, time = covariates[ORDER], covariates.get(TIME)
     read = np.flatnonzero(np.isfinite(readings).all(1))
     found = {APPROACH: np.ones(readings.shape), LAST_STEP: np.zeros(readings.shape)}
-    found[MEMORY] = histories(readings, order)
+    found[MEMORY], found[PATH] = histories(readings, order), histories(readings, order, FINE_STOPS)
     if time is not None:
         found[BETWEEN] = np.full(readings.shape, np.inf)
     own = read[np.argsort(order[read], kind="stable")]
