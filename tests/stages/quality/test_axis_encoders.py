@@ -1,0 +1,40 @@
+"""Exchanged columns of motor and load are told from which encoder the instrument and the command agree with."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truing.stages.common.axis_columns import AxisColumns
+from truing.stages.quality.axis_checks import encoders_in_place
+
+NAMES = ("motor", "load", "measured")
+NOISE, ROWS = 1e-5, 40
+
+
+def _verdict(loop: str, of_motor: float, of_load: float, errs: float = 0.0, *, exchanged: bool = False) -> str:
+    """Motor and load depart from the command by waves of these sizes, and the reading of the load ``errs`` too."""
+    rng = np.random.default_rng(3)
+    wave, other = np.sin(np.arange(ROWS)), np.cos(3.0 * np.arange(ROWS))
+    read = [of_motor * wave, of_load * wave + errs * other, of_load * wave]
+    found = dict(zip(NAMES, np.array(read) + rng.normal(scale=NOISE, size=(3, ROWS)), strict=True))
+    if exchanged:
+        found["motor"], found["load"] = found["load"], found["motor"]
+    columns = AxisColumns("rotary", "deg", loop, "command_deg", {name: f"{name}_deg" for name in NAMES}, None)
+    return encoders_in_place(columns, found).verdict
+
+
+@pytest.mark.parametrize(("loop", "of_motor", "of_load"), [("motor", 0.0, 5e-5), ("load", 5e-5, 0.0)])
+def test_exchanged_columns_are_told_and_right_ones_are_not(loop: str, of_motor: float, of_load: float) -> None:
+    assert _verdict(loop, of_motor, of_load) == "pass"
+    assert _verdict(loop, of_motor, of_load, exchanged=True) == "warn"
+
+
+def test_an_error_of_the_load_encoder_is_no_exchange_and_neither_is_noise() -> None:
+    assert _verdict("motor", 0.0, 0.0, errs=5e-5) == "pass"
+    assert _verdict("motor", 0.0, 0.0, exchanged=True) == "pass"
+
+
+def test_two_encoders_are_not_evaluated() -> None:
+    columns = AxisColumns("rotary", "deg", "motor", "command_deg", {"motor": "motor_deg"}, None)
+    assert encoders_in_place(columns, {"motor": np.zeros(ROWS)}).verdict == "not evaluated"
