@@ -139,6 +139,6 @@ INSTRUMENTS = {
         obvious=0.2,
         foreign=FOREIGN_TO_ARMS,
         added=OF_MANY_POSES,
-        seed=582207,
+        seed=5520193,
     ),
 }
