@@ -108,12 +108,12 @@ def encoders_in_place(columns: AxisColumns, deviations: Mapping[str, Array]) -> 
     other encoder follows the command, both by Pitman's test of correlated variances (Biometrika 31 (1939) 9), the two
     columns are exchanged, or the loop is another one and the load encoder errs.
     """
-    name, unit = "axis-encoders", columns.reported_unit
+    unit = columns.reported_unit
     if missing := [each for each in ENCODERS if each not in deviations]:
-        return not_evaluated("one is missing", name, "", f"no readings of {listed(missing)}")
+        return not_evaluated("one is missing", "axis-encoders", "", f"no readings of {listed(missing)}")
     known = np.isfinite(np.column_stack([deviations[each] for each in ENCODERS])).all(1)
     if known.sum() < _FEWEST_ROWS:
-        return not_evaluated("too few rows", name, "", f"{count(int(known.sum()), 'row')} with all encoders")
+        return not_evaluated("too few rows", "axis-encoders", "", f"{count(int(known.sum()), 'row')} with all encoders")
     motor, load, measured = (deviations[each][known] for each in ENCODERS)
     of_loop, other = (motor, load) if columns.loop == MOTOR else (load, motor)
     is_astray = max(_larger_variance(measured - load, measured - motor), _larger_variance(of_loop, other)) < _UNLIKELY
@@ -128,7 +128,7 @@ def encoders_in_place(columns: AxisColumns, deviations: Mapping[str, Array]) -> 
         )
         text += f'Or loop = "{actual}", if the load encoder errs'
     ratio = float(np.std(measured - motor) / max(float(np.std(measured - load)), 1e-300))
-    return Check(name, "", ratio, 1.0, "1", WARN if is_astray else PASS, f"{text}.")
+    return Check("axis-encoders", "", ratio, 1.0, "1", WARN if is_astray else PASS, f"{text}.")
 
 
 def _larger_variance(first: Array, second: Array) -> float:
