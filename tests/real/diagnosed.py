@@ -53,7 +53,7 @@ def _finding(row: pd.Series) -> dict[str, Any]:
 
 
 def _followed(row: pd.Series) -> str:
-    """The inputs that predict residuals of the model without causes, and the largest share of squares."""
+    """The inputs that predict residuals, and their largest share of the squares of the model without causes."""
     return f"{columns_words(names_in(row['follows']))} {percent(100.0 * row['share_predicted'])}"
 
 

@@ -62,11 +62,14 @@ def columns_words(columns: tuple[str, ...]) -> str:
 
 
 def remainder_clause(columns: tuple[str, ...], subject: str, share: float) -> str:
-    """Return the clause on residuals of the model without causes and the inputs that predict them, without
-    a full stop."""
+    """Return the clause on residuals and the inputs that predict them, without a full stop.
+
+    They are those of the model without causes or of the final one; the share is of the former's variance.
+    """
     whose = f" of {subject_words(subject)}" if subject else ""
-    text = f"The residuals{whose} (model without causes) depend on {columns_words(columns)}"
-    return f"{text}, which explains {'' if subject else 'up to '}{percent(100.0 * share)} of their variance"
+    most = f"{'' if subject else 'up to '}{percent(100.0 * share)}"
+    text = f"The residuals{whose} depend on {columns_words(columns)}"
+    return f"{text}, which explains {most} of the variance that the model without causes leaves"
 
 
 def remainder_advice(columns: tuple[str, ...]) -> str:
