@@ -24,7 +24,7 @@ OF_LOADS = frozenset(
 # Names of the diagnosis for quantities without a column, and columns of the plan of next measurements.
 _OF_DIAGNOSIS = frozenset(
     (
-        *("order", "approach", "last step", "memory", "own drive", "time_in_run_s", "held_out"),
+        *("order", "approach", "last step", "memory", "path", "own drive", "time_in_run_s", "held_out"),
         *("purpose", "pose", "run", "times", "conditions", "expected", "repeat_of"),
         *("need", "measurements", "duration_s", "sigma_now", "sigma_expected", "odds_expected"),
     )

@@ -170,7 +170,10 @@ def test_a_body_that_lands_elsewhere_is_not_told_as_targets_that_were_moved(tmp_
         PLAIN, poses=32, bodies=(Body("base", 3, 150.0, at_rest=True, jitter_mm=0.003),), missing=0.0, gross=0.0
     )
     told = _told(tmp_path / "c", alone, (Hidden("scatter", "base", 0.2),), 21)
-    assert {cause for cause, _ in told.named} == {"approach-scatter"}
+    # What remains beside it is told as noise without a name, and as no motion of targets.
+    causes = {cause for cause, _ in told.named}
+    assert "approach-scatter" in causes
+    assert causes <= {"approach-scatter", "unexplained"}
 
 
 def test_what_could_not_be_tested_says_what_was_not_recorded(tmp_path: Path) -> None:

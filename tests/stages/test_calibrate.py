@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import tomllib
 from importlib import import_module
@@ -34,7 +35,7 @@ def document(folder: Path) -> dict[str, Any]:
 
 
 def without(entry: dict[str, Any], *path: str) -> dict[str, Any]:
-    changed = json.loads(json.dumps(entry))
+    changed = copy.deepcopy(entry)
     part = changed
     for key in path[:-1]:
         part = part[key]

@@ -144,10 +144,19 @@ def is_unordered(rest: Array, own: Mask, fitted: FittedModel[CauseT], level: flo
     ``rest`` (B, K, d) are standardised residuals, ``own`` (B, K) selects places, ``level`` is the p-value above which
     no correlation counts. False where too few epochs can be tested.
     """
+    p_value = p_value_of_order(rest, own, fitted)
+    return p_value is not None and p_value > level
+
+
+def p_value_of_order(rest: Array, own: Mask, fitted: FittedModel[CauseT]) -> float | None:
+    """Return the p-value of correlations between neighbours in residuals (B, K, d) of places ``own`` (B, K).
+
+    It is corrected for the number of orderings; None where too few epochs can be tested.
+    """
     rng = np.random.default_rng(len(rest))
     inside = np.where(own[..., None], rest, np.nan)
     tests = list(like_neighbours(inside, _orderings(fitted), rng, fitted.model.error_groups))
-    return bool(tests) and min(test.p_value for test in tests) * len(tests) > level
+    return min(test.p_value for test in tests) * len(tests) if tests else None
 
 
 def pure_error(residuals: EpochResiduals, repeats: Integers) -> Iterator[AdequacyTest]:

@@ -10,7 +10,7 @@ from typing import Generic
 
 import numpy as np
 
-from truing.inference.adequacy import is_unordered
+from truing.inference.adequacy import is_unordered, p_value_of_order
 from truing.inference.arrays import Array, Mask
 from truing.inference.attribution import p_value_of_dependence
 from truing.inference.choice import is_real
@@ -88,12 +88,15 @@ class NoiseSelection(Generic[CauseT]):
     def doubt_of_inputs(self, fitted: FittedModel[CauseT], own: Mask, kinds: Sequence[CauseT]) -> str:
         """Return the reason to doubt that inputs ``own`` (B, H) scatter; empty where there is none.
 
-        Scatter is as uncorrelated as noise, and more probable than a dependence on any input.
+        Scatter is as uncorrelated as noise, as far as enough epochs tell, and more probable than a dependence on any
+        input.
         """
         tried = self.fitter.scatter_count(fitted, kinds, of_inputs=True)
         rest = residuals_of_inputs(fitted).standardised(own)
-        is_noise = is_unordered(rest, own, fitted, _SURELY_NOISE)
-        return self._doubt(rest, own, fitted, tried, 1.0) if is_noise else Reason.NOT_RANDOM
+        of_order = p_value_of_order(rest, own, fitted)
+        if of_order is not None and of_order <= _SURELY_NOISE:
+            return Reason.NOT_RANDOM
+        return self._doubt(rest, own, fitted, tried, 1.0)
 
     @staticmethod
     def doubt_of_tails(fitted: FittedModel[CauseT], own: Mask) -> str:
