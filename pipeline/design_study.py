@@ -16,6 +16,7 @@ from truing.pipeline.given_files import check_file, leave_tables
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.run_owner import folder_next_to_run, note_owner
 from truing.report.accuracy_page import accuracy_head, accuracy_sections, accuracy_words
+from truing.report.glossary_section import with_reference
 from truing.report.page import PageHead, ReportSection
 from truing.report.rendering.render import render_page
 from truing.report.sensor.tolerances import chain_section, tolerance_head, tolerance_sections, tolerance_words
@@ -82,7 +83,7 @@ def study_campaign(
     frames = {ending.lstrip("-") or study.first: table.to_pandas() for ending, table in found.items()}
     for line in study.words(frames):
         console.sentence(line)
-    page = render_page(study.head(campaign.name, frames), study.sections(frames))
+    page = render_page(study.head(campaign.name, frames), with_reference(study.sections(frames)))
     if files.out is None:
         note_owner(campaign, folder)
     written = leave_tables(folder / f"{name}.csv" if files.out is None else files.out, found, page)

@@ -22,6 +22,7 @@ from truing.pipeline.given_files import check_file, leave_tables, read_given
 from truing.pipeline.problems import ExitCode
 from truing.pipeline.run_campaign import usable_campaign
 from truing.pipeline.run_owner import folder_next_to_run, note_owner
+from truing.report.glossary_section import with_reference
 from truing.report.plan_page import plan_head, plan_sections
 from truing.report.rendering.render import render_page
 from truing.schemas.artifacts import ARTIFACTS
@@ -138,7 +139,7 @@ def _leave(
     half = (0.5 * camera.width_px / plan.planned.interior[0], 0.5 * camera.height_px / plan.planned.interior[0])
     page = render_page(
         plan_head(name, (*sentences(plan), *left_out), plan.reaches, frames),
-        plan_sections(frames, plan.stations.R, half, plan.options.target_sigma_mm),
+        with_reference(plan_sections(frames, plan.stations.R, half, plan.options.target_sigma_mm)),
     )
     return leave_tables(file, tables, page)
 

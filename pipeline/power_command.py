@@ -26,8 +26,10 @@ from truing.pipeline.run_campaign import usable_campaign
 from truing.pipeline.run_owner import folder_next_to_run, note_owner
 from truing.report.diagnosis.detectable_sizes import size_words
 from truing.report.diagnosis.findings import subject_words
+from truing.report.glossary_section import with_reference
 from truing.report.numbers import count
 from truing.report.power_page import (
+    PHOTOGRAPH_HEADS,
     SIZE_HEADS,
     alarm_words,
     power_head,
@@ -86,7 +88,6 @@ _NOTHING_PER_DRAW = 5
 _DEFAULT_FILE = "power.parquet"
 _SURVEY = "the survey of the targets, or their planned places"
 
-HEADS = ("cause that photographs show", "concerns", "theory, in the run")
 _DRAWN = (
     "Points come from photographs, but photographs are not simulated: each point has the noise noise.point_mm, every "
     "surveyed target is seen in every pose, and points share no error of a camera or of a scale bar. "
@@ -323,7 +324,7 @@ def _report(
         console.sentence(alarms)
     if photographs is not None:
         if photographs.rows:
-            console.show(HEADS, photographs.rows)
+            console.show(PHOTOGRAPH_HEADS, photographs.rows)
         console.sentence(photographs.sentence)
     written = _left(campaign, asked, answers, out)
     console.written(f"tables and page: {', '.join(map(str, written))}", written)
@@ -347,8 +348,9 @@ def _left(
         note_owner(campaign, file.parent)
     sizes, rates = _as_tables(asked, answers)
     text, drawn = sizes.to_pandas(), rates.to_pandas()
-    further = [] if photographs is None else [section_of_photographs(photographs.sentence, HEADS, photographs.rows)]
-    page = render_page(power_head(campaign.name, text, drawn), [*power_sections(text, drawn), *further])
+    further = [] if photographs is None else [section_of_photographs(photographs.sentence, photographs.rows)]
+    sections = with_reference([*power_sections(text, drawn), *further])
+    page = render_page(power_head(campaign.name, text, drawn), sections)
     return leave_tables(file, {"": sizes, "-rates": rates}, page)
 
 

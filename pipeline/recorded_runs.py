@@ -21,6 +21,7 @@ from truing.pipeline.run_folder import PRIVATE
 from truing.pipeline.whole_file import write_atomically
 from truing.report.comparison.compared_runs import ComparedRun, RunComparison, RunTransition
 from truing.report.comparison.page import comparison_head, comparison_sections
+from truing.report.glossary_section import with_reference
 from truing.report.rendering.render import render_page
 from truing.report.verdict import gates
 from truing.runs.comparison.side_by_side import SideBySide, compared_table, kind_of, mechanism_of, side_by_side
@@ -211,7 +212,9 @@ def compare_runs(folders: Sequence[Path], out: Path | None, console: RunConsole)
         place.mkdir(parents=True, exist_ok=True)
     artifact = ARTIFACTS["compared"]
     _leave_table(place / artifact.file, found, runs)
-    write_atomically(place / PAGE, render_page(head, comparison_sections(shown)).encode())
+    bench = "readings" in runs[0] or "signals" in runs[0]
+    sections = with_reference(comparison_sections(shown), bench=bench)
+    write_atomically(place / PAGE, render_page(head, sections).encode())
     for mark, sentence in head.verdicts:
         console.tell("verdicts", {"mark": mark, "sentence": sentence})
         console.line(sentence)

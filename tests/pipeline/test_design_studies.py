@@ -11,6 +11,7 @@ import pyarrow.csv
 import pytest
 
 from tests.pipeline.test_design import SAMPLE, call, campaign, hexapod, sensor
+from tests.report.explained import unexplained
 from tests.sentences import assert_says
 from tests.simulation.mechanisms.telescope import telescope
 from truing.simulation.mechanisms.legs.kinematics import forward
@@ -36,6 +37,7 @@ def test_the_accuracy_of_the_telescope_is_the_report_s(tmp_path: Path) -> None:
     np.testing.assert_allclose(legs.groupby("quantity")["share"].sum(), 1.0, rtol=1e-9)
     page = (tmp_path / "found.html").read_text(encoding="utf-8")
     assert all(words in page for words in ("Share of each leg", "Over the workspace", "5.96 µm"))
+    assert not unexplained(page)
 
 
 def test_the_map_holds_poses_within_the_limits_that_its_readings_reach(tmp_path: Path) -> None:
@@ -116,6 +118,7 @@ def test_the_tolerances_of_a_sensor_have_bands_and_shares(tmp_path: Path) -> Non
     np.testing.assert_allclose(rms.loc[own.index], own, rtol=1e-9)
     page = (tmp_path / "found.html").read_text(encoding="utf-8")
     assert all(words in page for words in ("Tolerances as designed", "rms to first order", "68 %"))
+    assert not unexplained(page)
 
 
 def test_tolerances_that_are_none_are_a_fault(tmp_path: Path) -> None:
@@ -147,6 +150,7 @@ def test_the_telescope_s_readings_determine_its_pose(tmp_path: Path) -> None:
     assert 0.8 < path["largest_bend_deg"].iloc[0] < 1.0
     page = (tmp_path / "found.html").read_text(encoding="utf-8")
     assert all(words in page for words in ("Flexures and ideal pivots", "ideal pivot in the middle", "proven"))
+    assert not unexplained(page)
 
 
 def test_what_is_not_decided_is_said_and_listed(tmp_path: Path) -> None:

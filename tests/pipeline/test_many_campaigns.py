@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.pipeline.fake_project import FakeProject
+from tests.report.explained import unexplained
 from tests.sentences import assert_says
 from truing.pipeline.run_folder import PRIVATE, hold
 
@@ -149,6 +150,7 @@ def test_the_page_of_all_campaigns_links_reports_and_names_faults(fake: FakeProj
     assert links == {f"{name}/report.html": name for name in ("checked", "first", "last")}
     assert all((fake.cwd / "several" / link).is_file() for link in links)
     assert "points.csv, row 3, column x_mm" in page
+    assert not unexplained(page)
     assert_says(done.stdout, "all campaigns", "campaigns.html", "campaigns.parquet")
 
 

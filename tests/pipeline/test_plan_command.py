@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
+from tests.report.explained import unexplained
 from tests.sentences import assert_says
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.command_line import app
@@ -69,7 +70,9 @@ def test_stations_for_what_is_wanted(place):
     assert curve["mean_mm"].is_monotonic_decreasing
     assert list(bodies["body"]) == ["table", "carriage"]
     assert (bodies[["position_mm", "rotation_urad"]] > 0).all(axis=None)
-    assert "Where the cameras stand" in (place / "plan.html").read_text(encoding="utf-8")
+    page = (place / "plan.html").read_text(encoding="utf-8")
+    assert "Where the cameras stand" in page
+    assert not unexplained(page)
 
 
 def test_an_error_below_that_of_the_scale_bars_is_out_of_reach(place):

@@ -16,6 +16,7 @@ from tests.blind.generator.campaign import draw_campaign
 from tests.blind.generator.folder import write_campaign
 from tests.blind.generator.layout import Layout, Targets
 from tests.blind.generator.schedule import at_rest, random_moves
+from tests.report.explained import unexplained, unlinked
 from truing.pipeline.campaign_folder import open_campaign
 from truing.pipeline.command_line import app
 from truing.pipeline.executor import LOCAL, Workforce, results
@@ -65,6 +66,8 @@ def test_a_planned_campaign_is_told_what_it_would_show_and_left_as_it_is(planned
     assert {Path(row["file"]).name for row in told["files"]} == {path.name for path in (tmp_path / "made").iterdir()}
     page = (tmp_path / "made" / "power.html").read_text()
     assert "By theory only" in page
+    assert not unexplained(page)
+    assert not unlinked(page, "cause")
     assert "http" not in page.split("<body>")[0].replace("http-equiv", "")
 
 

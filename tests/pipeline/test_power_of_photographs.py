@@ -9,7 +9,8 @@ import pytest
 
 from truing.pipeline.artifacts import Stamp, write_table
 from truing.pipeline.campaign_folder import CampaignFolder
-from truing.pipeline.power_command import HEADS, of_photographs
+from truing.pipeline.power_command import of_photographs
+from truing.report.heads import meaning_of
 from truing.report.power_page import section_of_photographs
 from truing.schemas.artifacts import ARTIFACTS
 
@@ -52,8 +53,9 @@ def test_power_of_photographs_lists_the_detectable_sizes(photographed: CampaignF
         ("camera instability", "camera left", "c 0.35 px"),
         ("refraction", "the whole", "gradient not at any plausible size"),
     )
-    (listing,) = section_of_photographs(told.sentence, HEADS, told.rows).listings
+    (listing,) = section_of_photographs(told.sentence, told.rows).listings
     assert listing.rows == told.rows
+    assert all(map(meaning_of, listing.heads))
 
 
 def test_a_campaign_without_rays_has_no_power_of_photographs(photographed: CampaignFolder, tmp_path: Path) -> None:

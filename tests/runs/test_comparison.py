@@ -13,6 +13,7 @@ from scipy.stats import binom, kstest
 from typer.testing import CliRunner
 
 from tests.blind.generator.effects import ActuatorGain
+from tests.report.explained import unexplained
 from tests.sentences import assert_says
 from tests.stages.two_campaigns import fitted, gathered, longer, measured, model_text
 from truing.pipeline.artifacts import Stamp, write_artifacts
@@ -98,6 +99,7 @@ def test_a_longer_leg_is_named_in_the_step_in_which_it_came(runs: Path) -> None:
     assert set(rows.loc[(rows["place"] > 1) & rows["z"].isna(), "reason"]) == {"not identifiable"}
     page = (runs / "comparison" / "comparison.html").read_text(encoding="utf-8")
     assert page.index("summer → autumn: 1 of ") < page.index("Nothing has changed beyond chance")
+    assert not unexplained(page)
 
 
 def test_an_effect_that_one_campaign_alone_found_is_no_change_of_the_geometry(runs: Path) -> None:

@@ -8,6 +8,7 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.report.figure_style import BLUE, GREEN, ORANGE, RED, figure_template, panel_grid, style
+from truing.report.heads import LEG, Head
 from truing.report.numbers import count as counted
 from truing.report.numbers import percent, plain, sign
 from truing.report.page import Listing, PageHead, ReportSection
@@ -25,8 +26,26 @@ _SOURCES = {
     "noise.actuator_mm": "√3 times noise.actuator_mm, because mechanism.actuator_accuracy_mm is absent",
 }
 _EQUAL = 1.02  # largest share over the mean one, below which legs contribute equally
-_HEADS = ("component", "largest error", "standard deviation there", "at the reference pose", "requirement", "used")
-_POSE_HEADS = ("component", "x, mm", "y, mm", "z, mm", "rx, °", "ry, °", "rz, °", "legs")
+_COMPONENT = Head("component", "Component of the pose, or its whole position or orientation.")
+_HEADS = (
+    _COMPONENT,
+    Head("largest error", "Largest error over the workspace, with the worst sign of every actuator's error."),
+    Head(
+        "standard deviation there",
+        "Standard deviation at the worst pose, with the errors of the actuators spread evenly over their limits.",
+    ),
+    Head("at the reference pose", "Largest error at the reference pose."),
+    Head("requirement", "Required accuracy by campaign.toml; a dash where there is none."),
+    Head("used", "Largest error in per cent of the requirement."),
+)
+_POSE_HEADS = (
+    _COMPONENT,
+    *(
+        Head(f"{name.partition('_')[0]}, {unit}", "Displacement of the worst pose from the reference pose.")
+        for name, unit in _DISPLACEMENTS.items()
+    ),
+    Head("legs", "Leg with the largest share in the largest error, or that all shares are equal."),
+)
 
 
 def accuracy_words(frames: Mapping[str, pd.DataFrame]) -> list[str]:
@@ -132,7 +151,8 @@ _MAPS = {
 
 
 def _jacobian(table: pd.DataFrame) -> Listing:
-    heads = ("leg", *(name.replace("_", " ") for name in table.columns[1:]))
+    slope = "Change of the leg's reading per unit of this motion of the platform."
+    heads = (LEG, *(Head(name.replace("_", " "), slope) for name in table.columns[1:]))
     rows = tuple((str(int(row[0])), *(f"{value:.5f}" for value in row[1:])) for row in table.itertuples(index=False))
     return Listing(heads, rows, (), "Change of each reading by a motion of the platform at the reference pose")
 

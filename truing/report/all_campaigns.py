@@ -7,8 +7,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from truing.belonging.relation import RelationState
+from truing.report.heads import Head, schema_head
 from truing.report.numbers import count, listed
 from truing.report.page import Listing, PageHead, ReportSection, Verdict
+from truing.report.reference import reference
 from truing.report.rendering.render import render_page
 
 Row = Mapping[str, Any]  # of the table ``campaigns``
@@ -29,7 +31,19 @@ _SAID = {
     RelationState.NOT_TESTED: "that could not be tested",
     RelationState.OK: "without objection",
 }
-_HEADS = ("campaign", "verdict", "decided by", "reason", "failed checks", "exit code", "stages run", "processor time")
+_CAMPAIGN = schema_head("campaign")
+_VERDICT = Head("verdict", "State of the campaign's verdict; no verdict where the run left none.")
+_DECIDED_BY = Head("decided by", "Section of the report whose state the verdict takes.")
+_HEADS = (
+    _CAMPAIGN,
+    _VERDICT,
+    _DECIDED_BY,
+    Head("reason", "Reason of the verdict; without a verdict, the first problem that was printed."),
+    schema_head("failed checks"),
+    schema_head("exit code"),
+    schema_head("stages run"),
+    schema_head("processor time", "processor_s"),
+)
 
 
 def campaigns_page(rows: Sequence[Row], links: Sequence[str]) -> str:
@@ -37,7 +51,9 @@ def campaigns_page(rows: Sequence[Row], links: Sequence[str]) -> str:
     states = Counter(map(_state, rows))
     tiles = (("campaigns", f"{len(rows):,}"), *((state, f"{states[state]:,}") for state in _SAID if states[state]))
     head = PageHead(count(len(rows), "campaign"), tuple(_verdicts(rows)), tiles)
-    return render_page(head, [_campaigns(rows, links), _deciding(rows)])
+    sections = [_campaigns(rows, links), _deciding(rows)]
+    explained = reference(sections)
+    return render_page(head, [*sections, *([explained] if explained else [])])
 
 
 def _state(row: Row) -> str:
@@ -85,6 +101,7 @@ def _problem(row: Row) -> str:
 def _deciding(rows: Sequence[Row]) -> ReportSection:
     """How many campaigns each section of the report decides."""
     decided = Counter((_state(row), row["decided_by"] or "") for row in rows)
+    heads = (_VERDICT, _DECIDED_BY, Head("campaigns", "Number of campaigns with this verdict by this section."))
     cells = [(state, section, f"{number:,}") for (state, section), number in decided.most_common()]
-    listing = Listing(("verdict", "decided by", "campaigns"), tuple(cells), tuple(_MARKS[state] for state, *_ in cells))
+    listing = Listing(heads, tuple(cells), tuple(_MARKS[state] for state, *_ in cells))
     return ReportSection("deciding", "What decides", "The section that decides each verdict.", listings=(listing,))

@@ -10,23 +10,37 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from truing.report.figure_style import BLUE, GREY, ORANGE, figure_template, label, style
+from truing.report.heads import BODY, TARGET, Head
 from truing.report.numbers import count as counted
 from truing.report.numbers import rough
 from truing.report.page import Listing, PageHead, ReportSection
 
 _STATION_HEADS = (
-    "station",
-    "x, mm",
-    "y, mm",
-    "z, mm",
-    "azimuth, °",
-    "elevation, °",
-    "distance, mm",
-    "roll, °",
-    "targets seen",
+    Head("station", "Number of the station in the order of the walk."),
+    *(Head(f"{axis}, mm", "Coordinate of the camera in the frame of the targets.") for axis in "xyz"),
+    Head("azimuth, °", "Direction from the centre of the targets to the station, about z from x."),
+    Head("elevation, °", "Angle of the direction from the centre of the targets to the station above the x-y plane."),
+    Head("distance, mm", "Distance of the camera from the centre of the targets."),
+    Head("roll, °", "Rotation of the camera about its viewing direction."),
+    Head("targets seen", "Number of targets that this photograph shows."),
 )
-_TARGET_HEADS = ("body", "target", "rays", "widest angle, °", "σ x, mm", "σ y, mm", "σ z, mm", "σ, mm", "limited by")
-_BODY_HEADS = ("body", "targets", "worst, mm", "mean, mm", "position, mm", "rotation, µrad")
+_TARGET_HEADS = (
+    BODY,
+    TARGET,
+    Head("rays", "Number of photographs that show the target."),
+    Head("widest angle, °", "Largest angle between two rays to the target, counted up to a right angle."),
+    *(Head(f"σ {axis}, mm", "Expected standard deviation of the target along this axis.") for axis in "xyz"),
+    Head("σ, mm", "Expected standard deviation along the direction in which the target is least certain."),
+    Head("limited by", "Largest contribution to the uncertainty of the target."),
+)
+_BODY_HEADS = (
+    BODY,
+    Head("targets", "Number of targets on the body."),
+    Head("worst, mm", "Largest expected standard deviation of the body's targets."),
+    Head("mean, mm", "Root mean square of the expected standard deviations of the body's targets."),
+    Head("position, mm", "Expected standard deviation of the body's position, along the least certain axis."),
+    Head("rotation, µrad", "Expected standard deviation of the body's rotation, about the least certain axis."),
+)
 _LIMITS = {
     "noise": "the noise of image points, which decreases with the square root of the number of photographs",
     "few rays": "fewer than four rays: a gross error in one ray could not be located",

@@ -10,11 +10,34 @@ import plotly.graph_objects as go
 
 from truing.report.diagnosis.effect_units import handy_unit, plain_size
 from truing.report.figure_style import BLUE, GREY, ORANGE, figure_template, label, style
+from truing.report.heads import CAUSE, Head
 from truing.report.numbers import count, printed, rough
 from truing.report.page import Listing, PageHead, ReportSection
 from truing.report.wordings.catalogue import cause_words
 
-SIZE_HEADS = ("cause", "concerns", "theory", "found from", "19 of 20 times from", "also named as")
+CONCERNS = Head("concerns", "Part that the effect concerns: the whole, or one leg, target or other part.")
+SIZE_HEADS = (
+    CAUSE,
+    CONCERNS,
+    Head("theory", "Size from which theory expects the effect to be found with a probability of 80 %."),
+    Head(
+        "found from",
+        "Size from which drawn campaigns show the effect with a probability of 80 %; brackets hold its 95 % interval.",
+    ),
+    Head(
+        "19 of 20 times from",
+        "Size from which drawn campaigns show the effect with a probability of 95 %; brackets hold its 95 % interval.",
+    ),
+    Head(
+        "also named as",
+        "Most frequent other causes found in drawn campaigns that did not name this effect; brackets hold counts.",
+    ),
+)
+PHOTOGRAPH_HEADS = (
+    Head("cause that photographs show", "Effect on the cameras or on the rays that photographs would show."),
+    CONCERNS,
+    Head("theory, in the run", "Size that the run would have found with a probability of 80 %, by theory."),
+)
 _NEVER = "not at any plausible size"
 _NOT_DRAWN = "–"
 
@@ -62,9 +85,9 @@ def power_sections(sizes: pd.DataFrame, rates: pd.DataFrame) -> list[ReportSecti
     return sections
 
 
-def section_of_photographs(text: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> ReportSection:
+def section_of_photographs(text: str, rows: Sequence[Sequence[str]]) -> ReportSection:
     """Return the section on detectable effects in photographs, for which no campaign is simulated."""
-    listing = Listing(tuple(heads), tuple(map(tuple, rows)), caption="What the run would have shown, by theory")
+    listing = Listing(PHOTOGRAPH_HEADS, tuple(map(tuple, rows)), caption="What the run would have shown, by theory")
     return ReportSection("photographs", "What photographs show", text, listings=(listing,) if rows else ())
 
 

@@ -119,7 +119,7 @@ def build_sections(
     ``provenance``: metadata of each artifact; ``about``: what no table holds.
     """
     from truing.report.figure_style import figure_template
-    from truing.report.glossary_section import glossary_section
+    from truing.report.glossary_section import with_reference
     from truing.report.section_verdict import verdict_rows
     from truing.report.tables import is_bench
     from truing.report.verdict import with_verdict
@@ -131,10 +131,11 @@ def build_sections(
     shown = [drawn[section.name] or _note_for_missing(section, drawn, tables) for section in wanted]
     rows = verdict_rows(with_verdict(tables))
     marked = [*(_marked(section, rows) for section in shown if section is not None), _provenance(provenance, about)]
-    defined = glossary_section(marked, bench=bench)
-    return sorted(map(_at_depth, [*marked, *([defined] if defined else [])]), key=_is_behind)
+    whole = with_reference(marked, bench=bench, above=_ON_FIRST_SCREEN)
+    return sorted(map(_at_depth, whole), key=_is_behind)
 
 
+_ON_FIRST_SCREEN = ("rms", "noise floor")  # terms that it explains
 # Sections and subsections that a reader sees at once, each with the number of its figures that are shown.
 _ESSENTIAL = {"gain": 1, "axis": 1, "positioning": 1, "requirements": 1} | dict.fromkeys(
     ("diagnosis", "adequacy", "next", "changes", "stop", "calibration", "transfer", "qa"), 0

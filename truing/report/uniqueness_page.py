@@ -9,8 +9,9 @@ import pandas as pd
 import plotly.graph_objects as go
 
 from truing.report.figure_style import BLUE, GREY, ORANGE, figure_template, style
+from truing.report.heads import Head
 from truing.report.numbers import count as counted
-from truing.report.numbers import plain
+from truing.report.numbers import plain, sign
 from truing.report.page import Listing, PageHead, ReportSection
 
 _MARKS = {"proven": "pass", "not decided": "warn", "refuted": "fail"}
@@ -21,7 +22,18 @@ _MEANINGS = {
     "one reading": "at most one reading closes each leg in each pose",
 }
 _MODELS = {"beam": "flexures by beam theory"}
-_HEADS = ("statement", "model", "state", "parts examined", "parts not decided", "slope of the closure by the reading")
+_MODEL = Head("model", "Model of the legs: rigid legs with ideal joints, or flexures by beam theory.")
+_HEADS = (
+    Head("statement", "Property of the machine over the whole range."),
+    _MODEL,
+    Head("state", "Whether the statement is proven, refuted or not decided."),
+    Head("parts examined", "Number of parts of the range that the proof examined."),
+    Head("parts not decided", "Number of parts of the range that remain without proof."),
+    Head(
+        "slope of the closure by the reading",
+        "Bounds of the derivative of the leg's closure by its reading; zero outside of them proves one reading.",
+    ),
+)
 
 
 def uniqueness_words(frames: Mapping[str, pd.DataFrame]) -> list[str]:
@@ -120,10 +132,23 @@ def _parts(undecided: pd.DataFrame) -> ReportSection:
     names = [str(name) for name in undecided.columns if name != "model"]
     rows = tuple((str(row["model"]), *(f"{row[name]:.4g}" for name in names)) for _, row in undecided.iterrows())
     listing = Listing(
-        ("model", *names), rows, caption="Parts of the range", folded=True, held_by="the -undecided table"
+        (_MODEL, *map(_end_head, names)),
+        rows,
+        caption="Parts of the range",
+        folded=True,
+        held_by="the -undecided table",
     )
     lead = "Parts of the range in which interval arithmetic could not decide, as displacement from the reference pose."
     return ReportSection("undecided", "What is not decided", lead, listings=(listing,))
+
+
+def _end_head(name: str) -> Head:
+    """Return the head of an end of a part: ``x min, mm``."""
+    coordinate, side, unit = name.split("_")
+    end = {"min": "Lower", "max": "Upper"}[side]
+    return Head(
+        f"{coordinate} {side}, {sign(unit)}", f"{end} end of the part, as displacement from the reference pose."
+    )
 
 
 def flexure_figure(path: pd.DataFrame) -> go.Figure:

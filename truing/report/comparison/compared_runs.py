@@ -11,6 +11,7 @@ from truing.report.calibration.calibrations import calibration_name as calibrati
 from truing.report.calibration.calibrations import figures_by_calibration, main_calibration
 from truing.report.calibration.requirements import chosen_requirements, tally
 from truing.report.diagnosis.effect_units import handy_unit
+from truing.report.heads import LOAD, Head, schema_head
 from truing.report.numbers import plain, printed, quantity, sign, with_uncertainty
 from truing.report.page import Listing, ReportSection
 from truing.report.parameter_names import name_of, print_unit
@@ -21,6 +22,9 @@ _COMPLIANCE |= {"rad/(N m)": (1e9, "nrad/(N·m)")}
 
 _NONE = "–"
 _MISSING = (_NONE, _NONE)
+_VERDICT = Head("verdict", "Result of a check: pass, warn, fail or not evaluated; accepted ones are not counted.")
+_SUBJECT = Head("subject", "Body, target, channel or run that the row concerns; a dash for the whole campaign.")
+_ERROR = Head("class", "Name of the error in laboratory terms.")
 _LOOKED_AT = {"fail", "warn", "accepted"}
 _REQUIRED = {"fails": "fail", "undecided": "warn"}
 _ORDER = ("fail", "warn", "not evaluated", "pass")
@@ -64,6 +68,10 @@ class RunComparison:
         """Return the assessed numbers of the run after a step (0 is from the first run to the second)."""
         own = self.numbers[self.numbers["place"] == step + 2]
         return own[own["z"].notna() | own["changed"]]
+
+    def heads(self, meaning: str) -> tuple[Head, ...]:
+        """Return a head per run, its label, with what a cell of its column holds: one sentence."""
+        return tuple(Head(run.label, meaning) for run in self.runs)
 
     def pair(self, step: int) -> str:
         """Return the name of a step: ``first → second``."""
@@ -143,10 +151,19 @@ def quality(comparison: RunComparison) -> ReportSection:
     differing = {key: own for key, own in checks.items() if _LOOKED_AT & {verdict for verdict, _ in own.values()}}
     rows = [(*key, *(own.get(k, _MISSING)[1] for k in range(len(comparison.runs)))) for key, own in differing.items()]
     marks = [_mark({verdict for verdict, _ in own.values()}, "fail", "warn", "none") for own in differing.values()]
-    labels = tuple(run.label for run in comparison.runs)
     listings = (
-        Listing(("verdict", *labels), tuple(totals), _ORDER, "Checks of each verdict"),
-        Listing(("check", "subject", *labels), tuple(rows), tuple(marks), "Checks with a warning in some run"),
+        Listing(
+            (_VERDICT, *comparison.heads("Number of checks of this run with the verdict of the row.")),
+            tuple(totals),
+            _ORDER,
+            "Checks of each verdict",
+        ),
+        Listing(
+            (schema_head("check"), _SUBJECT, *comparison.heads("Verdict on the check in this run, with its value.")),
+            tuple(rows),
+            tuple(marks),
+            "Checks with a warning in some run",
+        ),
     )
     lead = "Checks of each run by its own limits; the page of each run explains them."
     return ReportSection("quality", "Quality side by side", lead, listings=tuple(x for x in listings if x.rows))
@@ -192,7 +209,7 @@ def accuracy(comparison: RunComparison) -> ReportSection | None:
     assessed = {f"requirement {c}": [_requirement(table, c) for table in tables] for c in components}
     required = [{_REQUIRED.get(verdict, "pass") for verdict, _ in own} for own in assessed.values()]
     marks = ["none"] * len(rows) + [_mark(own, "fail", "warn", "pass") for own in required]
-    heads = ("", *(run.label for run in comparison.runs))
+    heads = ("", *comparison.heads("Result of this run in the quantity of the row."))
     chosen = [(name, *(words for _, words in own)) for name, own in assessed.items()]
     listing = Listing(heads, (*rows, *chosen), tuple(marks))
     lead = "By the calibration that each run recommends; a requirement is shown with what 95 of 100 poses stay below."
@@ -226,7 +243,7 @@ def error_classes(comparison: RunComparison) -> ReportSection | None:
     worst = [{} if table is None else _worst(table) for table in tables]
     keys = dict.fromkeys(key for own in worst for key in own)
     rows = [(*key, *(own.get(key, _NONE) for own in worst)) for key in keys]
-    heads = ("error", "load", *(run.label for run in comparison.runs))
+    heads = (_ERROR, LOAD, *comparison.heads("Largest error of this class in this run, in per cent of the full load."))
     lead = "The largest of each class and load, in per cent of the full load, with one standard deviation."
     return ReportSection("errors", "Error classes side by side", lead, listings=(Listing(heads, tuple(rows)),))
 

@@ -23,6 +23,7 @@ from truing.report.comparison.compared_runs import (
 )
 from truing.report.diagnosis.pulls import pull_figure
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, figure_template, label, style
+from truing.report.heads import Head
 from truing.report.numbers import count
 from truing.report.page import Listing, PageHead, ReportSection, Verdict
 from truing.report.parameter_names import MEANING, kind_of
@@ -40,6 +41,26 @@ _JUDGED = {
     ),
     False: "each number separately",
 }
+
+_NUMBER = Head("number", "Parameter of the machine or of an effect, or entry of a matrix, that runs have in common.")
+_CHANGE_HEADS = (
+    Head("from, to", "Runs that are compared, the earlier one first."),
+    _NUMBER,
+    Head("changed by", "Value now minus value before, with one standard deviation."),
+    Head("in sigma", "Change divided by its standard deviation."),
+    Head("or instead", "Parameters whose change would explain the data equally well."),
+    Head("value now", "Value in the later run, with one standard deviation."),
+)
+_EFFECT = Head("effect", "Cause by its id, with the leg, target or axis that it concerns.")
+_LARGEST_Z = Head(
+    "largest z", "Largest difference from the previous run over all steps, divided by its standard deviation."
+)
+_LEFT_OUT = Head("left out", "Reason why the number was not compared in some step.")
+_RUN_HEADS = (
+    Head("run", "Name of the run on this page."),
+    Head("folder", "Folder of the run, as given."),
+    Head("version", "Version of truing that wrote the run."),
+)
 
 _MOST = 12  # most figures of a page
 _LOOKS = (
@@ -167,7 +188,7 @@ def _changes(comparison: RunComparison) -> ReportSection:
     lead = f"Each run is compared with the previous one: {_JUDGED[_is_mechanism(comparison)]}. {_RATE}"
     rows = [(step, r) for step in steps for r in comparison.assessed(step).itertuples() if r.changed]
     listing = Listing(
-        ("from, to", "number", "changed by", "in sigma", "or instead", "value now"),
+        _CHANGE_HEADS,
         tuple(
             (comparison.pair(step), number_name(r), change_text(r), _jump(r), cell(r.instead), value_text(r))
             for step, r in rows
@@ -239,7 +260,6 @@ def _trends(comparison: RunComparison) -> ReportSection | None:
 def _effects(comparison: RunComparison) -> ReportSection:
     names = [_effects_found(comparison, place) for place in range(len(comparison.runs))]
     every = list(dict.fromkeys(name for own in names for name in own))
-    labels = tuple(run.label for run in comparison.runs)
     rows = tuple((name, *("found" if name in own else "–" for own in names)) for name in every)
     if not rows:
         return ReportSection("effects", "Effects side by side", "No run found an effect.", state="pass")
@@ -248,7 +268,8 @@ def _effects(comparison: RunComparison) -> ReportSection:
         "Findings of each run. An effect found in one run may be present in the next one too; the comparison of "
         "numbers allows for both. The sizes are in the table of numbers."
     )
-    return ReportSection("effects", "Effects side by side", lead, listings=(Listing(("effect", *labels), rows, marks),))
+    heads = (_EFFECT, *comparison.heads("Whether the diagnosis of this run found the effect."))
+    return ReportSection("effects", "Effects side by side", lead, listings=(Listing(heads, rows, marks),))
 
 
 def _numbers(comparison: RunComparison) -> ReportSection | None:
@@ -262,7 +283,8 @@ def _numbers(comparison: RunComparison) -> ReportSection | None:
         cells = [value_text(by_place[k]) if k in by_place else "–" for k in range(1, len(comparison.runs) + 1)]
         rows.append((number_name(first), *cells, _largest(own), _reasons(own)))
         marks.append("changed" if own["changed"].any() else "")
-    heads = ("number", *(run.label for run in comparison.runs), "largest z", "left out")
+    values = comparison.heads("Value in this run, with one standard deviation.")
+    heads = (_NUMBER, *values, _LARGEST_Z, _LEFT_OUT)
     listing = Listing(heads, tuple(rows), tuple(marks), f"All {len(rows)} numbers", True, _HELD_BY)
     lead = "Values with one standard deviation; z is the difference from the previous run over its standard deviation."
     return ReportSection("numbers", "Every number", lead, listings=(listing,))
@@ -280,7 +302,7 @@ def _reasons(rows: pd.DataFrame) -> str:
 def _provenance(comparison: RunComparison) -> ReportSection:
     rows = tuple((run.label, run.folder, run.version) for run in comparison.runs)
     lead = "The runs in the given order. Their folders were not changed."
-    listing = Listing(("run", "folder", "version"), rows)
+    listing = Listing(_RUN_HEADS, rows)
     return ReportSection("provenance", "Provenance", lead, listings=(listing,))
 
 

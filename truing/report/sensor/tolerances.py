@@ -38,6 +38,15 @@ _HEADS = (
     Head("95 % of sensors below", "Error that 95 % of all sensors do not exceed."),
     Head("share of the variance", "Part of the variance of the error by all tolerances that this one explains."),
 )
+_LINK_HEADS = (
+    Head("link", "Number of the link from the base's axis; links 1 and 7 end at imaginary joints."),
+    Head("along the normal", "Shift from the previous joint axis to this one; along the radius for links 1 and 7."),
+    Head("along the axis", "Distance along the joint axis between the normals to the previous and the next axis."),
+    Head("angle about the axis", "Angle about the joint axis from the normal before it to the normal behind it."),
+    Head("twist to the next axis", "Angle about the next normal from this joint axis to the next one."),
+    Head("axis", "Components of the unit vector along the joint axis, in the frame of the base."),
+)
+_SOURCE = Head("1 µm of", "Length of the leg that has an error of 1 µm.")
 _COLOURS = (BLUE, ORANGE, GREEN, RED, "#CC79A7")
 _SPREAD = 0.28  # half width of the cloud of dots
 
@@ -159,17 +168,18 @@ def chain_section(frames: Mapping[str, pd.DataFrame]) -> ReportSection:
         )
         for row in own.itertuples()
     )
-    heads = ("link", "along the normal", "along the axis", "angle about the axis", "twist to the next axis", "axis")
-    chain = Listing(heads, geometry, (), "Links of leg 1", held_by="the -links table")
+    chain = Listing(_LINK_HEADS, geometry, (), "Links of leg 1", held_by="the -links table")
     parts = [name for name in influence.columns if name not in ("leg", "error_source")]
     first = influence[influence["leg"] == 1]
     rows = tuple(
         (_NAMES[str(row["error_source"])], *(plain(float(row[name])) for name in parts)) for _, row in first.iterrows()
     )
-    named = tuple(f"{name.partition('_')[0]}, {sign(name.partition('_')[2])}" for name in parts)
-    open_leg = Listing(
-        ("1 µm of", *named), rows, (), "Platform on leg 1 alone, without the others", held_by="the -influence table"
+    named = ((name.partition("_")[0], sign(name.partition("_")[2])) for name in parts)
+    heads = (
+        _SOURCE,
+        *(Head(f"{part}, {unit}", "Error of the platform's pose in this component.") for part, unit in named),
     )
+    open_leg = Listing(heads, rows, (), "Platform on leg 1 alone, without the others", held_by="the -influence table")
     return ReportSection("chains", "Legs as chains", lead, listings=(chain, open_leg))
 
 
