@@ -27,6 +27,11 @@ _TYPES = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
 SECTIONS_SHOWN = ("noise", "measurement", "bodies", "requirement", "diagnosis", "interferometer", "signals")
 _MOST_BYTES = 1_000_000
 _OF_LINES = (".csv", ".txt", ".tsv", ".dat", ".asc", ".xyz", ".gsi", ".trc", ".rtl", ".urdf", ".xml", ".toml", ".json")
+_MACHINES = {
+    "6-pus": "hexapod with linear actuators at the base (6-PUS)",
+    "ups": "platform on {} legs of variable length (UPS)",
+    "6-upur": "force sensor on {} elastic legs (6-UPUR)",
+}
 _EXPECTED = "a picture of at most 1 MB in PNG, JPEG or SVG"
 
 
@@ -103,9 +108,11 @@ def _item(item: Item) -> str:
 
 
 def _machine(settings: Campaign) -> str:
-    """Return the type of a mechanism with legs; empty for others."""
+    """Return the type of a mechanism with legs in words; empty for others."""
     legs = getattr(settings.mechanism, "legs", None)
-    return f"{settings.mechanism.type}, {len(legs)} legs" if legs else ""
+    if not legs:
+        return ""
+    return _MACHINES.get(settings.mechanism.type, f"{settings.mechanism.type}, {{}} legs").format(len(legs))
 
 
 def _today() -> date:

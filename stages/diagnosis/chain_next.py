@@ -62,6 +62,7 @@ class PossibleChainPoses:
 
     what: ClassVar[tuple[str, str]] = ("pose", "poses")
     unit: ClassVar[str] = "pose"
+    each: ClassVar[str] = "measurement"
     do: ClassVar[str] = "measure"
     pace: ClassVar[str] = "at the pace of this campaign"
 

@@ -60,6 +60,7 @@ class PossibleMeasurements:
 
     what: ClassVar[tuple[str, str]] = ("configuration", "configurations")
     unit: ClassVar[str] = "pose"
+    each: ClassVar[str] = "measurement"
     do: ClassVar[str] = "measure"
     pace: ClassVar[str] = "at the pace of this campaign"
 

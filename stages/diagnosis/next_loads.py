@@ -69,6 +69,7 @@ class PossibleRuns:
 
     what: ClassVar[tuple[str, str]] = ("run of loads", "runs of loads")
     unit: ClassVar[str] = "run"
+    each: ClassVar[str] = "run"
     do: ClassVar[str] = "apply"
     pace: ClassVar[str] = "of loading"
 

@@ -54,6 +54,7 @@ class Options(Protocol):
 
     what: ClassVar[tuple[str, str]]  # what one is, and several
     unit: ClassVar[str]  # what they are counted in
+    each: ClassVar[str]  # what is done once or several times with a candidate
     do: ClassVar[str]
     pace: ClassVar[str]  # behind how long they take
 
@@ -130,13 +131,15 @@ class MeasurementPlan:
         return f"{first} {self.options.do} {what}{self._repeats()}. {self._duration()}{self.given}"
 
     def _repeats(self) -> str:
-        """``, 13 times each (78 poses)``; nothing where each is measured once, or no number is enough."""
+        """``, 13 times each (78 measurements in all)`` or ``, 3 measurements in all (1 to 2 of each)``; nothing where
+        each is measured once, or no number is enough."""
         few, many, total = min(self.choice.times), max(self.choice.times), self.choice.total
         if not self.choice.is_enough or many == 1:
             return ""
-        often = f"{many} times" if few == many else f"{few} to {many} times"
-        several = len(self.choice.times) > 1
-        return f", {often}{f' each ({count(total, self.options.unit)})' if several else ''}"
+        if len(self.choice.times) == 1:
+            return f", {many} times"
+        whole = f"{count(total, self.options.each)} in all"
+        return f", {many} times each ({whole})" if few == many else f", {whole} ({few} to {many} of each)"
 
     def _duration(self) -> str:
         """Return the total duration as a sentence; empty if unknown."""

@@ -34,7 +34,7 @@ from truing.schemas.needs import Need
 ABOUT = CampaignFacts(
     title="Wing 7, second campaign",
     laboratory="Laboratory of Lengths",
-    machine="6-pus, 6 legs",
+    machine="hexapod with linear actuators at the base (6-PUS)",
     instrument="camera no. 4",
     measured=("2026-11-20", "2026-11-21"),
     made="2026-11-24",
@@ -45,7 +45,7 @@ ABOUT = CampaignFacts(
 def test_it_says_machine_instrument_dates_counts_and_version() -> None:
     tables = campaign_tables()
     facts = dict(build_head("c", tables, ABOUT).screen.facts)
-    assert facts["machine"] == "6-pus, 6 legs"
+    assert facts["machine"] == "hexapod with linear actuators at the base (6-PUS)"
     assert facts["instrument"].startswith("camera no. 4; 3-D points")
     assert facts["measured"].startswith("2026-11-20 to 2026-11-21")
     assert facts["data"].startswith(f"{tables['configurations']['pose'].nunique()} poses")

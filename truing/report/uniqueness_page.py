@@ -31,7 +31,7 @@ _HEADS = (
     Head("parts not decided", "Number of parts of the range that remain without proof."),
     Head(
         "slope of the closure by the reading",
-        "Bounds of the derivative of the leg's closure by its reading; zero outside of them proves one reading.",
+        "Bounds of the derivative of the leg's closure by its reading; a lower bound above zero proves one reading.",
     ),
 )
 

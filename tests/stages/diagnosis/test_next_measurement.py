@@ -12,7 +12,7 @@ import pytest
 from tests.conftest import PROJECT
 from tests.simulation.mechanisms.telescope import readings, sample_model, telescope
 from tests.tolerance import assert_between, assert_close
-from truing.estimation.design.rival_design import Fitted
+from truing.estimation.design.rival_design import ChosenPoses, Fitted
 from truing.estimation.rotation import exp_so3
 from truing.inference.fit import Fit, fit_model
 from truing.inference.observations import Frames, Observations
@@ -21,6 +21,7 @@ from truing.report.wordings.catalogue import confirming
 from truing.report.wordings.claim import AdviceKind
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.campaign import Campaign, read_campaign
+from truing.schemas.needs import Need
 from truing.simulation.inputs import APPROACH, LAST_STEP, MEMORY
 from truing.simulation.mechanisms.causes.deformation import LinearPlatformDeformation
 from truing.simulation.mechanisms.causes.drive import ActuatorGain
@@ -30,8 +31,17 @@ from truing.simulation.mechanisms.causes.warmth import LegThermal
 from truing.simulation.mechanisms.model import MechanismModel
 from truing.simulation.mechanisms.recording import Conditions
 from truing.simulation.targets import Targets, shape_unknowns
+from truing.stages.diagnosis.chain_next import PossibleChainPoses
 from truing.stages.diagnosis.next_candidates import PossibleMeasurements, _levels, possible
-from truing.stages.diagnosis.next_measurement import MeasuredPoints, NextMeasurement, Rivals, next_measurements
+from truing.stages.diagnosis.next_loads import PossibleRuns
+from truing.stages.diagnosis.next_measurement import (
+    MeasuredPoints,
+    MeasurementPlan,
+    NextMeasurement,
+    Options,
+    Rivals,
+    next_measurements,
+)
 from truing.stages.diagnosis.rows import claim_of
 
 SIGMA_M = 5e-6
@@ -350,3 +360,23 @@ def test_attitudes_are_proposed_of_those_that_were_measured_and_called_so() -> N
         "with gravity along (1.00, 0.00, 0.00) in the frame of tool",
         "with gravity along (0.00, 1.00, 0.00) in the frame of tool",
     }
+
+
+@pytest.mark.parametrize(
+    ("kind", "times", "repeats"),
+    [
+        (PossibleMeasurements, (1,), "measure this configuration."),
+        (PossibleMeasurements, (3,), "measure this configuration, 3 times."),
+        (PossibleMeasurements, (13,) * 6, "measure these 6 configurations, 13 times each (78 measurements in all)."),
+        (PossibleChainPoses, (1, 1), "measure these 2 poses."),
+        (PossibleChainPoses, (1, 2), "measure these 2 poses, 3 measurements in all (1 to 2 of each)."),
+        (PossibleRuns, (15, 30), "apply these 2 runs of loads, 45 runs in all (15 to 30 of each)."),
+    ],
+)
+def test_a_request_says_how_many_measurements_it_takes(
+    kind: type[Options], times: tuple[int, ...], repeats: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kind, "seconds", lambda *_: None)
+    choice = ChosenPoses(tuple(range(len(times))), times, (1.0,) * len(times), is_enough=True)
+    plan = MeasurementPlan("", Need.PRECISION, kind.__new__(kind), choice, (), "So it is.")
+    assert plan.request("To know it,") == f"To know it, {repeats} So it is."

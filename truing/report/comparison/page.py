@@ -42,18 +42,18 @@ _JUDGED = {
     False: "each number separately",
 }
 
-_NUMBER = Head("number", "Parameter of the machine or of an effect, or entry of a matrix, that runs have in common.")
+_NUMBER = Head("number", "Parameter of the machine or of an effect, or entry of a matrix.")
 _CHANGE_HEADS = (
     Head("from, to", "Runs that are compared, the earlier one first."),
     _NUMBER,
-    Head("changed by", "Value now minus value before, with one standard deviation."),
+    Head("changed by", "Estimated change, if only the numbers listed here changed, with one standard deviation."),
     Head("in sigma", "Change divided by its standard deviation."),
     Head("or instead", "Parameters whose change would explain the data equally well."),
     Head("value now", "Value in the later run, with one standard deviation."),
 )
 _EFFECT = Head("effect", "Cause by its id, with the leg, target or axis that it concerns.")
 _LARGEST_Z = Head(
-    "largest z", "Largest difference from the previous run over all steps, divided by its standard deviation."
+    "largest z", "Difference from the previous run in standard deviations, of the step where it is largest."
 )
 _LEFT_OUT = Head("left out", "Reason why the number was not compared in some step.")
 _RUN_HEADS = (
