@@ -175,8 +175,8 @@ def test_columns_that_predict_the_misfit_are_told_with_their_share() -> None:
     one, *_ = assessed_causes({"diagnosis": rows(REMAINDER, *rejected())})
     assert one.is_remainder
     assert one.is_noise  # no effect in the model
-    what = "The residuals (model without causes)"
-    assert_says(clause(one, {}), what, "actuator 3", "the temperature", "41 %", "variance")
+    left = "the variance that the model without causes leaves"
+    assert_says(clause(one, {}), "The residuals", "actuator 3", "the temperature", "41 %", left)
     assert "noise" not in one.name
 
 
