@@ -13,6 +13,8 @@ from types import FrameType
 from truing.pipeline.interruption import interruptible
 from truing.pipeline.problems import ExitCode, Interrupted, environment_problem
 
+_NO_MEMORY = "loading the program: there is not enough memory; run it where there is more, or raise its limit (ulimit -v)\n"
+
 
 def main() -> None:
     """Entry point of `truing` and of `python -m pipeline`."""
@@ -23,11 +25,11 @@ def main() -> None:
             _call()
     except Interrupted as error:
         code = _end_interrupted(error)
-    except (ImportError, MemoryError) as error:  # before any action started
-        known = environment_problem(error, "loading the program")
-        if known is None:
+    except (ImportError, MemoryError, SystemError) as error:  # before any action started
+        text = _problem_while_loading(error)
+        if not text:
             raise
-        sys.stderr.write(f"{known}\n")
+        sys.stderr.write(text)
         code = ExitCode.ENVIRONMENT
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(end.code is not None)
@@ -35,6 +37,15 @@ def main() -> None:
         raise
     _keep(code)
     sys.exit(code)
+
+
+def _problem_while_loading(error: Exception) -> str:
+    """The line on what the environment lacks; empty if it lacks nothing."""
+    try:
+        known = environment_problem(error, "loading the program")
+        return "" if known is None else f"{known}\n"
+    except MemoryError:  # too little is left even to look into the error
+        return _NO_MEMORY
 
 
 def _call() -> None:

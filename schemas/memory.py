@@ -14,6 +14,8 @@ _SAID = re.compile(
 )
 _ASKED = re.compile(r"alloc of size (\d+) failed")  # Arrow
 _MOST = 1 << 40  # bytes; a damaged file may request more, which is no memory shortage
+# The interpreter itself, where it finds no memory for the MemoryError.
+_LOST = re.compile(r"without (setting an exception|exception set)")
 _TELLING = (ImportError, RuntimeError, SystemError)
 
 
@@ -34,6 +36,8 @@ def _is_shortage(error: BaseException) -> bool:
         return asked is None or int(asked[1]) < _MOST
     if isinstance(error, OSError):
         return error.errno == errno.ENOMEM
+    if isinstance(error, SystemError) and _LOST.search(str(error)):
+        return True
     from_arrow = type(error).__module__.startswith("pyarrow")
     return (from_arrow or isinstance(error, _TELLING)) and bool(_SAID.search(str(error)))
 

@@ -143,7 +143,8 @@ def test_want_of_memory_within_a_stage_is_the_environments(trouble: str, said: s
 
 
 @posix_only
-@pytest.mark.parametrize("megabytes", [30, 300, 1500])
+# At 30 MB the interpreter itself may abort: it finds no memory to report that there is none.
+@pytest.mark.parametrize("megabytes", [22, 60, 300, 1500])
 @pytest.mark.parametrize("command", ["run", "check", "export"])
 def test_a_limit_that_lets_no_library_load_is_said(command: str, megabytes: int, fake: FakeProject) -> None:
     limited = (
