@@ -13,7 +13,9 @@ from types import FrameType
 from truing.pipeline.interruption import interruptible
 from truing.pipeline.problems import ExitCode, Interrupted, environment_problem
 
-_NO_MEMORY = "loading the program: there is not enough memory; run it where there is more, or raise its limit (ulimit -v)\n"
+_NO_MEMORY = (
+    "loading the program: there is not enough memory; run it where there is more, or raise its limit (ulimit -v)\n"
+)
 
 
 def main() -> None:
