@@ -234,9 +234,12 @@ def related_readings(
     configurations: pa.Table,
     settings: Campaign,
     right: Mask,
+    measured: str = "points and survey",
 ) -> tuple[RelationTest, ...]:
-    """Return the test of actuator readings against the poses of a platform on its base, both seen from the instrument;
-    poses that are not ``right`` (B,) are left out."""
+    """Return the test of actuator readings against the poses of a platform on its base, both seen from the instrument.
+
+    Poses that are not ``right`` (B,) are left out. ``measured``: what the poses come from, in words.
+    """
     section = cast("LeggedMechanism", settings.mechanism)
     columns = tuple(f"rho{leg + 1}_mm" for leg in range(len(section.legs)))
     found = _in_order(configurations, columns, around)
@@ -253,6 +256,7 @@ def related_readings(
         found.readings[usable],
         float(np.hypot(noise, 1e-3 * settings.noise.actuator_mm)),
         _drivers(around, at),
+        measured,
     )
     poses = tuple(str(around.poses[pose]) for pose in at)
     return relate_readings(motion, ReadingNames(columns, poses, _groups(configurations, found.row[usable])))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 
 from truing.arrays import Array, Mask
 from truing.belonging.reading_tests import READINGS
-from truing.belonging.relation import RecordSlip, RelationState, RelationTest
+from truing.belonging.relation import RelationState, RelationTest
 from truing.estimation.rotation import exp_so3
 from truing.quality.bodies import PoseSurroundings
 from truing.stages.common.point_arrays import pose_covariances, pose_vectors, positions
@@ -47,20 +47,8 @@ def readings_of_given_poses(
     base = _poses_of(poses, "base", around)
     if not base.ok.any() and settings.is_frame_fixed:
         base = _GivenPoses(np.broadcast_to(np.eye(3), base.R.shape), base.t, base.covariance, np.ones_like(base.ok))
-    tested = related_readings(base, platform, around, configurations, settings, np.ones_like(base.ok))
-    return tuple(replace(one, slips=_of_poses(one.slips), rivals=_of_poses(one.rivals)) for one in tested)
-
-
-def _of_poses(slips: tuple[RecordSlip, ...]) -> tuple[RecordSlip, ...]:
-    """The slips with what was measured, poses in place of points, in their names."""
-    words = {"points and survey": "measured poses", "measured points of": "measured position of"}
-    found = []
-    for slip in slips:
-        quantity = slip.quantity
-        for points, poses in words.items():
-            quantity = quantity.replace(points, poses)
-        found.append(replace(slip, quantity=quantity))
-    return tuple(found)
+    right = np.ones_like(base.ok)
+    return related_readings(base, platform, around, configurations, settings, right, "measured poses")
 
 
 def _poses_of(poses: pa.Table, body: str, around: PoseSurroundings) -> _GivenPoses:

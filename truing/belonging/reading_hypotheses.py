@@ -39,7 +39,7 @@ class MeasuredMotion:
 
     ``tolerance``: one standard deviation of a, b, l (m) and u (1). ``noise``: one standard deviation of a reading minus
     the one required by the pose, m. ``drivers`` (B, C): other possible inputs (time, temperature), each scaled to unit
-    spread.
+    spread. ``measured``: what the poses come from, in words.
     """
 
     legs: Legs
@@ -49,6 +49,7 @@ class MeasuredMotion:
     readings: Array
     noise: float
     drivers: Array
+    measured: str = "points and survey"
 
     def every_nth(self, step: int) -> MeasuredMotion:
         """Return every ``step``-th pose."""
@@ -114,10 +115,10 @@ def descriptions(motion: MeasuredMotion) -> Iterator[Description]:
         yield Description((_unit("a_mm and b_mm", factor),), legs.replace(a=factor * legs.a, b=factor * legs.b), p, R)
         whole = legs.replace(a=factor * legs.a, b=factor * legs.b, l=factor * legs.l, rho0=factor * legs.rho0)
         yield Description((_unit("all lengths of [mechanism]", factor),), whole, p, R)
-        yield Description((_unit("points and survey", factor),), legs, factor * p, R)
+        yield Description((_unit(motion.measured, factor),), legs, factor * p, R)
     for axis, name in enumerate(_AXES):
         mirror = np.where(np.arange(3) == axis, -1.0, 1.0)
-        slip = RecordSlip(SlipKind.MIRRORED, "points and survey, or the joints of [mechanism],", (f"along {name}",))
+        slip = RecordSlip(SlipKind.MIRRORED, f"{motion.measured}, or the joints of [mechanism],", (f"along {name}",))
         yield Description((slip,), legs, p * mirror, mirror[:, None] * R * mirror)
     back = np.swapaxes(R, -1, -2)
     slip = RecordSlip(SlipKind.PARTS_EXCHANGED, "bodies", ("base", "platform"))

@@ -293,7 +293,7 @@ def _stray_slips(strays: list[tuple[str, str]], names: ReadingNames) -> Iterator
     whole = [pose for pose in dict.fromkeys(poses) if poses.count(pose) > 0.5 * len(names.columns)]
     cells = tuple(f"{column} in pose {pose}" for pose, column in strays if pose not in whole)
     if whole:
-        yield RecordSlip(SlipKind.STRAY, "readings or measured points of", tuple(f"pose {pose}" for pose in whole))
+        yield RecordSlip(SlipKind.STRAY, "readings or measured position of", tuple(f"pose {pose}" for pose in whole))
     if cells:
         yield RecordSlip(SlipKind.STRAY, "readings", cells)
 

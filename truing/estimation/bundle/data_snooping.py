@@ -136,7 +136,7 @@ def _screened(
         converged = not with_components or bool(np.all(np.abs(latest.factor / components.factor - 1) < _STEADY))
         passed = converged and not fails.any() and not passes.any()
         if passed or rounds >= _MOST_ROUNDS:
-            if adjusted.converged:
+            if adjusted.converged or not within:
                 break
             within = 0.0  # what passes after one step is adjusted to the end, and tested once more
             continue
