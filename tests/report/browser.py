@@ -35,6 +35,8 @@ _FLAGS = (
 )
 # What chromium says of canvases drawn without a graphics card: of speed, not of errors.
 _OF_SPEED = ("GPU stall", "Multiple readback operations")
+# How the browser refuses a question that meets a page on its way to another.
+_OF_LEAVING = ("Inspected target navigated", "Execution context was destroyed", "Cannot find context")
 _PATIENCE_S = 60.0
 # Becomes the browser, with its two pipes where it looks for them; neither may be lost to the other's place.
 _AT_3_AND_4 = """
@@ -155,15 +157,18 @@ class Page:
         return told["result"].get("value")
 
     def becomes(self, expression: str) -> bool:
-        """Whether an expression comes true within a few seconds."""
-        return bool(
-            self.value(
-                f"""(async () => {{
-                  for (let k = 0; k < 500 && !({expression}); k++) await new Promise((done) => setTimeout(done, 10));
-                  return Boolean({expression});
-                }})()"""
-            )
-        )
+        """Whether an expression comes true soon, also on the page to which the one in view is just leading."""
+        until = time.monotonic() + _PATIENCE_S / 3
+        while True:
+            try:
+                if self.value(f"Boolean({expression})"):
+                    return True
+            except BrowserError as error:
+                if not any(words in str(error) for words in _OF_LEAVING):
+                    raise
+            if time.monotonic() > until:
+                return False
+            time.sleep(0.01)
 
     def scroll_through(self) -> None:
         """Unfold the page, show every figure in turn and wait until it is drawn."""
