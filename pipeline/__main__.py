@@ -1,4 +1,4 @@
-"""`python -m pipeline`: same as `truing`."""
+"""`python -m truing.pipeline`: same as `truing` and `python -m truing`."""
 
 from __future__ import annotations
 

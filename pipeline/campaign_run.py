@@ -32,6 +32,7 @@ from truing.pipeline.stage_order import (
 from truing.schemas.artifact import DamagedTable
 from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.faults import CampaignFaults, Fault
+from truing.schemas.verdict import ReasonCode
 from truing.stages.declaration import Outcome, Stage
 
 if TYPE_CHECKING:
@@ -43,7 +44,8 @@ if TYPE_CHECKING:
 
 PROJECT = Path(truing.__file__).parent.parent
 _VERDICT = "verdict"  # the artifact that decides the exit code
-_TOLD = ("state", "decided_by", "explanation")  # columns of its first row that the last lines of a run give
+# Columns of its first row that the last lines of a run give.
+_TOLD = ("state", "reason_code", "decided_by", "explanation")
 _Piece = TypeVar("_Piece")
 Result = TypeVar("Result")
 
@@ -240,7 +242,7 @@ class CampaignRun:
         self.digest_cache.save()
 
     def verdict(self, stages: tuple[Stage, ...]) -> dict[str, str]:
-        """State, deciding section and explanation of the campaign's verdict; empty without one among these stages.
+        """State, reason, deciding section and explanation of the campaign's verdict; empty without one among these.
 
         They are remembered, because reading a table takes longer than everything else of a run with nothing to do.
         """
@@ -249,7 +251,7 @@ class CampaignRun:
         if digest is None:
             return {}
         known = self.digest_cache.fact(f"verdict {digest}")
-        if known is None:
+        if known is None or set(_TOLD) - set(known):  # an earlier version remembered less
             from truing.pipeline.artifacts import table_of
 
             table = table_of(self.folder, _VERDICT)
@@ -290,9 +292,10 @@ def _names_of(campaign: CampaignFolder) -> tuple[str, ...]:
 
 
 def verdict_line(verdict: Mapping[str, str | None]) -> str:
-    """The campaign's verdict as one line: state, deciding section, explanation."""
+    """The campaign's verdict as one line: state or kind of result, deciding section, explanation."""
     by = f" ({verdict['decided_by']})" if verdict["decided_by"] else ""
-    return f"verdict: {verdict['state']}{by}. {verdict['explanation']}"
+    state = ReasonCode(verdict["reason_code"]).result or verdict["state"]
+    return f"verdict: {state}{by}. {verdict['explanation']}"
 
 
 def detached_run(campaign: CampaignFolder) -> CampaignRun:

@@ -19,7 +19,7 @@ _NO_MEMORY = (
 
 
 def main() -> None:
-    """Entry point of `truing` and of `python -m pipeline`."""
+    """Entry point of `truing` and of `python -m truing`."""
     atexit.register(_ignore)  # registered first, so called last
     code = 0
     try:

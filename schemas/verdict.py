@@ -71,12 +71,18 @@ class ReasonCode(StrEnum):
         """Meaning of the code, as in the reference."""
         return _MEANING[self]
 
+    @property
+    def result(self) -> str:
+        """``found`` or ``measured`` where the code tells a result, which neither passes nor fails; else empty."""
+        return _RESULTS.get(self, "")
+
 
 # Sections whose failure means that a model's parameters are unreliable.
 OF_MODEL = ("adequacy", "pulls", "calibration")
 # Codes of an incomplete model: effects that it leaves out bias its parameters.
 INCOMPLETE = (ReasonCode.BEYOND_NOISE, ReasonCode.LACK_OF_FIT)
 
+_RESULTS = {ReasonCode.FOUND: "found", ReasonCode.DEFORMS: "found", ReasonCode.MEASURED: "measured"}
 _MEANING = {
     ReasonCode.BELONG: "every tested relation between the tables holds",
     ReasonCode.DEPARTS: "a tested relation holds only in part, or recorded numbers are coarsely rounded",

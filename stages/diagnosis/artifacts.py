@@ -129,12 +129,12 @@ def _figure(table: pa.Table, diagnosis: CauseDiagnosis, shown: ReportedRms, rule
     elif diagnosis.adequacy.p_value <= rule.doubted_level:
         left += "; the model as a whole does not fit"
     if not {"found", "suspected"} & set(table.column("verdict").to_pylist()):
-        return f"nothing found: rms error {left}"
+        return f"nothing found: rms error of fitted data {left}"
     # Zeros far off and exchanged readings are known before the plain fit, which has them already.
     named = [row for row in table.to_pylist() if row["verdict"] in ("found", "suspected") and row["unit"] == shown.unit]
     starts = [row["rms_before"] for row in named if row["rms_before"]]
     before = max(shown.rms(diagnosis.plain.error) or 0.0, *starts, 0.0)
-    return f"{_found_causes(table)}: rms error {two_decimals(before)} -> {left}"
+    return f"{_found_causes(table)}: rms error of fitted data {two_decimals(before)} -> {left}"
 
 
 def _found_causes(table: pa.Table) -> str:

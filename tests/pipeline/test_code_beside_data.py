@@ -111,11 +111,12 @@ def test_no_command_runs_code_that_lies_beside_the_data(planted: Path, workplace
     assert set(imported) - _names() <= {"__main__", "__mp_main__"}, "a name that is imported and was not planted"
 
 
-def test_python_m_leaves_the_current_folder_where_the_command_begins(tmp_path: Path) -> None:
+@pytest.mark.parametrize("package", ["truing", "pipeline"])
+def test_python_m_leaves_the_current_folder_where_the_command_begins(package: str, tmp_path: Path) -> None:
     (tmp_path / "one").mkdir()
     for name in ("typer", "numpy", "pyarrow"):
         (tmp_path / "one" / f"{name}.py").write_text(f"open({str(tmp_path / 'mark')!r}, 'a').write({name!r})\n")
-    assert _python(["-m", "pipeline", "check", "."], tmp_path / "one").returncode == 2  # there is no campaign
+    assert _python(["-m", package, "check", "."], tmp_path / "one").returncode == 2  # there is no campaign
     assert not (tmp_path / "mark").exists()
     _python(["-c", "import typer"], tmp_path / "one")
     assert (tmp_path / "mark").read_text() == "typer"  # which is run where nothing prevents it

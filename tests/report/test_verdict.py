@@ -14,6 +14,7 @@ from tests.report.campaign_tables import campaign_tables
 from tests.report.diagnosis_tables import GAIN_3, diagnosis_tables, rejected, row, rows
 from tests.sentences import assert_says
 from truing.belonging.relation import RelationState
+from truing.pipeline.campaign_run import verdict_line
 from truing.report.head import build_head
 from truing.report.quality_section import quality_verdict
 from truing.report.rendering.render import render_page
@@ -287,3 +288,17 @@ def test_any_tables_have_a_verdict(tables):
     for name in tables:
         assert len(verdict_frame({other: own for other, own in tables.items() if other != name}))
         assert len(verdict_frame({**tables, name: tables[name].iloc[:0]}))
+
+
+@pytest.mark.parametrize(
+    ("state", "reason", "word"),
+    [
+        ("attention", "found", "found"),
+        ("attention", "suspected", "attention"),
+        ("fails", "do-not-belong", "fails"),
+        ("ok", "agrees", "ok"),
+    ],
+)
+def test_the_last_line_of_a_run_marks_a_result_as_the_page_does(state: str, reason: str, word: str) -> None:
+    verdict = {"state": state, "reason_code": reason, "decided_by": "diagnosis", "explanation": "Because."}
+    assert verdict_line(verdict) == f"verdict: {word} (diagnosis). Because."

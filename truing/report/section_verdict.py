@@ -16,12 +16,6 @@ _MARKS = {
     RelationState.FAILS: "fail",
     RelationState.NOT_TESTED: "none",
 }
-# A result is neither passed nor failed.
-_OF_RESULTS = {
-    ReasonCode.FOUND: "found",
-    ReasonCode.DEFORMS: "found",
-    ReasonCode.MEASURED: "measured",
-}
 
 
 @dataclass(frozen=True)
@@ -39,7 +33,7 @@ class SectionVerdict:
     @property
     def mark(self) -> str:
         """Mark of colour: pass, warn, fail, none, or that of a result: found, measured."""
-        return _OF_RESULTS.get(self.reason_code, _MARKS[self.state])
+        return self.reason_code.result or _MARKS[self.state]
 
 
 def verdict_rows(tables: Tables) -> dict[str, SectionVerdict]:
