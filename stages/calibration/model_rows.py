@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -171,7 +172,8 @@ def requirement_rows(
     """
     limits = [getattr(requirement, f"{component}_{unit}") for component, unit in COMPONENTS.items()]
     si = np.array([SI[unit] for unit in COMPONENTS.values()])
-    return limit_rows(COMPONENTS, limits, key, errors / si, variances / si**2, held_out, why_not)
+    why = dict.fromkeys(COMPONENTS, why_not)
+    return limit_rows(COMPONENTS, limits, key, errors / si, variances / si**2, held_out, why)
 
 
 def limit_rows(
@@ -181,12 +183,12 @@ def limit_rows(
     errors: NDArray,
     variances: NDArray,
     held_out: NDArray,
-    why_not: str = "",
+    why_not: Mapping[str, str] = MappingProxyType({}),
     what: str = "poses",
 ) -> Rows:
     """One row per component (K units by name) with a limit, as `requirement_rows`; errors (B, K) in these units.
 
-    ``what``: that whose errors are compared, in words.
+    ``why_not``: by component, why no model meets its requirement; ``what``: that whose errors are compared, in words.
     """
     rows, assessed = Rows("requirements"), held_out if held_out.any() else ~held_out
     by = "" if held_out.any() else f", evaluated at the fitted {what}"
@@ -198,8 +200,8 @@ def limit_rows(
         verdict = _verdict(found, limit)
         decision = deciding_pose_count(own, noise, limit, 0 if held_out.any() else int(np.isfinite(own).sum()))
         words = _requirement_words(found, verdict, limit, unit, what) + (by if found else "")
-        if why_not and verdict in ("meets", "undecided"):
-            verdict, words = "not evaluated", f"not tested: {why_not}"
+        if (why := why_not.get(component)) and verdict in ("meets", "undecided"):
+            verdict, words = "not evaluated", f"not tested: {why}"
         rows.add(
             model=key[0],
             deformation=key[1],

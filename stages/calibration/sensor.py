@@ -59,6 +59,10 @@ _UNITS = {"f": "N", "m": "N m"}
 _LEGS = tuple(f"leg{number + 1}" for number in range(6))
 LEAVES = ("sensor_matrix", "sensor_merit", "sensor_choice", "error_classes")
 CLASSES = ("nonlinearity", "interpolation", "hysteresis", "repeatability", "zero return", "crosstalk", "creep")
+_NOT_AS_RECORDED = (
+    "the diagnosis found that other loads acted than those recorded, and errors are those against recorded loads; "
+    "record the loads that act, or apply the finding ([diagnosis] apply)"
+)
 _WHY_NOT = {
     "nonlinearity": "fewer than two loads on the way up",
     "interpolation": "fewer than two loads on the way up",
@@ -276,7 +280,7 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     artifacts["sensor_choice"] = choice_rows(found, fitted).table()
     artifacts["error_classes"] = error_class_rows(found, fitted, ranges).table()
     about = {"calibration": fitted.chosen.model.name, "data": WITH_FINDINGS if found.causes else AS_RECORDED}
-    requirements = requirement_rows_of_loads(settings, found, fitted)
+    requirements = requirement_rows_of_loads(settings, found, fitted, beside)
     if requirements.count:
         artifacts["requirements"] = requirements.table()
     sensor = calibrated_sensor(
@@ -290,7 +294,9 @@ def calibrate_sensor(tables: Mapping[str, pa.Table], settings: Campaign, progres
     return Outcome(artifacts | text, read=read, left_out=left_out, figure=_figure_of_sensor(found, fitted, ranges))
 
 
-def requirement_rows_of_loads(settings: Campaign, found: RecordedLoads, fitted: SensorCalibrations) -> Rows:
+def requirement_rows_of_loads(
+    settings: Campaign, found: RecordedLoads, fitted: SensorCalibrations, beside: OtherCalibrations | None
+) -> Rows:
     """One row per required component of the load, by errors of runs that were not fitted."""
     keys = {name: f"{name}_{'n' if name.startswith('f') else 'nm'}" for name in fitted.table.load_names}
     limits = [getattr(settings.requirement, key) for key in keys.values()]
@@ -298,7 +304,19 @@ def requirement_rows_of_loads(settings: Campaign, found: RecordedLoads, fitted: 
     errors = errors_by_run(found, fitted)
     variances = np.broadcast_to(found.load_sigma**2, errors.shape)
     every = np.ones(len(errors), bool)
-    return limit_rows(units, limits, (fitted.chosen.model.name, "none"), errors, variances, every, what="runs")
+    key, why = (fitted.chosen.model.name, "none"), dict.fromkeys(_misrecorded(found, beside), _NOT_AS_RECORDED)
+    return limit_rows(units, limits, key, errors, variances, every, why, "runs")
+
+
+def _misrecorded(found: RecordedLoads, beside: OtherCalibrations | None) -> list[str]:
+    """Components of the load that acted otherwise than recorded by a finding that the calibration leaves out.
+
+    Every run has the same bias then, so that held-out errors do not show it.
+    """
+    if beside is None or found.causes:
+        return []
+    differs = (beside.found.load != beside.found.steps.load).any(axis=0)
+    return [name for name, is_other in zip(LOADS, differs, strict=True) if is_other]
 
 
 def _with_other_loads(tables: Mapping[str, pa.Table], settings: Campaign) -> OtherCalibrations | None:

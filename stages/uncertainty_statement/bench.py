@@ -21,7 +21,7 @@ from truing.estimation.sensor.budget import (
 from truing.estimation.uncertainty_budget import NOT_HELD, Budget, Source
 from truing.stages.common.loaded_steps import loaded_steps
 from truing.stages.common.nominal_sensor import simulated_compliance
-from truing.stages.common.recorded_signals import ranges_of, recorded
+from truing.stages.common.recorded_signals import ranges_of, recorded, recorded_with_other_loads
 from truing.stages.uncertainty_statement.causes import found_causes
 from truing.stages.uncertainty_statement.statement import Statement
 
@@ -115,6 +115,10 @@ def state_sensor(statement: Statement, tables: Mapping[str, pa.Table], settings:
         if " signal " in f"{name} ":
             for result in ("G_B", "load"):
                 statement.omitted(result, name, NOT_HELD)
+    acting = None if made.found.causes else recorded_with_other_loads(tables, settings)
+    for cause in () if acting is None else acting.causes:
+        for result in ("G_B", "load", "accuracy"):
+            statement.omitted(result, cause, NOT_HELD)
     for cause in made.found.causes:
         statement.omitted("G_B", f"size of {cause}", "loads are taken as the diagnosis has them, its size as exact")
 

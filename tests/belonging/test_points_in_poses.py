@@ -151,12 +151,12 @@ def test_a_survey_on_a_grid_is_not_taken_for_rounded_points(step: float) -> None
             assert (found.state is RelationState.FAILS, found.reason == "rounded", found.slips) == (False, False, ())
 
 
-@pytest.mark.parametrize("scale", [0.995, 1.001, 1.01])
+@pytest.mark.parametrize("scale", [0.995, 0.9997, 1.0003, 1.001, 1.01])
 def test_another_scale_is_told_with_its_factor_and_is_neither_a_unit_nor_a_mirror_image(scale: float) -> None:
     body = _body(0)
     found = relate_survey(replace(body, survey=body.survey / scale))
     assert (found.state, found.reason) == (RelationState.ATTENTION, "scale")
     (slip,) = found.slips
     assert slip.kind is SlipKind.SCALE
-    assert slip.factor == pytest.approx(1.0 / scale, abs=1e-4)
-    assert found.misfit_explained < 0.2 * found.misfit
+    assert slip.factor == pytest.approx(1.0 / scale, abs=5e-5)
+    assert found.misfit_explained < 0.5 * found.misfit

@@ -14,8 +14,12 @@ from truing.belonging.relation import LENGTH_FACTORS, RecordSlip, RelationState,
 from truing.belonging.slips_in_rows import rounding, row_places
 from truing.belonging.target_names import NamedTargets, meant_order, renamed
 from truing.belonging.target_rows import exchanged_names, frozen_targets, rows_of_wrong_target, slip_of_target
+from truing.estimation.rigid_poses.rigid import RigidFit
 from truing.estimation.rigid_poses.umeyama import umeyama
 
+_HALF = 0.5  # share of a mean square misfit that a scale may leave
+_CLEARLY = 6.0  # standard deviations of the scale of a pose
+_SIGMA_OF_MAD = 1.4826  # standard deviation over the median absolute deviation, for noise
 _FIFTH = 0.2  # largest share of the misfit that may remain after a slip is undone
 _HALF = 0.5  # share of the misfit below which a pose is better with the slip undone
 _COARSE = 0.02  # share of the misfit that remains after a unit is undone, by which coarse numbers do not fit
@@ -249,6 +253,8 @@ def relate_survey(body: BodyPoints) -> RelationTest:
         error, noise = 1e3 * step / np.sqrt(12.0), 1e3 * declared
         rounded = replace(tested, state=RelationState.ATTENTION, reason="rounded", misfit=float(error), limit=noise)
         return replace(rounded, slips=(slip,), tried=2)
+    if before <= _MISFIT * body.sigma and _explains_most(scaled.rms, before, scaled.scale):
+        return _in_other_scale(tested, body, scaled)
     if before <= _MISFIT * body.sigma:
         mirrored_slip = (RecordSlip(SlipKind.MIRRORED, "points or survey of body", (body.name,)),)
         return replace(tested, tried=2, hidden=mirrored_slip if is_flat(body.survey) else ())
@@ -257,9 +263,7 @@ def relate_survey(body: BodyPoints) -> RelationTest:
         trials.append((RecordSlip(SlipKind.UNIT, "points of body", (body.name,), factor), _typical(scaled.rms)))
     slip, after = min(trials, key=lambda trial: trial[1])
     if after > _FIFTH * before and _typical(scaled.rms) <= _FIFTH * before:
-        other = RecordSlip(SlipKind.SCALE, "points of body", (body.name,), 1.0 / float(np.nanmedian(scaled.scale)))
-        as_large = replace(tested, state=RelationState.ATTENTION, reason="scale", tried=3)
-        return replace(as_large, slips=(other,), misfit_explained=1e3 * _typical(scaled.rms))
+        return _in_other_scale(tested, body, scaled)
     if after > _FIFTH * before and body.named is not None and (found := _under_other_names(body.named)) is not None:
         order, left = found
         if left <= _FIFTH * before:
@@ -272,6 +276,23 @@ def relate_survey(body: BodyPoints) -> RelationTest:
     return replace(
         tested, state=RelationState.FAILS, reason="slip", slips=(slip,), misfit_explained=1e3 * after, tried=2
     )
+
+
+def _in_other_scale(tested: RelationTest, body: BodyPoints, scaled: RigidFit) -> RelationTest:
+    """Return the test with the scale of the survey over that of the points as its explanation."""
+    slip = RecordSlip(SlipKind.SCALE, "points of body", (body.name,), 1.0 / float(np.nanmedian(scaled.scale)))
+    as_large = replace(tested, state=RelationState.ATTENTION, reason="scale", tried=3)
+    return replace(as_large, slips=(slip,), misfit_explained=1e3 * _typical(scaled.rms))
+
+
+def _explains_most(after: Array, before: float, scales: Array) -> bool:
+    """Return True if scales of the poses (B,), alike in all, explain most of a mean square misfit."""
+    known = scales[np.isfinite(scales)]
+    if len(known) < _FEWEST_COMPARED or _typical(after) ** 2 > _HALF * before**2:
+        return False
+    middle = float(np.median(known))
+    spread = _SIGMA_OF_MAD * float(np.median(np.abs(known - middle)))
+    return abs(middle - 1.0) > _CLEARLY * spread
 
 
 def relate_poses(body: BodyPoints) -> RelationTest:

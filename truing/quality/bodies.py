@@ -22,6 +22,11 @@ _ODD_POSE = 1e-6
 # Shares of a body's points.
 MOST_GROSS = 0.5
 _FEW_GROSS = 0.1
+_LEAST_GROSS = 0.02  # from here a scale is tried: fewer gross errors need no other explanation
+_HALF = 0.5
+_FEWEST_SCALES = 3  # poses whose agreement tells a scale
+_CLEARLY = 6.0  # standard deviations
+_SIGMA_OF_MAD = 1.4826  # standard deviation over the median absolute deviation, for noise
 _LEAST_FACTOR = 10.0  # of noise: effects that nobody modelled scatter points by less
 _MOST_SCALE = 0.02  # of one: a larger factor is another unit or another body
 _OWN_SCATTER = 0.5  # least share of the residuals that scatters from pose to pose, if noise explains them
@@ -167,8 +172,13 @@ def body_view(
 def with_most_points(body: BodyView, around: PoseSurroundings) -> BodyView:
     """Return the body with its survey in another scale, or else with more noise, if that makes most points fit.
 
-    Most points have to be gross errors without the change, and hardly any with it; else the body stays as it is.
+    Most points have to be gross errors without the change, and hardly any with it; else the body stays as it is. A
+    scale that all poses agree on needs fewer of them: it must leave less than half.
     """
+    if body.is_surveyed and body.gross_share > _LEAST_GROSS:
+        scaled = _with_fitting_scale(body, around)
+        if scaled is not body and scaled.gross_share < _HALF * body.gross_share and _agree_on_scale(body):
+            return scaled
     if body.gross_share <= MOST_GROSS:
         return body
     for change in (_with_fitting_scale, _with_fitting_noise):
@@ -179,12 +189,27 @@ def with_most_points(body: BodyView, around: PoseSurroundings) -> BodyView:
     return body
 
 
-def _with_fitting_scale(body: BodyView, around: PoseSurroundings) -> BodyView:
-    """Return the body with its survey in the scale of the measured points; units are no scale of this kind."""
+def _scales_of_poses(body: BodyView) -> Array:
+    """Return the scale of the measured points over the survey in each pose that shows it."""
     seen = body.points.seen & body.frame & body.framed[:, None]
     source = np.broadcast_to(body.survey.points, body.points.points.shape)
     fitted = umeyama(source, body.points.points, seen.astype(float), with_scale=True).scale
-    known = fitted[np.isfinite(fitted)]
+    return np.asarray(fitted[np.isfinite(fitted)])
+
+
+def _agree_on_scale(body: BodyView) -> bool:
+    """Return True if the scales of the poses differ from one by far more than their median can by chance."""
+    scales = _scales_of_poses(body)
+    if len(scales) < _FEWEST_SCALES:
+        return False
+    middle = float(np.median(scales))
+    spread = _SIGMA_OF_MAD * float(np.median(np.abs(scales - middle)))
+    return abs(middle - 1.0) > _CLEARLY * spread * np.sqrt(_OF_MEDIAN / len(scales))
+
+
+def _with_fitting_scale(body: BodyView, around: PoseSurroundings) -> BodyView:
+    """Return the body with its survey in the scale of the measured points; units are no scale of this kind."""
+    known = _scales_of_poses(body)
     scale = float(np.median(known)) if len(known) else np.inf
     if not abs(scale - 1.0) <= _MOST_SCALE:
         return body

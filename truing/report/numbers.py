@@ -103,8 +103,8 @@ def sign(unit: str) -> str:
 
 
 def printed(sentence: str) -> str:
-    """Return a sentence with units and uncertainties in their printed form."""
-    sentence = sentence.replace(" +- ", " ± ")
+    """Return a sentence with units, uncertainties and negative numbers in their printed form."""
+    sentence = re.sub(r"(?<![\w.+-])-(?=\d)", "−", sentence.replace(" +- ", " ± "))
     return re.sub(r"(?<=/mm)[23]\b", lambda power: "²³"[int(power[0]) - 2], re.sub(r"\bu(m|rad)\b", r"µ\1", sentence))
 
 

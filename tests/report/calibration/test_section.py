@@ -240,7 +240,7 @@ def test_requirements_have_their_verdicts_and_their_colours(sections):
     assert [row[0] for row in shown.rows] == ["meets", "meets", "fails", "undecided", "meets", "not evaluated"]
     assert shown.marks == ("pass", "pass", "fail", "warn", "pass", "none")
     assert shown.rows[2][2:5] == ("100 µm", "200 µm", "160 µm to 260 µm")
-    assert_says(sections["requirements"].lead, "3 of 5", "met", "1 not met", "1 undecided")
+    assert_says(sections["requirements"].lead, "3 of 6", "met", "1 not met", "1 undecided", "1 not tested")
     names = {trace.name: list(trace.y) for trace in sections["requirements"].figures[0][0].data}
     assert names == {"meets": ["x", "y", "ry"], "undecided": ["rx"], "fails": ["z"]}
 
@@ -248,7 +248,7 @@ def test_requirements_have_their_verdicts_and_their_colours(sections):
 def test_the_head_tells_what_is_not_met_and_the_error():
     head = build_head("c", calibration_tables())
     (failed,) = [said for mark, said in head.verdicts if mark == "fail"]
-    assert_says(failed, "3 of 5", "met", "1 not met", "1 undecided")
+    assert_says(failed, "3 of 6", "met", "1 not met", "1 undecided", "1 not tested")
     assert_says(failed, "z", "2 times", "limit")
 
 

@@ -229,7 +229,9 @@ def test_loads_are_taken_as_recorded_unless_a_finding_is_applied(tmp_path):
         covariance=1e-12 * np.eye(38),
         context={"campaign": "bench"},
     )
-    tables, settings = made.tables | {"model": write_sensor(found)}, settings_of(made.folder)
+    asked = Requirement(fx_n=1e6, my_nm=1e6)
+    settings = settings_of(made.folder).model_copy(update={"requirement": asked})
+    tables = made.tables | {"model": write_sensor(found)}
     applied = {**tables, "diagnosis_choices": _choices("applied")}
     outcome, recorded = (calibrate.run(given, settings, lambda *_: None) for given in (applied, tables))
     undiagnosed = calibrate.run(made.tables, settings, lambda *_: None)
@@ -249,6 +251,11 @@ def test_loads_are_taken_as_recorded_unless_a_finding_is_applied(tmp_path):
     plain = recorded.artifacts["sensor_matrix"].to_pandas().query("matrix == 'G_B'")
     assert pull(plain[plain["chosen"]]) > 5.0
     assert pull(plain[plain["model"].str.endswith("findings applied")]) < 1.5
+    # held-out runs have the same bias as the fitted ones, so that they test no component that acted otherwise
+    verdicts = [
+        one.artifacts["requirements"].to_pandas()["verdict"].tolist() for one in (outcome, recorded, undiagnosed)
+    ]
+    assert verdicts == [["meets", "meets"], ["meets", "not evaluated"], ["meets", "meets"]]
     for name in ("sensor_choice", "error_classes", "sensor_merit"):
         assert recorded.artifacts[name].equals(undiagnosed.artifacts[name])
     assert "calibrations_compared" not in undiagnosed.artifacts

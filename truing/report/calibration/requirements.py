@@ -21,7 +21,7 @@ from truing.report.calibration.calibrations import (
 )
 from truing.report.figure_style import GREEN, GREY, ORANGE, RED, label, sequence_title, size_axis, style
 from truing.report.heads import DEFORMATION, MODEL_OF_LEGS, Head, schema_head
-from truing.report.numbers import count, in_one_unit, plain, quantity
+from truing.report.numbers import count, in_one_unit, listed, plain, quantity
 from truing.report.page import Listing, ReportSection
 from truing.report.reasons import is_by_components, why_absent, why_no_requirement
 from truing.report.section_verdict import SectionVerdict
@@ -29,6 +29,7 @@ from truing.report.tables import Tables, cell, is_bench, table_or_none
 from truing.schemas.verdict import ReasonCode
 
 _TITLE = "Requirements"
+_IDLE = "not evaluated"
 _MARKS = {"meets": "pass", "fails": "fail", "undecided": "warn"}
 _COMPONENTS = {"rx": "tilt about x", "ry": "tilt about y", "rz": "turn about z"}
 _LOADS = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -102,18 +103,20 @@ def _main_key(tables: Tables, assessed: pd.DataFrame) -> Key | None:
 
 def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
     """Return the verdict on the accuracy of the calibrated machine; not tested if its model does not fit."""
-    assessed = table_or_none(tables, "requirements")
+    assessed, counted = table_or_none(tables, "requirements"), tally(_main_requirements(tables))
     own = chosen_requirements(tables)
     failed = None if own is None else own[own["verdict"] == "fails"]
     if own is not None and failed is not None and len(failed):
         worst = failed.assign(ratio=failed["error"] / failed["requirement"]).nlargest(1, "ratio").iloc[0]
-        text = f"{tally(own)}. Worst: error of {worst['component']}, {plain(worst['ratio'])} times the limit."
+        text = f"{counted}. Worst: error of {worst['component']}, {plain(worst['ratio'])} times the limit."
         return SectionVerdict(
             "requirements", RelationState.FAILS, ReasonCode.NOT_MET, text, float(worst["ratio"]), "1", 1.0
         )
     # the adequacy of a bench is that of its readings, and no sensor's calibration uses them
     adequacy = None if is_bench(tables) else before.get("adequacy")
     of_recorded = main_calibration(tables) == chosen_calibration(tables)
+    if is_bench(tables) and (words := _of_other_loads(tables)):
+        return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, words)
     if assessed is not None and adequacy is not None and adequacy.state == RelationState.FAILS:
         text = f"Requirements not tested: the model that predicts the errors does not fit. {adequacy.explanation}"
         return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, text)
@@ -125,13 +128,25 @@ def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -
         text = f"Requirements not evaluated: {why[:1].lower()}{why[1:]}"
         return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     model = "extended" if is_by_components(tables) else "calibrated"
-    text = f"{tally(own)}, as predicted by the {model} model."
+    text = f"{counted}, as predicted by the {model} model."
     if unseen := unmeasured_components(tables):
-        text = f"{tally(own)}; not measured: {', '.join(unseen)}."
+        text = f"{counted}; not measured: {', '.join(unseen)}."
         return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     if (own["verdict"] == "undecided").any():
         return SectionVerdict("requirements", RelationState.ATTENTION, ReasonCode.UNDECIDED, text)
     return SectionVerdict("requirements", RelationState.OK, ReasonCode.MET, text)
+
+
+def _of_other_loads(tables: Tables) -> str:
+    """Return the result with the components of the load that acted otherwise than recorded; empty without any."""
+    every = _main_requirements(tables)
+    names = every["component"][_is_idle(every) & every["error"].notna()]
+    if not len(names):
+        return ""
+    return (
+        f"{tally(every)}: {listed(list(names))}, because other loads acted than those recorded. Record the loads that "
+        "act, or apply the finding ([diagnosis] apply)."
+    )
 
 
 def _why_not_by(calibration: SectionVerdict | None) -> str:
@@ -144,7 +159,7 @@ def _why_not_by(calibration: SectionVerdict | None) -> str:
 
 
 def _opening_sentences(requirements: pd.DataFrame, key: Key) -> str:
-    link = ", as predicted by" if (requirements["verdict"] != "not evaluated").any() else " with"
+    link = ", as predicted by" if not _is_idle(requirements).all() else " with"
     text = f"{tally(requirements)}{link} {_name_of(key, requirements)}."
     return " ".join(
         [
@@ -166,25 +181,33 @@ def _open_or_failed(r: Any, noun: str) -> str:
 
 
 def tally(requirements: pd.DataFrame) -> str:
-    """Return the count of results: ``2 of 5 requirements met, 1 failed, 2 undecided``."""
-    assessed = requirements[requirements["verdict"] != "not evaluated"]
-    counts = assessed["verdict"].value_counts()
-    if not len(assessed):
+    """Return the count of results: ``2 of 5 requirements met, 1 not met, 1 undecided, 1 not tested``."""
+    counts = requirements["verdict"].value_counts()
+    if counts.get(_IDLE, 0) == len(requirements):
         return f"None of {count(len(requirements), 'requirement')} could be evaluated"
-    text = f"{counts.get('meets', 0)} of {count(len(assessed), 'requirement')} met"
-    words = {"fails": "not met", "undecided": "undecided"}
+    text = f"{counts.get('meets', 0)} of {count(len(requirements), 'requirement')} met"
+    words = {"fails": "not met", "undecided": "undecided", _IDLE: "not tested"}
     return ", ".join([text, *(f"{counts[v]} {word}" for v, word in words.items() if v in counts)])
 
 
 def chosen_requirements(tables: Tables) -> pd.DataFrame | None:
     """Return the requirements as assessed with the main calibration; None where none was assessed."""
+    own = _main_requirements(tables)
+    own = own[~_is_idle(own)]
+    return own if len(own) else None
+
+
+def _main_requirements(tables: Tables) -> pd.DataFrame:
+    """Return all requirements with the main calibration, also those not evaluated; no row without any."""
     assessed = table_or_none(tables, "requirements")
     if assessed is None:
-        return None
+        return pd.DataFrame({"component": [], "verdict": [], "error": []})
     key = _main_key(tables, assessed)
-    own = rows_of(assessed, key) if key is not None else assessed.iloc[:0]
-    own = own[own["verdict"] != "not evaluated"]
-    return own if len(own) else None
+    return rows_of(assessed, key) if key is not None else assessed.iloc[:0]
+
+
+def _is_idle(requirements: pd.DataFrame) -> pd.Series:
+    return requirements["verdict"] == _IDLE
 
 
 def unmeasured_components(tables: Tables) -> list[str]:
@@ -196,7 +219,7 @@ def unmeasured_components(tables: Tables) -> list[str]:
 
 
 def _requirement_listing(requirements: pd.DataFrame, key: Key) -> Listing:
-    idle = requirements["verdict"] == "not evaluated"
+    idle = _is_idle(requirements)
     if idle.any() and "message" in requirements:
         remarks: list[tuple[str, ...]] = [(cell(message),) for message in requirements["message"].where(idle, "")]
         heads: tuple[str, ...] = (_VERDICT, *_heads(requirements), Head("why", "Reason why it was not evaluated."))

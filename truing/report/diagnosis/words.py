@@ -21,7 +21,6 @@ from truing.report.diagnosis.assessed_causes import (
 )
 from truing.report.diagnosis.effect_units import plain_size
 from truing.report.diagnosis.headline import clause, gain
-from truing.report.diagnosis.load_corrections import load_warning
 from truing.report.diagnosis.next_steps import next_steps
 from truing.report.numbers import count, printed, rough
 from truing.report.numbers import listed as listed_shortly
@@ -105,12 +104,12 @@ def _bodies_words(rows: list[AssessedCause]) -> str:
 
 
 def diagnosis_details(tables: Tables) -> list[Verdict]:
-    """Return the details behind the diagnosis at the head of the page: rivals, unrecorded loads, next step."""
+    """Return the details behind the diagnosis at the head of the page: rivals, next step."""
     rows = assessed_causes(tables)
     found = accepted_of(rows)
     if not rows:
         return []
-    reported = [*_rivals(found, rows, tables), ("warn", load_warning(rows, tables)), *_most_urgent_step(rows, tables)]
+    reported = [*_rivals(found, rows, tables), *_most_urgent_step(rows, tables)]
     return [line for line in reported if line[1]]
 
 

@@ -10,6 +10,8 @@ import plotly.graph_objects as go
 
 from truing.belonging.relation import RelationState
 from truing.report.calibration.with_findings import compared_calibrations, data_words
+from truing.report.diagnosis.assessed_causes import assessed_causes
+from truing.report.diagnosis.load_corrections import load_warning
 from truing.report.figure_style import BAR, BLUE, GREEN, GREY, ORANGE, RED, style
 from truing.report.heads import LOAD, UNIT, Head
 from truing.report.model_tests import ModelTest, below_noise, listing_of
@@ -74,12 +76,14 @@ def calibration_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     choice = table_or_none(tables, "sensor_choice")
     tests = _tests(choice) if table_or_none(tables, "sensor_matrix") is not None else []
     evaluated = [test for test in tests if test.holds is not None]
+    failed = [test for test in evaluated if not test.holds]
+    if not failed and (warning := load_warning(assessed_causes(tables), tables)):
+        return SectionVerdict("calibration", RelationState.ATTENTION, ReasonCode.CAUSE_LEFT_OUT, warning)
     if choice is None or not evaluated:
         why = tests[0].statement if tests else _reason_words(tables)
         text = f"Calibration not tested: {why}"
         return SectionVerdict("calibration", RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, text)
     chosen = _chosen_model(choice)
-    failed = [test for test in evaluated if not test.holds]
     if not failed:
         text = f"The calibration {chosen} fits: {'; '.join(test.question for test in evaluated)}."
         return SectionVerdict("calibration", RelationState.OK, ReasonCode.FITS, text)
