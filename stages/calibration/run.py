@@ -81,7 +81,23 @@ def calibrate_mechanism(tables: Mapping[str, pa.Table], settings: Campaign, prog
     extended = None
     if findings.text is not None:
         extended = extended_of(findings.text, tables, data.measured, fitted, is_main=findings.is_main)
-    return _calibrated(data, fitted, settings.requirement, extended, incomplete_picture(tables), progress)
+    wrong = "" if findings.is_main else wrong_poses(tables)
+    return _calibrated(data, fitted, settings.requirement, extended, (incomplete_picture(tables), wrong), progress)
+
+
+def wrong_poses(tables: Mapping[str, pa.Table]) -> str:
+    """Reason why the recorded poses judge no calibration by them: a found cause makes all of them wrong; else empty."""
+    from truing.simulation.catalogue import changes_all_points
+
+    rows = tables["diagnosis"].to_pylist() if "diagnosis" in tables else []
+    found = [(row["cause"], row["subject"] or "") for row in rows if row["verdict"] == "found"]
+    names = [cause for cause, subject in found if changes_all_points(cause, subject)]
+    if not names:
+        return ""
+    return (
+        f"the diagnosis found that all measured poses are wrong ({', '.join(names)}), those that judge it too; correct "
+        "the data, or apply the finding ([diagnosis] apply)"
+    )
 
 
 def incomplete_picture(tables: Mapping[str, pa.Table]) -> str:
@@ -127,13 +143,14 @@ def _calibrated(
     fitted: NDArray,
     requirement: Requirement,
     extended: Extended | None,
-    incomplete: str,
+    doubts: tuple[str, str],
     progress: Progress,
 ) -> Outcome:
     """Tables of all calibrations of the poses fitted (B,), and of the extended model.
 
-    ``incomplete``: misfit of the last model of the diagnosis; else empty.
+    ``doubts``: misfit of the last model of the diagnosis, and why recorded poses judge none; else empty.
     """
+    incomplete, wrong = doubts
     every = list(cases(data, structures(data.machine)))
     clean = screened_poses(data, fitted, every)
     both = calibrations(data, clean, every, lambda done, total, case: progress(done, total, _words(case)))
@@ -160,7 +177,7 @@ def _calibrated(
     if best.errors is not None:
         add_uncalibrated(rows["model_choice"], data.machine, measured)
         noise = np.diagonal(measured.platform.covariance, axis1=1, axis2=2)
-        key, why_not = best.calibration.case.key, shortcoming(best) or incomplete
+        key, why_not = best.calibration.case.key, shortcoming(best) or incomplete or wrong
         rows["requirements"] = requirement_rows(requirement, key, best.errors.error, noise, ~fitted, why_not)
     if extended is not None:
         add_extended(rows, extended, requirement, data, fitted, incomplete)

@@ -126,6 +126,14 @@ def test_a_misfit_that_a_found_cause_explains_is_not_a_failure_of_the_campaign()
     assert campaign(beyond).state == RelationState.FAILS
 
 
+@pytest.mark.parametrize(("cause", "hidden"), [("measurement-scale", True), ("actuator-gain", False)])
+def test_held_out_poses_that_share_the_error_of_the_fitted_ones_test_no_requirement(cause: str, hidden: bool) -> None:
+    tables = of({**FOUND, "cause": cause, "subject": ""}, *rejected()) | misfit(1.0)
+    verdicts = section_verdicts(tables)
+    assert (verdicts["calibration"].reason_code == ReasonCode.CAUSE_LEFT_OUT) is hidden
+    assert (verdicts["requirements"].state == RelationState.NOT_TESTED) is hidden
+
+
 def test_a_cause_found_is_a_result_with_a_mark_of_its_own():
     tables = of(FOUND, *rejected())
     whole = campaign(tables)

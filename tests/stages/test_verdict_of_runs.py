@@ -23,7 +23,7 @@ from truing.schemas.artifacts import ARTIFACTS
 from truing.schemas.sections import Requirement
 from truing.schemas.verdict import SECTIONS, Relation
 from truing.stages.calibration.model_rows import requirement_rows
-from truing.stages.calibration.run import incomplete_picture
+from truing.stages.calibration.run import incomplete_picture, wrong_poses
 
 
 def by_section(line: StageLine) -> dict[str, dict[str, object]]:
@@ -96,6 +96,22 @@ def test_a_calibration_knows_of_a_picture_that_fails(rms: float, fails: bool) ->
     told = rows(row("actuator-gain", rms_after=rms))
     tables = {"diagnosis": pa.Table.from_pandas(told, preserve_index=False)}
     assert bool(incomplete_picture(tables)) is fails
+
+
+@pytest.mark.parametrize(
+    ("cause", "subject", "verdict", "wrong"),
+    [
+        ("measurement-scale", "", "found", True),
+        ("measurement-scale", "", "rejected", False),
+        ("targets-swapped", "targets P1 and P2", "found", False),
+        ("actuator-gain", "leg 1", "found", False),
+    ],
+)
+def test_recorded_poses_judge_no_calibration_where_all_are_found_wrong(
+    cause: str, subject: str, verdict: str, wrong: bool
+) -> None:
+    told = rows(row(cause, verdict=verdict, subject=subject))
+    assert bool(wrong_poses({"diagnosis": pa.Table.from_pandas(told, preserve_index=False)})) is wrong
 
 
 @pytest.mark.parametrize("why_not", ["", "5.15 times the declared noise"])

@@ -121,7 +121,7 @@ def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -
         text = f"Requirements not tested: the model that predicts the errors does not fit. {adequacy.explanation}"
         return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, text)
     if assessed is not None and of_recorded and (to_do := _why_not_by(before.get("calibration"))):
-        text = f"Requirements not tested: the calibration that predicts the errors does not fit. {to_do}"
+        text = f"Requirements not tested: the calibration that predicts the errors {to_do}"
         return SectionVerdict("requirements", RelationState.NOT_TESTED, ReasonCode.MODEL_DOES_NOT_FIT, text)
     if own is None:
         why = why_no_requirement(tables) if "requirements" in tables else why_absent("requirements", tables)
@@ -150,12 +150,13 @@ def _of_other_loads(tables: Tables) -> str:
 
 
 def _why_not_by(calibration: SectionVerdict | None) -> str:
-    """Return the remedy for a calibration that does not fit, in words; empty for one that does."""
+    """Return what is wrong with a calibration, with the remedy, as a predicate; empty for one that fits."""
     if calibration is None:
         return ""
     if calibration.reason_code == ReasonCode.CAUSE_LEFT_OUT:
-        return "It leaves out what was found; for errors of the extended model, see Requirements."
-    return "Correct [noise], or find the missing cause." if calibration.state == RelationState.FAILS else ""
+        return "leaves out what was found; Requirements lists the errors of the extended model."
+    failed = calibration.state == RelationState.FAILS
+    return "does not fit. Correct [noise], or find the missing cause." if failed else ""
 
 
 def _opening_sentences(requirements: pd.DataFrame, key: Key) -> str:

@@ -27,12 +27,14 @@ from truing.report.calibration.design_parameters import design_parameters, sensi
 from truing.report.calibration.figures import geometry_picture, has_geometry
 from truing.report.calibration.listings import GOOD, all_calibrations, all_deviations, deviations, strong_correlations
 from truing.report.calibration.with_findings import compared_calibrations, data_words
+from truing.report.diagnosis.assessed_causes import FOUND, assessed_causes
 from truing.report.model_tests import ModelTest, below_noise, by_p, listing_of
 from truing.report.numbers import count, plain, quantity
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_calibration
 from truing.report.section_verdict import SectionVerdict
 from truing.report.tables import Tables, table_or_none
+from truing.report.wordings.catalogue import cause_words
 from truing.schemas.verdict import BY_A_FACTOR, ReasonCode, does_not_fit
 
 _BY_DEFAULT, _AS_REPORTED = "by maximum likelihood", "by the implicit objectives"
@@ -70,7 +72,25 @@ def calibration_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) ->
     if main_calibration(tables) != chosen and adequate:
         text = "The main calibration includes the applied findings, and its residuals are noise."
         return _calibrated(RelationState.OK, ReasonCode.FITS, text)
-    return _of_chosen(chosen, figures.loc[chosen], _tests_of_chosen(tables), before)
+    verdict = _of_chosen(chosen, figures.loc[chosen], _tests_of_chosen(tables), before)
+    if verdict.state == RelationState.OK and (wrong := _wrong_poses(tables)):
+        return _calibrated(RelationState.ATTENTION, ReasonCode.CAUSE_LEFT_OUT, wrong)
+    return verdict
+
+
+def _wrong_poses(tables: Tables) -> str:
+    """Return the warning that a found cause makes all measured poses wrong, held-out ones too; empty without one."""
+    from truing.simulation.catalogue import changes_all_points
+
+    found = [row for row in assessed_causes(tables) if row.verdict == FOUND]
+    names = [cause_words(row.cause) for row in found if changes_all_points(row.cause, row.subject)]
+    if not names:
+        return ""
+    return (
+        f"The calibration uses the measured poses as recorded. The diagnosis found that all of them are wrong "
+        f"({', '.join(names)}), and held-out errors do not show it: correct the data, or apply the finding "
+        "([diagnosis] apply)."
+    )
 
 
 def _of_chosen(
