@@ -213,6 +213,8 @@ def test_what_acts_beside_a_load_is_told_where_a_calibration_takes_it_for_the_lo
     torque = rows(row("load-imbalance", subject="load mx", parameters=uneven))
     torqued = load_warning(assessed_causes({"diagnosis": torque}), calibrated)
     assert_says(torqued, "torque about x", "18 N", "along x")
+    doubted = load_warning(assessed_causes({"diagnosis": torque.assign(verdict="suspected")}), calibrated)
+    assert_says(doubted, "suspected", "18 N", "would bias")
 
 
 def test_a_sensors_pulls_are_named_by_its_elements():

@@ -6,7 +6,7 @@ import re
 
 import pandas as pd
 
-from truing.report.diagnosis.assessed_causes import AssessedCause, accepted_of
+from truing.report.diagnosis.assessed_causes import FOUND, AssessedCause, accepted_of
 from truing.report.numbers import rough
 from truing.report.page import ReportSection
 from truing.report.tables import Tables, load_steps, table_or_none
@@ -37,10 +37,10 @@ def load_warning(rows: list[AssessedCause], tables: Tables) -> str:
     acted = _corrected_loads(rows, tables)
     if not acted or table_or_none(tables, "sensor_matrix") is None or _used_corrected_loads(tables):
         return ""
-    return (
-        f"G_B is fitted to the recorded loads, but {acted}. This biases G_B: before it is used, centre the load, "
-        "record all loads that act, or apply the finding ([diagnosis] apply)."
-    )
+    cure = "before it is used, centre the load, record all loads that act, or apply the finding ([diagnosis] apply)."
+    if found := _corrected_loads([row for row in rows if row.verdict == FOUND], tables):
+        return f"G_B is fitted to the recorded loads, but {found}. This biases G_B: {cure}"
+    return f"G_B is fitted to the recorded loads. It is suspected that {acted}, which would bias G_B: {cure}"
 
 
 def _corrected_loads(rows: list[AssessedCause], tables: Tables) -> str:
