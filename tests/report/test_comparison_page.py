@@ -8,7 +8,9 @@ import pytest
 from tests.report.bench_tables import bench_tables
 from tests.report.calibration_tables import calibration_tables
 from tests.report.campaign_tables import campaign_tables
+from tests.report.diagnosis_tables import row, rows
 from tests.report.explained import unexplained, unlinked
+from tests.sentences import assert_says
 from truing.report.comparison.compared_runs import ComparedRun, RunComparison, RunTransition
 from truing.report.comparison.page import comparison_head, comparison_sections
 from truing.report.glossary_section import with_reference
@@ -42,3 +44,23 @@ def test_tables_side_by_side_have_a_sentence_and_a_working_anchor_for_every_head
     assert not unexplained(page)
     assert not unlinked(page, "check")
     assert not unlinked(page, "class")
+
+
+def _with_numbers(*tables: Tables) -> RunComparison:
+    """Runs of these tables, each with one number that did not change."""
+    row = {"group": "leg", "effect_of": None, "leg": 1.0, "parameter": "l", "unit": "mm", "value": 1.0, "sigma": 0.1}
+    rows = [{**row, "place": place + 1, "z": 0.1, "changed": False, "reason": None} for place in range(len(tables))]
+    runs = tuple(ComparedRun(f"run {place}", f"run {place}", "1.0", table) for place, table in enumerate(tables))
+    return RunComparison(runs, pd.DataFrame(rows), (RunTransition((), rebuilt=False),) * (len(tables) - 1))
+
+
+def test_nothing_has_changed_only_where_the_same_effects_were_found() -> None:
+    bare = {"diagnosis": rows(row("measurement-scale", verdict="rejected", subject=""))}
+    scaled = {"diagnosis": rows(row("measurement-scale", verdict="found", subject=""))}
+    first, second = comparison_head(_with_numbers(bare, scaled)).verdicts[:2]
+    assert first == ("found", "run 0 → run 1: found for the first time: measurement scale.")
+    assert second[0] == "none"
+    assert_says(second[1], "no change beyond chance", "1 number", "both")
+    same = comparison_head(_with_numbers(scaled, scaled)).verdicts[0]
+    assert same[0] == "pass"
+    assert_says(same[1], "Nothing has changed beyond chance", "1 number")

@@ -129,7 +129,7 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             "thermal-drift",
             "channel dx",
             {"per_k_material": size(1.2, 0.1, "um/K"), "per_k_air": size(-0.4, 0.1, "um/K")},
-            "depends on the temperature of the material by 1.20 ± 0.10 µm/K and the temperature of the air by -0.40",
+            "depends on the temperature of the material by 1.20 ± 0.10 µm/K and the temperature of the air by −0.40",
         ),
         (
             "cosine-error",
@@ -176,7 +176,7 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             "zero-step",
             "run 4 displacements",
             {"shift_dx": size(0.2, 0.5, "um"), "shift_dz": size(-3.3, 0.5, "um"), "from_step": size(7)},
-            "The zeros of all displacements shift together in run 4 from step 7 on, dz by -3.30 ± 0.50 µm",
+            "The zeros of all displacements shift together in run 4 from step 7 on, dz by −3.30 ± 0.50 µm",
         ),
         (
             "fringe-slip",
@@ -200,7 +200,7 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             "signal-nonlinear",
             "signals",
             {"fx_fx_v1": size(0.02, 0.01, "mV"), "fx_fy_v2": size(-0.3, 0.02, "mV")},
-            "signals are not linear: the product fx·fy contributes -0.300 ± 0.020 mV to v2 at the largest loads",
+            "signals are not linear: the product fx·fy contributes −0.300 ± 0.020 mV to v2 at the largest loads",
         ),
     ],
 )

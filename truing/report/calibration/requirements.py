@@ -103,7 +103,7 @@ def _main_key(tables: Tables, assessed: pd.DataFrame) -> Key | None:
 
 def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> SectionVerdict:
     """Return the verdict on the accuracy of the calibrated machine; not tested if its model does not fit."""
-    assessed, counted = table_or_none(tables, "requirements"), tally(_main_requirements(tables))
+    assessed, counted = table_or_none(tables, "requirements"), tally(main_requirements(tables))
     own = chosen_requirements(tables)
     failed = None if own is None else own[own["verdict"] == "fails"]
     if own is not None and failed is not None and len(failed):
@@ -139,7 +139,7 @@ def requirements_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -
 
 def _of_other_loads(tables: Tables) -> str:
     """Return the result with the components of the load that acted otherwise than recorded; empty without any."""
-    every = _main_requirements(tables)
+    every = main_requirements(tables)
     names = every["component"][_is_idle(every) & every["error"].notna()]
     if not len(names):
         return ""
@@ -193,12 +193,12 @@ def tally(requirements: pd.DataFrame) -> str:
 
 def chosen_requirements(tables: Tables) -> pd.DataFrame | None:
     """Return the requirements as assessed with the main calibration; None where none was assessed."""
-    own = _main_requirements(tables)
+    own = main_requirements(tables)
     own = own[~_is_idle(own)]
     return own if len(own) else None
 
 
-def _main_requirements(tables: Tables) -> pd.DataFrame:
+def main_requirements(tables: Tables) -> pd.DataFrame:
     """Return all requirements with the main calibration, also those not evaluated; no row without any."""
     assessed = table_or_none(tables, "requirements")
     if assessed is None:

@@ -9,7 +9,7 @@ import pandas as pd
 
 from truing.report.calibration.calibrations import calibration_name as calibration_words
 from truing.report.calibration.calibrations import figures_by_calibration, main_calibration
-from truing.report.calibration.requirements import chosen_requirements, tally
+from truing.report.calibration.requirements import chosen_requirements, main_requirements, tally
 from truing.report.diagnosis.effect_units import handy_unit
 from truing.report.heads import LOAD, Head, schema_head
 from truing.report.numbers import plain, printed, quantity, sign, with_uncertainty
@@ -184,14 +184,13 @@ def _mark(verdicts: set[str], *ranked: str) -> str:
 
 def requirement_words(comparison: RunComparison) -> list[tuple[str, str]]:
     """Return the number of requirements met by each run; empty where none has any."""
-    own = [(run.label, chosen_requirements(run.tables)) for run in comparison.runs]
-    known = [(label, table) for label, table in own if table is not None and len(table)]
-    if not known:
+    own = [(run.label, main_requirements(run.tables)) for run in comparison.runs]
+    known = [(label, table) for label, table in own if len(table)]
+    verdicts = {verdict for _, table in known for verdict in table["verdict"]}
+    if not verdicts - {"not evaluated"}:
         return []
-    failed = any((table["verdict"] == "fails").any() for _, table in known)
-    open_ = any((table["verdict"] == "undecided").any() for _, table in known)
     text = "; ".join(f"{label}: {tally(table)}" for label, table in known)
-    return [("fail" if failed else "warn" if open_ else "pass", f"{text}.")]
+    return [("fail" if "fails" in verdicts else "pass" if verdicts == {"meets"} else "warn", f"{text}.")]
 
 
 def accuracy(comparison: RunComparison) -> ReportSection | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from truing.report.numbers import count
 from truing.report.page import Listing, PageHead, ReportSection, Verdict
 from truing.report.parameter_names import MEANING, kind_of
 from truing.report.tables import cell, table_or_none
+from truing.report.wordings.catalogue import cause_of_subject
 
 _NAMED = 3
 
@@ -76,11 +77,7 @@ _LOOKS = (
 def comparison_head(comparison: RunComparison) -> PageHead:
     """Return the head of the page with the main results."""
     steps = range(len(comparison.between))
-    texts = [
-        *_change_verdicts(comparison),
-        *(effect for step in steps for effect in _effect_verdicts(comparison, step)),
-    ]
-    texts += [*requirement_words(comparison), *quality_words(comparison)]
+    texts = [*_change_verdicts(comparison), *requirement_words(comparison), *quality_words(comparison)]
     assessed = sum(len(comparison.assessed(step)) for step in steps)
     changed = int(comparison.numbers["changed"].sum())
     tiles = (("runs", str(len(comparison.runs))), ("numbers compared", f"{assessed:,}"), ("changed", str(changed)))
@@ -91,23 +88,33 @@ def comparison_head(comparison: RunComparison) -> PageHead:
 
 
 def _change_verdicts(comparison: RunComparison) -> list[Verdict]:
-    """Return the changes step by step; one sentence where nothing changed."""
+    """Return the changes of numbers and of effects step by step; one sentence where nothing changed."""
     steps = range(len(comparison.between))
     loud = [("found", _step_words(comparison, step)) for step in steps if has_changed(comparison, step)]
+    effects = {step: _effect_verdicts(comparison, step) for step in steps}
     still = [step for step in steps if not has_changed(comparison, step) and len(comparison.assessed(step))]
-    texts = loud
-    if still:
-        assessed = [len(comparison.assessed(step)) for step in still]
-        numbers = (
-            count(assessed[0], "number") if len(set(assessed)) == 1 else f"{min(assessed)} to {max(assessed)} numbers"
-        )
-        where = f" ({', '.join(map(comparison.pair, still))})" if loud or len(still) < len(steps) else ""
-        texts = [*loud, ("pass", f"Nothing has changed beyond chance{where}: {numbers} compared from run to run.")]
+    silent = [step for step in still if not effects[step]]
+    of_numbers = [
+        ("none", f"{comparison.pair(k)}: no change beyond chance in {_assessed(comparison, [k])} that both runs have.")
+        for k in still
+        if effects[k]
+    ]
+    texts = [*loud, *(effect for step in steps for effect in effects[step]), *of_numbers]
+    if silent:
+        where = f" ({', '.join(map(comparison.pair, silent))})" if texts or len(silent) < len(steps) else ""
+        numbers = _assessed(comparison, silent)
+        texts.append(("pass", f"Nothing has changed beyond chance{where}: {numbers} compared from run to run."))
     return texts + [
         ("none", f"{comparison.pair(step)}: {_why_words(comparison, step)}")
         for step in steps
         if comparison.between[step].why
     ]
+
+
+def _assessed(comparison: RunComparison, steps: Sequence[int]) -> str:
+    """Return how many numbers the steps compare: ``90 numbers``, ``80 to 90 numbers``."""
+    assessed = [len(comparison.assessed(step)) for step in steps]
+    return count(assessed[0], "number") if len(set(assessed)) == 1 else f"{min(assessed)} to {max(assessed)} numbers"
 
 
 def _why_words(comparison: RunComparison, step: int) -> str:
@@ -155,16 +162,16 @@ def _effect_verdicts(comparison: RunComparison, step: int) -> list[Verdict]:
     before, now = (_effects_found(comparison, place) for place in (step, step + 1))
     texts = [("new", [name for name in now if name not in before]), ("gone", [n for n in before if n not in now])]
     words = {"new": "found for the first time", "gone": "no longer found"}
-    return [("warn", f"{comparison.pair(step)}: {words[kind]}: {', '.join(names)}.") for kind, names in texts if names]
+    return [("found", f"{comparison.pair(step)}: {words[kind]}: {', '.join(names)}.") for kind, names in texts if names]
 
 
 def _effects_found(comparison: RunComparison, place: int) -> list[str]:
-    """Return the effects that the diagnosis of a run found, by their names in the tables."""
+    """Return the effects that the diagnosis of a run found: ``actuator gain, leg 3``."""
     table = table_or_none(comparison.runs[place].tables, "diagnosis")
     if table is None:
         return []
     own = table[table["verdict"] == "found"]
-    return [f"{c} {cell(s)}".strip() for c, s in zip(own["cause"], own["subject"], strict=True)]
+    return [cause_of_subject(str(c), cell(s)) for c, s in zip(own["cause"], own["subject"], strict=True)]
 
 
 @figure_template()
