@@ -95,7 +95,7 @@ def _change_verdicts(comparison: RunComparison) -> list[Verdict]:
     still = [step for step in steps if not has_changed(comparison, step) and len(comparison.assessed(step))]
     silent = [step for step in still if not effects[step]]
     of_numbers = [
-        ("none", f"{comparison.pair(k)}: no change beyond chance in {_assessed(comparison, [k])} that both runs have.")
+        ("pass", f"{comparison.pair(k)}: no change beyond chance in {_assessed(comparison, [k])} that both runs have.")
         for k in still
         if effects[k]
     ]
