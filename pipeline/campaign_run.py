@@ -294,7 +294,8 @@ def _names_of(campaign: CampaignFolder) -> tuple[str, ...]:
 def verdict_line(verdict: Mapping[str, str | None]) -> str:
     """The campaign's verdict as one line: state or kind of result, deciding section, explanation."""
     by = f" ({verdict['decided_by']})" if verdict["decided_by"] else ""
-    state = ReasonCode(verdict["reason_code"]).result or verdict["state"]
+    reason = verdict["reason_code"]
+    state = (ReasonCode(reason).result if reason else "") or verdict["state"]
     return f"verdict: {state}{by}. {verdict['explanation']}"
 
 

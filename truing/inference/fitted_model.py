@@ -58,6 +58,7 @@ from truing.inference.signatures import Pathways, pathways_of
 # Most repetitions of gross-error screening and noise estimation before the search.
 _PREPARATIONS = 3
 _SAME_NOISE = 0.05
+_FAR_BETTER = 0.5  # residual over the one for which an observation was excluded, from which causes explain it
 # Most repetitions of the estimate of the inputs' scatter.
 _MOST_SCALINGS = 8
 # Where no epoch is held out: blocks of epochs left out in turn, fewest epochs in a block, most observations.
@@ -297,16 +298,14 @@ class Fitter(Generic[CauseT]):
 
     def screen(self, fitted: FittedModel[CauseT]) -> bool:
         """Exclude gross errors of a fit, on held-out epochs too; return True if there were any."""
-        seen, own = self.calibration.measured.seen, _height(self.calibration.measured)
-        height = own + fitted.fit.whitened.problem.local_value.shape[1]
-        rows = fitted.fit.whitened.rest[: len(seen) * height].reshape(len(seen), height)[:, :own]
+        seen, rest = self.calibration.measured.seen, _own_residuals(fitted.fit, self.calibration.measured)
         axes = self.calibration.measured.whitener @ fitted.fit.frames.R[:, None]
         axes = axes @ fitted.model.rotations(fitted.fit.shared, fitted.fit.local)
         order = fitted.scene.covariates.get("order")
-        wrong = gross_errors(rows.reshape(*seen.shape, -1), seen, axes, order, fitted.model.zero_groups)
+        wrong = gross_errors(rest, seen, axes, order, fitted.model.zero_groups)
         wrong = self.calibration.removable(wrong)
         self.calibration = self.calibration.without(wrong)
-        found = _screened(wrong, rows.reshape(*seen.shape, -1), held_out=False)
+        found = _screened(wrong, rest, held_out=False)
         if self.held_out is not None and fitted.held_out is not None:
             unseen = gross_errors(
                 fitted.held_out.whitened, self.held_out.measured.seen, zero_groups=fitted.held_out.model.zero_groups
@@ -316,6 +315,55 @@ class Fitter(Generic[CauseT]):
             found += _screened(unseen, fitted.held_out.whitened, held_out=True)
         self.screened += found
         return bool(found)
+
+    def readmit(self, fitted: FittedModel[CauseT]) -> bool:
+        """Keep observations that were excluded as gross errors although a fit with causes explains them; return True if
+        there were any.
+
+        The fit did not use them, and predicts them far better than the fit that excluded them: they only show an effect
+        more than others do. Neither its prediction nor, for calibration epochs, a fit to them leaves gross errors.
+        """
+        own = self._explained_in_fit(fitted)
+        unseen = self._explained_in_prediction(fitted)
+        self.calibration = self.calibration.with_kept(own)
+        if self.held_out is not None:
+            self.held_out = self.held_out.with_kept(unseen)
+        self.screened = [one for one in self.screened if not (unseen if one.held_out else own)[one.row, one.channel]]
+        return bool(own.any() or unseen.any())
+
+    def _explained_in_fit(self, fitted: FittedModel[CauseT]) -> Mask:
+        """Return the excluded observations (B, K) of calibration epochs that a fit explains."""
+        measured, fit = fitted.measured, fitted.fit
+        out = self._recorded[0] & ~self.calibration.measured.seen
+        if not out.any():
+            return out
+        predicted = prediction_error(fitted.model, measured.with_seen(measured.seen | out), fit.frames, fit.shared)
+        near = out & (_lengths(predicted.whitened) < _FAR_BETTER * self._screened_lengths(out.shape, held_out=False))
+        if not near.any():
+            return near
+        more = measured.with_seen(measured.seen | near)
+        rest = _own_residuals(fit_model(fitted.model.predict, more, fit.frames, fit.shared, fit.local), more)
+        return near & ~gross_errors(rest, more.seen, zero_groups=fitted.model.zero_groups)
+
+    def _explained_in_prediction(self, fitted: FittedModel[CauseT]) -> Mask:
+        """Return the excluded observations (B, K) of held-out epochs that a fit predicts."""
+        if self.held_out is None or fitted.held_out is None or self._recorded[1] is None:
+            return np.zeros((0, 0), bool)
+        held, out = self.held_out, self._recorded[1] & ~self.held_out.measured.seen
+        if not out.any():
+            return out
+        model, measured = fitted.held_out.model, held.measured.with_seen(self._recorded[1])
+        rest = prediction_error(model, measured, held.frames, fitted.fit.shared).whitened
+        near = out & (_lengths(rest) < _FAR_BETTER * self._screened_lengths(out.shape, held_out=True))
+        return near & ~gross_errors(rest, measured.seen, zero_groups=model.zero_groups)
+
+    def _screened_lengths(self, shape: tuple[int, ...], *, held_out: bool) -> Array:
+        """Return the lengths of whitened residuals for which observations were excluded, zero for all others."""
+        length = np.zeros(shape)
+        for own in self.screened:
+            if own.held_out is held_out:
+                length[own.row, own.channel] = own.length
+        return length
 
     def learn_noise(self, fitted: FittedModel[CauseT]) -> bool:
         """Adopt the noise estimates of a fit and the common share of like parts; return True if either changed."""
@@ -406,9 +454,9 @@ class Fitter(Generic[CauseT]):
         much."""
         seen, unseen = self._recorded
         self.screened = []
-        self.calibration = replace(self.calibration, measured=replace(self.calibration.measured, seen=seen))
+        self.calibration = replace(self.calibration, measured=self.calibration.measured.with_seen(seen))
         if self.held_out is not None and unseen is not None:
-            self.held_out = replace(self.held_out, measured=replace(self.held_out.measured, seen=unseen))
+            self.held_out = replace(self.held_out, measured=self.held_out.measured.with_seen(unseen))
 
     def _with_widened_inputs(
         self, fitted: FittedModel[CauseT], own: Mask, factor: Array | float
@@ -492,7 +540,19 @@ def _height(measured: Observations) -> int:
     return int(measured.seen.shape[1]) * measured.size
 
 
+def _lengths(rest: Array) -> Array:
+    return np.asarray(np.sqrt(np.sum(rest**2, -1)))
+
+
+def _own_residuals(fit: Fit, measured: Observations) -> Array:
+    """Return the whitened residuals (B, K, d) of the observations of a fit, without those of its inputs."""
+    epochs, own = len(measured.seen), _height(measured)
+    height = own + fit.whitened.problem.local_value.shape[1]
+    rows = fit.whitened.rest[: epochs * height].reshape(epochs, height)[:, :own]
+    return rows.reshape(*measured.seen.shape, -1)
+
+
 def _screened(wrong: Mask, rest: Array, *, held_out: bool) -> list[ScreenedValue]:
     """Return the observations marked in ``wrong`` (B, K), with the lengths of their whitened residuals (B, K, d)."""
-    length = np.sqrt(np.sum(rest**2, -1))
+    length = _lengths(rest)
     return [ScreenedValue(int(b), int(k), held_out, float(length[b, k])) for b, k in np.argwhere(wrong)]

@@ -38,6 +38,10 @@ class Observations:
         covariance = np.where(self.seen[..., None, None], self.covariance, np.eye(self.size))
         return np.linalg.inv(np.linalg.cholesky(covariance)) * self.seen[..., None, None]
 
+    def with_seen(self, seen: Mask) -> Observations:
+        """Return them with other observations marked as seen (B, K)."""
+        return replace(self, seen=seen)
+
 
 @dataclass(frozen=True)
 class Frames:
@@ -100,7 +104,14 @@ class Epochs(Generic[ConditionsT_co]):
 
     def without(self, wrong: Mask) -> Self:
         """Return the epochs without some observations (B, K)."""
-        return replace(self, measured=replace(self.measured, seen=self.measured.seen & ~wrong))
+        return replace(self, measured=self.measured.with_seen(self.measured.seen & ~wrong))
+
+    def with_kept(self, more: Mask) -> Self:
+        """Return the epochs with some more observations (B, K), which are never screened again."""
+        if not more.any():
+            return self
+        kept = more if self.kept is None else self.kept | more
+        return replace(self, measured=self.measured.with_seen(self.measured.seen | more), kept=kept)
 
 
 def whitened_columns(measured: Observations, frames: Frames, columns: Array) -> Array:

@@ -400,6 +400,8 @@ class CauseSelection(Generic[CauseT]):
             scatters.append(scatter)
         else:
             searched = self._searched(kinds, rounds)
+            if searched.kept and self._fitter.readmit(searched.final):
+                searched = self._searched(kinds)
         while searched.end.is_complete and len(scatters) < _MOST_SCATTERS:
             more = self._noise.scatter(searched.final, kinds)
             if more is None:

@@ -35,6 +35,11 @@ class SectionVerdict:
         """Mark of colour: pass, warn, fail, none, or that of a result: found, measured."""
         return self.reason_code.result or _MARKS[self.state]
 
+    @property
+    def word(self) -> str:
+        """Word of the section: its kind of result, found or measured, or else its state."""
+        return self.reason_code.result or str(self.state)
+
 
 def verdict_rows(tables: Tables) -> dict[str, SectionVerdict]:
     """Return the rows of verdict.parquet by section, campaign first; none where the run has no such table."""

@@ -175,7 +175,7 @@ def _body(state: Watched, has_report: bool) -> str:
     if state.following:
         parts.append(f"<h2>Measure next</h2><p>{escape(state.following)}</p>")
     rows = "".join(
-        f"<tr class={row.mark}><td>{escape(row.section)}<td>{escape(str(row.state))}<td>{escape(row.explanation)}"
+        f"<tr class={row.mark}><td>{escape(row.section)}<td>{escape(row.word)}<td>{escape(row.explanation)}"
         for row in state.verdicts
         if row.section != CAMPAIGN
     )
