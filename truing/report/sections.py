@@ -121,11 +121,12 @@ def build_sections(
     from truing.report.figure_style import figure_template
     from truing.report.glossary_section import with_reference
     from truing.report.section_verdict import verdict_rows
-    from truing.report.tables import is_bench
+    from truing.report.tables import is_bench, untested_sections
     from truing.report.verdict import with_verdict
 
     bench = is_bench(tables) or "displacement" in tables or ("positioning" in tables and "configurations" not in tables)
-    wanted = [section for section in page_sections() if section.bench in (None, bench)]
+    absent = untested_sections(tables)
+    wanted = [one for one in page_sections() if one.bench in (None, bench) and one.name not in absent]
     with figure_template():
         drawn = {section.name: _drawn(section, tables) for section in wanted}
     shown = [drawn[section.name] or _note_for_missing(section, drawn, tables) for section in wanted]

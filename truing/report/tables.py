@@ -19,6 +19,7 @@ STEP = ["run", "step"]
 XYZ, SHIFT = ["x_mm", "y_mm", "z_mm"], ["dx_mm", "dy_mm", "dz_mm"]
 SIGMA = ["sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]
 SEVERAL = "several"
+_ON_LOADS_AND_MACHINES = ("displacement", "deformation", "tolerances", "neglected", "calibration", "requirements")
 
 _ARCSECOND = 4.84813681109536e-06  # rad
 
@@ -48,6 +49,17 @@ def cell(value: object) -> str:
 def is_bench(tables: Tables) -> bool:
     """Return True if the campaign applied loads."""
     return any(name in tables for name in ("readings", "signals", "reading_errors"))
+
+
+def has_positions_alone(tables: Tables) -> bool:
+    """Return True for a campaign of positions of an axis that holds no load, signal, command or pose."""
+    recorded = ("readings", "signals", "configurations", "observations")
+    return table_or_none(tables, "positions") is not None and all(table_or_none(tables, n) is None for n in recorded)
+
+
+def untested_sections(tables: Tables) -> tuple[str, ...]:
+    """Return the sections on loads and machines, where a campaign of positions of an axis can show nothing of them."""
+    return _ON_LOADS_AND_MACHINES if has_positions_alone(tables) else ()
 
 
 def load_steps(tables: Tables) -> pd.DataFrame:

@@ -13,7 +13,7 @@ import pandas as pd
 
 from truing.belonging.relation import RelationState
 from truing.report.section_verdict import SectionVerdict
-from truing.report.tables import Tables
+from truing.report.tables import Tables, untested_sections
 from truing.schemas.verdict import CAMPAIGN, GATES, SECTIONS, ReasonCode
 
 # Functions that assess each section, from the run's tables and from the verdicts before it.
@@ -48,10 +48,11 @@ _TO_ACT_ON = (ReasonCode.NO_MECHANISM, ReasonCode.MODEL_DOES_NOT_FIT)
 def section_verdicts(tables: Tables) -> dict[str, SectionVerdict]:
     """Return the verdicts on all sections with tables, in the order of ``SECTIONS``."""
     found: dict[str, SectionVerdict] = {}
+    absent = untested_sections(tables)
     for place in _ASSESSED_BY:
         module, _, function = place.partition(":")
         assess: _Assess = getattr(importlib.import_module(module), function)
-        if (verdict := assess(tables, found)) is not None:
+        if (verdict := assess(tables, found)) is not None and verdict.section not in absent:
             found[verdict.section] = verdict
     return {name: found[name] for name in SECTIONS if name in found}
 

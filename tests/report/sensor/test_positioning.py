@@ -9,6 +9,8 @@ from tests.tolerance import assert_close
 from truing.report.head import build_head
 from truing.report.measured_section import measured_loads
 from truing.report.sensor.positioning import positioning
+from truing.report.tables import untested_sections
+from truing.report.verdict import section_verdicts
 
 
 def test_accuracy_and_reversal_of_an_axis_stand_at_the_top():
@@ -54,6 +56,18 @@ def test_a_campaign_of_positioning_alone_begins_with_what_it_was_measured_for():
     mark, said = build_head("stage", {"positioning": table}).verdicts[0]
     assert mark == "measured"
     assert_says(said, "ISO 230-2", "2 runs", "Y", "accuracy A 31.0 ± 1.3 µm", "R 14.3 ± 1.3 µm", "B 4.5 ± 1.3 µm")
+
+
+def test_positions_alone_say_nothing_of_loads_or_machines_that_were_never_measured():
+    axis = pd.DataFrame({"run": ["X"], "figure": ["A"], "value": [22.0], "subject": [None], "unit": ["um"]})
+    positions = pd.DataFrame({"run": ["X"] * 2, "target_mm": [15.0, 25.0]})
+    empty = {name: pd.DataFrame() for name in ("sensor_matrix", "displacement", "compliance", "diagnosis")}
+    tables = {"positioning": axis.assign(sigma=1.3), "positions": positions, **empty}
+    assert set(section_verdicts(tables)) == {"positioning", "diagnosis"}
+    assert_says(section_verdicts(tables)["diagnosis"].explanation, "record", "commands", "encoders")
+    signals = pd.DataFrame({"run": ["1"], "v1": [0.1]})
+    assert "calibration" in untested_sections(tables)
+    assert not untested_sections({**tables, "signals": signals})
 
 
 def test_approaches_of_an_axis_are_something_measured():

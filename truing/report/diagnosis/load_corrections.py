@@ -44,8 +44,10 @@ def load_warning(rows: list[AssessedCause], tables: Tables) -> str:
 
 
 def _corrected_loads(rows: list[AssessedCause], tables: Tables) -> str:
+    if not (found := accepted_of(rows)):
+        return ""
     steps = load_steps(tables)
-    return "; ".join(beside for row in accepted_of(rows) for beside in _other_load_text(row, steps))
+    return "; ".join(beside for row in found for beside in _other_load_text(row, steps))
 
 
 def _upper(sentence: str) -> str:
