@@ -4,18 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 
 from truing.arrays import Array, Index, Mask
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.start_values import StartValues, errors_at, start_values
-from truing.simulation.mechanisms.chains.tree import Tree
+from truing.simulation.mechanisms.chains.tree import JointKind, Tree
 from truing.stages.common.chain_measurements import MeasuredLinks, pose_frames, reference_link
 
 if TYPE_CHECKING:
     from truing.schemas.campaign import Campaign
+    from truing.schemas.chain_mechanism import ChainMechanism
+
+
+_TOLERATED = 3.0  # misfit over that of one standard deviation of every tolerance
+
+
+def tolerated_misfit(tree: Tree, node: Index, readings: Array, settings: Campaign) -> float:
+    """Return the misfit, m, that its tolerances may give a nominal chain before any calibration.
+
+    node (K,): links on which was measured; readings (B, n), rad or m. A number without a tolerance counts as exact.
+    """
+    tolerance = cast("ChainMechanism", settings.mechanism).tolerance
+    angle, zero = np.radians([tolerance.angle_deg or 0.0, tolerance.offset_deg or 0.0])
+    shift, slide = 1e-3 * np.array([tolerance.length_mm or 0.0, tolerance.offset_mm or 0.0])
+    t, square = tree.frames(readings).t, 0.0
+    for k, own in enumerate(tree.nodes):
+        if own.kind is not JointKind.FIXED:
+            lever = float(np.mean(np.sum((t[:, node] - t[:, k, None]) ** 2, axis=-1)))
+            moved = zero**2 * lever if own.kind is JointKind.REVOLUTE else slide**2
+            square += 2.0 * angle**2 * lever + 2.0 * shift**2 + moved
+    return float(_TOLERATED * np.sqrt(square))
 
 
 class StartOf(Protocol):

@@ -18,7 +18,7 @@ from truing.report.numbers import count as counted
 from truing.schemas.verdict import Relation
 from truing.simulation.mechanisms.chains.causes import ChainCause, JointOffset, JointsExchanged
 from truing.simulation.mechanisms.chains.closed_tree import ClosedTree
-from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, ColumnSlipKind, does_not_belong, likely_slip
+from truing.simulation.mechanisms.chains.column_slips import ColumnSlip, ColumnSlipKind, foreign_share, likely_slip
 from truing.simulation.mechanisms.chains.conditions import ChainConditions
 from truing.simulation.mechanisms.chains.distances import DistanceModel
 from truing.simulation.mechanisms.chains.measured_lines import fitted_places, lines_at, with_ground
@@ -39,7 +39,7 @@ from truing.stages.common.chain_measurements import (
     measured_links,
     reference_link,
 )
-from truing.stages.common.chain_start import nominal_fit
+from truing.stages.common.chain_start import nominal_fit, tolerated_misfit
 from truing.stages.common.chain_tables import joint_readings, motor_readings, tree_of
 from truing.stages.common.missing_data import HELD_OUT, LEAST_POSES_OF_CHAIN
 from truing.stages.common.point_arrays import pose_ids, roles_of
@@ -187,7 +187,9 @@ def _distance_model(
     count, ends = len(measured.values), measured.ends
     assert ends is not None
     conditions = replace(conditions, series=np.zeros(count, np.int64))
-    start, certain, _ = _started(tree, conditions, fit_of_distances(tree, measured, conditions, fitted).start_of)
+    allowed = tolerated_misfit(tree, measured.channels.node, conditions.readings[fitted], settings)
+    start_of = fit_of_distances(tree, measured, conditions, fitted).start_of
+    start, certain, _ = _started(tree, conditions, start_of, allowed)
     reach = float(np.sqrt(np.mean(tree.frames(conditions.readings[fitted]).t ** 2)))
     known = _known(tree, settings, measured, replace(start, spread=reach), False)
     return Frames.of_numbers(count), DistanceModel(tree, measured.channels, known, conditions, ends=ends), certain
@@ -209,7 +211,8 @@ def _mixed_model(
     assert measured.coordinates is not None
     of_points = replace(conditions, reference=points.reference)
     nominal = nominal_fit(tree, settings, points, of_points, fitted)
-    start, certain, right = _started(tree, of_points, nominal.start_of)
+    allowed = tolerated_misfit(tree, points.channels.node, conditions.readings[fitted], settings)
+    start, certain, right = _started(tree, of_points, nominal.start_of, allowed)
     stations = is_station(measured)
     if nominal.reference is not None or (stations.any() and len(start.base_t) > 1):
         raise ValueError(
@@ -257,7 +260,8 @@ def _model(
     """
     nominal = nominal_fit(tree, settings, measured, conditions, fitted)
     frames = Frames(nominal.R, nominal.t, free=nominal.reference is not None)
-    start, certain, _ = _started(tree, conditions, nominal.start_of)
+    allowed = tolerated_misfit(tree, measured.channels.node, conditions.readings[fitted], settings)
+    start, certain, _ = _started(tree, conditions, nominal.start_of, allowed)
     if nominal.reference is not None and not nominal.is_base_known:
         # The measured shape of the reference link, in the base's frame, is the frame of the model.
         R, t = start.base_R[0], start.base_t[0]
@@ -268,16 +272,19 @@ def _model(
 
 
 def _started(
-    tree: Tree, conditions: ChainConditions, start_of: Callable[[Mask, ChainConditions], StartValues]
+    tree: Tree,
+    conditions: ChainConditions,
+    start_of: Callable[[Mask, ChainConditions], StartValues],
+    tolerated: float,
 ) -> tuple[StartValues, tuple[ChainCause, ...], ChainConditions]:
     """Start values, causes without which readings and measurement do not join, and the conditions without them.
 
-    These are two exchanged columns, or zeros of joints that are far off. Raises ValueError, with the likely slip, where
-    nothing joins them.
+    These are two exchanged columns, or zeros of joints that are far off; a misfit, m, that is ``tolerated`` needs none.
+    Raises ValueError, with the likely slip, where nothing joins them.
     """
     every = np.ones(len(conditions.readings), bool)
     start = start_of(every, conditions)
-    if not does_not_belong(start):
+    if start.rms <= max(foreign_share(start), tolerated):
         return start, (), conditions
     slip = likely_slip(conditions, tree.is_revolute, start_of)
     certain = _certain(tree, slip, start)

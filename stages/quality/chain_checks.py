@@ -45,7 +45,7 @@ from truing.stages.common.chain_measurements import (
     measured_links,
     reference_link,
 )
-from truing.stages.common.chain_start import NominalFit, nominal_fit
+from truing.stages.common.chain_start import NominalFit, nominal_fit, tolerated_misfit
 from truing.stages.common.chain_tables import joint_columns, joint_readings, tree_of
 from truing.stages.common.point_arrays import pose_ids
 from truing.stages.quality import point_checks
@@ -109,7 +109,7 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         turned = _of_orientations(compared, settings)
         if turned is not None and turned.slips and turned.state is RelationState.FAILS:
             return turned
-        tested = _tested(compared)
+        tested = _tested(compared, settings)
         # Single strays of orientations lead only where the positions agree.
         if (
             turned is not None
@@ -120,7 +120,7 @@ def joints_against_links(tables: Mapping[str, pa.Table], settings: Campaign) -> 
         if tested.slips and all(slip.kind is SlipKind.STRAY for slip in tested.slips):
             # A wrong target bends the frame of its link: the pose misses, though its readings are right.
             compared = _links_compared(tables, settings, _out_of_place)
-            return tested if compared is None else _tested(compared)
+            return tested if compared is None else _tested(compared, settings)
         return tested
     except ValueError:
         return _not_tested("no-frame")
@@ -229,7 +229,7 @@ def joints_against_distances(tables: Mapping[str, pa.Table], settings: Campaign)
         usable,
         lambda other, conditions: fit_of_distances(with_ground(other), measured, conditions, usable),
     )
-    tested = replace(_tested(compared), subject=_DISTANCES)
+    tested = replace(_tested(compared, settings), subject=_DISTANCES)
     if tested.state is not RelationState.OK:
         return tested
     return replace(tested, hidden=tuple(_hidden(compared)))
@@ -251,25 +251,26 @@ def _conditions(
     return chain_conditions(tree, table, settings, measured.reference, readings, usable, measured.coupling)
 
 
-def _tested(compared: ComparedChain) -> RelationTest:
+def _tested(compared: ComparedChain, settings: Campaign) -> RelationTest:
     """Test a chain at its readings; raises ValueError where no frame joins the poses."""
+    readings = compared.conditions.readings[compared.usable]
+    tolerated = tolerated_misfit(compared.tree, compared.measured.channels.node, readings, settings)
     fit, conditions, usable = compared.fit, compared.conditions, compared.usable
     everything = fit.start_of(usable, conditions)
     in_poses = slips_in_poses(_comparison(compared, fit, everything))
     usable = without_lone_errors(everything, usable)
     compared = replace(compared, usable=usable)
     start = fit.start_of(usable, conditions)
-    tested = RelationTest(
-        JOINTS, RelationState.OK, "agrees", misfit=everything.rms / _MM, limit=foreign_share(start) / _MM, unit="mm"
-    )
+    limit = max(foreign_share(start), tolerated)
+    tested = RelationTest(JOINTS, RelationState.OK, "agrees", misfit=everything.rms / _MM, limit=limit / _MM, unit="mm")
     if in_poses is not None and in_poses.is_explained:
         return _failed(tested, in_poses.slips, in_poses.after)
-    if not does_not_belong(start):
+    if start.rms <= limit:
         tested = replace(tested, misfit=start.rms / _MM)
         if in_poses is None:
             return tested
         # The diagnosis keeps poses that miss as a whole.
-        if does_not_belong(everything):
+        if everything.rms > limit:
             return _failed(replace(tested, misfit=everything.rms / _MM), in_poses.slips, None)
         return replace(tested, state=RelationState.ATTENTION, reason="strays", slips=in_poses.slips)
     compared = with_most_poses(compared)
