@@ -178,7 +178,7 @@ _OF_SIGNALS: Checks = {
         "Inspect the named channels: wiring, bridge, amplifier.",
     ),
     "stray-loads": QualityCheck(
-        "Do the signals of each row ask for the load that is recorded?",
+        "Do the signals of each row agree with its recorded load?",
         "One wrong digit of a load spoils a calibration, and looks like an error of the sensor.",
         VerdictRule(fails="a row differs by more than 20 sigma and 5 % of the range, and at most 2 % of the rows do"),
         "Compare the named rows with the protocol and correct the load, or exclude the row.",

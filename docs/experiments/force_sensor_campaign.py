@@ -132,7 +132,7 @@ def hidden_table(tables: Frames) -> str:
     """Return the smallest sizes that would have been found."""
     listing = hidden(assessed_causes(tables), tables).listings[0]
     rows = [[r[0], r[1], r[3], r[4]] for r in listing.rows if r[0] in _HIDDEN]
-    return table(["cause", "parameter", "found from, at best", "wherever it is"], rows)
+    return table(["cause", "parameter", "detectable from, at best", "wherever it is"], rows)
 
 
 def calibration_table(tables: Frames) -> str:

@@ -89,7 +89,7 @@ def _check(table: str, number: int, rule: Overrule, count: int, what: str) -> Ch
     message = (
         f"{_rule_words(rule)}: {count} {what}{'s' * (count > 1)} {text}."
         if count
-        else f"{_rule_words(rule)}: no {what} is so called, and none was {_VERBS[table]} by {rule.signed}."
+        else f"{_rule_words(rule)}: no {what} has this name, so none was {_VERBS[table]} by {rule.signed}."
     )
     return Check("overruled", f"{table} {number}", float(count), 1.0, "", PASS if count else WARN, message)
 

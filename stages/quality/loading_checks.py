@@ -168,5 +168,5 @@ def _round(row: dict[str, Any], limits: CampaignLimits) -> Check:
 
 def _counted(row: dict[str, Any], limits: CampaignLimits) -> Check:
     risk, name = row["miscount_risk"], row["channel"]
-    text = f"{name}: no step from sample to sample is likelier than {risk:.1g} to have been counted a fringe off."
+    text = f"{name}: the probability of a miscount by one fringe is at most {risk:.1g} for each step between samples."
     return limits.of("fringes-counted").row(f"channel {name}", risk, "1", text)

@@ -105,7 +105,7 @@ def gross_errors(view: LoadingView, channel: ChannelView, limits: CampaignLimits
     out = np.flatnonzero(~channel.fit.kept)
     share = len(out) / len(channel.rows)
     places = view.places(channel.rows[out])
-    text = f"{channel.name}: {len(out)} of {len(channel.rows)} readings are outliers"
+    text = f"{channel.name}: {len(out)} of {len(channel.rows)} readings are gross errors"
     text += f" ({listed(places)})." if places else "."
     return limits.of("gross-errors").row(f"channel {channel.name}", share, "1", text)
 

@@ -165,7 +165,7 @@ def _exchanged(view: LoadingView, rows: Index, loaded: int, independent: int, sh
     for one in found:
         yield _pair(view, rows, one)
     if unseen:
-        why = f"of {counted(len(rows), 'row')} so many are outliers that {unseen} pairs were not tested"
+        why = f"of {counted(len(rows), 'row')} so many are gross errors that {unseen} pairs were not tested"
         yield not_evaluated("exchanged rows", "exchanged-rows", "other pairs", why)
     elif not found:
         yield _no_exchange_found(table, share)
@@ -174,7 +174,7 @@ def _exchanged(view: LoadingView, rows: Index, loaded: int, independent: int, sh
 def _stray(view: LoadingView, rows: Index, stray: list[StrayLoad] | None) -> Iterator[Check]:
     """Single rows whose signals ask for another load."""
     if stray is None:
-        why = "the signals of many rows ask for other loads: these are no single mistakes"
+        why = "the signals of many rows indicate other loads: these are not single mistakes"
         yield not_evaluated("loads of single rows", "stray-loads", "", why)
         return
     for one in stray:
@@ -182,11 +182,11 @@ def _stray(view: LoadingView, rows: Index, stray: list[StrayLoad] | None) -> Ite
         name = LOADS[one.component]
         unit = "N" if name.startswith("f") else "N m"
         text = (
-            f"{place}: {name} is recorded as {one.written:.6g} {unit}, and the signals ask for {one.asked:.4g} {unit}"
+            f"{place}: {name} is recorded as {one.written:.6g} {unit}, and the signals indicate {one.asked:.4g} {unit}"
         )
         yield Check("stray-loads", place, one.sigmas, 0.0, "1", FAIL, f"{text}{_likely(one)}.")
     if not stray:
-        yield Check("stray-loads", "", 0.0, 0.0, "1", PASS, "The signals of every row ask for the recorded load.")
+        yield Check("stray-loads", "", 0.0, 0.0, "1", PASS, "The signals of every row agree with its recorded load.")
 
 
 def _likely(one: StrayLoad) -> str:
@@ -207,7 +207,7 @@ def _no_exchange_found(table: LoadTable, share: float) -> Check:
     text = f"No exchange of loads is significant among {len(table.loads)} rows. "
     unseen = [name for name, own in zip(names, shares, strict=True) if own >= 1.0]
     if unseen:
-        text += f"No exchange of {listed(unseen)} would: signals tell it less well than by its range. "
+        text += f"No exchange of {listed(unseen)} would be: signals determine it no better than by its range. "
     elif names:
         worst = names[int(np.argmax(shares))]
         text += f"Exchanges of loads that differ by less than {100.0 * least:.2g} % of the range cannot be detected "

@@ -121,7 +121,7 @@ def gross_errors(body: BodyView, limits: CampaignLimits) -> Iterator[Check]:
     per_target = gross.sum(axis=0)
     often = [f"{body.survey.targets[t]} ({per_target[t]})" for t in np.argsort(-per_target)[:5] if per_target[t] > 0]
     tail = f", most often {', '.join(often)}" if often else ""
-    text = f"{body.name}: {int(gross.sum())} of {seen} readings are outliers{tail}."
+    text = f"{body.name}: {int(gross.sum())} of {seen} readings are gross errors{tail}."
     yield limits.of("gross-errors").row(body.name, share, "1", text)
 
 

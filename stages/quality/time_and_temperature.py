@@ -167,7 +167,7 @@ def _row_name(row: int, names: Sequence[str]) -> str:
 def _check(name: str, value: Array, reference_c: float, found: MistakenUnit | None) -> Check:
     typical = float(np.nanmedian(value))
     if found is None:
-        text = f"{name}: {typical:.5g} degC, beside a reference of {reference_c:g} degC."
+        text = f"{name}: {typical:.5g} degC; the reference is {reference_c:g} degC."
         return Check("temperature-unit", name, typical, reference_c, "degC", PASS, text)
     what = f"reference_temperature_c = {reference_c:g}" if found.of_reference else f"{name}: {typical:.5g}"
     beside = f" beside a reference of {reference_c:g}" if not found.of_reference else f" beside {typical:.5g} in {name}"

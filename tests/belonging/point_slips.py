@@ -85,7 +85,7 @@ def _rows(order: Callable[[np.ndarray], np.ndarray]) -> Callable[[Files], None]:
 
 
 def _exchange(rows: np.ndarray) -> np.ndarray:
-    """Two poses far apart in the table stand in each other's row."""
+    """Two poses far apart in the table are in each other's row."""
     i, j = len(rows) // 3, 2 * len(rows) // 3
     rows[[i, j]] = rows[[j, i]]
     return rows

@@ -79,7 +79,7 @@ def _is_zero_shift(difference: Array, limit: float) -> bool:
 
 
 def _are_exchanged(reading: Array, expected: Array, limit: float) -> bool:
-    """Return True where the readings of some rows stand in each other's rows."""
+    """Return True where the readings of some rows are in each other's rows."""
     cost = np.abs(reading[None] - expected[:, None])
     columns = cheapest_columns(np.log1p((cost / limit) ** 2))
     is_shift = len(cost) > 2 and float(np.median(np.abs(columns - np.arange(len(cost))))) <= max(_SHIFTS)

@@ -224,7 +224,7 @@ def _changed(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agreement) 
 
 
 def _exchanged(compared: ChainComparison, errors_at: ErrorsAt, agreed: Agreement) -> RowSlips | None:
-    """Return poses whose readings stand in each other's rows, if that explains every pose that disagrees."""
+    """Return poses whose readings are in each other's rows, if that explains every pose that disagrees."""
     apart = agreed.apart
     if not 1 < len(apart) <= _MOST_EXCHANGED:
         return None

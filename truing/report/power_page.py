@@ -21,7 +21,7 @@ SIZE_HEADS = (
     CONCERNS,
     Head("theory", "Size from which theory expects the effect to be found with a probability of 80 %."),
     Head(
-        "found from",
+        "detectable from",
         "Size from which drawn campaigns show the effect with a probability of 80 %; brackets hold its 95 % interval.",
     ),
     Head(
@@ -73,12 +73,12 @@ def alarm_words(rates: pd.DataFrame) -> str:
 def power_sections(sizes: pd.DataFrame, rates: pd.DataFrame) -> list[ReportSection]:
     """Return the sizes of all causes, then a section for each with its rates of detection and naming."""
     lead = (
-        "An effect of the size told here is found with a probability of 80 % (and of 95 %, in the column beside it) by "
-        "the diagnosis of a campaign laid out like this one. Sizes are root mean squares of the parameter; in brackets "
-        "what drawn campaigns leave open, with a probability of 95 %."
+        "The diagnosis of a campaign laid out like this one finds an effect of the stated size with a probability of "
+        "80 % (95 % in the next column). Sizes are root mean squares of the parameter; brackets hold 95 % intervals "
+        "by the drawn campaigns."
     )
-    listing = Listing(SIZE_HEADS, tuple(map(tuple, size_rows(sizes))), caption="Smallest sizes that are found")
-    sections = [ReportSection("sizes", "From which size on", lead, listings=(listing,))]
+    listing = Listing(SIZE_HEADS, tuple(map(tuple, size_rows(sizes))), caption="Smallest sizes that are detected")
+    sections = [ReportSection("sizes", "Detectable sizes", lead, listings=(listing,))]
     drawn = rates[rates["cause"] != "nothing"]
     for cause, own in drawn.groupby("cause", sort=False):
         sections.append(_of_cause(str(cause), own))
@@ -133,7 +133,7 @@ def _of_cause(cause: str, rates: pd.DataFrame) -> ReportSection:
 
 def _caption(rates: pd.DataFrame) -> str:
     tried = int(rates["campaigns"].min())
-    return f"{count(tried, 'campaign')} per size; bars: where the rate lies with a probability of 95 %."
+    return f"{count(tried, 'campaign')} per size; bars: 95 % interval of the rate."
 
 
 def _curve(rates: pd.DataFrame, concerns: str) -> go.Figure:
@@ -148,7 +148,7 @@ def _curve(rates: pd.DataFrame, concerns: str) -> go.Figure:
     for what, colour, aside in (("found", BLUE, 0.99), ("named", ORANGE, 1.01)):  # one would hide the other
         figure.add_trace(_rates(places * aside, rates, what, colour))
     beside = f" with {first['beside']}" if first["beside"] else ""
-    style(figure, label(f"{first['parameter']}{beside}, {concerns}"), "How often it was found, and given its name", 340)
+    style(figure, label(f"{first['parameter']}{beside}, {concerns}"), "Rate of detection, and of the correct name", 340)
     axis = f"{first['parameter']}, root mean square, {printed(unit)}".rstrip(", ")
     figure.update_xaxes(type="log", title={"text": axis})
     figure.update_yaxes(range=[-3, 103], title={"text": "% of campaigns"})

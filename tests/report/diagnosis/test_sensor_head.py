@@ -50,7 +50,7 @@ SLIP = {"count": size(-2), "from_step": size(7)}
             "load-imbalance",
             "load fz",
             {"moment_y": size(0.004, 0.0001, "m"), "moment_y_asymmetry": size(0.0021, 0.0001, "m")},
-            "brings a parasitic moment about y that differs by 2.10 ± 0.10 N·m per kN between positive and",
+            "causes a parasitic moment about y that differs by 2.10 ± 0.10 N·m per kN between positive and",
         ),
         (
             "load-imbalance",

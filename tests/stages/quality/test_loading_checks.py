@@ -213,7 +213,7 @@ def moment_with_force(readings, signals):
         (jumped, "warn", "jumps run 2 rx", "rx jumps by +"),
         (walked, "warn", "drift channel dy", "um over run 6"),
         (walked, "warn", "zero-return channel dy", "the zero return after run 6 is +"),
-        (gross, "warn", "gross-errors channel rz", "15 of 204 readings are outliers (run 1 step 3"),
+        (gross, "warn", "gross-errors channel rz", "15 of 204 readings are gross errors (run 1 step 3"),
         (in_kelvin, "fail", "surroundings air temperature", "is the unit right?"),
         (warming, "warn", "temperature-span air temperature", "within a run by 3.2 K at most"),
         (cut, "fail", "saturated signal v2", "samples are cut at "),

@@ -28,7 +28,7 @@ _HEADS = (
         "(arcsec)",
         "Mean / maximum angle between measured and predicted orientation, at the held-out poses.",
     ),
-    Head("held out / noise", "Error at the held-out poses over that of noise alone; 1 as noise alone."),
+    Head("held out / noise", "Error at the held-out poses over that of noise alone; 1: noise alone."),
     Head("p", "Probability that noise alone gives held-out errors at least this large."),
     Head("rms pull", "Root mean square of the pulls of all parameters; 1 if they agree with their tolerances."),
     Head("χ² / freedom", "Sum of the squared weighted residuals / degrees of freedom of the fit."),

@@ -69,8 +69,8 @@ def _by_cause(table: pd.DataFrame, rows: list[AssessedCause]) -> Listing:
         CAUSE,
         PARAMETER,
         Head("concerns", "Part of the machine that the parameter concerns: the whole, or each leg, target or axis."),
-        Head("found from, best subject", "Smallest size that would have been found, at the part that shows it best."),
-        Head("worst subject", "Smallest size that would have been found, at the part that shows it worst."),
+        Head("detectable from, best subject", "Smallest size that would be found, at the part that shows it best."),
+        Head("worst subject", "Smallest size that would be found, at the part that shows it worst."),
         Head("result", "Decision of the diagnosis on this cause."),
     )
     caption = "The smallest size that would have been found, of the subjects that show it best and worst"
@@ -119,7 +119,7 @@ def _full_listing(table: pd.DataFrame) -> Listing:
         CAUSE,
         Head("subject", "Leg, target or axis that the row concerns; a dash for the whole machine."),
         PARAMETER,
-        Head("found from", "Smallest size of the effect that is found with the stated probability."),
+        Head("detectable from", "Smallest size of the effect that is found with the stated probability."),
         Head("with probability", "Probability that the diagnosis finds an effect of this size."),
     )
     return Listing(heads, rows, (), "Every cause and subject", True, "detectable.parquet")

@@ -61,7 +61,7 @@ def _used_corrected_loads(tables: Tables) -> bool:
 
 
 def _other_load_text(row: AssessedCause, steps: pd.DataFrame) -> list[str]:
-    """Return the load in words, ``the z load brought up to 108 N·m about y and 72 N·m about x``; empty for other
+    """Return the load in words, ``the z load caused up to 108 N·m about y and 72 N·m about x``; empty for other
     causes."""
     axis = re.fullmatch(r"load ([fm][xyz])", row.subject)
     if row.cause not in ("load-eccentricity", "load-imbalance") or axis is None:
@@ -83,4 +83,4 @@ def _other_load_text(row: AssessedCause, steps: pd.DataFrame) -> list[str]:
     if not parts:
         return []
     words = " and ".join(f"{rough(size)} {unit} {way} {c}" for size, c in parts)
-    return [f"{load_words(axis[1])} brought up to {words}"]
+    return [f"{load_words(axis[1])} caused up to {words}"]

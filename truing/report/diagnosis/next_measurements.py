@@ -52,7 +52,7 @@ _STEPS = ("run", "step", "time_s", *LOADS.values(), "channels")
 _SERVED = {
     Need.REQUIREMENT: ("requirement is undecided", "requirements are undecided"),
     Need.RIVAL: ("question is open", "questions are open"),
-    Need.PRECISION: ("finding can be confirmed or measured better", "findings can be confirmed or measured better"),
+    Need.PRECISION: ("finding can be confirmed or refined", "findings can be confirmed or refined"),
     Need.TESTABLE: ("kind of cause could not be tested", "kinds of causes could not be tested"),
 }
 _CAPTION = "Not testable with these data, and what to measure for it"

@@ -230,7 +230,7 @@ def _choices(choice: pd.DataFrame, largest: dict[str, float]) -> Listing:
     heads = (
         Head("model", "Form of the calibration: which terms of the signals or loads it has."),
         *(Head(f"{load} ({LOAD_UNITS[load]})", _HELD_OUT_ERROR) for load in largest),
-        Head("error / noise", "Error on held-out loads over that of the noise of the signals; 1 as noise alone."),
+        Head("error / noise", "Error on held-out loads over that of the noise of the signals; 1: noise alone."),
         Head(
             "log density", "Log of the probability density of the held-out data; the larger, the better the prediction."
         ),

@@ -111,7 +111,7 @@ def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
     ]
     several = rows["run"].nunique()
     withheld = len(not_stated(tables))
-    also = f" Of {count(withheld, 'further run')} nothing is stated, see Positioning." if withheld else ""
+    also = f" Not evaluated: {count(withheld, 'further run')} (see Positioning)." if withheld else ""
     which = f"the worst of {several} runs, {worst.iloc[0]}" if several > 1 else str(worst.iloc[0])
     text = printed(f"By ISO 230-2, {which}: {', '.join(texts)}, each with one standard deviation.{also}")
     size, unit = float(own.loc["A", "value"]), str(own.loc["A", "unit"])

@@ -123,10 +123,10 @@ def _imbalance(claim: Claim) -> str:
     brought = f"a parasitic {what} {'about' if what == 'moment' else 'along'} {component}"
     size = size_in_words(positive(shown))
     if shown.name.endswith("_growth"):
-        return f"{who} brings {brought} that grows nonlinearly, by {size} at the largest load"
+        return f"{who} causes {brought} that grows nonlinearly, by {size} at the largest load"
     if shown.name.endswith("_asymmetry"):
-        return f"{who} brings {brought} that differs by {size} between positive and negative load"
-    return f"{who} brings {brought}: {size}"
+        return f"{who} causes {brought} that differs by {size} between positive and negative load"
+    return f"{who} causes {brought}: {size}"
 
 
 def _one_unit(claim: Claim) -> str:

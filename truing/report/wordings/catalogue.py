@@ -247,8 +247,8 @@ _MEANINGS = {
     "link-bending": "a link bends under the weight that it carries",
     "link-growth": "one link, or all, grow with temperature",
     "base-drift": "the base moves steadily against the instrument, from the first to the last pose",
-    "base-jump": "the base sits elsewhere from some pose on",
-    "joints-exchanged": "the readings of two joints stand in each other's column",
+    "base-jump": "the base is displaced from some pose on",
+    "joints-exchanged": "the readings of two joints are in each other's column",
     "camera-instability": "the principal distance of a camera changes at some pose",
     "unexplained": "the data depend on recorded columns in no declared form",
 }

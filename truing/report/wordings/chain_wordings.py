@@ -22,13 +22,13 @@ def _whose(claim: Claim) -> str:
 
 def _offset(claim: Claim) -> str:
     size, _ = largest_of_kind(claim, "offset")
-    return f"the zero of {_whose(claim)} is off, beyond its tolerance{by_words(size)}"
+    return f"the zero of {_whose(claim)} deviates by more than its tolerance{by_words(size)}"
 
 
 def _gain(claim: Claim) -> str:
     size, large = largest_of_kind(claim, "gain")
     if not size:
-        return f"{_whose(claim)} moves by another amount than it reads"
+        return f"{_whose(claim)} has a gain error: its motion is not equal to its reading"
     return f"{_whose(claim)} moves {'farther' if large else 'less far'} than it reads{by_words(size)}"
 
 
@@ -52,7 +52,7 @@ def _settling(claim: Claim) -> str:
 
 
 def _compliance(claim: Claim) -> str:
-    return with_sizes(f"{_whose(claim)} gives way under the weight that it carries", claim)
+    return with_sizes(f"{_whose(claim)} deflects under the weight that it carries", claim)
 
 
 def _bending(claim: Claim) -> str:
@@ -61,11 +61,11 @@ def _bending(claim: Claim) -> str:
 
 def _tilt(claim: Claim) -> str:
     about = f" about its {claim.fact('about')} axis" if claim.fact("about") else ""
-    return with_sizes(f"what carries {_whose(claim)} tilts{about} under the moment of the weight above", claim)
+    return with_sizes(f"the column that carries {_whose(claim)} tilts{about} under the moment of its load", claim)
 
 
 def _sag(claim: Claim) -> str:
-    return with_sizes(f"{_whose(claim)} gives way under the weight of links whose masses are not given", claim)
+    return with_sizes(f"{_whose(claim)} deflects under the weight of links whose masses are not given", claim)
 
 
 def _growth(claim: Claim) -> str:
@@ -98,8 +98,8 @@ def _curve(claim: Claim) -> str:
     size = largest(tuple(size for size in claim.sizes if size.name.startswith("largest")))
     who, up_to = _whose(claim), f", by up to {size_in_words(size)}" if size else ""
     if claim.subject.split().count("joint") > 1:
-        return f"{who} depart from their readings by repeatable curves{up_to}"
-    return f"{who} departs from its reading by a repeatable curve{up_to}"
+        return f"{who} deviate from their readings by repeatable curves{up_to}"
+    return f"{who} deviates from its reading by a repeatable curve{up_to}"
 
 
 def _drift(claim: Claim) -> str:
@@ -107,12 +107,12 @@ def _drift(claim: Claim) -> str:
 
 
 def _jump(claim: Claim) -> str:
-    return with_sizes(f"the base sits elsewhere from pose {claim.fact('from_pose')} on", claim)
+    return with_sizes(f"the base is displaced from pose {claim.fact('from_pose')} on", claim)
 
 
 def _exchanged(claim: Claim) -> str:
     names = [part for part in claim.subject.split() if part != "joint"]
-    return f"the readings of joints {' and '.join(names)} stand in each other's column"
+    return f"the readings of joints {' and '.join(names)} are in each other's column"
 
 
 _LOADED = "Repeat the same poses with another known payload. The deflection changes in proportion to the load."
@@ -133,7 +133,7 @@ def _turning_advice(claim: Claim) -> str:
 
 _CURVE = (
     "Move this joint alone through its range in steps of 2 degrees, and measure a target far from its axis; repeat it "
-    "after a full turn. A curve that does not repeat is none of the encoder's scale."
+    "after a full turn. A curve that does not repeat has another cause than the encoder's scale."
 )
 CHAIN = {
     "joint-offset": Wording(

@@ -149,7 +149,7 @@ class JointCause(ChainCause):
 
 @dataclass(frozen=True)
 class JointOffset(JointCause):
-    """The zero of a joint's reading is off, beyond its tolerance.
+    """The zero of a joint's reading deviates by more than its tolerance.
 
     ``start``: a known part of the offset, rad or m, so large that all else must know of it.
     """
@@ -229,7 +229,7 @@ class JointBacklash(JointCause):
 
 @dataclass(frozen=True)
 class JointCompliance(JointCause):
-    """A joint gives way under the torque of weight about its axis."""
+    """A joint deflects under the torque of weight about its axis."""
 
     load: float = 1.0  # largest torque, N m, or force, N
 
@@ -405,7 +405,7 @@ class BaseDrift(ChainCause):
 
 @dataclass(frozen=True)
 class BaseJump(ChainCause):
-    """The base sits elsewhere from some pose on."""
+    """The base is displaced from some pose on."""
 
     from_pose: int | str = ""
     from_order: float = -np.inf
@@ -438,7 +438,7 @@ class BaseJump(ChainCause):
 
 @dataclass(frozen=True)
 class ChainTargetMoved(ChainCause):
-    """One target sits elsewhere on its link from some pose on."""
+    """One target is displaced on its link from some pose on."""
 
     body: str = ""
     target: str = ""
@@ -567,7 +567,7 @@ class JointScatter(ChainCause):
 
 @dataclass(frozen=True)
 class JointsExchanged(ChainCause):
-    """The readings of two joints stand in each other's column, in the whole campaign."""
+    """The readings of two joints are in each other's column, in the whole campaign."""
 
     joints: tuple[str, ...] = ()
 

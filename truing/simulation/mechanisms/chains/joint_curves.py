@@ -1,4 +1,4 @@
-"""Class `JointErrorCurve`: a joint departs from its reading by a curve that repeats: its encoder's scale, or its gear.
+"""Class `JointErrorCurve`: a joint deviates from its reading by a curve that repeats: its encoder's scale, or its gear.
 
 The curve consists of bumps of zero mean and zero slope: second differences of cubic splines. Their knots are equally
 spaced over one turn, or over the travel of a joint that slides. Thus it can hardly imitate offsets, gains or errors of
@@ -48,7 +48,7 @@ class JointCurve:
 
 @dataclass(frozen=True)
 class JointErrorCurve(ChainCause):
-    """Joints depart from their readings by repeatable curves: one joint, or all that turn, each with its own.
+    """Joints deviate from their readings by repeatable curves: one joint, or all that turn, each with its own.
 
     ``starts`` and ``periods`` (J,) place the ``knots`` (J,) of each joint's curve, rad or m.
     """

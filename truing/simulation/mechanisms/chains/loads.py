@@ -89,7 +89,7 @@ class ColumnTilt(LinkCause):
 
 @dataclass(frozen=True)
 class JointSag(JointCause):
-    """A joint gives way under links of unknown mass: its deviation is a sum over directions fixed in these links.
+    """A joint deflects under links of unknown mass: its deviation is a sum over directions fixed in these links.
 
     Each parameter is the deviation for one direction of the centre of mass when that is horizontal and square to the
     axis: compliance x weight x distance, of which only the product shows. ``parts`` are those directions, link by
