@@ -201,17 +201,17 @@ def foreign(campaigns: Sequence[Judged]) -> str:
     of_one = [right for right, (_, effect) in zip(told, drives, strict=True) if len(effect.follows) == 1]
     recorded = [one for one in campaigns if all(effect.kind != "NobodyRecorded" for effect in one.hidden)]
     rows = [
-        ["a wrong name said as found", f"{len(wrong)} of {len(campaigns)}", "at most 1 in 20"],
-        ["names that are suspected, and none that is found", f"{len(doubted)} of {len(campaigns)}", ""],
-        ["effects told as unexplained with all that drives them", f"{sum(told)} of {len(told)}", "at least 8 in 10"],
+        ["a wrong name reported as found", f"{len(wrong)} of {len(campaigns)}", "at most 1 in 20"],
+        ["suspected names, none found", f"{len(doubted)} of {len(campaigns)}", ""],
+        ["effects reported as unexplained, with all their inputs", f"{sum(told)} of {len(told)}", "at least 8 in 10"],
         *(
-            [["the same, asked only for inputs whose own part is clear", f"{sum(clear)} of {len(clear)}", ""]]
+            [["the same, only inputs with a clear part of their own", f"{sum(clear)} of {len(clear)}", ""]]
             * bool(clear)
         ),
-        ["such effects that follow a single column", f"{sum(of_one)} of {len(of_one)}", ""],
-        ["campaigns with a column told that drives nothing", f"{len(idle)} of {len(campaigns)}", ""],
-        ["held-out error over what noise leaves, median", _median_ratio(campaigns), "at most 1.2"],
-        ["the same where everything that acts is recorded", _median_ratio(recorded), ""],
+        ["such effects of a single column", f"{sum(of_one)} of {len(of_one)}", ""],
+        ["campaigns with an idle column reported", f"{len(idle)} of {len(campaigns)}", ""],
+        ["held-out error / noise floor, median", _median_ratio(campaigns), "at most 1.2"],
+        ["the same where all inputs are recorded", _median_ratio(recorded), ""],
     ]
     return table(["", "reached", "asked"], rows)
 

@@ -96,8 +96,8 @@ def _numbers(names: Sequence[str]) -> list[int]:
 def _numbering(numbers: Sequence[int], log: _Log, raw: str | int, guess: Guess) -> dict[str, Any] | None:
     """Keys that give each place its pose: the number of its name, shifted if need be, or the number of its row.
 
-    None if the log has other poses. A log whose rows are counted has no numbers of its own, so a list from 0 on is
-    shifted, and one with other numbers is taken in its order if it is as long.
+    None if the log has other poses. A log whose rows are counted has no numbers of its own. A list from 0 on is
+    shifted; one of the same length with other numbers is used in its order.
     """
     by_name: dict[str, Any] = {"split": {**guess.mapping.get("split", {}), str(raw): r".*?(?P<pose>\d+)"}}
     logged = {int(pose) for pose in log.poses if pose.isdecimal()}

@@ -50,8 +50,8 @@ class QualityCheck:
     """A quality check: question, reason, criterion and remedy, one or two sentences each.
 
     not_evaluated: what keeps it from being evaluated, or what would let it be; no sentence, empty if nothing does.
-    withholds: results that are not evaluated while it fails, because the data contradict the campaign's description:
-    "models" are deformation, diagnosis and calibration; "poses" are these and the poses. Empty: later stages still run.
+    withholds: results that are not evaluated while it fails: "models" are deformation, diagnosis and calibration;
+    "poses" are these and the poses. Empty: later stages still run.
     """
 
     question: str

@@ -94,7 +94,7 @@ def table_of_models() -> str:
             f"{row.position_noise_verification:.0f}",
             f"{row.orientation_mean_verification:.0f}",
             f"{round(row.log_evidence - best) + 0:d}",
-            "chosen" if row.chosen else "cannot be told from it" if row.indistinguishable else "",
+            "chosen" if row.chosen else "indistinguishable" if row.indistinguishable else "",
         ]
         for (model, deformation), row in zip(found.index, found.itertuples(), strict=True)
     ]

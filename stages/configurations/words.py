@@ -39,7 +39,9 @@ def _parameters_chosen(design: Design) -> list[str]:
     held = ", ".join(design.problem.held)
     if design.kept is None and "reference" not in design.table.column("role").to_pylist():
         first += "; the reference configuration is forbidden, and left out"
-    left = f"; held: {held}, {'not asked for' if options.parameters else 'not told apart from these'}" if held else ""
+    left = (
+        f"; held: {held}, {'not asked for' if options.parameters else 'not distinguishable from these'}" if held else ""
+    )
     return [
         first,
         f"parameters of each leg: {' '.join(names)} ({len(names)} x {counted(design.problem.legs, 'leg')}){left}",
@@ -129,7 +131,7 @@ def _existing(design: Design) -> list[str]:
         found.count / design.all_configurations.count
     )
     ratio = efficiency(alike, found.log_det, design.problem.size)
-    return [line, f"one chosen pose tells as much as {ratio:.2f} of the campaign's own"]
+    return [line, f"one chosen pose is worth {ratio:.2f} of the campaign's own poses"]
 
 
 def words_of_loads(plan: LoadPlan) -> list[str]:
@@ -167,5 +169,5 @@ def _existing_loads(plan: LoadPlan) -> list[str]:
     return [
         f"the campaign's own {counted(len(own.loads), 'load')}: {_percent(own.efficiency)} of the best of as many, all "
         "components at once",
-        f"one chosen load tells as much as {worth:.2f} of the campaign's own",
+        f"one chosen load is worth {worth:.2f} of the campaign's own loads",
     ]

@@ -104,9 +104,9 @@ def noise_of_rows(encoder: str, command: Array, direction: Array, deviations: Ar
 def encoders_in_place(columns: AxisColumns, deviations: Mapping[str, Array]) -> Check:
     """Check that the outside instrument agrees with the load encoder, and that of the loop with the command.
 
-    ``deviations`` (N,) of each encoder from the command, rad or m. Where the instrument agrees with the motor and the
-    other encoder follows the command, both by Pitman's test of correlated variances (Biometrika 31 (1939) 9), the two
-    columns are exchanged, or the loop is another one and the load encoder errs.
+    ``deviations`` (N,) of each encoder from the command, rad or m. Both comparisons are Pitman's test of correlated
+    variances (Biometrika 31 (1939) 9). If the instrument agrees with the motor, and the other encoder follows the
+    command, the columns are exchanged, or the loop is another one and the load encoder errs.
     """
     unit = columns.reported_unit
     if missing := [each for each in ENCODERS if each not in deviations]:

@@ -265,8 +265,8 @@ def related_readings(
 def _drives(
     bodies: Sequence[BodyView], around: PoseSurroundings, configurations: pa.Table | None, settings: Campaign
 ) -> Iterator[RelationTest]:
-    """Yield the test of the readings of a single rotary drive against the rotations of the bodies, relative to the
-    reference body if there is one."""
+    """Yield the test of a single rotary drive's readings against the rotations of the bodies, relative to the
+    reference body if any."""
     columns = [name for name in settings.campaign.drives if name.endswith(_DEGREES)]
     if configurations is None or len(columns) != 1 or columns[0] not in configurations.column_names:
         return

@@ -54,7 +54,7 @@ def correlated_shifts(framed: FramedPoints, per_leg: Array, axes: Sequence[int] 
     platform was fitted.
 
     A shift is linear in the errors of all points of its pose: directly in its own, and through the frame in those of
-    every point in the joint fit of the bodies, which may be correlated within the pose.
+    every point of the joint fit, which may be correlated within the pose.
     """
     errors, bodies, poses = framed.errors, framed.bodies, range(len(per_leg))
     platform = next((b for b, body in enumerate(bodies) if body.name == _PLATFORM), None)

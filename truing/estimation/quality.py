@@ -210,8 +210,8 @@ def repeated_groups(settings: Array, tolerance: Array) -> list[Index]:
 
 
 def _neighbours(settings: Array, tolerance: Array) -> tuple[Index, Index, Index]:
-    """Return the order (B,) of poses along the setting that tells most of them apart, and for each place there the
-    range [begin, end) of places that agree with it in this setting."""
+    """Return the order (B,) of poses along the setting with most distinct values. For each place there: the range
+    [begin, end) of places that agree with it in this setting."""
     found = []
     for column, allowed in zip(settings.T, tolerance * _WIDER, strict=True):
         order = np.argsort(column, kind="stable")

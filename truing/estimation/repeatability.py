@@ -196,8 +196,8 @@ def position_sigma(points: Array) -> Figure:
 def position_repeatability(points: Array, rng: np.random.Generator) -> Figure:
     """Return RP = mean + 3 S of the distances of repeated positions (N, 3) from their mean, in their unit.
 
-    N of at least FEWEST. The interval comes from draws of normal errors with the estimated covariance (JCGM 101), and
-    refers to the value of a long test of the same machine. Source: ISO 9283:1998, equation for RP_l.
+    N of at least FEWEST. The interval comes from draws of normal errors with the estimated covariance (JCGM 101). It
+    refers to a long test of the same machine. Source: ISO 9283:1998, equation for RP_l.
     """
     n = len(points)
     if n < FEWEST:

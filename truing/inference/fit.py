@@ -162,8 +162,8 @@ def linearise(
 
 
 def _slopes(found: PredictionLike, compact: bool) -> tuple[Array, Integers | None, int]:
-    """Return a prediction's derivatives (B, K, d, G) by the shared unknowns; or, compact, those (B, K, d, C) by the
-    columns (B, C) of each epoch, these columns, and how many of them are common to all epochs."""
+    """Return a prediction's derivatives (B, K, d, G) by the shared unknowns; or, compact, derivatives (B, K, d, C) by
+    the columns (B, C) of each epoch, these columns, and the number common to all epochs."""
     zeros, slopes = found.zero_columns, found.by_shared
     if compact:
         acting = _acting(slopes)

@@ -135,8 +135,8 @@ class NoiseSelection(Generic[CauseT]):
         return found
 
     def _outdoes_causes(self, rest: Array, own: Mask, first: Round[CauseT], gain: float) -> bool:
-        """Return True if extra scatter of residuals (B, K, d) in places ``own`` (B, K), with a ``gain`` in log
-        likelihood, is far more probable than the best cause. The residuals there must also be uncorrelated. Causes that
+        """Return True if extra scatter of residuals (B, K, d) in a mask (B, K) is far more probable than the best
+        cause. ``gain`` is that of the log likelihood. The residuals there must also be uncorrelated. Causes that
         were accepted first would each absorb some of the scatter, and the data would seem to hold several of them."""
         real = (c for c in first.best.values() if is_real(first, c, self.level))
         if gain <= max((first.posterior(c) for c in real), default=0.0) + _UNSTRUCTURED:

@@ -314,8 +314,8 @@ class Round(Generic[CauseT]):
         return float(log_evidence(along, strengths, total, freedom)) + float(beforehand) + signs
 
     def _signs(self, pair: Sequence[CauseCandidate[CauseT]], values: Array, covariance: Array, along: Array) -> float:
-        """Return the log evidence of candidates together that is due to impossible signs, from all their parameters
-        (P,) and the parts (r,) of the residual along their directions."""
+        """Return the log evidence that impossible signs cost candidates together. Given are all their parameters (P,)
+        and the parts (r,) of the residual along their directions."""
         parts, first, found = self.fitted.model.part_count, 0, 0.0
         left = _left(self.fitted, along)
         for candidate in pair:

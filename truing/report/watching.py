@@ -41,9 +41,9 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class Watched:
-    """State after one round: number and time of the round, measured amount in words, verdicts by section, faults, the
-    most urgent next measurement in words, whether the looks before confirm the decision, and from how many compared
-    poses (or runs of a force sensor: ``compared``) on a look can."""
+    """State after one round: number and time of the round, measured amount in words, verdicts by section, faults, and
+    the most urgent next measurement in words. Also: whether earlier looks confirm the decision, and from how many
+    compared poses (or runs of a force sensor: ``compared``) on a look can."""
 
     campaign: str
     number: int

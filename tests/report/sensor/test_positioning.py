@@ -93,4 +93,4 @@ def test_a_run_that_failed_a_check_is_told_with_the_reason_and_without_a_figure(
     told = {"positions": measured, "positioning": table, "qa": qa.assign(value=None)}
     (failed, _), (mark, said), *_ = build_head("stage", told).verdicts
     assert (failed, mark) == ("fail", "measured")
-    assert_says(said, "1 further run", "Not evaluated", "Positioning")
+    assert_says(said, "Not evaluated", "1 further run", "Positioning")

@@ -84,8 +84,8 @@ def filling_distance(camera: Camera, interior: Array, radius: float) -> float:
 def shells(middle: Array, distances: Array, directions: int, elevations: tuple[float, float], rolls: Array) -> Stations:
     """Return stations on shells around the middle, looking at it.
 
-    Directions are spread evenly (spiral on the sphere) with elevations above the xy-plane within bounds in rad, for
-    each distance in m and each roll in rad.
+    Directions are spread evenly (spiral on the sphere), elevations above the xy-plane within bounds, rad. They are
+    repeated for each distance, m, and each roll, rad.
     """
     low, high = np.sin(elevations)
     z = low + (np.arange(directions) + 0.5) / directions * (high - low)

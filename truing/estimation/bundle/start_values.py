@@ -1,7 +1,7 @@
 """Start values of a network from named points alone: the orientation of every image and the coordinates of every point.
 
-Each pose is oriented separately: from points with known coordinates if an image sees enough of them, else from the
-relative orientation of two images, else from a marker of known size. Of several seeds, the one that explains most rays
+Each pose is oriented separately: from points with known coordinates if an image sees enough of them. Else the relative
+orientation of two images, else a marker of known size. Of several seeds, the one that explains most rays
 is taken, and the other images follow (`truing.estimation.bundle.growing`). An unknown principal distance is tried at
 several field widths.
 """

@@ -44,9 +44,9 @@ class Absorption:
 
         effects (Q, Q): covariance of the effects' sizes in the prediction; by default they are exact. The observed
         shift is the fit's distance from: ``fit``, a fit of the same data with the effect in its model (noise cancels,
-        only the effects' sizes are uncertain); ``truth``, the true values (adds the fit's covariance); ``nominal``, the
-        nominal values (adds prior - covariance, since true values scatter about nominal ones and the fit follows them
-        as far as the data allow). Raises ValueError for nominal values without a prior.
+        only the effects' sizes are uncertain); ``truth``, the true values (adds the fit's covariance); ``nominal``,
+        the nominal values. This adds prior - covariance: true values scatter about nominal ones, and the fit follows
+        as far as the data allow. Raises ValueError for nominal values without a prior.
         """
         if against == "nominal" and self.prior is None:
             raise ValueError("shifts from nominal values need their tolerances as prior")

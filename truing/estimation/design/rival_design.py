@@ -5,8 +5,8 @@ over poses, so that sets are searched by adding and exchanging single poses.
 
 Rivals share their nuisance parameters and have one effect each. After a fit to old and new data, nuisances leave the
 predictions a covariance C common to both; the effect's own parameters add to it, so that rival A predicts N(m_A, C_A).
-If A is right, new measurements are expected to change the log odds of A against B by the divergence of the two
-predictions (Box and Hill, Technometrics 9 (1967) 57),
+If A is right, new measurements change the log odds of A against B by the divergence of the two predictions, on average
+(Box and Hill, Technometrics 9 (1967) 57),
 
     1/2 [ gap^T C_B^-1 gap + tr(C_B^-1 C_A) - n - log det(C_B^-1 C_A) ],    gap = m_A - m_B,
 
@@ -231,9 +231,9 @@ def narrowed(seen: PoseCandidates, direction: NDArray, factor: float, most: int)
 
 @dataclass(frozen=True)
 class _Odds:
-    """Expected log odds of the right rival, for the worse of both cases. Sums are products (C, Q, Q) of Q columns (the
-    gap, the effect of the first by its ``size`` parameters, that of the second), these along R directions of the
-    nuisances (C, R, Q), and the information on those (C, R, R)."""
+    """Expected log odds of the right rival, for the worse of both cases. Sums are products (C, Q, Q) of Q columns: the
+    gap, then the effects of the first and the second by their ``size`` parameters. They are also given along R
+    directions of the nuisances (C, R, Q), with the information on those (C, R, R)."""
 
     log_odds: float
     size: int

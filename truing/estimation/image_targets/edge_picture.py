@@ -105,7 +105,7 @@ def set_nodes(p, nodes, count):  # type: ignore[no-untyped-def]
 @inner
 def _whole_edge(axx, axy, ayy, s, nodes, count, lane, many):  # type: ignore[no-untyped-def]
     """Fill in M of pixels, as an exact integral around the ellipse, and its derivatives. The Gaussian of the blur is
-    the divergence of r (1 - exp(-r^2 / 2 s^2)) / (2 pi r^2), so the light from the inside is a flux through the edge.
+    the divergence of r (1 - exp(-r^2 / 2 s^2)) / (2 pi r^2): the light from the inside is a flux through the edge.
     The trapezoidal rule on a closed smooth curve converges faster than any power."""
     narrow = 0.5 / (s * s)
     for j in range(SHARE * BLOCK, (BY + 6) * BLOCK):

@@ -2,8 +2,8 @@
 
 If a bench was not set to zero before a run, the run starts elsewhere; coordinates do so always.
 
-Columns have the same form as the effects of a campaign (F the load, F_max its largest value), so that fitted values are
-comparable with an effect's parameters.
+Columns have the same form as the effects of a campaign (F the load, F_max its largest value), and are comparable with
+an effect's parameters.
 """
 
 from __future__ import annotations
@@ -117,8 +117,8 @@ def _is_linear_in(z: Array, steps: RecordedSteps, rows: Index) -> bool:
 
 
 def branches(load: ArrayLike) -> Index:
-    """Return the branch of steps (N,) in the order of measurement: 1 for increasing load (or a change of its sign), -1
-    for decreasing, and the branch before for held load; 0 until it first changes.
+    """Return the branch of steps (N,) in the order of measurement: 1 for increasing load or a change of its sign, -1
+    for decreasing load. A held load keeps the branch before; 0 until the load first changes.
 
     Of several loads at once (N, A), in comparable units, the largest decides; its sign is that of their direction.
     """

@@ -243,8 +243,8 @@ def _shape(conic: Array) -> Array:
 class Count:
     """Phases (..., N) unwrapped to whole turns, in rad.
 
-    risk (..., N): probability that the step to a sample, and so all later ones, is wrong by a turn, if the motion stays
-    below half a turn per sample.
+    risk (..., N): probability that the step to a sample is wrong by a turn, if the motion stays below half a turn per
+    sample.
     """
 
     phase: Array
@@ -259,8 +259,8 @@ class Count:
 def count_fringes(phase: ArrayLike, sigma: ArrayLike, *, steady: bool = False) -> Count:
     """Return phases (..., N), known within a turn to sigma rad (..., N) or one number, unwrapped to whole turns.
 
-    Each step is taken as the shortest one; if ``steady``, as the one nearest to the step before, which follows motion
-    of more than half a turn per sample while its speed changes by less than that. A missing sample (NaN) loses the
+    Each step is taken as the shortest one; if ``steady``, as the one nearest to the step before. This follows faster
+    motion while its speed changes by less than half a turn per sample. A missing sample (NaN) loses the
     count: all later ones are missing too.
     """
     phase = np.asarray(phase, float)
@@ -291,8 +291,8 @@ def _noise_of_changes(sigma: Array) -> Array:
 
 
 def _miscount_probability(left: Array, noise: Array) -> Array:
-    """Return the probability that noise moved a step over half a turn, so that it was found as ``left``, for equally
-    likely true steps up to half a turn."""
+    """Return the probability that noise moved a step, counted as ``left``, over half a turn. True steps up to half a
+    turn are equally likely."""
     from scipy.special import ndtr
 
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -207,8 +207,8 @@ def _rejected(batch: _Batch, sigma: Array) -> Mask:
 
 
 def _with_a_jump(batch: _Batch, sigma: Array, piece: int) -> float:
-    """Return the chi-square of all readings of a run if its curve may jump between any two of them, with a least number
-    on either side."""
+    """Return the chi-square of all readings of a run with a jump at each place, a least number of readings on either
+    side."""
     at = np.flatnonzero(batch.seen[piece])
     if len(at) < 2 * _LASTS:
         return float("inf")

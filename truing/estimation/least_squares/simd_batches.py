@@ -1,8 +1,9 @@
 """Compiled trust-region steps of `least_squares` for sixteen small problems at once, by normal equations.
 
-A caller fills `ROW` and `RESIDUAL` with one observation of all lanes after the other. Normal equations lose half of the
-digits, so a lane whose scaled normal matrix has a pivot below `_CLEAR_PIVOT` is marked as unclear, for the QR of
-`least_squares`. Importing this module imports numba. Used by `recalibration_kernel`, whose docstring compares its speed
+A caller fills `ROW` and `RESIDUAL` with one observation of all lanes after the other. Normal equations lose half of
+the digits. A lane whose scaled normal matrix has a pivot below `_CLEAR_PIVOT` is marked as unclear, for the QR of
+`least_squares`. Importing this module imports numba. Used by `recalibration_kernel`, whose docstring compares its
+speed
 with a general solver.
 """
 

@@ -1,8 +1,9 @@
 """Joint fit of several bodies to points with correlated errors, within a body and between bodies.
 
 Generalised least squares with ``S = cov_target + R cov_source R'`` of all points together. If the points have a frame
-of their own (a free network), cov_target is singular along common motions of all points, and depends on the choice of
-that frame by terms ``J A + A' J'`` with J the motions of the bodies. Neither affects relative motions: ``J K J'`` added
+of their own (a free network), cov_target is singular along common motions of all points. It depends on the choice of
+that frame by terms ``J A + A' J'`` with J the motions of the bodies. Neither affects relative motions: ``J K J'``
+added
 to S changes no estimate (Rao and Mitra, Generalized Inverse of Matrices, 1971).
 """
 

@@ -3,7 +3,7 @@
 Three steps, each only for poses that the one before left open. (1) Trim all points to a set that a fit explains; a set
 of more than half is the largest. (2) Pairs of points with equal distances in both clouds form a graph. Sets grown from
 one seed point after another are candidates, until no seed has enough neighbours for a larger set. (3) If a candidate
-does not survive its fit (errors across a plane leave distances unchanged), the motions of all its triples compete.
+fails its fit (errors across a plane leave distances unchanged), the motions of all its triples compete.
 Every set ends as a fixpoint: exactly the points whose studentised residual passes a chi-square test.
 """
 

@@ -24,8 +24,8 @@ def umeyama(
 
     source, target: (B, N, 3) or (N, 3) in m, broadcast against each other; weight: (B, N) or (N,), 0 for a missing
     point. Two single clouds (N, 3) give a single motion: R (3, 3), t (3,). ``sigma``, in m: standard deviation per
-    coordinate of target - R source (scalar, (B, 1) or (B, N)), that of the measured cloud, or
-    ``hypot(sigma_source, sigma_target)`` if both have noise. Weights need not be 1/sigma^2; the covariance is that of
+    coordinate of target - R source, scalar, (B, 1) or (B, N). That is the measured cloud's, or ``hypot(sigma_source,
+    sigma_target)`` if both have noise. Weights need not be 1/sigma^2; the covariance is that of
     the weighted estimator. Without sigma, it comes from the scatter of residuals with weights as relative 1/variance.
     calls: number of such fits in turn, whose points together make compiled code worth its loading time.
     Raises ValueError for shapes that do not match, negative weights and used points that are not finite.

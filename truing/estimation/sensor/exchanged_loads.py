@@ -143,7 +143,7 @@ def least_difference(table: LoadTable, false_alarm: float = _FALSE_ALARM) -> NDA
 @dataclass(frozen=True)
 class StrayLoad:
     """A row (from 0) whose signals ask for another load: the component with the largest difference over its range, its
-    load as written and as the signals ask for it, in units of loads, and the difference in sigmas."""
+    load as recorded and as indicated by the signals, and the difference in sigmas."""
 
     row: int
     component: int
@@ -153,8 +153,8 @@ class StrayLoad:
 
 
 def stray_loads(table: LoadTable, exchanged: Collection[int] = ()) -> list[StrayLoad] | None:
-    """Return the rows whose load differs from what the signals ask for by far more than noise and by a clear share of
-    its range, except those ``exchanged``; None where these are so many that they are no single mistakes.
+    """Return the rows, except those ``exchanged``, whose load differs from that indicated by the signals far beyond
+    noise, and by a clear share of its range; None where these are so many that they are no single mistakes.
 
     By the fit of `search_exchanges`, without any exchange. One disturbed signal looks like a wrong load.
     """

@@ -269,8 +269,8 @@ def _halved(
 
 
 def _singular(legs: Legs, box: PoseBox, low: NDArray, high: NDArray) -> NDArray | None:
-    """Return the middle (6,) of a part whose readings are within the range, and where the Jacobian's determinant has
-    the other sign than at the reference; None without one."""
+    """Return the middle (6,) of a part with readings within the range, where the Jacobian's determinant has the
+    opposite sign to the reference; None without one."""
     if legs.count != 6 or not len(low):
         return None
     middles = np.concatenate([np.zeros((1, 6)), 0.5 * (low + high)])

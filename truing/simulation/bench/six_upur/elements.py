@@ -222,8 +222,8 @@ def compliance(matrix: ArrayLike, length: float = 0.0) -> LegElement:
 def passive(matrix: ArrayLike, what: str) -> NDArray:
     """Return the symmetric part of a given compliance (6, 6).
 
-    Raises ValueError for another shape, for an asymmetry of more than 0.1 % of the roots of its diagonal, and for a
-    direction of negative compliance.
+    Raises ValueError for another shape, a direction of negative compliance, and an asymmetry above 0.1 % of the roots
+    of its diagonal.
     """
     given = np.asarray(matrix, float)
     if given.shape != (6, 6):

@@ -93,8 +93,8 @@ def fitted_places(lines: MeasuredLines, shape: NDArray, free: Index, stations: M
 
 
 def _station(lines: MeasuredLines, k: int, shape: NDArray) -> Array:
-    """Return the place (3,) of a station in its link, which stands still, by the squares of its distances to places
-    (K, 3), which are linear in it."""
+    """Return the place (3,) of a station in its stationary link, by linear equations: differences of its squared
+    distances to places (K, 3)."""
     rows, squares, nominal = [], [], lines.points(shape)
     for d, (a, b) in enumerate(lines.ends):
         if k in (a, b):
