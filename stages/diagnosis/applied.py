@@ -30,12 +30,12 @@ def choices_table(
 
     diagnosis: rows of diagnosis.parquet; is_calibrated: whether a calibration can include a cause's effect.
     """
-    found = {row["cause"] for row in diagnosis.to_pylist() if row["verdict"] in _ACCEPTED}
+    accepted = {row["cause"] for row in diagnosis.to_pylist() if row["verdict"] in _ACCEPTED}
     kinds: dict[str, Cause] = {**catalogue_of_rays(), **kinds_of(settings, photographed=True)}
     rows = Rows("diagnosis_choices")
     for name in dict.fromkeys(settings.diagnosis.apply):
         became = APPLIED if is_calibrated(kinds[name]) else "no effect"
-        rows.add(cause=name, asked="apply", outcome=became if name in found else "not found")
+        rows.add(cause=name, asked="apply", outcome=became if name in accepted else "not found")
     for name in dict.fromkeys(settings.diagnosis.ignore):
         rows.add(cause=name, asked="ignore", outcome="ignored")
     return rows.table() if rows.count else None
@@ -47,9 +47,9 @@ def applied_model(
     """Extended model with the applied causes only; None if none is applied, or all that were found are."""
     rows = [] if choices is None else choices.to_pylist()
     applied = {row["cause"] for row in rows if row["outcome"] == APPLIED}
-    found = diagnosis.final.causes
-    own = tuple(cause for cause in found if cause.id in applied)
-    if not applied or len(own) == len(found) or data.model_text is None:
+    accepted = diagnosis.final.causes
+    chosen = tuple(cause for cause in accepted if cause.id in applied)
+    if not applied or len(chosen) == len(accepted) or data.model_text is None:
         return None
     fitter = Fitter(data.model, data.calibration, data.held_out, settings.diagnosis.seed)
-    return data.model_text(fitter.converged(own, diagnosis.plain), settings)
+    return data.model_text(fitter.converged(chosen, diagnosis.plain), settings)

@@ -113,10 +113,10 @@ def _remark(data: DiagnosisData[Any], final: FittedModel) -> str:
 
 
 def _read(data: DiagnosisData[Any], shown: ReportedRms) -> str:
-    held = 0 if data.held_out is None else len(data.held_out.conditions.readings)
+    held_out_count = 0 if data.held_out is None else len(data.held_out.conditions.readings)
     seen = int(data.calibration.measured.seen.sum())
     used = counted(len(data.calibration.conditions.readings), shown.epoch)
-    return f"{counted(seen, shown.what)} of {used}, {counted(held, shown.epoch)} held out"
+    return f"{counted(seen, shown.what)} of {used}, {counted(held_out_count, shown.epoch)} held out"
 
 
 def _figure(table: pa.Table, diagnosis: CauseDiagnosis, shown: ReportedRms, rule: Settings) -> str:

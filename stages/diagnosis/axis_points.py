@@ -56,9 +56,9 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     rows, deviations = columns.rows(table, off), columns.deviations(table)
     out, kept = (excluded_rows(rules, rows) for rules in (settings.exclude, settings.keep))
     seen = np.isfinite(deviations) & ~out[:, None]
-    held = is_held_out(table)
-    fitted = seen.any(1) & ~held
-    held &= seen.any(1)
+    held_out = is_held_out(table)
+    fitted = seen.any(1) & ~held_out
+    held_out &= seen.any(1)
     largest = float(np.abs(np.where(seen, deviations, 0.0)).max())
     sigma = np.array([encoder_sigma(settings, name) for name in columns.encoders], float)
     middle = np.nanmedian(np.where(seen, deviations, np.nan), axis=0)
@@ -67,22 +67,24 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     zero, stop = _WIDE * max(largest, float(sigma.max())), _HARDLY * float(np.median(sigma))
     model = AxisModel(axis, rows.subset(fitted), zero, off, stop)
 
-    def poses(own: Mask) -> Epochs:
-        covariance = np.broadcast_to(sigma**2, seen[own].shape)[..., None, None]
-        measured = Observations(np.where(seen, deviations, 0.0)[own][..., None], covariance, seen[own])
-        keep = np.broadcast_to(kept[own][:, None], seen[own].shape)
-        return Epochs(measured, rows.subset(own), Frames.of_numbers(int(own.sum())), keep)
+    def poses(rows_of_role: Mask) -> Epochs:
+        covariance = np.broadcast_to(sigma**2, seen[rows_of_role].shape)[..., None, None]
+        measured = Observations(
+            np.where(seen, deviations, 0.0)[rows_of_role][..., None], covariance, seen[rows_of_role]
+        )
+        keep = np.broadcast_to(kept[rows_of_role][:, None], seen[rows_of_role].shape)
+        return Epochs(measured, rows.subset(rows_of_role), Frames.of_numbers(int(rows_of_role.sum())), keep)
 
     own, known = rows.subset(fitted), selected_groupings(labels_of(table, rows.poses), fitted)
     groupings = groupings_of(own.readings, own.time_s, own.direction[:, None], known)
     return DiagnosisData(
         model,
         replace(poses(fitted), repeats=group_numbers(np.round(own.readings, 12)), groupings=groupings),
-        poses(held) if held.any() else None,
+        poses(held_out) if held_out.any() else None,
         f"{int(out.sum())} rows excluded by a person" if out.any() else "",
         _results,
         model_text=_model_text,
-        shown=_encoder_channels(columns, "held-out rows" if held.any() else IN_TURN),
+        shown=_encoder_channels(columns, "held-out rows" if held_out.any() else IN_TURN),
         relation=Relation.COMMANDS_ENCODERS,
     )
 

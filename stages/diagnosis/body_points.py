@@ -81,7 +81,7 @@ def assemble_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagn
         covariates |= bodies.gravity(settings.measurement.up, settings.reference_body)
     model = _model(bodies, covariates, poses, settings)
     usable = np.any([body.ok for body in found], 0)
-    fitted, held = usable & (role != HELD_OUT), usable & (role == HELD_OUT)
+    fitted, held_out = usable & (role != HELD_OUT), usable & (role == HELD_OUT)
     if why := why_too_few_determined(int(fitted.sum())):
         raise ValueError(why)
     fitted, thinned = _thinned(fitted, model)
@@ -100,7 +100,7 @@ def assemble_bodies(tables: Mapping[str, pa.Table], settings: Campaign) -> Diagn
             repeats=None if repeats is None else repeats[fitted],
             groupings=groupings,
         ),
-        bodies.epochs(model.conditions, held) if held.any() else None,
+        bodies.epochs(model.conditions, held_out) if held_out.any() else None,
         "; ".join([*words, *thinned]),
         _results,
         tuple(cause for body in found for cause in body.certain),
@@ -218,8 +218,8 @@ def _model(
         shape,
         shape_unknowns(targets, shape, np.concatenate([body.shape_cov for body in found])),
         np.repeat([body.surveyed for body in found], [3 * len(body.names) - 6 for body in found]),
-        np.array([one.levels for one in bodies.body_places]),
-        np.stack([one.jitter for one in bodies.body_places]),
+        np.array([body_place.levels for body_place in bodies.body_places]),
+        np.stack([place.jitter for place in bodies.body_places]),
         bodies.lead,
         tuple(map(column_alias, settings.campaign.drives)),
         tuple(body.name for body in found if place_columns(body.name)[0] in covariates),
@@ -235,9 +235,9 @@ def _thinned(rows: NDArray[np.bool_], model: BodyModel) -> tuple[NDArray[np.bool
     most = max(_MOST_NUMBERS // (coordinates * columns), _ALWAYS)
     if count <= most:
         return rows, []
-    kept = np.zeros_like(rows)
-    kept[np.flatnonzero(rows)[np.linspace(0, count - 1, most).round().astype(int)]] = True
-    return kept, [
+    seen_rows = np.zeros_like(rows)
+    seen_rows[np.flatnonzero(rows)[np.linspace(0, count - 1, most).round().astype(int)]] = True
+    return seen_rows, [
         f"{count - most} of {counted(count, 'pose')}, evenly over the campaign: all together would not fit into memory"
     ]
 

@@ -69,30 +69,30 @@ _LARGER = 1.01
 
 def detectable_table(search: Search, level: float, legs: int) -> pa.Table:
     """Rows per cause, subject and parameter; ``search``: the one with no further finding."""
-    found: dict[tuple[str, ...], dict[str, Any]] = {}
-    for own in sorted(effect_sensitivities(search, level), key=lambda s: len(s.cause.parameters(legs))):
-        row = _row(own, legs)
-        found.setdefault((row["cause"], row["subject"], row["parameter"], row["unit"]), row)
-    return pa.Table.from_pylist(_ordered(found.values()), schema=ARTIFACTS["detectable"].arrow_schema())
+    rows: dict[tuple[str, ...], dict[str, Any]] = {}
+    for effect_sensitivity in sorted(effect_sensitivities(search, level), key=lambda s: len(s.cause.parameters(legs))):
+        row = _row(effect_sensitivity, legs)
+        rows.setdefault((row["cause"], row["subject"], row["parameter"], row["unit"]), row)
+    return pa.Table.from_pylist(_ordered(rows.values()), schema=ARTIFACTS["detectable"].arrow_schema())
 
 
 def detectable_words(search: Search, level: float, causes: Iterable[Any], legs: int) -> dict[str, str]:
     """Detectable size in words by a cause's key; without causes that have no single size."""
     words = {}
     for cause in causes:
-        own = sensitivity_to(search, cause, level)
-        if own is not None and cause.catalogued and (smallest := own.smallest()) is not None:
+        sensitivity = sensitivity_to(search, cause, level)
+        if sensitivity is not None and cause.catalogued and (smallest := sensitivity.smallest()) is not None:
             size = reported_size(cause, smallest, legs)
             words[cause.key] = in_words(size.parameter, size.value, size.unit)
     return words
 
 
-def _row(own: EffectSensitivity, legs: int) -> dict[str, Any]:
-    smallest = own.smallest()
-    size = reported_size(cast("Cause", own.cause), 1.0 if smallest is None else smallest, legs)
+def _row(sensitivity: EffectSensitivity, legs: int) -> dict[str, Any]:
+    smallest = sensitivity.smallest()
+    size = reported_size(cast("Cause", sensitivity.cause), 1.0 if smallest is None else smallest, legs)
     return {
-        "cause": own.kind,
-        "subject": own.cause.subject,
+        "cause": sensitivity.kind,
+        "subject": sensitivity.cause.subject,
         "parameter": size.parameter,
         "size": None if smallest is None else size.value,
         "unit": size.unit,
@@ -168,15 +168,15 @@ def combinations_table(diagnosis: CauseDiagnosis, legs: int) -> pa.Table:
         parameters = verdict.cause.parameters(legs)
         if verdict.verdict in ("found", "suspected") and len({(p.unit, p.si) for p in parameters}) == 1:
             si = parameters[0].si
-            for own in determined_combinations(verdict.values / si, verdict.covariance / si**2):
-                named = {p.name: round(float(c), 6) for p, c in zip(parameters, own.coefficients, strict=True)}
+            for combination in determined_combinations(verdict.values / si, verdict.covariance / si**2):
+                named = {p.name: round(float(c), 6) for p, c in zip(parameters, combination.coefficients, strict=True)}
                 rows.add(
                     cause=verdict.cause.id,
                     subject=verdict.cause.subject,
                     determined=combination_words(named),
                     coefficients=json.dumps(named),
-                    combined_value=own.value,
-                    combined_sigma=own.sigma,
+                    combined_value=combination.value,
+                    combined_sigma=combination.sigma,
                     unit=parameters[0].unit,
                 )
     return rows.table()
@@ -186,17 +186,17 @@ def _add(rows: Rows, final: FittedModel, cause: Cause, given: Contribution, legs
     name, larger = source_of(final, given)
     with np.errstate(all="ignore"):  # a part may give nothing to a number that is a length or an angle
         reported = cause.reported(final.values(cause)[0], given.covariance, legs)
-    for one in reported:
-        if one.sigma is not None and np.isfinite(one.sigma):
+    for parameter in reported:
+        if parameter.sigma is not None and np.isfinite(parameter.sigma):
             rows.add(
                 cause=cause.id,
                 subject=cause.subject,
-                parameter=one.name,
+                parameter=parameter.name,
                 input_source=name,
                 evaluation="A" if larger else "B",
-                contribution=float(one.sigma),
+                contribution=float(parameter.sigma),
                 degrees_of_freedom=max(given.freedom, 1.0) if larger else None,
-                unit=one.unit,
+                unit=parameter.unit,
             )
 
 

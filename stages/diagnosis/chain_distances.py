@@ -19,11 +19,13 @@ def with_distances(points: MeasuredLinks | None, lines: MeasuredLinks | None) ->
     Coordinates of one point count as independent beside distances. A target of both is one channel.
     """
     if points is None or lines is None:
-        found = points or lines
-        assert found is not None
-        return found
+        part = points or lines
+        assert part is not None
+        return part
     assert lines.ends is not None
-    keys, others = (list(zip(own.channels.links, own.channels.names, strict=True)) for own in (points, lines))
+    keys, others = (
+        list(zip(dataset.channels.links, dataset.channels.names, strict=True)) for dataset in (points, lines)
+    )
     extra = np.array([k for k, key in enumerate(others) if key not in keys], int)
     keys += [others[k] for k in extra]
     count, poses = len(points.channels.names), len(points.values)

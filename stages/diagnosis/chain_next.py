@@ -78,8 +78,8 @@ class PossibleChainPoses:
         return ", ".join(filter(None, (readings, self.words[k])))
 
     def _readings(self, k: int) -> dict[str, float]:
-        own = zip(self.ranges.columns, self.conditions.readings[k], strict=True)
-        return {column.name: round(float(value / column.si), _DIGITS) for column, value in own}
+        readings = zip(self.ranges.columns, self.conditions.readings[k], strict=True)
+        return {column.name: round(float(value / column.si), _DIGITS) for column, value in readings}
 
     def rows(self, k: int) -> list[dict[str, Any]]:
         """Return the table row of a candidate: readings, and payload and temperature where they matter."""
@@ -119,12 +119,12 @@ def chain_measurements_of(
 
 def _within_measured(ranges: JointRanges, settings: Campaign, model: ChainModel) -> JointRanges:
     """Ranges in which the machine was measured, where [workspace] joints gives no other: limits may lead into walls."""
-    own = np.array([column.name in settings.workspace.joints for column in ranges.columns])
+    is_limited = np.array([column.name in settings.workspace.joints for column in ranges.columns])
     measured = model.conditions.readings
     return replace(
         ranges,
-        low=np.where(own, ranges.low, measured.min(0)),
-        high=np.where(own, ranges.high, measured.max(0)),
+        low=np.where(is_limited, ranges.low, measured.min(0)),
+        high=np.where(is_limited, ranges.high, measured.max(0)),
     )
 
 
@@ -138,9 +138,11 @@ def possible_poses(ranges: JointRanges, instrument: PointInstrument, models: Seq
     readings = np.concatenate([measured.readings[again], new])
     repeats = tuple(measured.poses[k] for k in again) + (None,) * len(new)
     usual = _conditions(model, readings, {})
-    levels = {name: found for name, found in _levels(model).items() if found}
+    levels = {name: values_of_column for name, values_of_column in _levels(model).items() if values_of_column}
     matters = tuple(
-        name for name, found in levels.items() if _does_matter(models, model, readings, found[-1][0], name, instrument)
+        name
+        for name, values_of_column in levels.items()
+        if _does_matter(models, model, readings, values_of_column[-1][0], name, instrument)
     )
     choice = {name: rng.integers(len(levels[name]), size=len(readings)) for name in matters}
     drawn = {name: np.array([levels[name][k][0] for k in own]) for name, own in choice.items()}
@@ -182,14 +184,14 @@ def _conditions(model: ChainModel, readings: NDArray, drawn: Mapping[str, NDArra
     covariates |= {name: values for name, values in drawn.items() if name != _PAYLOAD}
     if LAST_STEP in covariates:  # a movement of usual size from the side of the approach
         steps = np.abs(measured.covariates[LAST_STEP])
-        size = np.array([np.median(own[own > 0.0]) if (own > 0.0).any() else 0.0 for own in steps.T])
+        size = np.array([np.median(step[step > 0.0]) if (step > 0.0).any() else 0.0 for step in steps.T])
         covariates[LAST_STEP] = covariates[APPROACH] * size
     if MEMORY in covariates:  # after a long movement from there
         covariates[MEMORY] = np.repeat(covariates[APPROACH][..., None], len(STOPS), axis=-1)
-    found: ChainConditions = conditions_at(measured, readings, covariates)
+    conditions: ChainConditions = conditions_at(measured, readings, covariates)
     payload = drawn.get(_PAYLOAD, np.full(count, float(np.median(measured.payload_kg))))
-    found = replace(found, payload_kg=payload)
-    return with_predicted_orientations(model.with_causes(()), found)
+    conditions = replace(conditions, payload_kg=payload)
+    return with_predicted_orientations(model.with_causes(()), conditions)
 
 
 def _usual(values: NDArray, count: int) -> Array:

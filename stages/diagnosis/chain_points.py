@@ -89,7 +89,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         raise ValueError(f"needs at least {LEAST_POSES_OF_CHAIN} poses with readings of all joints and measured links")
     conditions = chain_conditions(tree, table, settings, measured.reference, readings, usable, measured.coupling)
     role = roles_of(table, poses)
-    fitted, held = usable & (role != HELD_OUT), usable & (role == HELD_OUT)
+    fitted, held_out = usable & (role != HELD_OUT), usable & (role == HELD_OUT)
     if fitted.sum() < LEAST_POSES_OF_CHAIN:
         raise ValueError(f"needs at least {LEAST_POSES_OF_CHAIN} poses that may be fitted, found {int(fitted.sum())}")
     fitted, thinned = _thinned(fitted)
@@ -114,7 +114,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     return DiagnosisData(
         model.at(own),
         replace(searched, groupings=groupings),
-        epochs(held) if held.any() else None,
+        epochs(held_out) if held_out.any() else None,
         _omissions(out, read, framed, thinned),
         partial(
             results,
@@ -175,9 +175,9 @@ def _thinned(rows: Mask) -> tuple[Mask, str]:
     count = int(rows.sum())
     if count <= _MOST_POSES:
         return rows, ""
-    kept = np.zeros_like(rows)
-    kept[np.flatnonzero(rows)[np.linspace(0, count - 1, _MOST_POSES).round().astype(int)]] = True
-    return kept, f"{count - _MOST_POSES} of {counted(count, 'pose')}, evenly over the campaign"
+    chosen_rows = np.zeros_like(rows)
+    chosen_rows[np.flatnonzero(rows)[np.linspace(0, count - 1, _MOST_POSES).round().astype(int)]] = True
+    return chosen_rows, f"{count - _MOST_POSES} of {counted(count, 'pose')}, evenly over the campaign"
 
 
 def _distance_model(
@@ -247,8 +247,8 @@ def _labels(table: pa.Table) -> dict[int | str, str]:
     """Label of the series of each pose that has one."""
     if "series" not in table.schema.names:
         return {}
-    found = zip(table.column("pose").to_pylist(), table.column("series").to_pylist(), strict=True)
-    return {pose: str(label) for pose, label in found if label}
+    series_by_pose = zip(table.column("pose").to_pylist(), table.column("series").to_pylist(), strict=True)
+    return {pose: str(label) for pose, label in series_by_pose if label}
 
 
 def _model(
@@ -372,11 +372,11 @@ def _geometry(tree: Tree, sigma: NDArray, is_base_free: bool, known: Mask) -> Ar
 
 def _least_noise(tree: Tree, measured: MeasuredLinks, start: StartValues) -> Array:
     """Noise (n,) of the readings, rad or m, that hardly shows in the measured places: the scale of joint scatter."""
-    own = measured.is_position
-    seen = measured.seen[:, own]
+    positions = measured.is_position
+    seen = measured.seen[:, positions]
     if not seen.any():
         return np.zeros(len(tree.readings))
-    variance = np.trace(measured.cov[:, own][seen], axis1=-2, axis2=-1) / measured.values.shape[-1]
+    variance = np.trace(measured.cov[:, positions][seen], axis1=-2, axis2=-1) / measured.values.shape[-1]
     size = _HARDLY * float(np.sqrt(np.median(variance)))
     return np.where(tree.is_revolute, size / max(start.spread, size), size)
 
@@ -393,10 +393,10 @@ def _shape_modes(measured: MeasuredLinks, tree: Tree, tolerance: NDArray | None)
     known: list[bool] = []
     ends: list[tuple[int, int]] = []
     for k in range(count):
-        own = np.zeros((count, 3, 3))
+        covariance_of_pose = np.zeros((count, 3, 3))
         free = FREE_PLACE * np.eye(3)
-        own[k] = np.linalg.cholesky(measured.survey_cov[k] + 1e-18 * np.eye(3)) if surveyed[k] else free
-        columns.append(own)
+        covariance_of_pose[k] = np.linalg.cholesky(measured.survey_cov[k] + 1e-18 * np.eye(3)) if surveyed[k] else free
+        columns.append(covariance_of_pose)
         known += [bool(surveyed[k])] * 3
     for node in map(int, np.unique(measured.channels.node[surveyed])) if tolerance is not None else ():
         if node == 0:

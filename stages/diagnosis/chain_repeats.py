@@ -60,9 +60,9 @@ def accuracy_table(data: DiagnosisData[Any], tables: Mapping[str, pa.Table]) -> 
     model = data.model
     if not isinstance(model, ChainModel) or isinstance(model, DistanceModel):
         return None
-    parts = [_attained(model, own) for own in (data.calibration, data.held_out) if own is not None]
-    own = _joined(parts)
-    groups = _groups(own, model, tables)
+    parts = [_attained(model, attained) for attained in (data.calibration, data.held_out) if attained is not None]
+    attained = _joined(parts)
+    groups = _groups(attained, model, tables)
     rng, rows = np.random.default_rng(_SEED), []
     channels = model.channels
     for k, turned in enumerate(channels.is_rotation):
@@ -71,20 +71,20 @@ def accuracy_table(data: DiagnosisData[Any], tables: Mapping[str, pa.Table]) -> 
         name = channels.links[k] if channels.names[k] in ("position", "orientation") else ""
         subject = name or f"{channels.links[k]} {channels.names[k]}"
         for group in groups:
-            seen = group[own.seen[group, k]]
+            seen = group[attained.seen[group, k]]
             if len(seen) > 1:
-                figures = _of_orientation(own, k, seen) if turned else _of_position(own, k, seen, rng)
+                figures = _of_orientation(attained, k, seen) if turned else _of_position(attained, k, seen, rng)
                 unit, si = ("arcsec", _ARCSEC) if turned else ("um", _UM)
-                first = {"subject": subject, "pose": own.poses[int(group[0])], "attained": len(seen), "unit": unit}
+                first = {"subject": subject, "pose": attained.poses[int(group[0])], "attained": len(seen), "unit": unit}
                 rows += [
                     {
                         **first,
                         "figure": figure,
-                        "value": found.value / si,
-                        "low": None if np.isnan(found.low) else found.low / si,
-                        "high": None if np.isnan(found.high) else found.high / si,
+                        "value": value.value / si,
+                        "low": None if np.isnan(value.low) else value.low / si,
+                        "high": None if np.isnan(value.high) else value.high / si,
                     }
-                    for figure, found in figures
+                    for figure, value in figures
                 ]
     return identified_table("arm_accuracy", rows, "pose") if rows else None
 
@@ -117,44 +117,46 @@ def _joined(parts: list[_Attained]) -> _Attained:
     return _Attained(poses, **{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
 
-def _groups(own: _Attained, model: ChainModel, tables: Mapping[str, pa.Table]) -> list[Index]:
+def _groups(attained: _Attained, model: ChainModel, tables: Mapping[str, pa.Table]) -> list[Index]:
     """Repeated poses of one series: those that repeat_of names, else those of equal readings of all joints."""
     table = tables.get("configurations")
     if table is not None and DECLARED in table.column_names:
-        place, names = {pose: at for at, pose in enumerate(own.poses)}, pose_ids(table)
+        place, names = {pose: at for at, pose in enumerate(attained.poses)}, pose_ids(table)
         found = [[place[names[row]] for row in group if names[row] in place] for group in declared_repeats(table)]
         groups = [np.array(group, np.int64) for group in found]
     else:
-        groups = repeated_groups(own.readings, np.maximum(_SAME * model.known.reading_sigma, _ROUNDING))
-    parts = [group[own.series[group] == number] for group in groups for number in np.unique(own.series[group])]
+        groups = repeated_groups(attained.readings, np.maximum(_SAME * model.known.reading_sigma, _ROUNDING))
+    parts = [
+        group[attained.series[group] == number] for group in groups for number in np.unique(attained.series[group])
+    ]
     return [part for part in parts if len(part) > 1]
 
 
-def _of_position(own: _Attained, k: int, rows: Index, rng: np.random.Generator) -> Iterator[tuple[str, Figure]]:
-    off, places = own.deviation[rows, k], own.attained[rows, k]
+def _of_position(attained: _Attained, k: int, rows: Index, rng: np.random.Generator) -> Iterator[tuple[str, Figure]]:
+    off, places = attained.deviation[rows, k], attained.attained[rows, k]
     yield "AP", _alone(float(np.linalg.norm(off.mean(0))))
     if len(rows) >= FEWEST:
         yield "RP", position_repeatability(places, rng)
-    means = _by_approach(own, rows, off)
+    means = _by_approach(attained, rows, off)
     if len(means) > 1:
         yield "vAP", _alone(largest_distance(means))
 
 
-def _of_orientation(own: _Attained, k: int, rows: Index) -> Iterator[tuple[str, Figure]]:
-    off = own.deviation[rows, k]
+def _of_orientation(attained: _Attained, k: int, rows: Index) -> Iterator[tuple[str, Figure]]:
+    off = attained.deviation[rows, k]
     yield from ((f"AP_{axis}", _alone(float(value))) for axis, value in zip(_AXES, off.mean(0), strict=True))
     if len(rows) >= FEWEST:
-        spread = orientation_repeatability(turned_from_first(own.turned[rows, k], rows, [rows]))
-        yield from ((f"RP_{axis}", found) for axis, found in zip(_AXES, spread, strict=True))
-    means = _by_approach(own, rows, off)
+        spread = orientation_repeatability(turned_from_first(attained.turned[rows, k], rows, [rows]))
+        yield from ((f"RP_{axis}", deviation) for axis, deviation in zip(_AXES, spread, strict=True))
+    means = _by_approach(attained, rows, off)
     if len(means) > 1:
         yield from ((f"vAP_{axis}", _alone(float(span))) for axis, span in zip(_AXES, np.ptp(means, 0), strict=True))
 
 
-def _by_approach(own: _Attained, rows: Index, off: Array) -> Array:
+def _by_approach(attained: _Attained, rows: Index, off: Array) -> Array:
     """Mean deviations (D, 3) of the poses that came the same way, by the last movement of each joint; at least two of
     each."""
-    ways, number = np.unique(np.sign(own.approach[rows]), axis=0, return_inverse=True)
+    ways, number = np.unique(np.sign(attained.approach[rows]), axis=0, return_inverse=True)
     alike = [off[number.ravel() == way] for way in range(len(ways))]
     return np.array([part.mean(0) for part in alike if len(part) > 1]).reshape(-1, 3)
 

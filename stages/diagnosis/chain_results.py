@@ -95,11 +95,11 @@ def series_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], series: Ma
         labels = np.array([series.get(pose, "") for pose in epochs.conditions.poses], object)
         errors = positions_alone(before), positions_alone(after)
         for label in sorted(set(labels) - {""}):
-            own = labels == label
-            sizes = [_rms(error, own) for error in errors]
+            selected = labels == label
+            sizes = [_rms(error, selected) for error in errors]
             if None not in sizes:
                 numbers = dict(zip(("rms_before", "rms_after"), sizes, strict=True))
-                rows.append({"series": label, "role": role, "poses": int(own.sum()), **numbers, "unit": "um"})
+                rows.append({"series": label, "role": role, "poses": int(selected.sum()), **numbers, "unit": "um"})
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["series_errors"].arrow_schema())
 
 
@@ -110,15 +110,15 @@ def motors_table(terms: Sequence[MotorTerm]) -> pa.Table:
         unit, si = {"m": ("mm", _MM), "m/N": ("mm/N", _MM)}.get(term.unit, (term.unit, 1.0))
         numbers = {"value": term.value, "sigma": term.sigma}
         scaled = {name: None if size is None else size / si for name, size in numbers.items()}
-        own = {"joint": term.joint, "parameter": term.parameter, "unit": unit, **scaled}
-        rows.append({**own, "identifiable": term.value is not None})
+        row = {"joint": term.joint, "parameter": term.parameter, "unit": unit, **scaled}
+        rows.append({**row, "identifiable": term.value is not None})
     return pa.Table.from_pylist(rows, schema=ARTIFACTS["motor_encoders"].arrow_schema())
 
 
-def _rms(error: PredictionError[Any], own: NDArray) -> float | None:
+def _rms(error: PredictionError[Any], errors: NDArray) -> float | None:
     """Root mean square per coordinate of some poses (B,), um; None where nothing was seen."""
-    count = error.measured.size * int(error.seen[own].sum())
-    return float(np.sqrt(np.sum(error.gap[own] ** 2) / count)) * _UM if count else None
+    count = error.measured.size * int(error.seen[errors].sum())
+    return float(np.sqrt(np.sum(error.gap[errors] ** 2) / count)) * _UM if count else None
 
 
 def text_of_model(fitted: FittedModel[Any], settings: Campaign) -> str:

@@ -42,10 +42,10 @@ class _Channels:
     turned: Mask  # (K,) orientations
     node: Array  # (K,) the joint that moves the link
 
-    def of(self, own: Mask) -> _Channels:
+    def of(self, rows: Mask) -> _Channels:
         """Some of the channels (K,)."""
-        every = {name: getattr(self, name)[:, own] for name in ("gap", "cov", "seen", "places")}
-        return replace(self, **every, turned=self.turned[own], node=self.node[own])
+        every = {name: getattr(self, name)[:, rows] for name in ("gap", "cov", "seen", "places")}
+        return replace(self, **every, turned=self.turned[rows], node=self.node[rows])
 
 
 def tip_errors(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Table | None:
@@ -57,10 +57,10 @@ def tip_errors(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Table 
     epochs = {"calibration": data.calibration} | ({} if data.held_out is None else {"verification": data.held_out})
     rows: dict[str, list[Any]] = {name: [] for name in ("pose", "role", "component", "missed", "sigma", "unit")}
     for role, _, after in errors_by_role(diagnosis):
-        found = _motions(after, epochs[role].measured)
-        if found is None:
+        motions = _motions(after, epochs[role].measured)
+        if motions is None:
             return None
-        missed, variance = found
+        missed, variance = motions
         poses, known = epochs[role].conditions.poses, np.isfinite(missed)
         for k, (name, unit) in enumerate(COMPONENTS.items()):
             own = np.flatnonzero(known[:, k])
@@ -81,10 +81,10 @@ def _motions(error: PredictionError[Any], declared: Observations) -> tuple[Array
     if isinstance(model, DistanceModel) and not len(model.coordinates):
         return None
     channels, tip = _channels(error, model, declared), _carrier(model.tree, model.known.payload[0])
-    own = np.array(channels.node == tip, bool)
-    if not own.any():
+    of_tip = np.array(channels.node == tip, bool)
+    if not of_tip.any():
         return None
-    on_tip = channels.of(own)
+    on_tip = channels.of(of_tip)
     at = _placed(on_tip)
     weight = np.where(at, 1.0, 0.0)[..., None]
     centre = np.sum(on_tip.places * weight, 1) / np.maximum(weight.sum(1), 1.0)
@@ -163,7 +163,9 @@ def _placed(channels: _Channels) -> Mask:
 def _is_wide(levers: Array, seen: Mask) -> Mask:
     """Mask (B,) of the poses whose targets span a plane, so that they show rotations about all axes."""
     weight = np.where(seen, 1.0, 0.0)[..., None]
-    own = levers * weight
-    own = (own - own.sum(1, keepdims=True) / np.maximum(weight.sum(1, keepdims=True), 1.0)) * weight
-    size = np.linalg.eigvalsh(np.einsum("bki,bkj->bij", own, own))
+    weighted_levers = levers * weight
+    weighted_levers = (
+        weighted_levers - weighted_levers.sum(1, keepdims=True) / np.maximum(weight.sum(1, keepdims=True), 1.0)
+    ) * weight
+    size = np.linalg.eigvalsh(np.einsum("bki,bkj->bij", weighted_levers, weighted_levers))
     return np.asarray(size[:, 1] > _WIDE * size[:, 2])

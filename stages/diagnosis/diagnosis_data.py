@@ -52,8 +52,8 @@ class ReportedRms:
 
     def rms(self, error: PredictionError | None) -> float | None:
         """Root mean square of an error, None if nothing was measured."""
-        found = None if error is None else error.rms_of(self.targets)
-        return None if found is None else found / self.si
+        rms = None if error is None else error.rms_of(self.targets)
+        return None if rms is None else rms / self.si
 
     def floor(self, floor: NoiseFloor) -> float:
         """Root mean square by noise alone."""
@@ -132,9 +132,9 @@ class Channels:
         unit = max(total, key=lambda name: total[name])
         if total[self.units[0]] * _RATHER**2 >= total[unit]:
             unit = self.units[0]
-        own = np.flatnonzero((units == unit) & ((weight > 0.0) | (weight.max() == 0.0)))
+        members = np.flatnonzero((units == unit) & ((weight > 0.0) | (weight.max() == 0.0)))
         words = (self.fitted, self.held_out, self.drive, self.scatter, self.what, self.epoch)
-        return ReportedRms(unit, float(self.si[own[0]]), own, *words)
+        return ReportedRms(unit, float(self.si[members[0]]), members, *words)
 
 
 @dataclass(frozen=True)

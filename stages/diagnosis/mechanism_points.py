@@ -63,7 +63,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
     base = Frames(default_rotations(tables["poses"], "base", poses), default_motions(tables["poses"], "base", poses)[1])
     usable = np.isfinite(conditions.readings).all(1) & np.isfinite(base.t).all(1)
     role = roles_of(tables["configurations"], poses)
-    fitted, held = usable & (role != HELD_OUT), usable & (role == HELD_OUT)
+    fitted, held_out = usable & (role != HELD_OUT), usable & (role == HELD_OUT)
     if fitted.sum() < _FEWEST_POSES:
         raise ValueError(f"needs at least {_FEWEST_POSES} poses with readings and a base, found {int(fitted.sum())}")
     seated = seated_legs(legs, bodies, conditions.readings, base, fitted)
@@ -87,7 +87,7 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
             repeats=None if repeats is None else repeats[fitted],
             groupings=groupings,
         ),
-        bodies.epochs(conditions, base, held) if held.any() else None,
+        bodies.epochs(conditions, base, held_out) if held_out.any() else None,
         "; ".join([*words, *seated.dropped]),
         _results,
         bodies.swapped,
@@ -134,9 +134,9 @@ def _targets(
     swapped: list[TargetsSwapped] = []
     for body, kind, ridden in kinds:
         survey = survey_points(tables["survey"], body)
-        found = pose_points(tables["observations"], body, poses, survey.targets)
+        points = pose_points(tables["observations"], body, poses, survey.targets)
         residuals = point_residuals(tables["residuals"], body, poses, survey.targets)
-        assessed = select_points(residuals, found, survey.points, order)
+        assessed = select_points(residuals, points, survey.points, order)
         swapped += swapped_targets(body, survey.targets, poses, order, assessed.exchanges)
         named += [(body, target) for target in survey.targets]
         parts["body"].append(np.full(len(survey.targets), kind))
@@ -144,8 +144,8 @@ def _targets(
         for name, value in (
             ("shape", survey.points),
             ("shape_cov", with_declared_noise(survey.cov, noise)),
-            ("points", found.points),
-            ("cov", with_declared_noise(found.cov, noise)),
+            ("points", points.points),
+            ("cov", with_declared_noise(points.cov, noise)),
             ("seen", assessed.kept),
         ):
             parts[name].append(value)

@@ -143,7 +143,7 @@ def _repeats(readings: NDArray, measured: Any, finest: float) -> tuple[int | str
     away = np.max(np.abs(readings[:, None] - measured.readings), -1)
     nearest = np.nanargmin(np.where(np.isfinite(away), away, np.inf), 1)
     return tuple(
-        measured.poses[near] if away[own, near] <= _SAME * finest else None for own, near in enumerate(nearest)
+        measured.poses[near] if away[epoch, near] <= _SAME * finest else None for epoch, near in enumerate(nearest)
     )
 
 
@@ -168,14 +168,16 @@ def _configurations(
     reach = settings.workspace.rho_mm
     half = None if reach is None else reach * 1e-3
     low, high = (measured.min(0), measured.max(0)) if half is None else (legs.rho0 - half, legs.rho0 + half)
-    found = (
+    readings = (
         _of_six(low, high, legs.rho0, rng)
         if legs.count == 6
         else _redundant_leg_readings(settings, low - legs.rho0, high - legs.rho0, rng)
     )
-    found = finest * np.clip(np.round(found / finest), np.ceil(low / finest - _TINY), np.floor(high / finest + _TINY))
-    found = found[reaches(legs, found)]
-    return found if len(found) and np.ptp(found, 0).any() else measured
+    readings = finest * np.clip(
+        np.round(readings / finest), np.ceil(low / finest - _TINY), np.floor(high / finest + _TINY)
+    )
+    readings = readings[reaches(legs, readings)]
+    return readings if len(readings) and np.ptp(readings, 0).any() else measured
 
 
 def _of_six(low: NDArray, high: NDArray, reference: NDArray, rng: np.random.Generator) -> NDArray:
@@ -283,18 +285,18 @@ def _relevant_covariates(
     models: Sequence[Fitted], corner: NDArray, levels: Mapping[str, list[Level]], instrument: PointInstrument
 ) -> tuple[str, ...]:
     """Return the covariates on which any model depends at a corner of the reachable range."""
-    usual = {name: found[0].value for name, found in levels.items()}
-    trials = [(name, level.value) for name, found in levels.items() for level in found[1:]]
+    usual = {name: distinct[0].value for name, distinct in levels.items()}
+    trials = [(name, level.value) for name, distinct in levels.items() for level in distinct[1:]]
     rows = [usual, *({**usual, name: value} for name, value in trials)]
     table = {name: np.array([row[name] for row in rows]) for name in levels}
-    found = set()
+    distinct = set()
     for fitted in models:
         conditions = conditions_at(fitted.model.conditions, np.tile(corner, (len(rows), 1)), table)
         seen = candidates(fitted, conditions, instrument)
         moved = seen.without_pose_unknowns((seen.predicted - seen.predicted[0])[..., None])[1:]
         size = np.sqrt(np.sum(moved**2, (1, 2)))
-        found |= {name for (name, _), far in zip(trials, size, strict=True) if far > _MATTERS}
-    return tuple(name for name in levels if name in found)
+        distinct |= {name for (name, _), far in zip(trials, size, strict=True) if far > _MATTERS}
+    return tuple(name for name in levels if name in distinct)
 
 
 def _drawn(

@@ -80,8 +80,8 @@ class PossibleRuns:
     def words_of(self, k: int) -> str:
         """Return a candidate in words: loads, procedure, and channels if not all are read."""
         run = self.made[self.runs.run[k]]
-        own = [name for name in self._read(k) if name in CHANNELS]
-        reading = f"reading {' '.join(own)}" if 0 < len(own) < len(CHANNELS) else ""
+        channels = [name for name in self._read(k) if name in CHANNELS]
+        reading = f"reading {' '.join(channels)}" if 0 < len(channels) < len(CHANNELS) else ""
         again = f"loads as in run{'s' * (', ' in run.repeats)} {run.repeats}" if run.repeats else ""
         return ", ".join(filter(None, (run.loads_in_words, run.words, reading, again)))
 
@@ -116,10 +116,10 @@ class PossibleRuns:
 def _branches(load: Array) -> Iterator[str]:
     """Yield the branch of each step, up or back; a held load keeps its branch."""
     size, branch = np.abs(load).sum(1), "loading"
-    for step, own in enumerate(size):
-        if step and own != size[step - 1]:
-            branch = "loading" if own > size[step - 1] else "unloading"
-        yield branch if own else "unloaded"
+    for step, load_size in enumerate(size):
+        if step and load_size != size[step - 1]:
+            branch = "loading" if load_size > size[step - 1] else "unloading"
+        yield branch if load_size else "unloaded"
 
 
 def next_run(fitted: FittedModel) -> Fitted:
@@ -127,9 +127,9 @@ def next_run(fitted: FittedModel) -> Fitted:
     model = fitted.model
     assert isinstance(model, BenchModel)
     none = ChannelZeros(np.array([], model.conditions.run.dtype), np.array([], int), np.zeros(0), np.zeros(0, bool))
-    kept = np.setdiff1d(np.arange(model.shared_size), np.arange(model.shared_size)[model.layout["zero"]])
+    without_zeros = np.setdiff1d(np.arange(model.shared_size), np.arange(model.shared_size)[model.layout["zero"]])
     later = replace(model, known=replace(model.known, zeros=none))
-    return Fitted(later, fitted.fit.shared[kept], fitted.covariance()[np.ix_(kept, kept)])
+    return Fitted(later, fitted.fit.shared[without_zeros], fitted.covariance()[np.ix_(without_zeros, without_zeros)])
 
 
 def possible_runs(settings: Campaign, current: FittedModel, models: Sequence[Fitted]) -> PossibleRuns:
@@ -140,9 +140,9 @@ def possible_runs(settings: Campaign, current: FittedModel, models: Sequence[Fit
     least = np.repeat([settings.noise.load_n, settings.noise.load_nm], 3)
     plain = [_as_measured(run, model, least) for run in _plain_runs(settings, model, least)]
     made = list(plain)
-    for other in _runs_under_other_conditions(model, plain):
-        if any(_predicts_difference(fitted, plain, other, readout.sigma) for fitted in models):
-            made += other
+    for condition in _runs_under_other_conditions(model, plain):
+        if any(_predicts_difference(fitted, plain, condition, readout.sigma) for fitted in models):
+            made += condition
     reads = _reads(model, seen)
     run, read = (index.ravel() for index in np.indices((len(made), len(reads))))
     return PossibleRuns(
@@ -218,8 +218,8 @@ def _round(load: Array) -> Array:
 
 
 def _words(load: Array, form: str) -> str:
-    own = [(axis, float(value)) for axis, value in zip(LOADS, load, strict=True) if value]
-    texts = [form.format(axis=a, peak=v, other=-v, unit="N" if a.startswith("f") else "N m") for a, v in own]
+    applied = [(axis, float(value)) for axis, value in zip(LOADS, load, strict=True) if value]
+    texts = [form.format(axis=a, peak=v, other=-v, unit="N" if a.startswith("f") else "N m") for a, v in applied]
     return " with ".join(texts)
 
 

@@ -118,16 +118,16 @@ class MeasurementPlan:
 
     def advice(self, kind: AdviceKind, aim: str) -> Advice:
         """Return the advice for an aim ("To ..."); its short form does not name the candidates."""
-        chosen, (one, several) = self.choice.chosen, self.options.what
+        chosen, (singular, plural) = self.choice.chosen, self.options.what
         named = "; ".join(self.options.words_of(k) for k in chosen[:_NAMED])
         more = "; ..." if len(chosen) > _NAMED else "."
-        what, short = one if len(chosen) == 1 else several, self.request(f"{aim},")
+        what, short = singular if len(chosen) == 1 else plural, self.request(f"{aim},")
         return Advice(kind, f"{short} {what[:1].upper()}{what[1:]}: {named}{more}", short, self.purpose)
 
     def request(self, first: str) -> str:
         """Return sentences that begin with some words: measurement, repeats, duration, result."""
-        count_of, (one, several) = len(self.choice.chosen), self.options.what
-        what = f"this {one}" if count_of == 1 else f"these {count_of} {several}"
+        count_of, (singular, plural) = len(self.choice.chosen), self.options.what
+        what = f"this {singular}" if count_of == 1 else f"these {count_of} {plural}"
         return f"{first} {self.options.do} {what}{self._repeats()}. {self._duration()}{self.given}"
 
     def _repeats(self) -> str:
@@ -138,8 +138,8 @@ class MeasurementPlan:
             return ""
         if len(self.choice.times) == 1:
             return f", {many} times"
-        whole = f"{count(total, self.options.each)} in all"
-        return f", {many} times each ({whole})" if few == many else f", {whole} ({few} to {many} of each)"
+        total_words = f"{count(total, self.options.each)} in all"
+        return f", {many} times each ({total_words})" if few == many else f", {total_words} ({few} to {many} of each)"
 
     def _duration(self) -> str:
         """Return the total duration as a sentence; empty if unknown."""
@@ -241,9 +241,9 @@ def models_to_improve(
     """Return the found causes with the final fit, and those with rivals."""
     accepted = {v.cause.key: v for v in diagnosis.verdicts if v.verdict in ("found", "suspected")}
     rivals = [
-        Rivals(own.cause, fitted(own.own), other.cause, fitted(other.own), own.log_odds - other.log_odds)
-        for other in diagnosis.verdicts
-        if other.rival is not None and (own := accepted.get(other.rival.key)) and own.own and other.own
+        Rivals(own.cause, fitted(own.own), verdict.cause, fitted(verdict.own), own.log_odds - verdict.log_odds)
+        for verdict in diagnosis.verdicts
+        if verdict.rival is not None and (own := accepted.get(verdict.rival.key)) and own.own and verdict.own
     ]
     final = fitted(diagnosis.final)
     # The size of an effect matters only once its cause is certain.
@@ -310,8 +310,8 @@ def _unshared_unknowns(fitted: Fitted, other: Fitted) -> NDArray:
     return np.concatenate([np.arange(part.start, part.stop) for part in parts])
 
 
-def _separation_advice(plan: MeasurementPlan, own: Any, other: Any, legs: int) -> Advice:
-    both, by_another = f"{_cause_noun(own, legs)} from {_cause_noun(other, legs)}", _confirming(other, legs).words
+def _separation_advice(plan: MeasurementPlan, proposal: Any, other: Any, legs: int) -> Advice:
+    both, by_another = f"{_cause_noun(proposal, legs)} from {_cause_noun(other, legs)}", _confirming(other, legs).words
     if plan.choice.is_enough:
         return plan.advice(AdviceKind.SEPARATE, f"To distinguish {both}")
     if plan.has_gain:

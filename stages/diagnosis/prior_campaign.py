@@ -120,10 +120,11 @@ def changes_table(final: FittedModel) -> pa.Table | None:
     model = with_prior_campaign(final.model, prior.without_information).with_causes(final.causes)
     fit = fit_model(model.predict, final.measured, final.fit.frames, final.fit.shared, final.fit.local)
     covariance = fit.whitened.covariance() * final.noise_ratio**2
-    found = _number_comparison(prior, model, fit.shared, covariance)
+    comparison = _number_comparison(prior, model, fit.shared, covariance)
     reported = reported_numbers(prior, model, fit.shared, covariance)
     rows = Rows("changes")
     rows.add(
-        **reported.columns, **figures(prior, reported, found, *_prior_in_model(prior, model, fit.shared, covariance))
+        **reported.columns,
+        **figures(prior, reported, comparison, *_prior_in_model(prior, model, fit.shared, covariance)),
     )
     return rows.table()

@@ -82,23 +82,23 @@ class RayFindings:
 
 def ray_findings(tables: Mapping[str, pa.Table], settings: Campaign, progress: Progress) -> RayFindings:
     """Search the rays for causes, and compute their effects on the points."""
-    dataset, whole = assemble_rays(tables, settings)
+    dataset, all_poses = assemble_rays(tables, settings)
     diagnosis = decided_of_rays(dataset, settings, progress)
-    keys, effects = effects_on_points(tables["ray_effects"], whole.parameters)
+    keys, effects = effects_on_points(tables["ray_effects"], all_poses.parameters)
     points = {key: row for row, key in enumerate(keys)}
-    pose = np.array([whole.poses.index(key[0]) for key in keys], int)
-    final, scale = diagnosis.final, np.array([number.scale for number in whole.parameters])
+    pose = np.array([all_poses.poses.index(key[0]) for key in keys], int)
+    final, scale = diagnosis.final, np.array([number.scale for number in all_poses.parameters])
     assert isinstance(final.model, RayModel)
-    model = final.model.at(whole)
+    model = final.model.at(all_poses)
     off = np.zeros((len(keys), 3))
     moves: dict[str, Array] = {}
     for effect in model.effects(final.fit.shared):
-        own = effect.cause.moved(whole, effect.values) / scale
+        own = effect.cause.moved(all_poses, effect.values) / scale
         moves[effect.cause.key] = -np.einsum("nat,nt->na", effects, own[pose])
     if moves:
         off = -np.einsum("nat,nt->na", effects, (model.offsets(final.fit.shared) / scale)[pose])
     by_shared = effects @ (model.by_shared(final.fit.shared) @ _root(final.covariance()))[pose]
-    return RayFindings(diagnosis, dataset, points, off, independent_errors(by_shared), whole.owners(BAR), moves)
+    return RayFindings(diagnosis, dataset, points, off, independent_errors(by_shared), all_poses.owners(BAR), moves)
 
 
 def _root(covariance: Array) -> Array:
@@ -156,8 +156,8 @@ def _keys(table: pa.Table) -> list[tuple[Any, str]]:
     poses, bodies, targets = (table.column(name).to_pylist() for name in ("pose", "body", "target"))
     names = [f"{body}/{target}" for body, target in zip(bodies, targets, strict=True)]
     if "point" in table.column_names:
-        own = table.column("point").to_pylist()
-        names = [point or name for point, name in zip(own, names, strict=True)]
+        points = table.column("point").to_pylist()
+        names = [point or name for point, name in zip(points, names, strict=True)]
     return list(zip(poses, names, strict=True))
 
 
@@ -210,6 +210,6 @@ def _on_points(moved: Any) -> str:
 
 
 def _concatenated_table(name: str, tables: list[pa.Table]) -> pa.Table:
-    whole, artifact = pa.concat_tables(tables, promote_options="default"), ARTIFACTS[name]
-    schema = artifact.arrow_schema(present=tuple(c for c in whole.column_names if c not in artifact.columns))
-    return whole.select(schema.names).cast(schema)
+    joined, artifact = pa.concat_tables(tables, promote_options="default"), ARTIFACTS[name]
+    schema = artifact.arrow_schema(present=tuple(c for c in joined.column_names if c not in artifact.columns))
+    return joined.select(schema.names).cast(schema)

@@ -45,7 +45,7 @@ def assemble_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[D
     covariates, role = known_of_poses(tables.get("configurations"), poses, ())
     channels = ray_channels(*information_and_score(tables, poses, numbers))
     time = covariates.get("time_s")
-    whole = RayPoses(
+    all_poses = RayPoses(
         poses,
         numbers,
         tuple(number.called for number in numbers),
@@ -56,31 +56,34 @@ def assemble_rays(tables: Mapping[str, pa.Table], settings: Campaign) -> tuple[D
         getattr(settings.mechanism, "reference_temperature_c", 20.0),
         _vertical(tables["poses"], poses, settings.reference_body) if "poses" in tables else None,
     )
-    held = role == HELD_OUT
-    if (~held).sum() < _FEWEST_POSES:
-        held[:] = False
-    model, table = RayModel.of(some_poses(whole, ~held)), tables.get("configurations")
-    asked = readings_of(table, poses, settings.campaign.drives)[~held]
+    held_out = role == HELD_OUT
+    if (~held_out).sum() < _FEWEST_POSES:
+        held_out[:] = False
+    model, table = RayModel.of(some_poses(all_poses, ~held_out)), tables.get("configurations")
+    commanded = readings_of(table, poses, settings.campaign.drives)[~held_out]
     groupings = groupings_of(
-        asked, None if time is None else time[~held], None, selected_groupings(labels_of(table, poses), ~held)
+        commanded,
+        None if time is None else time[~held_out],
+        None,
+        selected_groupings(labels_of(table, poses), ~held_out),
     )
     data = DiagnosisData(
         model,
-        replace(_poses(whole, channels, ~held), groupings=groupings),
-        _poses(whole, channels, held) if held.any() else None,
+        replace(_poses(all_poses, channels, ~held_out), groupings=groupings),
+        _poses(all_poses, channels, held_out) if held_out.any() else None,
         "",
         _nothing_more,
         shown=RAYS,
         relation=Relation.RAYS_POINTS,
     )
-    return data, whole
+    return data, all_poses
 
 
 def some_poses(rays: RayPoses, rows: NDArray[np.bool_]) -> RayPoses:
     """Conditions of some poses (rows: mask)."""
     return replace(
         rays,
-        poses=tuple(pose for pose, kept in zip(rays.poses, rows, strict=True) if kept),
+        poses=tuple(pose for pose, row in zip(rays.poses, rows, strict=True) if row),
         root=rays.root[rows],
         seen=rays.seen[rows],
         covariates={name: values[rows] for name, values in rays.covariates.items()},
@@ -97,8 +100,8 @@ def _poses(rays: RayPoses, channels: RayChannels, rows: NDArray[np.bool_]) -> Ep
 def _vertical(table: pa.Table, poses: tuple[int | str, ...], body: str | None) -> NDArray | None:
     """The z axis (B, 3) of the body that the others are seen from, in the measurement of each pose; None where that is
     not known of all."""
-    found = default_motions(table, body or "", poses)[0][:, :, 2]
-    return found if np.isfinite(found).all() else None
+    axes = default_motions(table, body or "", poses)[0][:, :, 2]
+    return axes if np.isfinite(axes).all() else None
 
 
 def _nothing_more(diagnosis: CauseDiagnosis, data: DiagnosisData[Any], settings: Campaign) -> InstrumentResults:
@@ -125,9 +128,11 @@ def _of_bars(points: pa.Table, bars: pa.Table, poses: Epochs) -> tuple[NDArray, 
     names = tuple(dict.fromkeys(points.column("point").to_pylist()))
     own = tuple(poses.conditions.poses)
     pose, point = positions(points.column("pose"), own), positions(points.column("point"), names)
-    kept = pose >= 0
+    is_present = pose >= 0
     place = np.full((len(own), len(names), 3), np.nan)
-    place[pose[kept], point[kept]] = np.column_stack([number_column(points, f"{a}_mm") for a in "xyz"])[kept] * _SI
+    place[pose[is_present], point[is_present]] = (
+        np.column_stack([number_column(points, f"{a}_mm") for a in "xyz"])[is_present] * _SI
+    )
     inside = np.einsum("bkd,bde->bke", place - poses.frames.t[:, None], poses.frames.R)
     ends = [positions(bars.column(name), names) for name in ("first", "second")]
     uncertain = np.hypot(number_column(bars, "sigma_mm"), number_column(bars, "repeat_sigma_mm"))

@@ -75,10 +75,10 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
     sigma, words = _noise(steps, settings, exchanged)
     words += [text for text in (excluded_words(out),) if text]
     points, seen = _points(steps, sigma)
-    kept = decided(steps, settings.keep, "kept").chosen
+    protected = decided(steps, settings.keep, "kept").chosen
     # the load of an excluded step was still applied
     determined = (seen | out.chosen).any(1) & np.isfinite(steps.time_s)
-    fitted, held = determined & ~steps.held_out, determined & steps.held_out
+    fitted, held_out = determined & ~steps.held_out, determined & steps.held_out
     if why := _why_too_little(steps, fitted, settings):
         raise ValueError(why)
     model = BenchModel(
@@ -91,11 +91,11 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
         model,
         replace(
             _poses(steps, points, seen, sigma, fitted),
-            kept=kept[fitted],
+            kept=protected[fitted],
             repeats=group_numbers(applied),
             groupings=groupings,
         ),
-        replace(_poses(steps, points, seen, sigma, held), kept=kept[held]) if held.any() else None,
+        replace(_poses(steps, points, seen, sigma, held_out), kept=protected[held_out]) if held_out.any() else None,
         "; ".join(words),
         _results,
         exchanged,
@@ -105,7 +105,7 @@ def assemble_readings(tables: Mapping[str, pa.Table], settings: Campaign) -> Dia
             units,
             np.concatenate([READING_SI, np.full(steps.signal.shape[1], _MILLIVOLT)]),
             np.arange(len(units)) >= len(CHANNELS),
-            held_out="held-out runs" if held.any() else "runs left out in turn",
+            held_out="held-out runs" if held_out.any() else "runs left out in turn",
         ),
         relation=Relation.LOADS_READINGS if seen[:, : len(CHANNELS)].any() else Relation.LOADS_SIGNALS,
     )
@@ -154,8 +154,8 @@ def _uncertain(sensor: NominalSensor) -> UncertainSensor:
     """Tolerances of the sensor: none of the elements for a given compliance, and no motion without compliance."""
     if sensor.compliance is None:
         return UncertainSensor(sensor.joints, None, np.zeros((len(LOADS), len(LOADS))), sensor.length_sigma)
-    own = sensor.elastic is not None and sensor.compliance is sensor.elastic.compliance
-    elastic, given = (sensor.elastic, None) if own else (None, sensor.compliance)
+    is_own_simulation = sensor.elastic is not None and sensor.compliance is sensor.elastic.compliance
+    elastic, given = (sensor.elastic, None) if is_own_simulation else (None, sensor.compliance)
     return UncertainSensor(sensor.joints, elastic, given, sensor.length_sigma, sensor.stiffness_sigma)
 
 
@@ -184,12 +184,12 @@ def _noise(steps: RecordedSteps, settings: Campaign, exchanged: tuple[RowsExchan
     if why := _without_noise(steps):
         raise ValueError(why)
     signal = settings.noise.signal_mv
-    own = np.full(steps.signal.shape, np.nan if signal is None else signal * _MILLIVOLT)
+    sigma = np.full(steps.signal.shape, np.nan if signal is None else signal * _MILLIVOLT)
     if signal is None and not np.isfinite(steps.reading).any():
         scatter = scatter_of_signals(steps, ~steps.held_out, exchanged)
-        return np.concatenate([declared, np.broadcast_to(scatter, own.shape)], 1), []
+        return np.concatenate([declared, np.broadcast_to(scatter, sigma.shape)], 1), []
     words = ["signals, whose noise is not declared"] if signal is None and steps.signal.size else []
-    return np.concatenate([declared, own], 1), words
+    return np.concatenate([declared, sigma], 1), words
 
 
 def _points(steps: RecordedSteps, sigma: Array) -> tuple[Array, NDArray[np.bool_]]:

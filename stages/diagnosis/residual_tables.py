@@ -71,26 +71,26 @@ def left_out_table(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Ta
     """Rows of diagnosis_left_out.parquet: existing values that were rejected as gross errors."""
     rows = [
         {
-            **_row_identifiers(one, data),
-            "subject": _subject(one, diagnosis),
+            **_row_identifiers(value, data),
+            "subject": _subject(value, diagnosis),
             "reason": _GROSS,
-            "value": one.length,
+            "value": value.length,
             "limit": least_gross(diagnosis.final.measured.size),
             "unit": "sigma",
         }
-        for one in diagnosis.screened
+        for value in diagnosis.screened
     ]
     where = [name for name in ("pose", "run", "step") if name in rows[0]]
     return identified_table("diagnosis_left_out", rows, where[0], where)
 
 
-def _row_identifiers(one: ScreenedValue, data: DiagnosisData[Any]) -> dict[str, Any]:
+def _row_identifiers(value: ScreenedValue, data: DiagnosisData[Any]) -> dict[str, Any]:
     """The pose, or the run and step, by name."""
-    poses = data.held_out if one.held_out else data.calibration
+    poses = data.held_out if value.held_out else data.calibration
     conditions: Any = poses.conditions if poses is not None else None
     if not hasattr(conditions, "run"):
-        return {"pose": conditions.poses[one.row]}
-    return {"run": plain_number(conditions.run[one.row]), "step": int(conditions.step[one.row])}
+        return {"pose": conditions.poses[value.row]}
+    return {"run": plain_number(conditions.run[value.row]), "step": int(conditions.step[value.row])}
 
 
 def plain_number(name: Any) -> Any:
@@ -98,11 +98,11 @@ def plain_number(name: Any) -> Any:
     return name.item() if hasattr(name, "item") else name
 
 
-def _subject(one: ScreenedValue, diagnosis: CauseDiagnosis) -> str:
+def _subject(value: ScreenedValue, diagnosis: CauseDiagnosis) -> str:
     """Body and target, or the channel."""
     model = diagnosis.final.model
-    name = model.channel_names[one.channel]
-    return f"{model.channel_kinds[one.channel]} {name}" if len(model.channel_kinds) > one.channel else name
+    name = model.channel_names[value.channel]
+    return f"{model.channel_kinds[value.channel]} {name}" if len(model.channel_kinds) > value.channel else name
 
 
 def pull_tables(before: FittedModel, after: FittedModel) -> dict[str, pa.Table]:
@@ -111,8 +111,8 @@ def pull_tables(before: FittedModel, after: FittedModel) -> dict[str, pa.Table]:
     Shifts are counted from nominal, also where the campaign starts from an earlier one: what that knew is data.
     """
     geometries = [_geometry(one) for one in (before, after)]
-    kept = zip(geometries[1].parameters, geometries[1].known, strict=True)
-    names: list[PullName] = [(entry.leg + 1, entry.name) for entry, known in kept if known]
+    known_parameters = zip(geometries[1].parameters, geometries[1].known, strict=True)
+    names: list[PullName] = [(entry.leg + 1, entry.name) for entry, known in known_parameters if known]
     return _pull_tables(names, *map(_pulls_of_geometry, geometries), in_si=True)
 
 
@@ -122,9 +122,9 @@ def _geometry(fitted: FittedModel) -> IdentifiedGeometry:
 
 
 def _pulls_of_geometry(geometry: IdentifiedGeometry) -> Pulls:
-    own = np.flatnonzero(geometry.known)
-    shift = (geometry.values - geometry.nominal)[own]
-    return pulls(shift, geometry.prior[np.ix_(own, own)], geometry.covariance[np.ix_(own, own)])
+    known = np.flatnonzero(geometry.known)
+    shift = (geometry.values - geometry.nominal)[known]
+    return pulls(shift, geometry.prior[np.ix_(known, known)], geometry.covariance[np.ix_(known, known)])
 
 
 def sensor_pull_tables(names: list[PullName], before: FittedModel, after: FittedModel) -> dict[str, pa.Table]:
@@ -133,8 +133,8 @@ def sensor_pull_tables(names: list[PullName], before: FittedModel, after: Fitted
 
 
 def _pulls_of_sensor(fitted: FittedModel) -> Pulls:
-    own: NDArray[np.int64] = np.r_[fitted.model.layout["geometry"], fitted.model.layout["stiffness"]]
-    return pulls(fitted.fit.shared[own], np.eye(len(own)), fitted.covariance()[np.ix_(own, own)])
+    places: NDArray[np.int64] = np.r_[fitted.model.layout["geometry"], fitted.model.layout["stiffness"]]
+    return pulls(fitted.fit.shared[places], np.eye(len(places)), fitted.covariance()[np.ix_(places, places)])
 
 
 def _pull_tables(names: list[PullName], before: Pulls, after: Pulls, *, in_si: bool) -> dict[str, pa.Table]:
@@ -152,7 +152,7 @@ def _pull_tables(names: list[PullName], before: Pulls, after: Pulls, *, in_si: b
             explained_after=after.explained,
             unit=["mm" if long and in_si else "1" for long in is_length],
         )
-        for model, one in (("plain", before), ("extended", after)):
-            band = {"lower": one.lower, "upper": one.upper, "p_value": one.p_value}
-            sums.add(model=model, chi_square=one.chi_square, freedom=one.freedom, **band)
+        for model, fitted in (("plain", before), ("extended", after)):
+            band = {"lower": fitted.lower, "upper": fitted.upper, "p_value": fitted.p_value}
+            sums.add(model=model, chi_square=fitted.chi_square, freedom=fitted.freedom, **band)
     return {"pulls": rows.table(), "pull_sums": sums.table()}

@@ -56,9 +56,9 @@ def diagnosis_table(diagnosis: CauseDiagnosis, words: DetectionAdvice, noise_lev
     ``noise_level`` is the p-value below which it is.
     """
     rows = [_row(verdict, diagnosis, words) for verdict in diagnosis.verdicts]
-    found = sum(row["verdict"] in ("found", "suspected") for row in rows)
+    accepted_count = sum(row["verdict"] in ("found", "suspected") for row in rows)
     left = [*_noise_rows(diagnosis, words.shown, noise_level), *_attributed_rows(diagnosis, words.shown, noise_level)]
-    rows[found:found] = left
+    rows[accepted_count:accepted_count] = left
     rows += _missing_rows(diagnosis)
     return ranked_table([{**row, "relation": words.relation.value} for row in rows])
 
@@ -204,7 +204,7 @@ def claim_of(cause: Cause, legs: int) -> Claim:
 def _plain(value: Any) -> Any:
     """A setting as JSON holds it; None if it is not finite."""
     if isinstance(value, (list, tuple, np.ndarray)):
-        return [_plain(one) for one in value]
+        return [_plain(item) for item in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value
@@ -226,14 +226,16 @@ def _odds(verdict: Verdict, diagnosis: CauseDiagnosis) -> float | None:
 def _noise_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, level: float) -> list[dict[str, Any]]:
     """Noise that is larger in places, that of single channels, and where none has its own that of all."""
     final = diagnosis.final
-    whole = shown.overall(final.error)
-    rows = [_scatter_row(own, final, whole) for own in diagnosis.scatters]
-    rows += [_noise_dependence_row(own, final, whole) for own in diagnosis.noise_dependences]
+    overall = shown.overall(final.error)
+    rows = [_scatter_row(scatter, final, overall) for scatter in diagnosis.scatters]
+    rows += [
+        _noise_dependence_row(noise_dependence, final, overall) for noise_dependence in diagnosis.noise_dependences
+    ]
     for target, own in diagnosis.noisy:
         subject = f"{final.model.channel_word} {_name(final, target)}"
         rows.append(_larger_row(own, final, shown.of_target(target)) | {"subject": subject})
     if diagnosis.noise.p_value <= level and not diagnosis.noisy:
-        rows.append(_larger_row(diagnosis.noise, final, whole))
+        rows.append(_larger_row(diagnosis.noise, final, overall))
     return rows
 
 
@@ -246,7 +248,9 @@ def _attributed_rows(
     """
     holds = diagnosis.end.is_complete and diagnosis.adequacy.p_value > noise_level
     final, legs = diagnosis.final, diagnosis.plain.model.part_count
-    unnamed = [one.cause for one in diagnosis.verdicts if one.verdict == "found" and not one.cause.catalogued]
+    unnamed = [
+        verdict.cause for verdict in diagnosis.verdicts if verdict.verdict == "found" and not verdict.cause.catalogued
+    ]
     for own in diagnosis.attributed:
         names = [f"{final.model.channel_word} {_name(final, channel)}" for channel in own.channels]
         follows = tuple(dict.fromkeys(column for name in own.inputs for column in _dependence_column(name)))
@@ -283,28 +287,32 @@ def _dependence_column(column: str) -> tuple[str, ...]:
     return (TIME if plain == ORDER else plain,) if plain else ()
 
 
-def _noise_dependence_row(own: NoiseDependence, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
+def _noise_dependence_row(dependence: NoiseDependence, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
     """Noise that is larger in places, and the cause, the column or the target that it follows."""
-    if own.driver.cause is not None:
-        size = own.ratio, own.sigma
-        return _row_of_cause(cast("Cause", own.driver.cause), size, own.p_value, own.doubt, final, shown)
-    names = [_name(final, target) for target in own.driver.channels]
+    if dependence.driver.cause is not None:
+        size = dependence.ratio, dependence.sigma
+        return _row_of_cause(
+            cast("Cause", dependence.driver.cause), size, dependence.p_value, dependence.doubt, final, shown
+        )
+    names = [_name(final, target) for target in dependence.driver.channels]
     whose = final.model.channel_word
-    follows = own_name(own.driver.name) or f"{whose} {names[0]}"
+    follows = own_name(dependence.driver.name) or f"{whose} {names[0]}"
     where = f"Look at {follows}" if names else f"Repeat it where {follows} differs"
     missed = shown.rms(final.error), shown.floor(final.floor)
-    text = noise_explanation(own.ratio, own.sigma, *missed, [follows], shown.unit)
-    return _of_noise(own, final, shown) | {
+    text = noise_explanation(dependence.ratio, dependence.sigma, *missed, [follows], shown.unit)
+    return _of_noise(dependence, final, shown) | {
         "subject": f"{whose} {names[0]}" if names else "",
-        "follows": listed(_dependence_column(own.driver.column)),
+        "follows": listed(_dependence_column(dependence.driver.column)),
         "explanation": text,
         "next_measurement": f"{shown.scatter} {where}.",
     }
 
 
-def _scatter_row(own: FoundScatter, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
+def _scatter_row(scatter: FoundScatter, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
     """Inputs that scatter more than they are known beforehand, by a cause that moves nothing on average."""
-    return _row_of_cause(own.candidate.cause, (own.size, own.sigma), own.p_value, own.doubt, final, shown)
+    return _row_of_cause(
+        scatter.candidate.cause, (scatter.size, scatter.sigma), scatter.p_value, scatter.doubt, final, shown
+    )
 
 
 def _row_of_cause(
@@ -338,7 +346,7 @@ def _of_noise(level: NoiseLevel | NoiseDependence, final: FittedModel, shown: Re
 
 def _without_mean_effect(p_value: float, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
     """Return the cells of a row on scatter: it has no effect on the mean, so it improves no prediction."""
-    rms, held = shown.rms(final.error), shown.rms(final.held_out)
+    rms, held_out_rms = shown.rms(final.error), shown.rms(final.held_out)
     return {
         "cause": "unexplained",
         "verdict": "found",
@@ -349,8 +357,8 @@ def _without_mean_effect(p_value: float, final: FittedModel, shown: ReportedRms)
         "follows": "",
         "rms_before": rms,
         "rms_after": rms,
-        "heldout_rms_before": held,
-        "heldout_rms_after": held,
+        "heldout_rms_before": held_out_rms,
+        "heldout_rms_after": held_out_rms,
         "noise_floor": shown.floor(final.floor),
         "unit": shown.unit,
     }

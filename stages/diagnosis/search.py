@@ -77,8 +77,8 @@ def kinds_of(settings: Campaign, *, photographed: bool = False) -> Mapping[str, 
         return OF_TYPES[settings.mechanism.type]()
     if settings.campaign.kind == "interferometer":
         return catalogue_of_readings()
-    own = catalogue() if settings.mechanism.is_legged else catalogue_of_bodies()
-    return own | catalogue_of_photographed_points() if photographed else own
+    kinds = catalogue() if settings.mechanism.is_legged else catalogue_of_bodies()
+    return kinds | catalogue_of_photographed_points() if photographed else kinds
 
 
 def searched_for(settings: Campaign, causes: Iterable[CauseT]) -> list[CauseT]:

@@ -39,17 +39,17 @@ def tip_contributions(
     model = final.model
     assert isinstance(model, ChainModel)
     whitened, tip = final.fit.whitened, model.known.payload[0]
-    rows = rows_by_source(whitened, model.layout, {own.key for own in final.causes}, final.input_rows)
+    rows = rows_by_source(whitened, model.layout, {cause.key for cause in final.causes}, final.input_rows)
     left = np.where(whitened.present, 1.0 - whitened.leverage, 0.0)
-    found: list[tuple[Contribution | None, Array]] = []
+    parts: list[tuple[Contribution | None, Array]] = []
     for name, part in whitened.covariance_from(rows, slice(0, model.shared_size)).items():
-        own = extended_chain(model, final.fit.shared, part * final.noise_ratio**2, tip, {})
+        chain = extended_chain(model, final.fit.shared, part * final.noise_ratio**2, tip, {})
         source = Contribution(name, np.zeros((0, 0)), float(left[rows[name]].sum()))
-        found.append((source, predict_tip(own, conditions).covariance))
+        parts.append((source, predict_tip(chain, conditions).covariance))
     extended = extended_chain(model, final.fit.shared, final.covariance(), tip, {})
     by_joints = tip_by_joints(extended, conditions)
     own_readings = by_joints @ (reading_sigma[:, None] ** 2 * np.swapaxes(by_joints, -1, -2))
-    return extended, [*found, (None, np.asarray(own_readings))]
+    return extended, [*parts, (None, np.asarray(own_readings))]
 
 
 def tip_table(final: FittedModel[Any], settings: Campaign) -> pa.Table:
@@ -103,9 +103,9 @@ def _in_right_columns(model: ChainModel) -> ChainConditions:
 
 def _some(conditions: ChainConditions) -> ChainConditions:
     count = len(conditions.readings)
-    kept = np.zeros(count, bool)
-    kept[np.unique(np.linspace(0, count - 1, min(count, _MOST)).round().astype(int))] = True
-    return conditions.subset(kept)
+    mask = np.zeros(count, bool)
+    mask[np.unique(np.linspace(0, count - 1, min(count, _MOST)).round().astype(int))] = True
+    return conditions.subset(mask)
 
 
 def _reading_sigma(model: ChainModel, settings: Campaign, ratio: float) -> Array:

@@ -54,7 +54,7 @@ def choose_model(contenders: Sequence[Contender]) -> ContenderChoice:
     """
     if not contenders:
         raise ValueError("found no model to choose from, expected at least one")
-    settled_state = np.array([one.converged for one in contenders])
+    settled_state = np.array([contender.converged for contender in contenders])
     evidence = np.array([one.log_evidence for one in contenders])
     evidence = np.where(settled_state | ~settled_state.any(), evidence, np.nan)
     possible = np.array([not np.isinf(one.squares).any() for one in contenders])
@@ -77,7 +77,7 @@ def _refuted(contenders: Sequence[Contender]) -> NDArray:
 
     if not contenders:
         return np.zeros(0, bool)
-    squares = np.array([one.squares for one in contenders])
+    squares = np.array([contender.squares for contender in contenders])
     poses = squares.shape[1]
     if poses < 2:
         return np.zeros(len(contenders), bool)

@@ -126,23 +126,23 @@ def _component_by_component(
     residuals, loo = np.full((2, n, width), np.nan)
     free, deficient, chi_square, dof = np.zeros(coefficients.shape, bool), 0, 0.0, 0
     beside = np.zeros((width, u.shape[1] + 1))
-    for k, own in enumerate(drives):
-        free[k, own] = True
+    for k, drive in enumerate(drives):
+        free[k, drive] = True
         rows = np.flatnonzero(np.isfinite(y[:, k]))
         if not len(rows):
-            deficient += len(own) + (groups if offset_cov is None else 0)
+            deficient += len(drive) + (groups if offset_cov is None else 0)
             continue
         met, place = np.unique(group[rows], return_inverse=True)
         prior = None if offset_cov is None else offset_cov[k : k + 1, k : k + 1]
         weight = _precision(cov[rows, k, k][:, None, None], np.ones((len(rows), 1), bool))
-        every = np.ones((1, len(own)), bool)
-        design = _design(u[np.ix_(rows, own)], every, place)
-        precision = _offset_precision(prior, len(own), 1, len(met))
+        every = np.ones((1, len(drive)), bool)
+        design = _design(u[np.ix_(rows, drive)], every, place)
+        precision = _offset_precision(prior, len(drive), 1, len(met))
         one = _solve("matrix", every, design, y[rows, k, None], np.ones((len(rows), 1), bool), weight, precision)
-        coefficients[k, own], offset[met, k] = one.coefficients[0], one.offset[:, 0]
-        beside[k, [*own, -1]] = one.offset_covariance[0]
+        coefficients[k, drive], offset[met, k] = one.coefficients[0], one.offset[:, 0]
+        beside[k, [*drive, -1]] = one.offset_covariance[0]
         residuals[rows, k], loo[rows, k] = one.residuals[:, 0], one.loo_residuals[:, 0]
-        covariance[ends[k] - len(own) : ends[k], ends[k] - len(own) : ends[k]] = one.covariance
+        covariance[ends[k] - len(drive) : ends[k], ends[k] - len(drive) : ends[k]] = one.covariance
         deficient += one.deficient + (groups - len(met) if offset_cov is None else 0)
         chi_square, dof = chi_square + one.chi_square, dof + one.dof
     return ResponseFit(form, coefficients, covariance, free, offset, residuals, loo, chi_square, dof, deficient, beside)

@@ -138,24 +138,23 @@ def _orderings(fitted: FittedModel[CauseT]) -> dict[str, Array]:
     return columns
 
 
-def is_unordered(rest: Array, own: Mask, fitted: FittedModel[CauseT], level: float) -> bool:
+def is_unordered(residuals: Array, selected: Mask, fitted: FittedModel[CauseT], level: float) -> bool:
     """Return True if residuals of selected places are as uncorrelated between neighbours as noise.
 
-    ``rest`` (B, K, d) are standardised residuals, ``own`` (B, K) selects places, ``level`` is the p-value above which
-    no correlation counts. False where too few epochs can be tested.
-    """
-    p_value = p_value_of_order(rest, own, fitted)
+    ``residuals`` (B, K, d) are standardised residuals, ``selected`` (B, K) selects places, ``level`` is the p-value
+    above which no correlation counts. False where too few epochs can be tested."""
+    p_value = p_value_of_order(residuals, selected, fitted)
     return p_value is not None and p_value > level
 
 
-def p_value_of_order(rest: Array, own: Mask, fitted: FittedModel[CauseT]) -> float | None:
-    """Return the p-value of correlations between neighbours in residuals (B, K, d) of places ``own`` (B, K).
+def p_value_of_order(residuals: Array, selected: Mask, fitted: FittedModel[CauseT]) -> float | None:
+    """Return the p-value of correlations between neighbours in residuals (B, K, d) of places ``selected`` (B, K).
 
     It is corrected for the number of orderings; None where too few epochs can be tested.
     """
-    rng = np.random.default_rng(len(rest))
-    inside = np.where(own[..., None], rest, np.nan)
-    tests = list(like_neighbours(inside, _orderings(fitted), rng, fitted.model.error_groups))
+    rng = np.random.default_rng(len(residuals))
+    tested = np.where(selected[..., None], residuals, np.nan)
+    tests = list(like_neighbours(tested, _orderings(fitted), rng, fitted.model.error_groups))
     return min(test.p_value for test in tests) * len(tests) if tests else None
 
 
@@ -164,9 +163,9 @@ def pure_error(residuals: EpochResiduals, repeats: Integers) -> Iterator[Adequac
 
     ``repeats`` (B,): number of each epoch's command, -1 for none.
     """
-    found = means_against_scatter(residuals, repeats, _FEWEST_REPEATS)
-    if found is not None:
-        yield AdequacyTest(MisfitKind.PURE_ERROR, "", found.ratio, found.p_value)
+    lack_of_fit = means_against_scatter(residuals, repeats, _FEWEST_REPEATS)
+    if lack_of_fit is not None:
+        yield AdequacyTest(MisfitKind.PURE_ERROR, "", lack_of_fit.ratio, lack_of_fit.p_value)
 
 
 def by_region(residuals: EpochResiduals, inputs: Mapping[str, Array]) -> Iterator[AdequacyTest]:
@@ -175,19 +174,19 @@ def by_region(residuals: EpochResiduals, inputs: Mapping[str, Array]) -> Iterato
     varies = np.isfinite(columns).all(0) & (np.ptp(columns, axis=0) > 0.0)
     if not varies.any():
         return
-    own = regions(columns[:, varies])
-    if own.max() + 1 < FEWEST_BLOCKS or np.bincount(own).min() < _FEWEST_EPOCHS:
+    region = regions(columns[:, varies])
+    if region.max() + 1 < FEWEST_BLOCKS or np.bincount(region).min() < _FEWEST_EPOCHS:
         return
-    if (found := means_against_scatter(residuals, own, _FEWEST_REPEATS)) is not None:
-        yield AdequacyTest(MisfitKind.BY_REGION, " ".join(inputs), found.ratio, found.p_value)
+    if (lack_of_fit := means_against_scatter(residuals, region, _FEWEST_REPEATS)) is not None:
+        yield AdequacyTest(MisfitKind.BY_REGION, " ".join(inputs), lack_of_fit.ratio, lack_of_fit.p_value)
 
 
 def by_place(final: FittedModel[CauseT], rng: np.random.Generator) -> Iterator[AdequacyTest]:
     """Yield the correlation of residuals of neighbouring places of a group within epochs, if there are such places."""
     places, groups = np.asarray(final.scene.shape, float), final.model.channel_groups
-    found = like_places(final.fit.whitened, final.measured.values.shape, places, groups, rng)
-    if found is not None:
-        yield AdequacyTest(MisfitKind.LIKE_PLACES, "", found.correlation, found.p_value)
+    neighbours = like_places(final.fit.whitened, final.measured.values.shape, places, groups, rng)
+    if neighbours is not None:
+        yield AdequacyTest(MisfitKind.LIKE_PLACES, "", neighbours.correlation, neighbours.p_value)
 
 
 def noise_excess(lack: MisfitKind, ratio: float, freedom: float) -> AdequacyTest:
@@ -200,7 +199,7 @@ def noise_excess(lack: MisfitKind, ratio: float, freedom: float) -> AdequacyTest
 
 
 def like_neighbours(
-    rest: Array, columns: Mapping[str, Array], rng: np.random.Generator, groups: Integers | None = None
+    residuals: Array, columns: Mapping[str, Array], rng: np.random.Generator, groups: Integers | None = None
 ) -> Iterator[AdequacyTest]:
     """Yield the correlation of residuals (B, K, d) between epochs that are neighbours along each column (B,) or (B, D).
 
@@ -208,11 +207,11 @@ def like_neighbours(
     p-value comes from random permutations of the epochs, within ``groups`` (B,) if only epochs of a group are
     exchangeable.
     """
-    rows = rest.reshape(len(rest), -1)
-    kept = np.isfinite(rows).any(1)
-    if kept.sum() < _FEWEST_EPOCHS:
+    rows = residuals.reshape(len(residuals), -1)
+    observed = np.isfinite(rows).any(1)
+    if observed.sum() < _FEWEST_EPOCHS:
         return
-    chosen = np.flatnonzero(kept)
+    chosen = np.flatnonzero(observed)
     if len(chosen) > _MOST_EPOCHS:
         chosen = np.sort(rng.choice(chosen, _MOST_EPOCHS, replace=False))
     products = _products(rows[chosen])
@@ -254,13 +253,13 @@ def _neighbour_correlation(
     them."""
     from scipy.special import ndtr
 
-    found = float(np.mean(products[pairs]))
+    mean = float(np.mean(products[pairs]))
     drawn = np.array([np.mean(products[order[pairs[0]], order[pairs[1]]]) for order in orders])
-    larger = int(np.sum(drawn >= found))
+    larger = int(np.sum(drawn >= mean))
     if larger > _RESOLVED:
-        return found, (larger + 1) / (len(drawn) + 1)
-    score = (found - float(drawn.mean())) / max(float(drawn.std()), 1e-12)
-    return found, float(max(ndtr(-score), 1e-12))
+        return mean, (larger + 1) / (len(drawn) + 1)
+    score = (mean - float(drawn.mean())) / max(float(drawn.std()), 1e-12)
+    return mean, float(max(ndtr(-score), 1e-12))
 
 
 def _neighbours(columns: Array) -> tuple[Integers, Integers]:
@@ -272,5 +271,5 @@ def _neighbours(columns: Array) -> tuple[Integers, Integers]:
     near = KDTree(scaled).query(scaled, k=_NEIGHBOURS + 1)[1]
     first = np.repeat(np.arange(len(scaled)), _NEIGHBOURS)
     # Where several epochs coincide, an epoch may be listed after another one as its own neighbour.
-    others = np.array([row[row != own][:_NEIGHBOURS] for own, row in enumerate(near)])
+    others = np.array([row[row != epoch][:_NEIGHBOURS] for epoch, row in enumerate(near)])
     return first, others.ravel()

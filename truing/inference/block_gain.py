@@ -47,28 +47,31 @@ def gain_in_blocks(
     return block_gain(final.fit.whitened, place, np.where(linear, final.fit.shared[place], 0.0), possible)
 
 
-def block_gain(whitened: Whitened, own: slice, value: Array, possible: Sequence[EpochBlocks]) -> BlockGain | None:
+def block_gain(whitened: Whitened, place: slice, value: Array, possible: Sequence[EpochBlocks]) -> BlockGain | None:
     """Return the gain of a cause in blocks of the first kind with two informative blocks; None where no kind has two.
 
-    ``own``: places of the cause among the shared unknowns; ``value`` (P,): its linear parameters as fitted, in prior
+    ``place``: places of the cause among the shared unknowns; ``value`` (P,): its linear parameters as fitted, in prior
     sigmas, zero for parameters of its shape.
     """
     gram = whitened.normal_matrix
-    kept = np.ones(len(gram), bool)
-    kept[own] = False
-    priors = slice(len(whitened.residual) - len(kept), None)
-    effect = whitened.moved(_embedded(value, ~kept))
+    others = np.ones(len(gram), bool)
+    others[place] = False
+    priors = slice(len(whitened.residual) - len(others), None)
+    effect = whitened.moved(_embedded(value, ~others))
     effect[priors] = 0.0
     start = whitened.residual + effect
-    start[priors][~kept] = 0.0  # parameters that are left out have no prior row
-    step = np.linalg.solve(gram[np.ix_(kept, kept)], whitened.of_columns(start)[kept])
-    left = start - whitened.moved(_embedded(step, kept))
+    start[priors][~others] = 0.0  # parameters that are left out have no prior row
+    step = np.linalg.solve(gram[np.ix_(others, others)], whitened.of_columns(start)[others])
+    residual_without = start - whitened.moved(_embedded(step, others))
     shape = whitened.own.shape[:2]
-    by_epoch = [each[: shape[0] * shape[1]].reshape(shape) for each in (whitened.rest, left, effect)]
-    whole = _log_determinant(gram), _log_determinant(gram[np.ix_(kept, kept)])
+    by_epoch = [
+        epochs_of_blocks[: shape[0] * shape[1]].reshape(shape)
+        for epochs_of_blocks in (whitened.rest, residual_without, effect)
+    ]
+    log_determinants = _log_determinant(gram), _log_determinant(gram[np.ix_(others, others)])
     for blocks in possible:
-        each = (np.flatnonzero(blocks.numbers == number) for number in range(blocks.count))
-        gains = [_gain_of(whitened, gram, whole, by_epoch, kept, block) for block in each]
+        epochs_of_blocks = (np.flatnonzero(blocks.numbers == number) for number in range(blocks.count))
+        gains = [_gain_of(whitened, gram, log_determinants, by_epoch, others, block) for block in epochs_of_blocks]
         informative = [gain for gain in gains if gain is not None]
         if len(informative) >= FEWEST_TELLING:
             return BlockGain(blocks.kind, len(informative), float(np.sum(informative)))
@@ -77,42 +80,44 @@ def block_gain(whitened: Whitened, own: slice, value: Array, possible: Sequence[
 
 def _embedded(values: Array, places: Mask) -> Array:
     """Return values (n,) at n places (G,) that are True, and zero elsewhere."""
-    found = np.zeros(len(places))
-    found[places] = values
-    return found
+    embedded = np.zeros(len(places))
+    embedded[places] = values
+    return embedded
 
 
 def _gain_of(
     whitened: Whitened,
     gram: Array,
-    whole: tuple[float, float],
+    log_determinants: tuple[float, float],
     by_epoch: Sequence[Array],
-    kept: Mask,
+    nuisances: Mask,
     block: Integers,
 ) -> float | None:
     """Return the gain in one block of epochs (b,); None where the block is not informative. ``by_epoch``: residuals
-    (B, H) of fits to everything, with the cause and without, and its effect; ``kept`` (G,): unknowns except the
-    cause's; ``whole``: log determinants of the normal matrix, of all unknowns and of these."""
-    rest, left, effect = (each[block].ravel() for each in by_epoch)
+    (B, H) of fits to everything, with the cause and without, and its effect; ``nuisances`` (G,): unknowns except the
+    cause's; ``log_determinants``: log determinants of the normal matrix, of all unknowns and of these."""
+    residual, residual_without, effect = (each[block].ravel() for each in by_epoch)
     size = float(np.sum(effect**2))
     if size < _LEAST_EFFECT:
         return None
-    own = whitened.rows_at(block).reshape(len(effect), len(kept))
-    others = gram - own.T @ own
-    factor = np.linalg.cholesky(others)
-    uncertain = own[:, ~kept] @ _solved(factor, np.eye(len(kept))[:, ~kept]).T
+    rows = whitened.rows_at(block).reshape(len(effect), len(nuisances))
+    gram_without = gram - rows.T @ rows
+    factor = np.linalg.cholesky(gram_without)
+    uncertain = rows[:, ~nuisances] @ _solved(factor, np.eye(len(nuisances))[:, ~nuisances]).T
     if float(np.sum(uncertain**2)) > size:
         return None
-    within = np.linalg.cholesky(others[np.ix_(kept, kept)])
-    return _log_density(own, whole[0], factor, rest) - _log_density(own[:, kept], whole[1], within, left)
+    within = np.linalg.cholesky(gram_without[np.ix_(nuisances, nuisances)])
+    return _log_density(rows, log_determinants[0], factor, residual) - _log_density(
+        rows[:, nuisances], log_determinants[1], within, residual_without
+    )
 
 
-def _log_density(rows: Array, whole: float, others: Array, rest: Array) -> float:
+def _log_density(rows: Array, log_determinant: float, factor: Array, residual: Array) -> float:
     """Return the log density of a block predicted from all other rows, up to a constant. ``rows`` (n, G) of the block;
-    ``whole``: log determinant of the normal matrix with it; ``others`` (G, G): Cholesky factor of that without it;
-    ``rest`` (n,): residuals of the fit to everything."""
-    squares = float(rest @ rest + np.sum(_solved(others, rows.T @ rest) ** 2))
-    return 0.5 * (2.0 * float(np.sum(np.log(np.diagonal(others)))) - whole - squares)
+    ``log_determinant``: log determinant of the normal matrix with it; ``factor`` (G, G): Cholesky factor of that
+    without it; ``residual`` (n,): residuals of the fit to everything."""
+    squares = float(residual @ residual + np.sum(_solved(factor, rows.T @ residual) ** 2))
+    return 0.5 * (2.0 * float(np.sum(np.log(np.diagonal(factor)))) - log_determinant - squares)
 
 
 def _log_determinant(gram: Array) -> float:

@@ -53,13 +53,13 @@ def possible_blocks(groupings: Mapping[BlockKind, Integers], epochs: int) -> lis
 def _large_enough(groups: Integers, epochs: int) -> Integers | None:
     """Return the groups (B,) that are large enough, renumbered, -1 for none; None where they do not qualify
     as blocks."""
-    kept, counts = np.unique(groups[groups >= 0], return_counts=True)
-    kept, counts = kept[counts >= _FEWEST_IN_BLOCK], counts[counts >= _FEWEST_IN_BLOCK]
-    if len(kept) < FEWEST_BLOCKS or counts.max() > _MOST_OF_ALL * epochs or counts.sum() < _LEAST_TOGETHER * epochs:
+    large, counts = np.unique(groups[groups >= 0], return_counts=True)
+    large, counts = large[counts >= _FEWEST_IN_BLOCK], counts[counts >= _FEWEST_IN_BLOCK]
+    if len(large) < FEWEST_BLOCKS or counts.max() > _MOST_OF_ALL * epochs or counts.sum() < _LEAST_TOGETHER * epochs:
         return None
-    place = np.searchsorted(kept, groups).clip(0, len(kept) - 1)
-    number = place if len(kept) <= _MOST_BLOCKS else place * _MOST_BLOCKS // len(kept)
-    return np.asarray(np.where(kept[place] == groups, number, -1))
+    place = np.searchsorted(large, groups).clip(0, len(large) - 1)
+    number = place if len(large) <= _MOST_BLOCKS else place * _MOST_BLOCKS // len(large)
+    return np.asarray(np.where(large[place] == groups, number, -1))
 
 
 def regions(inputs: Array) -> Integers:
@@ -70,14 +70,14 @@ def regions(inputs: Array) -> Integers:
     """
     spread = np.ptp(inputs, axis=0)
     scaled = inputs / np.where(spread > 0.0, spread, 1.0)
-    found = np.zeros(len(inputs), int)
+    region = np.zeros(len(inputs), int)
     for _ in range(_HALVINGS):
         upper = np.zeros(len(inputs), int)
-        for number in np.unique(found):
-            own = np.flatnonzero(found == number)
-            upper[own] = _upper_half(scaled[own])
-        found = 2 * found + upper
-    return np.unique(found, return_inverse=True)[1]
+        for number in np.unique(region):
+            members = np.flatnonzero(region == number)
+            upper[members] = _upper_half(scaled[members])
+        region = 2 * region + upper
+    return np.unique(region, return_inverse=True)[1]
 
 
 def _upper_half(places: Array) -> Integers:
@@ -93,17 +93,17 @@ def days(time_s: Array) -> Integers:
     Epochs without a time have -1.
     """
     known = np.isfinite(time_s)
-    found = np.full(len(time_s), -1)
+    day = np.full(len(time_s), -1)
     order = np.argsort(time_s[known], kind="stable")
     begins = np.concatenate([[0], (np.diff(time_s[known][order]) > _PAUSE_S).cumsum()]) if known.any() else np.zeros(0)
-    found[np.flatnonzero(known)[order]] = begins
-    return found
+    day[np.flatnonzero(known)[order]] = begins
+    return day
 
 
 def group_numbers(columns: Array) -> Integers:
     """Return a number (B,) for each epoch, the same for equal columns (B, D); -1 where a column holds none."""
     known = np.isfinite(columns).all(1)
-    found = np.full(len(columns), -1)
+    numbers = np.full(len(columns), -1)
     if known.any():
-        found[known] = np.unique(columns[known], axis=0, return_inverse=True)[1].ravel()
-    return found
+        numbers[known] = np.unique(columns[known], axis=0, return_inverse=True)[1].ravel()
+    return numbers

@@ -73,9 +73,9 @@ class NumberComparison:
     def sizes(self, changed: tuple[int, ...]) -> tuple[Array, Array]:
         """Return the sizes (c,) of the changes, if no other number changed, and their standard deviations."""
         away, answers = self._whitened
-        own = answers[:, changed]
-        covariance = np.linalg.inv(own.T @ own)
-        return covariance @ (own.T @ away), np.sqrt(np.diag(covariance))
+        columns = answers[:, changed]
+        covariance = np.linalg.inv(columns.T @ columns)
+        return covariance @ (columns.T @ away), np.sqrt(np.diag(covariance))
 
     def alternatives_to(self, changed: tuple[int, ...]) -> tuple[tuple[int, ...], ...]:
         """Return for each changed number the numbers whose change in its place explains the difference as well."""
@@ -93,21 +93,21 @@ class NumberComparison:
         """
         away, answers = self._whitened
         basis = np.linalg.qr(answers[:, free])[0]
-        rest, columns = (part - basis @ (basis.T @ part) for part in (away, answers))
+        remainder, columns = (part - basis @ (basis.T @ part) for part in (away, answers))
         size = np.sqrt(np.sum(columns**2, 0))
         seen = size > 1e-3 * np.sqrt(np.sum(answers**2, 0)).max(initial=0.0)
-        score = np.where(seen, np.abs(columns.T @ rest) / np.where(seen, size, 1.0), 0.0)
+        score = np.where(seen, np.abs(columns.T @ remainder) / np.where(seen, size, 1.0), 0.0)
         score[free] = 0.0
-        return score, float(rest @ rest)
+        return score, float(remainder @ remainder)
 
     def _worst(self, free: list[int], level: float) -> int | None:
         """Return the number whose change explains most of the rest; None where the rest is consistent with noise."""
         from scipy.special import chdtrc, ndtr
 
         score, square = self._scores(free)
-        single = 2.0 * ndtr(-score.max(initial=0.0)) * max(int((score > 0.0).sum()), 1)
-        whole = chdtrc(max(self.chi_square[1] - len(free), 1), square)
-        return int(score.argmax()) if min(single, whole) < level and score.any() else None
+        alone = 2.0 * ndtr(-score.max(initial=0.0)) * max(int((score > 0.0).sum()), 1)
+        together = chdtrc(max(self.chi_square[1] - len(free), 1), square)
+        return int(score.argmax()) if min(alone, together) < level and score.any() else None
 
 
 def compare(

@@ -41,8 +41,8 @@ class RotatedChannels:
         epochs, channels, size, _ = shared.shape
         if self.whitened.whole is not None:
             return (weights @ shared.reshape(epochs, -1)).reshape(len(weights), channels, size, -1)
-        found = self.whitened.compact.weighted(shared.reshape(epochs, channels * size, -1), weights)
-        return self.whitened.onto_basis(found.reshape(-1, found.shape[-1]).T).T.reshape(
+        weighted = self.whitened.compact.weighted(shared.reshape(epochs, channels * size, -1), weights)
+        return self.whitened.onto_basis(weighted.reshape(-1, weighted.shape[-1]).T).T.reshape(
             len(weights), channels, size, -1
         )
 
@@ -58,7 +58,9 @@ class RotatedChannels:
         if seen.mean() > _MOSTLY_LIVE:  # then a single product is faster
             return [(np.arange(seen.shape[1]), np.arange(len(seen)))]
         patterns, number = np.unique(seen, axis=1, return_inverse=True)
-        return [(np.flatnonzero(number.ravel() == n), np.flatnonzero(own)) for n, own in enumerate(patterns.T)]
+        return [
+            (np.flatnonzero(number.ravel() == n), np.flatnonzero(seen_then)) for n, seen_then in enumerate(patterns.T)
+        ]
 
     def along(self, parts: Array) -> Array:
         """Return the parts (B, T, q, D) of residuals along these axes, from those along the pathway (D, B, C)."""
@@ -82,14 +84,14 @@ def rotated_channels(
     place = pathways.places[OBSERVED]
     epochs, size = len(rotations), rotations.shape[2]
     members = channels.reshape(len(channels), -1)
-    own = rotations[:, members] if patterns is None else rotations[:, members] @ patterns
+    axes = rotations[:, members] if patterns is None else rotations[:, members] @ patterns
     height = members.shape[1] * size
-    own = own.reshape(epochs, len(members), height, -1)
-    back = np.swapaxes(own, -1, -2)
+    axes = axes.reshape(epochs, len(members), height, -1)
+    back = np.swapaxes(axes, -1, -2)
     rows = (members[..., None] * size + np.arange(size)).reshape(len(members), height)
     shared = pathways.explained(np.arange(place.start, place.stop))[:, rows]
     blocks = pathways.gram[:, place, place][:, rows[:, :, None], rows[:, None, :]]
-    return RotatedChannels(members, own, back @ shared, back @ blocks @ own, pathways.whitened)
+    return RotatedChannels(members, axes, back @ shared, back @ blocks @ axes, pathways.whitened)
 
 
 @dataclass(frozen=True)
@@ -162,13 +164,13 @@ def channel_signatures(rotated: RotatedChannels, values: Array, usable: Mask) ->
     shapes, count = values.shape[0], values.shape[2]
     weights = values.transpose(0, 2, 1).reshape(-1, epochs)
     pairs = values[..., :, None] * values[..., None, :]
-    whole = pairs.transpose(0, 2, 3, 1).reshape(-1, epochs) @ rotated.gram.reshape(epochs, -1)
-    whole = whole.reshape(shapes, count, count, channels, size, size).transpose(0, 3, 1, 4, 2, 5)
-    whole = whole.reshape(shapes, channels, size * count, size * count)
+    gram = pairs.transpose(0, 2, 3, 1).reshape(-1, epochs) @ rotated.gram.reshape(epochs, -1)
+    gram = gram.reshape(shapes, count, count, channels, size, size).transpose(0, 3, 1, 4, 2, 5)
+    gram = gram.reshape(shapes, channels, size * count, size * count)
     at_once = max(1, _MOST_AT_ONCE // (len(weights) * size * rotated.unknowns))
     for first in range(0, channels, at_once):
         chosen = slice(first, first + at_once)
         explained = rotated.explained(weights, chosen).reshape(shapes, count, -1, size, rotated.unknowns)
         explained = explained.swapaxes(1, 2).reshape(shapes, -1, size * count, rotated.unknowns)
-        whole[:, chosen] -= explained @ np.swapaxes(explained, -1, -2)
-    return ChannelSignatures(rotated, values, whole, usable)
+        gram[:, chosen] -= explained @ np.swapaxes(explained, -1, -2)
+    return ChannelSignatures(rotated, values, gram, usable)

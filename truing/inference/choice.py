@@ -51,7 +51,7 @@ def choose(
         return None
     pair = current.best_pair if pairs else None
     if pair is not None and pair.first.kind not in refused and _is_acceptable_first(current, pair.first, level):
-        also = tuple(own for own in pair.rivals if is_real(current, own[0], level))
+        also = tuple(rival for rival in pair.rivals if is_real(current, rival[0], level))
         return CandidateChoice(pair.first, also, pair.probability, True, _other_subjects(current, pair.first))
     unnamed = [c for c in rivals if not c.cause.catalogued]
     least = max((current.posterior(c) for c in unnamed), default=-np.inf) - NAMED
@@ -76,11 +76,11 @@ def confirmed(
     Before the refit, the evidence of the pair is only an estimate. So is that of a single candidate, which is linear in
     the effect; a candidate that leaves nothing real needs no partner.
     """
-    left = next_round.best.values()
-    if not any(is_real(next_round, c, level) for c in left):
+    remaining = next_round.best.values()
+    if not any(is_real(next_round, c, level) for c in remaining):
         return True
     alone = max(current.posterior(c) for kind, c in current.best.items() if kind not in refused)
-    beside = max((next_round.posterior(c) for c in left), default=0.0)
+    beside = max((next_round.posterior(c) for c in remaining), default=0.0)
     return bool(current.posterior(choice.candidate) + beside >= alone + np.log(RIVAL_FACTOR))
 
 

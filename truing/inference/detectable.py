@@ -46,9 +46,9 @@ class AcceptanceRule:
         """Power at the tabulated signal-to-noise ratios."""
         from scipy.special import fdtri, ncfdtr
 
-        left = max(self.freedom - self.rank, 1.0)
-        critical = fdtri(self.rank, left, 1.0 - min(self.threshold, 1.0 - 1e-12))
-        return np.asarray(np.nan_to_num(1.0 - ncfdtr(self.rank, left, _ROOTS**2, critical), nan=1.0))
+        residual_freedom = max(self.freedom - self.rank, 1.0)
+        critical = fdtri(self.rank, residual_freedom, 1.0 - min(self.threshold, 1.0 - 1e-12))
+        return np.asarray(np.nan_to_num(1.0 - ncfdtr(self.rank, residual_freedom, _ROOTS**2, critical), nan=1.0))
 
     def power(self, signal_to_noise: Array) -> Array:
         """Return the probability (...) of acceptance at signal-to-noise ratios (...), the roots of the
@@ -123,26 +123,28 @@ def effect_sensitivities(search: Search[CauseT], level: float) -> list[EffectSen
     sorts: dict[tuple[object, ...], list[EffectSensitivity[CauseT]]] = {}
     for one in (*_of_candidates(search, level, search.candidates), *_of_families(search, level)):
         sorts.setdefault((one.kind, *_effect_kind(one.cause, search.part_count)), []).append(one)
-    return [_median_sensitivity(own) for own in sorts.values()]
+    return [_median_sensitivity(sort) for sort in sorts.values()]
 
 
 def sensitivity_to(search: Search[CauseT], cause: CauseT, level: float) -> EffectSensitivity[CauseT] | None:
     """Return the sensitivity of a search to one of its candidates; None where it has no such candidate."""
     key = cause.key
-    own = (candidate for candidate in search.candidates if candidate.key == key)
-    return next(_of_candidates(search, level, own), None)
+    matching = (candidate for candidate in search.candidates if candidate.key == key)
+    return next(_of_candidates(search, level, matching), None)
 
 
 def assessed(verdicts: Iterable[Verdict[CauseT]], search: Search[CauseT], level: float) -> tuple[Verdict[CauseT], ...]:
     """Return the verdicts sorted; a rejected kind is not testable if no sort of it would be found at a
     plausible size."""
     plausible: dict[str, bool] = {}
-    for own in effect_sensitivities(search, level):
-        plausible[own.kind] = plausible.get(own.kind, False) or own.is_plausible
-    found = (
+    for effect_sensitivity in effect_sensitivities(search, level):
+        plausible[effect_sensitivity.kind] = (
+            plausible.get(effect_sensitivity.kind, False) or effect_sensitivity.is_plausible
+        )
+    updated = (
         replace(verdict, verdict=NOT_TESTABLE) if _is_hidden(verdict, plausible) else verdict for verdict in verdicts
     )
-    return tuple(sorted(found, key=lambda verdict: verdict.rank))
+    return tuple(sorted(updated, key=lambda verdict: verdict.rank))
 
 
 def _is_hidden(verdict: Verdict[CauseT], plausible: Mapping[str, bool]) -> bool:
@@ -156,32 +158,36 @@ def _of_candidates(
 ) -> Iterator[EffectSensitivity[CauseT]]:
     rules: dict[tuple[str, int], AcceptanceRule] = {}
     for candidate in candidates:
-        own, sort = candidate.signature, (candidate.kind, candidate.signature.rank)
+        signature, sort = candidate.signature, (candidate.kind, candidate.signature.rank)
         if not candidate.cause.catalogued or candidate.cause.concerns_several:
             continue
         if sort not in rules:
             rules[sort] = _rule(search, *sort, level)
-        yield EffectSensitivity(candidate.cause, candidate.kind, rules[sort], per_scale(own.strengths, own.loadings))
+        yield EffectSensitivity(
+            candidate.cause, candidate.kind, rules[sort], per_scale(signature.strengths, signature.loadings)
+        )
 
 
 def _of_families(search: Search[CauseT], level: float) -> Iterator[EffectSensitivity[CauseT]]:
     """Yield the sensitivity to single channels, each at its shape of median strength."""
     for family in search.families:
-        own = family.signatures
-        if own.seen.any():
-            rule = _rule(search, family.kind, own.parameters, level)
-            found = (_of_channel(family, channel, rule) for channel in range(len(own.rotated.channels)))
-            yield from (sight for sight in found if sight is not None and sight.cause.catalogued)
+        signatures = family.signatures
+        if signatures.seen.any():
+            rule = _rule(search, family.kind, signatures.parameters, level)
+            sensitivities = (_of_channel(family, channel, rule) for channel in range(len(signatures.rotated.channels)))
+            yield from (
+                sensitivity for sensitivity in sensitivities if sensitivity is not None and sensitivity.cause.catalogued
+            )
 
 
 def _of_channel(family: ChannelFamily[CauseT], channel: int, rule: AcceptanceRule) -> EffectSensitivity[CauseT] | None:
-    own = family.signatures
-    shapes = np.flatnonzero(own.seen[:, channel])
+    signatures = family.signatures
+    shapes = np.flatnonzero(signatures.seen[:, channel])
     if not len(shapes):
         return None
-    strength = np.trace(own.gram[shapes, channel], axis1=-2, axis2=-1)
+    strength = np.trace(signatures.gram[shapes, channel], axis1=-2, axis2=-1)
     shape = int(shapes[np.argsort(strength)[len(shapes) // 2]])
-    values, vectors = np.linalg.eigh(own.gram[shape, channel])
+    values, vectors = np.linalg.eigh(signatures.gram[shape, channel])
     cause = family.cause.member(channel, shape)
     return EffectSensitivity(cause, family.kind, rule, per_scale(np.sqrt(np.maximum(values, 0.0)), vectors))
 
@@ -198,6 +204,6 @@ def _effect_kind(cause: CauseT, parts: int) -> tuple[object, ...]:
     return (cause.subject, *dict.fromkeys((p.name.rstrip("0123456789_"), p.unit) for p in cause.parameters(parts)))
 
 
-def _median_sensitivity(own: Sequence[EffectSensitivity[CauseT]]) -> EffectSensitivity[CauseT]:
-    ranked = sorted(own, key=lambda s: float(np.mean(s.per_scale**2)) if s.rule.rank else 0.0)
+def _median_sensitivity(sensitivities: Sequence[EffectSensitivity[CauseT]]) -> EffectSensitivity[CauseT]:
+    ranked = sorted(sensitivities, key=lambda s: float(np.mean(s.per_scale**2)) if s.rule.rank else 0.0)
     return ranked[len(ranked) // 2]

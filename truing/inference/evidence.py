@@ -103,5 +103,5 @@ def _patterns(parts: int) -> tuple[Array, Array]:
     if not 1 < parts <= _MOST_SIGNS:
         return np.array([[1.0], [-1.0]]) * np.ones(parts), np.full(2, 0.5)
     signs = np.array(list(product((1.0, -1.0), repeat=parts)))
-    one = np.abs(signs.sum(1)) == parts
-    return signs, np.where(one, _ONE_SIGN / one.sum(), (1 - _ONE_SIGN) / (~one).sum())
+    is_one_sign = np.abs(signs.sum(1)) == parts
+    return signs, np.where(is_one_sign, _ONE_SIGN / is_one_sign.sum(), (1 - _ONE_SIGN) / (~is_one_sign).sum())

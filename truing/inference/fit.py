@@ -117,7 +117,7 @@ class _Past:
 
     def _accelerated_step(self, whitened: Whitened) -> Array:
         """Return the accelerated step (G,): it leads to where linear extrapolation makes the next step smallest."""
-        places, steps = (np.array(own[-_HISTORY - 1 :]) for own in (self.places, self.taken))
+        places, steps = (np.array(values[-_HISTORY - 1 :]) for values in (self.places, self.taken))
         moved, changed = np.diff(places, axis=0).T, np.diff(steps, axis=0).T
         weights = np.linalg.lstsq(whitened.in_basis(changed), whitened.in_basis(steps[-1]), rcond=_DISTINCT)[0]
         return np.asarray(steps[-1] - (moved + changed) @ weights)
@@ -138,38 +138,38 @@ def linearise(
     Derivatives by the shared unknowns are left out (G = 0) unless ``by_shared``. ``compact`` stores, where it saves
     memory, only the columns that act in each epoch.
     """
-    found = predict(shared, local, by_shared)
-    arms = found.values @ np.swapaxes(frames.R, 1, 2)
-    gap = measured.values - arms - frames.t[:, None]
+    prediction = predict(shared, local, by_shared)
+    rotated = prediction.values @ np.swapaxes(frames.R, 1, 2)
+    gap = measured.values - rotated - frames.t[:, None]
     turned = measured.whitener @ frames.R[:, None]
-    by_local = np.concatenate([measured.whitener @ frames.columns(arms), turned @ found.by_local], -1)
-    epochs, height = len(arms), arms.shape[1] * arms.shape[2]
-    slopes, columns, common = _slopes(found, compact)
+    by_local = np.concatenate([measured.whitener @ frames.columns(rotated), turned @ prediction.by_local], -1)
+    epochs, height = len(rotated), rotated.shape[1] * rotated.shape[2]
+    slopes, columns, common = _slopes(prediction, compact)
     return LinearisedModel(
         residual=(measured.whitener @ gap[..., None]).reshape(epochs, -1),
         by_local=by_local.reshape(epochs, height, by_local.shape[-1]),
         by_shared=_rotated_slopes(turned, slopes).reshape(epochs, height, -1 if by_shared else 0),
         local_value=np.concatenate([np.zeros((epochs, frames.size)), local], 1),
         shared_value=shared,
-        extra_residual=found.known_residual,
-        extra_by_shared=found.known_by_shared,
+        extra_residual=prediction.known_residual,
+        extra_by_shared=prediction.known_by_shared,
         present=np.repeat(measured.seen, measured.size, axis=1),
-        local_known=np.concatenate([np.zeros(frames.size, bool), found.local_known]),
-        shared_known=found.shared_known,
+        local_known=np.concatenate([np.zeros(frames.size, bool), prediction.local_known]),
+        shared_known=prediction.shared_known,
         columns=columns,
         common=common,
     )
 
 
-def _slopes(found: PredictionLike, compact: bool) -> tuple[Array, Integers | None, int]:
+def _slopes(prediction: PredictionLike, compact: bool) -> tuple[Array, Integers | None, int]:
     """Return a prediction's derivatives (B, K, d, G) by the shared unknowns; or, compact, derivatives (B, K, d, C) by
     the columns (B, C) of each epoch, these columns, and the number common to all epochs."""
-    zeros, slopes = found.zero_columns, found.by_shared
+    zeros, slopes = prediction.zero_columns, prediction.by_shared
     if compact:
         acting = _acting(slopes)
-        kept = columns_of(acting if zeros is None else np.concatenate([zeros.acting, acting], 1))
-        if kept is not None:
-            return _column_derivatives(slopes, zeros, *kept), *kept
+        acting_columns = columns_of(acting if zeros is None else np.concatenate([zeros.acting, acting], 1))
+        if acting_columns is not None:
+            return _column_derivatives(slopes, zeros, *acting_columns), *acting_columns
     if zeros is not None:
         slopes = zeros.before(slopes)
     return slopes, None, 0
@@ -177,10 +177,10 @@ def _slopes(found: PredictionLike, compact: bool) -> tuple[Array, Integers | Non
 
 def _acting(slopes: Array) -> Mask:
     """Return True for shared unknowns that act in each epoch, (B, G), from derivatives (B, K, d, G)."""
-    found = np.zeros((len(slopes), slopes.shape[-1]), bool)
+    acts = np.zeros((len(slopes), slopes.shape[-1]), bool)
     for channel, axis in np.ndindex(slopes.shape[1:3]):  # a long campaign's derivatives are too many to compare at once
-        found |= slopes[:, channel, axis] != 0.0
-    return found
+        acts |= slopes[:, channel, axis] != 0.0
+    return acts
 
 
 def _column_derivatives(slopes: Array, zeros: ZeroColumns | None, columns: Integers, common: int) -> Array:
@@ -190,12 +190,12 @@ def _column_derivatives(slopes: Array, zeros: ZeroColumns | None, columns: Integ
     few = columns[:, common:]
     alike, each = columns[0, :common], (few - first)[:, None, None]
     acting = (each >= 0) & (each < slopes.shape[-1])
-    own = np.zeros((*slopes.shape[:3], few.shape[1]))
+    derivatives = np.zeros((*slopes.shape[:3], few.shape[1]))
     if slopes.shape[-1]:
-        own += np.take_along_axis(slopes, np.where(acting, each, 0), 3) * acting
-    parts = [slopes[..., index_or_slice(alike[alike >= first] - first)], own]
+        derivatives += np.take_along_axis(slopes, np.where(acting, each, 0), 3) * acting
+    parts = [slopes[..., index_or_slice(alike[alike >= first] - first)], derivatives]
     if zeros is not None:
-        own += zeros.at(few)
+        derivatives += zeros.at(few)
         parts.insert(0, zeros.at(alike[alike < first]))
     return np.concatenate(parts, -1)
 

@@ -117,14 +117,14 @@ class FittedModel(Generic[CauseT]):
     @property
     def noise_ratio(self) -> float:
         """Noise found over the noise used in the fit, with the declared noise as prior."""
-        found = self.noise
-        return float(np.sqrt((found.observed_total + found.inputs_total) / (found.observed + found.inputs)))
+        noise = self.noise
+        return float(np.sqrt((noise.observed_total + noise.inputs_total) / (noise.observed + noise.inputs)))
 
     @property
     def standardised(self) -> Array:
         """Residuals (B, K, d) scaled to unit noise, NaN where unseen or where the redundancy is too small."""
-        rest, redundancy = informative_residuals(self.fit.whitened, self.measured.values.shape)
-        return np.where(self.measured.seen[..., None], standardised(rest, redundancy), np.nan)
+        residuals, redundancy = informative_residuals(self.fit.whitened, self.measured.values.shape)
+        return np.where(self.measured.seen[..., None], standardised(residuals, redundancy), np.nan)
 
     @property
     def input_noise(self) -> tuple[float, float]:
@@ -161,12 +161,12 @@ class FittedModel(Generic[CauseT]):
         """Return the contribution of each source to the covariance of an accepted cause's parameters, SI; they sum to
         the whole."""
         whitened, place = self.fit.whitened, self.model.layout[cause.key]
-        rows = rows_by_source(whitened, self.model.layout, {own.key for own in self.causes}, self.input_rows)
+        rows = rows_by_source(whitened, self.model.layout, {other.key for other in self.causes}, self.input_rows)
         sigma = self.noise_ratio * self.model.effect_sigma(cause)
         parts = whitened.covariance_from(rows, place)
-        left = np.where(whitened.present, 1.0 - whitened.leverage, 0.0)
+        redundancy = np.where(whitened.present, 1.0 - whitened.leverage, 0.0)
         return tuple(
-            Contribution(name, covariance * np.outer(sigma, sigma), float(left[rows[name]].sum()))
+            Contribution(name, covariance * np.outer(sigma, sigma), float(redundancy[rows[name]].sum()))
             for name, covariance in parts.items()
         )
 
@@ -268,11 +268,11 @@ class Fitter(Generic[CauseT]):
     def _predicted(
         self, causes: tuple[CauseT, ...], fit: Fit, ratios: tuple[float, float]
     ) -> PredictionError[CauseT] | None:
-        held = self.held_out
-        if held is None or self._held_out_model is None:
+        epochs = self.held_out
+        if epochs is None or self._held_out_model is None:
             return None
         model = self._held_out_model.rescaled(*ratios).with_causes(causes)
-        return prediction_error(model, held.measured, held.frames, fit.shared)
+        return prediction_error(model, epochs.measured, epochs.frames, fit.shared)
 
     def _left_out_in_turn(self, fitted: FittedModel[CauseT]) -> PredictionError[CauseT] | None:
         """Return the prediction error of blocks of epochs, each left out of a fit in turn; for campaigns without
@@ -287,12 +287,12 @@ class Fitter(Generic[CauseT]):
             return None
         return merged([self._predicted_block(fitted, block == number) for number in range(count)], block, measured)
 
-    def _predicted_block(self, fitted: FittedModel[CauseT], own: Mask) -> PredictionError[CauseT]:
-        """Return the error of the prediction by a fit without the epochs ``own`` (B,)."""
+    def _predicted_block(self, fitted: FittedModel[CauseT], block: Mask) -> PredictionError[CauseT]:
+        """Return the error of the prediction by a fit without the epochs ``block`` (B,)."""
         model, measured, fit = fitted.model, fitted.measured, fitted.fit
-        others = replace(measured, seen=measured.seen & ~own[:, None])
-        local = np.where(own[:, None], 0.0, fit.local)
-        start = fit.whitened.problem.without(own)
+        others = replace(measured, seen=measured.seen & ~block[:, None])
+        local = np.where(block[:, None], 0.0, fit.local)
+        start = fit.whitened.problem.without(block)
         without = fit_model(model.predict, others, fit.frames, fit.shared, local, start)
         return prediction_error(model, measured, fit.frames, without.shared)
 
@@ -305,16 +305,16 @@ class Fitter(Generic[CauseT]):
         wrong = gross_errors(rest, seen, axes, order, fitted.model.zero_groups)
         wrong = self.calibration.removable(wrong)
         self.calibration = self.calibration.without(wrong)
-        found = _screened(wrong, rest, held_out=False)
+        screened = _screened(wrong, rest, held_out=False)
         if self.held_out is not None and fitted.held_out is not None:
             unseen = gross_errors(
                 fitted.held_out.whitened, self.held_out.measured.seen, zero_groups=fitted.held_out.model.zero_groups
             )
             unseen = self.held_out.removable(unseen)
             self.held_out = self.held_out.without(unseen)
-            found += _screened(unseen, fitted.held_out.whitened, held_out=True)
-        self.screened += found
-        return bool(found)
+            screened += _screened(unseen, fitted.held_out.whitened, held_out=True)
+        self.screened += screened
+        return bool(screened)
 
     def readmit(self, fitted: FittedModel[CauseT]) -> bool:
         """Keep observations that were excluded as gross errors although a fit with causes explains them; return True if
@@ -371,16 +371,16 @@ class Fitter(Generic[CauseT]):
         rescaled = rescaled_noise(whitened, measured, fitted.model.channel_groups)
         size = len(whitened.rest) - len(fitted.fit.shared)
         places = size + np.arange(len(fitted.fit.shared))[fitted.model.survey]
-        before = self._ratios
+        previous = self._ratios
         self._ratios = (
-            input_ratio(whitened, _height(measured), fitted.input_rows, before[0]),
-            survey_ratio(whitened, places, before[1]),
+            input_ratio(whitened, _height(measured), fitted.input_rows, previous[0]),
+            survey_ratio(whitened, places, previous[1]),
         )
         share_moved = self._learn_share(fitted)
         self.model = self._declared.rescaled(*self._ratios)
         self.calibration = replace(self.calibration, measured=rescaled)
-        traces = [np.trace(own.covariance, axis1=-2, axis2=-1) for own in (rescaled, measured)]
-        steps = [now / old for now, old in zip(self._ratios, before, strict=True)]
+        traces = [np.trace(observations.covariance, axis1=-2, axis2=-1) for observations in (rescaled, measured)]
+        steps = [now / old for now, old in zip(self._ratios, previous, strict=True)]
         moved = max(*(abs(step - 1.0) for step in steps), float(np.abs(traces[0] / traces[1] - 1.0).max()))
         return moved > _SAME_NOISE or share_moved
 
@@ -398,7 +398,7 @@ class Fitter(Generic[CauseT]):
 
     def scatter_count(self, fitted: FittedModel[CauseT], kinds: Sequence[CauseT], *, of_inputs: bool) -> int:
         """Return the number of candidates that make inputs, or observations, scatter."""
-        return sum(one.of_inputs == of_inputs for one in _scatters(fitted, kinds))
+        return sum(scatter.of_inputs == of_inputs for scatter in _scatters(fitted, kinds))
 
     def noise_dependence(
         self, fitted: FittedModel[CauseT], kinds: Sequence[CauseT], level: float
@@ -407,7 +407,7 @@ class Fitter(Generic[CauseT]):
         scene = fitted.scene
         columns = {name: np.asarray(values) for name, values in scene.covariates.items()}
         possible = drivers(columns, scene.shape, fitted.model.channel_groups)
-        possible += drivers_of([one for one in _scatters(fitted, kinds) if not one.of_inputs])
+        possible += drivers_of([scatter for scatter in _scatters(fitted, kinds) if not scatter.of_inputs])
         return noise_dependence(self.known_residuals(fitted), possible, level)
 
     def scatter(
@@ -419,8 +419,8 @@ class Fitter(Generic[CauseT]):
         Candidates most of whose inputs already have a wider prior are left out.
         """
         known = self._input_factor > 1.0
-        offered = [one for one in _scatters(fitted, kinds) if one.of_inputs]
-        candidates = [one for one in offered if 2 * (known & one.own).sum() < one.own.sum()]
+        offered = [scatter for scatter in _scatters(fitted, kinds) if scatter.of_inputs]
+        candidates = [candidate for candidate in offered if 2 * (known & candidate.own).sum() < candidate.own.sum()]
         residuals = residuals_of_inputs(fitted)
         return scattering(residuals, candidates, level) if candidates and residuals.rest.size else None
 
@@ -435,7 +435,7 @@ class Fitter(Generic[CauseT]):
         start = self._input_factor
         self._restore_screened()
         wide = self._with_widened_inputs(fitted, candidate.own, start * self._ratios[0])
-        near = overlapping_candidates([one for one in _scatters(fitted, kinds) if one.of_inputs], candidate)
+        near = overlapping_candidates([scatter for scatter in _scatters(fitted, kinds) if scatter.of_inputs], candidate)
         best = likeliest_scatter(residuals_of_inputs(wide), near, self._input_factor)
         if best is not candidate:
             first = float(self._input_factor[candidate.own].max())
@@ -459,21 +459,21 @@ class Fitter(Generic[CauseT]):
             self.held_out = replace(self.held_out, measured=self.held_out.measured.with_seen(unseen))
 
     def _with_widened_inputs(
-        self, fitted: FittedModel[CauseT], own: Mask, factor: Array | float
+        self, fitted: FittedModel[CauseT], inputs: Mask, factor: Array | float
     ) -> FittedModel[CauseT]:
-        """Widen inputs ``own`` (B, H), from given factors on, to their estimated scatter; return the fit."""
-        before, factor = 0.0, np.where(own, factor, self._input_factor)
+        """Widen inputs ``inputs`` (B, H), from given factors on, to their estimated scatter; return the fit."""
+        previous, factor = 0.0, np.where(inputs, factor, self._input_factor)
         self._ratios = 1.0, self._ratios[1]  # a larger noise of all inputs may be due to these alone
         for _ in range(_MOST_SCALINGS):
             self._declared = self._declared.with_input_factor(factor)
             self.model = self._declared.rescaled(*self._ratios)
             self._restore_screened()  # an epoch looks wrong while its inputs are trusted too much
             fitted = self.converged(fitted.causes, fitted)
-            square = self._mean_square(factor, own)
-            if abs(square / max(before, 1e-300) - 1.0) < SETTLED:
+            square = self._mean_square(factor, inputs)
+            if abs(square / max(previous, 1e-300) - 1.0) < SETTLED:
                 break
-            before = square
-            factor = np.where(own, factor * residuals_of_inputs(fitted).factor(own)[0], factor)
+            previous = square
+            factor = np.where(inputs, factor * residuals_of_inputs(fitted).factor(inputs)[0], factor)
         self._input_factor = factor
         return fitted
 
@@ -487,30 +487,30 @@ class Fitter(Generic[CauseT]):
         size = max(wide - self._mean_square(np.ones((1, 1)), candidate.own), 0.0) ** 0.5
         return FoundScatter(candidate, p_value, *unbiased(size, wide / max(size, wide**0.5 / 2) * share))
 
-    def _mean_square(self, factor: Array, own: Mask) -> float:
-        """Return the mean variance, SI, of inputs ``own`` (B, H) with prior sigmas multiplied by ``factor``."""
-        sigmas = self.model.input_scale * factor * np.ones(own.shape)
-        return float(np.mean(sigmas[own] ** 2))
+    def _mean_square(self, factor: Array, inputs: Mask) -> float:
+        """Return the mean variance, SI, of inputs ``inputs`` (B, H) with prior sigmas multiplied by ``factor``."""
+        sigmas = self.model.input_scale * factor * np.ones(inputs.shape)
+        return float(np.mean(sigmas[inputs] ** 2))
 
-    def with_noise_dependence(self, fitted: FittedModel[CauseT], found: NoiseDependence) -> NoiseDependence:
+    def with_noise_dependence(self, fitted: FittedModel[CauseT], dependence: NoiseDependence) -> NoiseDependence:
         """Weight observations by a noise dependence; return the dependence with its ratio estimated anew.
 
         If a cause makes the noise larger, screened observations are restored first: they may be part of that noise.
         """
-        self.reweight(found.factor)
-        if found.driver.cause is None:
-            return found
+        self.reweight(dependence.factor)
+        if dependence.driver.cause is None:
+            return dependence
         self._restore_screened()
         for _ in range(_MOST_SCALINGS):
             fitted = self.converged(fitted.causes, fitted)
-            more = larger_where(found.driver, self.known_residuals(fitted), found.p_value)
+            more = larger_where(dependence.driver, self.known_residuals(fitted), dependence.p_value)
             self.reweight(more.factor)
             share = more.sigma / more.ratio
-            ratio = found.ratio * more.ratio
-            found = replace(found, ratio=ratio, sigma=ratio * share, factor=found.factor * more.factor)
+            ratio = dependence.ratio * more.ratio
+            dependence = replace(dependence, ratio=ratio, sigma=ratio * share, factor=dependence.factor * more.factor)
             if abs(more.ratio - 1.0) < SETTLED:
                 break
-        return found
+        return dependence
 
     def known_residuals(self, fitted: FittedModel[CauseT]) -> Array:
         """Return the standardised residuals (B, K, d) of a fit, NaN where nothing was observed."""

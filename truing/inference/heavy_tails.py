@@ -19,42 +19,43 @@ _FEWEST_REPEATS = 4
 _NEEDED, HEAVY = float(np.log(20.0)), 5.0
 
 
-def is_of_place(rest: Array, own: Mask, tried: int) -> bool:
-    """Return True if errors (B, K, d) are larger in places ``own`` (B, K) than heavy tails explain, and normal there.
+def is_of_place(errors: Array, selected: Mask, tried: int) -> bool:
+    """Return True if errors (B, K, d) are larger in places ``selected`` (B, K) than heavy tails explain, and normal
+    there.
 
     The place was chosen among ``tried`` ones: a few large errors lie somewhere together by chance. Tails are those of
     single coordinates, or of all coordinates of an epoch together. The channels concerned are compared at other epochs,
     or with other channels if all of their epochs are concerned.
     """
-    always = bool(np.all(own.all(0) | ~own.any(0)))
-    channels = np.ones(own.shape[1], bool) if always else own.any(0)
-    squares, inside = rest[:, channels] ** 2, own[:, channels]
-    each, where = squares.ravel(), np.repeat(inside.ravel(), rest.shape[2])
-    needed, tails = [log_odds_of_place(each, 1, where)], [log_odds_of_tails(each[where], 1)]
+    always = bool(np.all(selected.all(0) | ~selected.any(0)))
+    channels = np.ones(selected.shape[1], bool) if always else selected.any(0)
+    squares, inside = errors[:, channels] ** 2, selected[:, channels]
+    values, where = squares.ravel(), np.repeat(inside.ravel(), errors.shape[2])
+    needed, tails = [log_odds_of_place(values, 1, where)], [log_odds_of_tails(values[where], 1)]
     known = np.isfinite(squares)
     if not always and (size := int(known.any(0).sum())) > 1:
-        whole = np.where(known, squares, 0.0).sum((1, 2)) / np.maximum(known.sum((1, 2)), 1) * size
-        whole[~known.any((1, 2))] = np.nan
+        mean_squares = np.where(known, squares, 0.0).sum((1, 2)) / np.maximum(known.sum((1, 2)), 1) * size
+        mean_squares[~known.any((1, 2))] = np.nan
         during = np.asarray(inside.any(1))
-        needed.append(log_odds_of_place(whole, size, during))
-        tails.append(log_odds_of_tails(whole[during], size))
+        needed.append(log_odds_of_place(mean_squares, size, during))
+        tails.append(log_odds_of_tails(mean_squares[during], size))
     return min(needed) > _NEEDED + math.log(max(tried, 1)) and max(tails) < HEAVY
 
 
-def p_value_of_repeats(rest: Array, own: Mask, repeats: Integers) -> float:
-    """Return the p-value of the F test of equal means at repeats of a command, of errors (B, K, d) in places ``own``
-    (B, K).
+def p_value_of_repeats(errors: Array, selected: Mask, repeats: Integers) -> float:
+    """Return the p-value of the F test of equal means at repeats of a command, of errors (B, K, d) in places
+    ``selected`` (B, K).
 
     ``repeats`` (B,): number of each epoch's command, -1 for none. Random errors differ at each repeat.
     """
     from scipy.special import fdtrc
 
     between, within, freedom = 0.0, 0.0, [0, 0]
-    for channel in np.flatnonzero(own.any(0)):
-        at = own[:, channel] & (repeats >= 0) & np.isfinite(rest[:, channel]).all(1)
+    for channel in np.flatnonzero(selected.any(0)):
+        at = selected[:, channel] & (repeats >= 0) & np.isfinite(errors[:, channel]).all(1)
         if not at.any():
             continue
-        rows, (_, number, count) = rest[at, channel], np.unique(repeats[at], return_inverse=True, return_counts=True)
+        rows, (_, number, count) = errors[at, channel], np.unique(repeats[at], return_inverse=True, return_counts=True)
         means = np.stack([np.bincount(number, column) for column in rows.T], -1) / count[:, None]
         within += float(np.sum((rows - means[number]) ** 2))
         between += float(np.sum(count[:, None] * (means - rows.mean(0)) ** 2))
@@ -65,13 +66,13 @@ def p_value_of_repeats(rest: Array, own: Mask, repeats: Integers) -> float:
     return float(fdtrc(*freedom, between / freedom[0] / (within / freedom[1])))
 
 
-def log_odds_of_place(square: Array, size: int, own: Mask) -> float:
+def log_odds_of_place(square: Array, size: int, selected: Mask) -> float:
     """Return the log likelihood ratio of a separate scale in one place, next to heavy tails of any shape.
 
-    ``square`` (n,): squares of errors of ``size`` coordinates each, NaN where unknown; ``own`` (n,): True in the place.
-    """
+    ``square`` (n,): squares of errors of ``size`` coordinates each, NaN where unknown; ``selected`` (n,): True in the
+    place."""
     known = np.isfinite(square)
-    inside, outside = square[known & own], square[known & ~own]
+    inside, outside = square[known & selected], square[known & ~selected]
     if not len(inside) or not len(outside):
         return 0.0
     apart = [log_likelihood(inside, size, nu) + log_likelihood(outside, size, nu) for nu in _FREEDOMS]
@@ -82,8 +83,8 @@ def log_odds_of_place(square: Array, size: int, own: Mask) -> float:
 def log_odds_of_tails(square: Array, size: int) -> float:
     """Return the log likelihood ratio of heavy tails over a normal distribution, both with a scale of their own."""
     known = square[np.isfinite(square)]
-    every = [log_likelihood(known, size, nu) for nu in _FREEDOMS] if len(known) else [0.0]
-    return max(every) - every[-1]
+    likelihoods = [log_likelihood(known, size, nu) for nu in _FREEDOMS] if len(known) else [0.0]
+    return max(likelihoods) - likelihoods[-1]
 
 
 def log_likelihood(square: Array, size: int, freedom: float) -> float:

@@ -58,17 +58,17 @@ def like_places(
     if noise is None:
         return None
     weights = np.kron(near, np.eye(size)) / np.sqrt(np.outer(noise, noise))
-    found, variance, whole = 0.0, 0.0, 0.0
-    for residual, own in zip(rest, projection, strict=True):
-        along = weights @ ((own * noise) @ own)
-        found += float(residual @ weights @ residual - np.trace(along))
+    excess, variance, weight = 0.0, 0.0, 0.0
+    for residual, projector in zip(rest, projection, strict=True):
+        along = weights @ ((projector * noise) @ projector)
+        excess += float(residual @ weights @ residual - np.trace(along))
         variance += 2.0 * float(np.sum(along * along.T))
-        seen = (np.diagonal(own).reshape(count, size) > 0.0).astype(float)
-        whole += float(np.sum(near * (seen @ seen.T)))
+        seen = (np.diagonal(projector).reshape(count, size) > 0.0).astype(float)
+        weight += float(np.sum(near * (seen @ seen.T)))
     if not variance > 0.0:
         return None
-    p_value = 0.5 * math.erfc(found / math.sqrt(2.0 * variance))
-    return LikePlaces(found / whole, max(p_value, _LEAST_P))
+    p_value = 0.5 * math.erfc(excess / math.sqrt(2.0 * variance))
+    return LikePlaces(excess / weight, max(p_value, _LEAST_P))
 
 
 def _nearness(places: Array, groups: Integers) -> Array:
@@ -76,13 +76,13 @@ def _nearness(places: Array, groups: Integers) -> Array:
     for a place with itself."""
     weights = np.zeros((len(places), len(places)))
     for group in np.unique(groups):
-        own = np.flatnonzero(groups == group)
-        centred = places[own] - places[own].mean(0)
+        members = np.flatnonzero(groups == group)
+        centred = places[members] - places[members].mean(0)
         size = float(np.sqrt(np.mean(np.sum(centred**2, 1))))
-        if len(own) < _FEWEST_PLACES or not size > 0.0:
+        if len(members) < _FEWEST_PLACES or not size > 0.0:
             continue
         squares = np.sum((centred[:, None] - centred) ** 2, -1)
-        weights[np.ix_(own, own)] = np.exp(-0.5 * squares / (_NEAR * size) ** 2)
+        weights[np.ix_(members, members)] = np.exp(-0.5 * squares / (_NEAR * size) ** 2)
     np.fill_diagonal(weights, 0.0)
     return weights
 
@@ -92,27 +92,27 @@ def _residuals(whitened: Whitened, epochs: int, observed: int, chosen: Integers)
     zero where nothing was seen."""
     height = observed + whitened.problem.local_value.shape[1]
     rows = slice(0, epochs * height)
-    rest = whitened.rest[rows].reshape(epochs, height)[chosen, :observed]
+    residuals = whitened.rest[rows].reshape(epochs, height)[chosen, :observed]
     seen: Mask = whitened.present[rows].reshape(epochs, height)[chosen, :observed]
     local = whitened.local_basis[chosen, :observed]
     shared = whitened.basis_at(chosen)[:, :observed]
     projection = np.eye(observed) - local @ np.swapaxes(local, 1, 2) - shared @ np.swapaxes(shared, 1, 2)
-    return np.where(seen, rest, 0.0), projection * (seen[:, :, None] & seen[:, None])
+    return np.where(seen, residuals, 0.0), projection * (seen[:, :, None] & seen[:, None])
 
 
-def _noise_of_places(rest: Array, projection: Array, count: int) -> Array | None:
+def _noise_of_places(residuals: Array, projection: Array, count: int) -> Array | None:
     """Return the variance of noise (N,) of each row, equal for the axes of a place; None where the fit leaves nothing.
 
     Squares of residuals are the projection's squares times the variances, which are solved for (MINQUE; C. R. Rao, J.
     Multivariate Analysis 1 (1971) 257). A little weight on a common variance keeps places regular of which the fit
     leaves little.
     """
-    size = rest.shape[1] // count
+    size = residuals.shape[1] // count
     shares = np.sum(projection**2, 0).reshape(count, size, count, size).sum((1, 3))
-    squares = np.sum(rest**2, 0).reshape(count, size).sum(1)
+    squares = np.sum(residuals**2, 0).reshape(count, size).sum(1)
     if not shares.sum() > 0.0:
         return None
     common = squares.sum() / shares.sum()
     prior = _PRIOR * np.trace(shares) / count
-    own = np.linalg.solve(shares + prior * np.eye(count), squares + prior * common)
-    return np.repeat(np.maximum(own, _PRIOR * common), size)
+    variances = np.linalg.solve(shares + prior * np.eye(count), squares + prior * common)
+    return np.repeat(np.maximum(variances, _PRIOR * common), size)

@@ -246,7 +246,7 @@ class Whitened:
             whole = self.taken(slice(0, count * size)).reshape(-1, count, size, count, size)
             return np.moveaxis(whole[:, each, :, each], 0, 1)
         rows = (self.local_basis, self.basis_at(slice(None)))
-        parts = (own[:, : count * size].reshape(len(own), count, size, -1) for own in rows)
+        parts = (row[:, : count * size].reshape(len(row), count, size, -1) for row in rows)
         return np.asarray(sum(part @ np.swapaxes(part, -1, -2) for part in parts))
 
     @cached_property

@@ -71,8 +71,8 @@ def components(whitened: Whitened, observed: int, inputs: slice) -> NoiseCompone
     """Return the noise of a fit by component: the first ``observed`` rows of an epoch, and its inputs' priors."""
     squares, freedom = _by_row(whitened)
     epochs, height = len(whitened.problem.residual), observed + whitened.problem.local_value.shape[1]
-    own = np.s_[: epochs * height]
-    square, free = (values[own].reshape(epochs, height) for values in (squares, freedom))
+    observations = np.s_[: epochs * height]
+    square, free = (values[observations].reshape(epochs, height) for values in (squares, freedom))
     rows = slice(observed + inputs.start, observed + inputs.stop)
     prior = NOISE_PRIOR_FREEDOM
     others = float(np.sum(squares) - square[:, rows].sum()), float(np.sum(freedom) - free[:, rows].sum())
@@ -92,8 +92,8 @@ def input_squares(whitened: Whitened, observed: int, inputs: slice) -> tuple[flo
     squares, freedom = _by_row(whitened)
     epochs, height = len(whitened.problem.residual), observed + whitened.problem.local_value.shape[1]
     rows = np.s_[observed + inputs.start : observed + inputs.stop]
-    own = [values[: epochs * height].reshape(epochs, height)[:, rows].sum() for values in (squares, freedom)]
-    return float(own[0]), float(own[1])
+    sums = [values[: epochs * height].reshape(epochs, height)[:, rows].sum() for values in (squares, freedom)]
+    return float(sums[0]), float(sums[1])
 
 
 def input_ratio(whitened: Whitened, observed: int, inputs: slice, used: float) -> float:
@@ -141,24 +141,24 @@ def informative_residuals(whitened: Whitened, shape: tuple[int, int, int]) -> tu
     return rest, np.eye(size) - whitened.taken_in_blocks(count, size)
 
 
-def _scatter(rest: Array, redundancy: Array, prior: Array) -> Array:
+def _scatter(residuals: Array, redundancy: Array, prior: Array) -> Array:
     """Return the robust scatter matrix of the noise behind residuals (n, d) with ``redundancy`` (n, d, d). The prior
     counts as `NOISE_PRIOR_FREEDOM` values. In directions without redundancy (as across a group of three channels), the
     noise is the average one."""
-    size = rest.shape[1]
+    size = residuals.shape[1]
     amount, axes = np.linalg.eigh(np.sum(redundancy, 0))
     share = np.maximum(np.trace(redundancy, axis1=1, axis2=2) / size, 0.05)
     amount, known, consistent = np.maximum(amount, 0.0), NOISE_PRIOR_FREEDOM / size, _consistent(size)
-    found = prior
+    scatter = prior
     for _ in range(_ROUNDS):
-        square = np.einsum("ni,ij,nj->n", rest, np.linalg.inv(found), rest) / share
+        square = np.einsum("ni,ij,nj->n", residuals, np.linalg.inv(scatter), residuals) / share
         weight = (_TAIL + size) / (_TAIL + square)
-        own = axes.T @ np.einsum("n,ni,nj->ij", weight, rest, rest) @ axes / consistent
-        level = (known * np.trace(prior) + np.trace(own)) / (size * known + amount.sum())
-        held = known * prior * level / np.mean(np.diag(prior))
+        weighted = axes.T @ np.einsum("n,ni,nj->ij", weight, residuals, residuals) @ axes / consistent
+        level = (known * np.trace(prior) + np.trace(weighted)) / (size * known + amount.sum())
+        prior_part = known * prior * level / np.mean(np.diag(prior))
         root = np.sqrt(known + amount)
-        found = axes @ ((axes.T @ held @ axes + own) / np.outer(root, root)) @ axes.T
-    return found
+        scatter = axes @ ((axes.T @ prior_part @ axes + weighted) / np.outer(root, root)) @ axes.T
+    return scatter
 
 
 @lru_cache(maxsize=8)
@@ -251,15 +251,15 @@ class NoiseDependence:
     doubt: str = ""
 
 
-def standardised(rest: Array, redundancy: Array) -> Array:
+def standardised(residuals: Array, redundancy: Array) -> Array:
     """Return residuals (B, K, d) scaled to unit noise, NaN where the redundancy is too small.
 
-    ``redundancy`` (B, K, d, d) is the covariance of the whitened residuals ``rest`` if the noise is unit noise.
+    ``redundancy`` (B, K, d, d) is the covariance of the whitened residuals ``residuals`` if the noise is unit noise.
     """
     amount, axes = np.linalg.eigh(redundancy)
     enough = amount[..., 0] > _LEAST_REDUNDANCY
-    own = np.einsum("bkij,bki->bkj", axes, rest) / np.sqrt(np.maximum(amount, _LEAST_REDUNDANCY))
-    return np.where(enough[..., None], own, np.nan)
+    scaled = np.einsum("bkij,bki->bkj", axes, residuals) / np.sqrt(np.maximum(amount, _LEAST_REDUNDANCY))
+    return np.where(enough[..., None], scaled, np.nan)
 
 
 def drivers(covariates: Mapping[str, Array], shape: Array, groups: Integers) -> list[Driver]:
@@ -270,31 +270,31 @@ def drivers(covariates: Mapping[str, Array], shape: Array, groups: Integers) -> 
     """
     channels = np.arange(len(shape))
     epochs = next((len(values) for values in covariates.values()), 0)
-    found = []
+    possible = []
     for name, values in covariates.items():
         if values.ndim == 1 and np.isfinite(values).all() and np.ptp(values) > 0:
             x = 2 * (values - values.min()) / np.ptp(values) - 1
             for power in (x, x**2 - np.mean(x**2)):
-                found.append(Driver(name, np.repeat(power[:, None], len(shape), 1), channels, name))
+                possible.append(Driver(name, np.repeat(power[:, None], len(shape), 1), channels, name))
     for axis, values in zip("xyz", shape.T, strict=False):  # numbers have no place
-        found.append(Driver(f"the place along {axis}", np.repeat(values[None], epochs, 0), groups))
+        possible.append(Driver(f"the place along {axis}", np.repeat(values[None], epochs, 0), groups))
     for channel in channels:
         values = np.repeat((channels == channel)[None].astype(float), epochs, 0)
-        found.append(Driver("", values, np.zeros(len(shape), int), "", (int(channel),)))
-    return found
+        possible.append(Driver("", values, np.zeros(len(shape), int), "", (int(channel),)))
+    return possible
 
 
-def noise_dependence(rest: Array, candidates: Sequence[Driver], level: float) -> NoiseDependence | None:
+def noise_dependence(residuals: Array, candidates: Sequence[Driver], level: float) -> NoiseDependence | None:
     """Return the strongest dependence of the noise behind standardised residuals (B, K, d); None where p exceeds the
     level.
 
     NaN marks observations that were not seen. p-values are corrected for the number of candidates (Bonferroni).
     """
-    square = np.sum(rest**2, -1)
+    square = np.sum(residuals**2, -1)
     known = np.isfinite(square)
     if known.sum() < _FEWEST_VALUES or not candidates:
         return None
-    size = rest.shape[-1]
+    size = residuals.shape[-1]
     squares = np.maximum(np.nan_to_num(square) + _ADDED.get(size, 0.0), _LEAST)
     follows, spread = _log_moments(size)
     logs = np.where(known, np.log(squares) / follows, 0.0)
@@ -311,8 +311,11 @@ def noise_dependence(rest: Array, candidates: Sequence[Driver], level: float) ->
         return None
     if candidates[best].cause is not None:  # squares locate the epochs better than their logarithms
         squares = np.where(known, square, np.nan)
-        likely = [0.0 if one.cause is None else variance_gain(squares, one.values > 0.5) for one in candidates]
-        return larger_where(candidates[int(np.argmax(likely))], rest, p_value)
+        likely = [
+            0.0 if candidate.cause is None else variance_gain(squares, candidate.values > 0.5)
+            for candidate in candidates
+        ]
+        return larger_where(candidates[int(np.argmax(likely))], residuals, p_value)
     return _noise_dependence(candidates[best], scores[best], known, p_value)
 
 
@@ -352,19 +355,20 @@ def _strength(score: tuple[float, float], driver: Driver) -> float:
     return ratio if driver.is_one_sided else abs(ratio)
 
 
-def variance_gain(square: Array, own: Mask) -> float:
-    """Return the gain in log likelihood of squares (B, H) by a separate, larger variance for ``own`` (B, H)."""
+def variance_gain(square: Array, selected: Mask) -> float:
+    """Return the gain in log likelihood of squares (B, H) by a separate, larger variance for ``selected`` (B, H)."""
     known = np.isfinite(square)
-    inside, outside = square[known & own], square[known & ~own]
+    inside, outside = square[known & selected], square[known & ~selected]
     if not len(inside) or not len(outside) or inside.mean() <= outside.mean():
         return 0.0
     parts = (np.concatenate([inside, outside]), 1.0), (inside, -1.0), (outside, -1.0)
     return float(sum(sign * len(part) / 2.0 * math.log(max(part.mean(), 1e-12)) for part, sign in parts))
 
 
-def scale_gain(square: Array, own: Mask) -> float:
-    """Return the gain in log likelihood of squares (B, H) of unit variance by a larger variance of ``own`` (B, H)."""
-    inside = square[np.isfinite(square) & own]
+def scale_gain(square: Array, selected: Mask) -> float:
+    """Return the gain in log likelihood of squares (B, H) of unit variance by a larger variance of ``selected`` (B,
+    H)."""
+    inside = square[np.isfinite(square) & selected]
     ratio = max(float(inside.mean()), 1.0) if len(inside) else 1.0
     return len(inside) / 2.0 * (ratio - 1.0 - math.log(ratio))
 
@@ -377,21 +381,21 @@ def _gain(score: tuple[float, float], driver: Driver) -> float:
 
 def _minus_group_means(values: Array, known: Mask, groups: Integers) -> Array:
     """Return values (B, K) without the mean of their group of channels; zero where not known."""
-    left = np.where(known, values, 0.0)
+    known_values = np.where(known, values, 0.0)
     number = np.unique(groups, return_inverse=True)[1]
-    mean = np.bincount(number, left.sum(0)) / np.maximum(np.bincount(number, known.sum(0)), 1)
-    return np.where(known, left - mean[number], 0.0)
+    mean = np.bincount(number, known_values.sum(0)) / np.maximum(np.bincount(number, known.sum(0)), 1)
+    return np.where(known, known_values - mean[number], 0.0)
 
 
-def larger_where(driver: Driver, rest: Array, p_value: float) -> NoiseDependence:
+def larger_where(driver: Driver, residuals: Array, p_value: float) -> NoiseDependence:
     """Return the ratio of standardised residuals (B, K, d) where a driver is 1 to those elsewhere of the same
     ``within``."""
-    own, known = driver.values > 0.5, np.isfinite(rest).all(-1)
-    beside = ~own & np.isin(driver.within, driver.within[own.any(0)])
-    inside, outside = rest[own & known], rest[beside & known]
+    selected, known = driver.values > 0.5, np.isfinite(residuals).all(-1)
+    compared = ~selected & np.isin(driver.within, driver.within[selected.any(0)])
+    inside, outside = residuals[selected & known], residuals[compared & known]
     ratio = math.sqrt(float(np.mean(inside**2)) / max(float(np.mean(outside**2)), _LEAST**2))
     share = math.sqrt(0.5 / inside.size + 0.5 / outside.size)
-    return NoiseDependence(driver, p_value, ratio, ratio * share, np.where(own, ratio, 1.0))
+    return NoiseDependence(driver, p_value, ratio, ratio * share, np.where(selected, ratio, 1.0))
 
 
 def _noise_dependence(driver: Driver, score: tuple[float, float], known: Mask, p_value: float) -> NoiseDependence:
@@ -413,7 +417,7 @@ def estimated_share(shift: Array, covariance: Array, common: Mask, share: float)
     precision = np.linalg.inv(covariance)
     information, moved = precision - np.eye(len(shift)), precision @ shift
     present = _angle(share)
-    evidence = np.array([_log_evidence(information, moved, _widths(common, one, present)) for one in _ANGLES])
+    evidence = np.array([_log_evidence(information, moved, _widths(common, value, present)) for value in _ANGLES])
     weights = np.exp(evidence - evidence.max())
     angle = float(weights @ _ANGLES / weights.sum())
     return share if abs(angle - present) < _SAME else float(np.cos(angle) ** 2)

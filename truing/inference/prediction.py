@@ -173,25 +173,27 @@ def prediction_error(
 
 
 def predicts_worse(
-    before: PredictionError[CauseT] | None,
-    after: PredictionError[CauseT] | None,
+    without: PredictionError[CauseT] | None,
+    with_cause: PredictionError[CauseT] | None,
     covered: Mask,
 ) -> bool:
     """Return True if held-out epochs that a cause covers (B,) are predicted significantly worse, in a paired test.
 
     Epochs of one error group count as one.
     """
-    if before is None or after is None:
+    if without is None or with_cause is None:
         return False
     from scipy.special import stdtrit
 
-    error_groups = after.model.error_groups
+    error_groups = with_cause.model.error_groups
     groups = np.arange(len(covered)) if error_groups is None else error_groups
     groups = np.unique(groups[covered], return_inverse=True)[1]
     if not len(groups) or groups.max() < 1:
         return False
-    whitener = before.measured.whitener * after.seen[..., None, None]  # one weighting for both: refits change the noise
-    former, latter = (np.einsum("bkij,bkj->bki", whitener, error.gap)[covered] for error in (before, after))
+    whitener = (
+        without.measured.whitener * with_cause.seen[..., None, None]
+    )  # one weighting for both: refits change the noise
+    former, latter = (np.einsum("bkij,bkj->bki", whitener, error.gap)[covered] for error in (without, with_cause))
     worse = np.bincount(groups, np.sum(latter**2 - former**2, (1, 2)))
     of_noise = 4.0 * np.bincount(groups, np.sum((latter - former) ** 2, (1, 2))).mean()
     freedom = len(worse) - 1 + _EPOCHS_OF_NOISE

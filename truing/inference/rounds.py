@@ -72,7 +72,7 @@ def share_explained(final: FittedModel[CauseT], cause: CauseT) -> float:
 
 def act_on_same(fitted: FittedModel[CauseT], cause: CauseT, unnamed: CauseT) -> bool:
     """Return True if a nonparametric effect acts on most of what a cause acts on."""
-    own, other = (signature(fitted.pathways, fitted.design_matrix(one)) for one in (cause, unnamed))
+    own, other = (signature(fitted.pathways, fitted.design_matrix(effect)) for effect in (cause, unnamed))
     return own.share_on(fitted.pathways, other) > _SAME_GROUND
 
 
@@ -119,17 +119,17 @@ class Round(Generic[CauseT]):
     @cached_property
     def best(self) -> dict[str, CauseCandidate[CauseT]]:
         """Most probable candidate of every kind."""
-        found: dict[str, CauseCandidate[CauseT]] = {}
+        best_of_kind: dict[str, CauseCandidate[CauseT]] = {}
         for candidate in self.candidates:
-            rival = found.setdefault(candidate.kind, candidate)
+            rival = best_of_kind.setdefault(candidate.kind, candidate)
             if self.posterior(candidate) > self.posterior(rival):
-                found[candidate.kind] = candidate
-        return found
+                best_of_kind[candidate.kind] = candidate
+        return best_of_kind
 
     def closed(self) -> Round[CauseT]:
         """Return the round without the designs and the search, which need much memory and only serve the decision."""
-        kept = tuple(candidate.light() for candidate in self.best.values())
-        return replace(self, candidates=kept, search=None)
+        candidates = tuple(candidate.light() for candidate in self.best.values())
+        return replace(self, candidates=candidates, search=None)
 
     def posterior(self, candidate: CauseCandidate[CauseT]) -> float:
         """Return a candidate's log posterior odds against the model without it."""
@@ -145,15 +145,19 @@ class Round(Generic[CauseT]):
         squares = self.scores[chosen.key].squares
         odds: dict[str, list[float]] = {chosen.kind: [self.posterior(chosen)]}
         for key, score in self.scores.items():
-            after = later.scores.get(key)
-            left = np.inf if after is None else after.squares
+            later_score = later.scores.get(key)
+            squares_left = np.inf if later_score is None else later_score.squares
             equal = (
                 len(score.along) >= len(chosen.signature.strengths) and abs(score.squares - squares) < _EQUAL * squares
             )
-            if key != chosen.key and left <= _LOST * score.squares and not (equal and self.kinds[key] != chosen.kind):
+            if (
+                key != chosen.key
+                and squares_left <= _LOST * score.squares
+                and not (equal and self.kinds[key] != chosen.kind)
+            ):
                 odds.setdefault(self.kinds[key], []).append(score.log_posterior)
-        whole = {kind: float(np.logaddexp.reduce(own)) for kind, own in odds.items()}
-        return probabilities(whole)[chosen.kind]
+        log_odds = {kind: float(np.logaddexp.reduce(values)) for kind, values in odds.items()}
+        return probabilities(log_odds)[chosen.kind]
 
     @cached_property
     def probabilities(self) -> dict[str, float]:
@@ -164,14 +168,14 @@ class Round(Generic[CauseT]):
         """Return the evidence averaged over the candidates of a kind on the same subject, relative to that of one of
         them; at most 1."""
         alike = [c for c in self.candidates if c.kind == candidate.kind and c.cause.subject == candidate.cause.subject]
-        whole = float(np.logaddexp.reduce([self.posterior(c) for c in alike]))
+        log_sum = float(np.logaddexp.reduce([self.posterior(c) for c in alike]))
         prior = float(np.log(max(sum(c.prior for c in alike), 1e-300)))
-        return float(np.exp(min(0.0, whole - prior - self.scores[candidate.key].log_evidence)))
+        return float(np.exp(min(0.0, log_sum - prior - self.scores[candidate.key].log_evidence)))
 
     def scale_holds(self, candidate: CauseCandidate[CauseT], rivals: Sequence[CauseCandidate[CauseT]]) -> bool:
         """Return True if a candidate stays the most probable when plausible scales are tripled."""
-        own = self._log_odds_at_triple_scale(candidate)
-        return all(own >= self._log_odds_at_triple_scale(rival) for rival in rivals)
+        log_odds = self._log_odds_at_triple_scale(candidate)
+        return all(log_odds >= self._log_odds_at_triple_scale(rival) for rival in rivals)
 
     def _log_odds_at_triple_scale(self, candidate: CauseCandidate[CauseT]) -> float:
         """Return a candidate's log posterior odds with plausible scales tripled."""
@@ -197,7 +201,7 @@ class Round(Generic[CauseT]):
         else:
             return None
         first, second = sorted(best, key=lambda i: (_unnamed([tried[i]]), -self.posterior(tried[i])))
-        behind = {sum(pair) - second: own - odds[best] for pair, own in odds.items() if second in pair}
+        behind = {sum(pair) - second: value - odds[best] for pair, value in odds.items() if second in pair}
         rivals = [(tried[i], lead) for i, lead in behind.items() if i != first and lead >= -np.log(RIVAL_FACTOR)]
         alone = self.posterior(tried[second]) - odds[best]
         by_kind: dict[str, float] = {}
@@ -225,26 +229,26 @@ class Round(Generic[CauseT]):
             self._rests[form.key] = max([self.posterior(form), *beside])
         return self._rests[form.key]
 
-    def p_value_of_rivals(self, name: CauseCandidate[CauseT], before: Round[CauseT]) -> float:
+    def p_value_of_rivals(self, name: CauseCandidate[CauseT], previous: Round[CauseT]) -> float:
         """Return the p-value of nonparametric rivals of an accepted cause next to it.
 
-        Rivals were probable themselves in the round ``before`` its acceptance. They explained at least a quarter of
+        Rivals were probable themselves in the round ``previous`` its acceptance. They explained at least a quarter of
         its squares, and no longer do. A name of the right form leaves them nothing but chance.
         """
-        least = _OF_ITS_SIZE * before.scores[name.key].squares
+        least = _OF_ITS_SIZE * previous.scores[name.key].squares
         p_values = [
             candidate.chosen_from * self._raw_p_value(candidate)
             for candidate in self.candidates
-            if not candidate.cause.catalogued and candidate.signature.rank and candidate.key in before.scores
-            if (score := before.scores[candidate.key]).log_evidence > np.log(RIVAL_FACTOR)
+            if not candidate.cause.catalogued and candidate.signature.rank and candidate.key in previous.scores
+            if (score := previous.scores[candidate.key]).log_evidence > np.log(RIVAL_FACTOR)
             and score.squares - self.scores[candidate.key].squares >= least
         ]
         return min(1.0, len(p_values) * min(p_values)) if p_values else 1.0
 
     def _raw_p_value(self, candidate: CauseCandidate[CauseT]) -> float:
-        squares, own = self.scores[candidate.key].squares, candidate.signature
-        noise = self.fitted.noise.without(squares, own.rank, own.input_share)
-        return float(self.null.raw(squares, CandidateGroup(candidate.kind, own.rank, own.input_share), noise))
+        squares, effect = self.scores[candidate.key].squares, candidate.signature
+        noise = self.fitted.noise.without(squares, effect.rank, effect.input_share)
+        return float(self.null.raw(squares, CandidateGroup(candidate.kind, effect.rank, effect.input_share), noise))
 
     def is_remainder(self, candidate: CauseCandidate[CauseT]) -> bool:
         """Return True if a candidate is small compared with a nonparametric effect of the model that acts
@@ -252,8 +256,8 @@ class Round(Generic[CauseT]):
         if self.search is None:
             return False
         pathways, squares = self.search.pathways, self.scores[candidate.key].squares
-        larger = (own for own, held in self._held_nonparametric if squares < _OF_ITS_SIZE * held)
-        return any(candidate.signature.share_on(pathways, own) > _SAME_GROUND for own in larger)
+        larger = (other for other, squares_held in self._held_nonparametric if squares < _OF_ITS_SIZE * squares_held)
+        return any(candidate.signature.share_on(pathways, other) > _SAME_GROUND for other in larger)
 
     @cached_property
     def _held_nonparametric(self) -> list[tuple[Signature, float]]:
@@ -284,8 +288,8 @@ class Round(Generic[CauseT]):
             admissible(self.fitted, self.fitted.scene.higher_order_terms(form.cause)),
         )
         prior = HIGHER_ORDER_SHARE / max(len(proposed), 1)
-        found = [candidate_of(self.fitted, pathways, cause, form.kind, prior) for cause in proposed]
-        return [candidate for candidate in found if candidate.signature.rank]
+        candidates = [candidate_of(self.fitted, pathways, cause, form.kind, prior) for cause in proposed]
+        return [candidate for candidate in candidates if candidate.signature.rank]
 
     def _score(self, candidate: CauseCandidate[CauseT]) -> Score:
         """Return the score of a candidate, also of one that is not yet proposed."""
@@ -316,13 +320,15 @@ class Round(Generic[CauseT]):
     def _signs(self, pair: Sequence[CauseCandidate[CauseT]], values: Array, covariance: Array, along: Array) -> float:
         """Return the log evidence that impossible signs cost candidates together. Given are all their parameters (P,)
         and the parts (r,) of the residual along their directions."""
-        parts, first, found = self.fitted.model.part_count, 0, 0.0
-        left = _left(self.fitted, along)
+        parts, first, total = self.fitted.model.part_count, 0, 0.0
+        squares_left = _left(self.fitted, along)
         for candidate in pair:
-            own = np.s_[first : first + candidate.signature.parameters]
-            found += log_possible(values[own], covariance[own, own], candidate.cause.one_sided(parts), *left)
-            first = own.stop
-        return found
+            place = np.s_[first : first + candidate.signature.parameters]
+            total += log_possible(
+                values[place], covariance[place, place], candidate.cause.one_sided(parts), *squares_left
+            )
+            first = place.stop
+        return total
 
     def _like_size_log_evidence(self, candidate: CauseCandidate[CauseT]) -> float:
         """Return the part of a candidate's log evidence that is due to parameters of like size."""
@@ -386,20 +392,20 @@ def scores_of(candidates: Sequence[CauseCandidate[CauseT]], fitted: FittedModel[
     """Return the scores of candidates, from the parts (B, C) of the residual along the pathways."""
     parts = [parts_of(candidate.signature, along) for candidate in candidates]
     evidence = log_evidences_of(candidates, fitted, parts)
-    found = []
-    for candidate, own, log_odds in zip(candidates, parts, evidence, strict=True):
+    scores = []
+    for candidate, part, log_odds in zip(candidates, parts, evidence, strict=True):
         prior = float(np.log(max(candidate.prior, 1e-300)))
-        signs = signs_of(candidate, fitted, own) if len(own) else 0.0
+        signs = signs_of(candidate, fitted, part) if len(part) else 0.0
         odds = log_odds + signs
-        found.append(Score(float(own @ own), odds, odds + prior, own, signs))
-    return found
+        scores.append(Score(float(part @ part), odds, odds + prior, part, signs))
+    return scores
 
 
-def parts_of(own: Signature, along: Array) -> Array:
+def parts_of(effect: Signature, along: Array) -> Array:
     """Return the parts (r,) of a residual along a candidate's unit directions, from those along the pathways (B, C)."""
-    if not own.rank:
+    if not effect.rank:
         return np.zeros(0)
-    return np.asarray((along[:, own.index].ravel() @ own.design) @ (own.loadings / own.strengths))
+    return np.asarray((along[:, effect.index].ravel() @ effect.design) @ (effect.loadings / effect.strengths))
 
 
 def signs_of(candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], parts: Array) -> float:
@@ -407,9 +413,9 @@ def signs_of(candidate: CauseCandidate[CauseT], fitted: FittedModel[CauseT], par
     places = candidate.cause.one_sided(fitted.model.part_count)
     if not places:
         return 0.0
-    own = candidate.signature
-    covariance = (own.loadings / own.strengths**2) @ own.loadings.T
-    return log_possible(own.fitted(parts), covariance, places, *_left(fitted, parts))
+    effect = candidate.signature
+    covariance = (effect.loadings / effect.strengths**2) @ effect.loadings.T
+    return log_possible(effect.fitted(parts), covariance, places, *_left(fitted, parts))
 
 
 def _left(fitted: FittedModel[CauseT], parts: Array) -> tuple[float, float]:
@@ -438,33 +444,37 @@ def log_evidences_of(
     same rank, and of the same parameters of like size, are computed at once.
     """
     total, freedom = total_of(fitted)
-    own = [candidate.signature for candidate in candidates]
-    found = np.zeros(len(candidates))
-    for places in _grouped([len(one.strengths) for one in own]).values():
-        if len(own[places[0]].strengths):
-            strengths = np.stack([own[place].strengths for place in places])
+    signatures = [candidate.signature for candidate in candidates]
+    evidence = np.zeros(len(candidates))
+    for places in _grouped([len(effect.strengths) for effect in signatures]).values():
+        if len(signatures[places[0]].strengths):
+            strengths = np.stack([signatures[place].strengths for place in places])
             along = np.stack([parts[place] for place in places])
-            found[places] = log_evidence(along, strengths, total, freedom, stretch)
+            evidence[places] = log_evidence(along, strengths, total, freedom, stretch)
     members = [tuple(candidate.cause.like_sized(fitted.model.part_count)) for candidate in candidates]
-    sizes = [len(one.loadings) if len(one.strengths) else 0 for one in own]
+    sizes = [len(effect.loadings) if len(effect.strengths) else 0 for effect in signatures]
     keys = [(alike, size) if size and alike else None for alike, size in zip(members, sizes, strict=True)]
     for key, places in _grouped(keys).items():
         if key is not None:
-            scores = np.stack([own[place].loadings @ (parts[place] * own[place].strengths) for place in places])
-            gram = np.stack([(own[p].loadings * own[p].strengths ** 2) @ own[p].loadings.T for p in places])
+            scores = np.stack(
+                [signatures[place].loadings @ (parts[place] * signatures[place].strengths) for place in places]
+            )
+            gram = np.stack(
+                [(signatures[p].loadings * signatures[p].strengths ** 2) @ signatures[p].loadings.T for p in places]
+            )
             alike = like_sized_log_evidence(scores, gram, key[0], total, freedom, stretch)
-            found[places] = np.logaddexp(np.log(_ALIKE) + alike, np.log(1 - _ALIKE) + found[places])
-    return [float(value) for value in found]
+            evidence[places] = np.logaddexp(np.log(_ALIKE) + alike, np.log(1 - _ALIKE) + evidence[places])
+    return [float(value) for value in evidence]
 
 
 def _grouped(keys: Sequence[Key]) -> dict[Key, list[int]]:
     """Return the places of each key."""
-    found: dict[Key, list[int]] = {}
+    places: dict[Key, list[int]] = {}
     for place, key in enumerate(keys):
-        found.setdefault(key, []).append(place)
-    return found
+        places.setdefault(key, []).append(place)
+    return places
 
 
-def raw_scores(own: Signature, score: Score) -> Array:
+def raw_scores(effect: Signature, score: Score) -> Array:
     """Return the scores (P,) of a candidate's parameters, from the scores along its directions."""
-    return np.asarray(own.loadings @ (score.along * own.strengths))
+    return np.asarray(effect.loadings @ (score.along * effect.strengths))

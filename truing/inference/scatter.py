@@ -53,38 +53,39 @@ class InputResiduals:
     redundancy: Array
     _known: dict[bytes, Array] = field(default_factory=dict, repr=False)  # standardised, by the inputs that come first
 
-    def standardised(self, own: Mask) -> Array:
-        """Return residuals (B, H, 1) of unit variance, uncorrelated within an epoch, those of inputs ``own`` (B, H)
-        first: these keep all that shows of their scatter.
+    def standardised(self, selected: Mask) -> Array:
+        """Return residuals (B, H, 1) of unit variance, uncorrelated within an epoch, those of inputs ``selected`` (B,
+        H) first: these keep all that shows of their scatter.
 
         NaN where the inputs before leave nothing of an input. Shared alike, the scatter of one input would appear in
         all that move the observations alike.
         """
-        first = own.any(0)
+        first = selected.any(0)
         if first.tobytes() not in self._known:
             self._known[first.tobytes()] = self._after(np.argsort(~first, kind="stable"))
         return self._known[first.tobytes()]
 
     def _after(self, order: Integers) -> Array:
         """Return the residuals (B, H, 1), each without what those before it in the order (H,) predict of it."""
-        rest, left = self.rest[:, order], self.redundancy[:, order][:, :, order]
-        least = _LEAST_REDUNDANCY * np.diagonal(left, axis1=1, axis2=2) + _TINY
-        found = np.full(rest.shape, np.nan)
+        residuals, redundancy = self.rest[:, order], self.redundancy[:, order][:, :, order]
+        least = _LEAST_REDUNDANCY * np.diagonal(redundancy, axis1=1, axis2=2) + _TINY
+        result = np.full(residuals.shape, np.nan)
         for place in range(len(order)):
-            pivot = left[:, place, place]
+            pivot = redundancy[:, place, place]
             enough = pivot > least[:, place]
             pivot = np.where(enough, pivot, np.inf)
-            found[enough, order[place]] = (rest[:, place] / np.sqrt(pivot))[enough]
-            column = left[:, :, place] / pivot[:, None]
-            rest = rest - column * rest[:, place, None]
-            left = left - column[:, :, None] * left[:, place, None, :]
-        return found[..., None]
+            result[enough, order[place]] = (residuals[:, place] / np.sqrt(pivot))[enough]
+            column = redundancy[:, :, place] / pivot[:, None]
+            residuals = residuals - column * residuals[:, place, None]
+            redundancy = redundancy - column[:, :, None] * redundancy[:, place, None, :]
+        return result[..., None]
 
-    def factor(self, own: Mask) -> tuple[float, float]:
-        """Return the scatter of inputs ``own`` (B, H) over their prior sigmas, and its relative standard deviation."""
-        both = np.sum(self.redundancy**2 * own[:, :, None] * own[:, None, :])
+    def factor(self, selected: Mask) -> tuple[float, float]:
+        """Return the scatter of inputs ``selected`` (B, H) over their prior sigmas, and its relative standard
+        deviation."""
+        both = np.sum(self.redundancy**2 * selected[:, :, None] * selected[:, None, :])
         share = np.diagonal(self.redundancy, axis1=1, axis2=2)
-        excess = float(np.sum((self.rest**2 - share)[own]) / both)
+        excess = float(np.sum((self.rest**2 - share)[selected]) / both)
         factor = math.sqrt(min(max(1.0 + excess, _LEAST**2), _MOST**2))
         return factor, 1.0 / math.sqrt(2.0 * both)
 
@@ -103,8 +104,8 @@ def input_residuals(whitened: Whitened, observed: int, inputs: slice) -> InputRe
     """Return the residuals of the inputs, whose priors follow the first ``observed`` rows of every epoch."""
     epochs, height = len(whitened.problem.residual), observed + whitened.problem.local_value.shape[1]
     rows = np.s_[observed + inputs.start : observed + inputs.stop]
-    rest = whitened.rest[: epochs * height].reshape(epochs, height)[:, rows]
-    return InputResiduals(rest, np.eye(rest.shape[1]) - whitened.taken(rows))
+    residuals = whitened.rest[: epochs * height].reshape(epochs, height)[:, rows]
+    return InputResiduals(residuals, np.eye(residuals.shape[1]) - whitened.taken(rows))
 
 
 def drivers_of(candidates: Sequence[ScatterCandidate[CauseT]]) -> list[Driver]:
@@ -112,13 +113,13 @@ def drivers_of(candidates: Sequence[ScatterCandidate[CauseT]]) -> list[Driver]:
 
     A candidate that covers an input at all epochs is compared with the other inputs.
     """
-    found = []
+    drivers = []
     for candidate in candidates:
-        own = candidate.own
-        always = bool(np.all(own.all(0) | ~own.any(0)))
-        within = np.zeros(own.shape[1], int) if always else np.arange(own.shape[1])
-        found.append(Driver("", own.astype(float), within, cause=candidate.cause))
-    return found
+        selected = candidate.own
+        always = bool(np.all(selected.all(0) | ~selected.any(0)))
+        within = np.zeros(selected.shape[1], int) if always else np.arange(selected.shape[1])
+        drivers.append(Driver("", selected.astype(float), within, cause=candidate.cause))
+    return drivers
 
 
 def scattering(
@@ -131,11 +132,11 @@ def scattering(
     the likelihood of a separate variance for its inputs.
     """
     p_value = 1.0
-    for inputs in {one.own.any(0).tobytes() for one in candidates}:
-        alike = [one for one in candidates if one.own.any(0).tobytes() == inputs]
+    for inputs in {candidate.own.any(0).tobytes() for candidate in candidates}:
+        alike = [other for other in candidates if other.own.any(0).tobytes() == inputs]
         share = len(alike) / len(candidates)
-        found = noise_dependence(residuals.standardised(alike[0].own), drivers_of(alike), level * share)
-        p_value = min(p_value, 1.0 if found is None else found.p_value / share)
+        dependence = noise_dependence(residuals.standardised(alike[0].own), drivers_of(alike), level * share)
+        p_value = min(p_value, 1.0 if dependence is None else dependence.p_value / share)
     return (likeliest_scatter(residuals, candidates), p_value) if p_value <= level else None
 
 
@@ -155,5 +156,8 @@ def overlapping_candidates(
     candidates: Sequence[ScatterCandidate[CauseT]], candidate: ScatterCandidate[CauseT]
 ) -> list[ScatterCandidate[CauseT]]:
     """Return the candidate first, then all that share at least half of their inputs with it."""
-    own = candidate.own
-    return [candidate, *(one for one in candidates if 2 * (one.own & own).sum() >= (one.own | own).sum())]
+    selected = candidate.own
+    return [
+        candidate,
+        *(other for other in candidates if 2 * (other.own & selected).sum() >= (other.own | selected).sum()),
+    ]

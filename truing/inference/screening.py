@@ -77,23 +77,23 @@ def _by_run(rest: Array, seen: Mask, axes: Array | None, order: Array | Integers
     return wrong
 
 
-def _is_beyond_limit(rest: Array, seen: Mask) -> Mask:
-    length, limit = lengths(rest, seen)
+def _is_beyond_limit(residuals: Array, seen: Mask) -> Mask:
+    length, limit = lengths(residuals, seen)
     return np.asarray(np.nan_to_num(length) > limit)
 
 
-def lengths(rest: Array, seen: Mask) -> tuple[Array, Array]:
+def lengths(residuals: Array, seen: Mask) -> tuple[Array, Array]:
     """Return the lengths (B, K) of whitened residuals rest (B, K, d), NaN where unseen, and their limits (K,)."""
-    length = np.where(seen, np.sqrt(np.sum(rest**2, -1)), np.nan)
+    length = np.where(seen, np.sqrt(np.sum(residuals**2, -1)), np.nan)
     if not seen.any():
         return length, np.full(seen.shape[1], np.inf)
     from scipy.special import chdtri
 
-    size = rest.shape[-1]
+    size = residuals.shape[-1]
     gross, middle = np.sqrt(chdtri(size, [_BY_CHANCE, 0.5]))
     common = np.nanmedian(length)
-    own = np.array([np.nanmedian(column) if np.isfinite(column).any() else common for column in length.T])
-    spread = np.where(seen.sum(0) >= _ENOUGH, own, np.maximum(own, common)) / middle
+    medians = np.array([np.nanmedian(column) if np.isfinite(column).any() else common for column in length.T])
+    spread = np.where(seen.sum(0) >= _ENOUGH, medians, np.maximum(medians, common)) / middle
     return length, gross * np.maximum(spread, 1.0)
 
 
@@ -109,23 +109,23 @@ def alone_in_time(values: Array, order: Array | Integers, suspect: Mask, least: 
     in_time = np.argsort(order, kind="stable")
     for channel in range(values.shape[1]):
         rows = in_time[known[in_time, channel]]
-        own, doubted = values[rows, channel], suspect[rows, channel]
-        alone[rows, channel] = doubted if len(rows) <= _NEIGHBOURS else _is_isolated(own, doubted, least)
+        channel_values, doubted = values[rows, channel], suspect[rows, channel]
+        alone[rows, channel] = doubted if len(rows) <= _NEIGHBOURS else _is_isolated(channel_values, doubted, least)
     return alone
 
 
-def _is_isolated(own: Array, doubted: Mask, least: float) -> Mask:
+def _is_isolated(values: Array, doubted: Mask, least: float) -> Mask:
     """Return True for a channel's observations (N, d), in time order, that agree with no neighbours."""
     from scipy.special import chdtri
 
-    steps = _lengths(np.diff(own, axis=0))
-    median = float(np.sqrt(chdtri(own.shape[1], 0.5)))  # length of as many unit normals
+    steps = _lengths(np.diff(values, axis=0))
+    median = float(np.sqrt(chdtri(values.shape[1], 0.5)))  # length of as many unit normals
     spread = max(float(np.median(steps)) / median / np.sqrt(2.0), least)
     reach = np.sqrt(2.0) * spread * np.where(doubted, _SUSPECT_REACH, _REACH)
-    reach = np.maximum(reach, doubted * _ALIKE * _lengths(own))
-    agree, between = np.zeros((2, len(own)), int), np.zeros(len(own), bool)
+    reach = np.maximum(reach, doubted * _ALIKE * _lengths(values))
+    agree, between = np.zeros((2, len(values)), int), np.zeros(len(values), bool)
     for distance in range(1, _NEIGHBOURS + 1):
-        near = _lengths(own[distance:] - own[:-distance])
+        near = _lengths(values[distance:] - values[:-distance])
         agree[0, distance:] += near <= reach[distance:]
         agree[1, :-distance] += near <= reach[:-distance]
         if distance == 1:

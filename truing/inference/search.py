@@ -125,15 +125,15 @@ def _bank_of(pathways: Pathways, alike: Sequence[Signature], numbers: Sequence[i
     place = index_or_slice(index)
     if is_flat:
         place = np.asarray(np.arange(len(live))[:, None] * pathways.columns.shape[2] + index).ravel()[rows]
-    designs = [own.design[rows] for own in alike]
-    loadings = [own.loadings / own.strengths for own in alike]
+    designs = [effect.design[rows] for effect in alike]
+    loadings = [effect.loadings / effect.strengths for effect in alike]
     distinct = _distinct_columns(designs)
     columns = None
     if distinct is not None:
         columns, designs = distinct
     ranks: dict[int, list[int]] = {}
-    for member, own in enumerate(alike):
-        ranks.setdefault(own.rank, []).append(member)
+    for member, effect in enumerate(alike):
+        ranks.setdefault(effect.rank, []).append(member)
     parts = []
     for members in ranks.values():
         wide = np.stack([(designs[m] @ loadings[m]).T.astype(np.float32) for m in members], 1)
@@ -146,21 +146,21 @@ def _distinct_columns(designs: Sequence[Array]) -> tuple[Array, list[Array]] | N
     them of these; None where most columns are distinct."""
     weights = np.cos(np.arange(len(designs[0])))  # equal columns have equal sums
     sums = [(weights @ design).astype(np.float32).tolist() for design in designs]
-    if len({one for own in sums for one in own}) > _MOSTLY_DISTINCT * sum(map(len, sums)):
+    if len({value for keys in sums for value in keys}) > _MOSTLY_DISTINCT * sum(map(len, sums)):
         return None
-    found: list[Array] = []
+    distinct: list[Array] = []
     places: dict[float, list[int]] = {}
     members: list[list[int]] = []
-    for design, own in zip(designs, sums, strict=True):
+    for design, keys in zip(designs, sums, strict=True):
         members.append([])
-        for column, key in zip(design.T, own, strict=True):
+        for column, key in zip(design.T, keys, strict=True):
             alike = places.setdefault(key, [])
-            place = next((n for n in alike if np.array_equal(found[n], column)), len(found))
-            if place == len(found):
+            place = next((n for n in alike if np.array_equal(distinct[n], column)), len(distinct))
+            if place == len(distinct):
                 alike.append(place)
-                found.append(column)
+                distinct.append(column)
             members[-1].append(place)
-    return np.stack(found).astype(np.float32), [np.eye(len(found))[:, own] for own in members]
+    return np.stack(distinct).astype(np.float32), [np.eye(len(distinct))[:, member] for member in members]
 
 
 @dataclass(frozen=True)
@@ -179,11 +179,11 @@ class Search(Generic[CauseT]):
     @cached_property
     def groups(self) -> tuple[CandidateGroup, ...]:
         """Groups of comparable candidates, then one group for every family of channels."""
-        found: dict[tuple[str, int], list[float]] = {}
+        input_shares: dict[tuple[str, int], list[float]] = {}
         for candidate in self._visible_candidates:
-            own = candidate.signature
-            found.setdefault((candidate.kind, own.rank), []).append(own.input_share)
-        listed = [CandidateGroup(kind, rank, float(np.mean(shares))) for (kind, rank), shares in found.items()]
+            effect = candidate.signature
+            input_shares.setdefault((candidate.kind, effect.rank), []).append(effect.input_share)
+        listed = [CandidateGroup(kind, rank, float(np.mean(shares))) for (kind, rank), shares in input_shares.items()]
         listed += [CandidateGroup(p.kind, p.signatures.parameters, 0.0) for p in self.families]
         return tuple(listed)
 
@@ -197,8 +197,8 @@ class Search(Generic[CauseT]):
         alike: dict[bytes, list[int]] = {}
         for number, candidate in enumerate(self._visible_candidates):
             alike.setdefault(candidate.signature.index.tobytes(), []).append(number)
-        own = [candidate.signature for candidate in self._visible_candidates]
-        return [_bank_of(self.pathways, [own[n] for n in numbers], numbers) for numbers in alike.values()]
+        signatures = [candidate.signature for candidate in self._visible_candidates]
+        return [_bank_of(self.pathways, [signatures[n] for n in numbers], numbers) for numbers in alike.values()]
 
     def squares(self, along: Array) -> Array:
         """Return the reduction of the sum of squares by each candidate that can be seen, (D, candidates)."""
@@ -218,33 +218,35 @@ class Search(Generic[CauseT]):
     def _of_families(self, parts: Array) -> list[Array]:
         """Return the largest reduction (D,) in every family of channels, from parts (D, B, C) along the
         observations."""
-        found: dict[int, Array] = {}
-        own = [family.signatures for family in self.families]
-        for rotated in {id(one.rotated): one.rotated for one in own}.values():
+        largest: dict[int, Array] = {}
+        signatures = [family.signatures for family in self.families]
+        for rotated in {
+            id(family_signatures.rotated): family_signatures.rotated for family_signatures in signatures
+        }.values():
             along = rotated.along(parts)
-            for place, one in enumerate(own):
-                if one.rotated is rotated:
-                    found[place] = one.squares(along).reshape(len(parts), -1).max(1)
-        return [found[place] for place in range(len(own))]
+            for place, family_signatures in enumerate(signatures):
+                if family_signatures.rotated is rotated:
+                    largest[place] = family_signatures.squares(along).reshape(len(parts), -1).max(1)
+        return [largest[place] for place in range(len(signatures))]
 
     @cached_property
     def _members(self) -> list[list[int]]:
-        found: dict[tuple[str, int], list[int]] = {}
+        members: dict[tuple[str, int], list[int]] = {}
         for number, candidate in enumerate(self._visible_candidates):
-            found.setdefault((candidate.kind, candidate.signature.rank), []).append(number)
-        return list(found.values())
+            members.setdefault((candidate.kind, candidate.signature.rank), []).append(number)
+        return list(members.values())
 
     def by_kind(self, maxima: Array, noise: tuple[Array | float, Array | float]) -> Array:
         """Return the smallest uncorrected p of every kind, (D, kinds), at noise levels (D,), or one, of observations
         and inputs."""
         kinds = kinds_of(self.groups)
-        found = np.ones((len(maxima), len(kinds)))
+        smallest = np.ones((len(maxima), len(kinds)))
         for number, group in enumerate(self.groups):
             level = (1.0 - group.input_share) * noise[0] + group.input_share * noise[1]
             column = kinds.index(group.kind)
-            own = f_test(maxima[:, number], group, level, self.noise)
-            found[:, column] = np.minimum(found[:, column], own)
-        return found
+            p_values = f_test(maxima[:, number], group, level, self.noise)
+            smallest[:, column] = np.minimum(smallest[:, column], p_values)
+        return smallest
 
     @cached_property
     def null(self) -> NullDistribution:
@@ -302,23 +304,23 @@ class Search(Generic[CauseT]):
         the null distribution.
         """
         whitened, rows = self.pathways.whitened, self._best_rows
-        rest = whitened.rest - rows @ (rows.T @ whitened.rest)
+        residuals = whitened.rest - rows @ (rows.T @ whitened.rest)
         leverage = whitened.leverage + np.sum(rows**2, 1)
-        standard = np.where(leverage < 0.999, rest / np.sqrt(np.maximum(1.0 - leverage, 1e-3)), 0.0)
+        standard = np.where(leverage < 0.999, residuals / np.sqrt(np.maximum(1.0 - leverage, 1e-3)), 0.0)
         return np.asarray(np.clip(standard * whitened.present, -_LARGEST, _LARGEST))
 
     @cached_property
     def _best_rows(self) -> Array:
         """Directions (N, r) of the single candidate with the smallest p."""
         along = self.pathways.along(self.pathways.whitened.rest[None])
-        squares, found = self.squares(along)[0], []
+        squares, p_values = self.squares(along)[0], []
         for number, candidate in enumerate(self._visible_candidates):
             group = CandidateGroup(candidate.kind, candidate.signature.rank, candidate.signature.input_share)
             noise = self.noise.without(float(squares[number]), group.rank, group.input_share)
-            found.append(float(f_test(squares[number], group, noise, self.noise)))
-        if not found:
+            p_values.append(float(f_test(squares[number], group, noise, self.noise)))
+        if not p_values:
             return np.zeros((len(self.pathways.whitened.rest), 0))
-        best = min(range(len(found)), key=lambda number: (found[number], -squares[number]))
+        best = min(range(len(p_values)), key=lambda number: (p_values[number], -squares[number]))
         return self._visible_candidates[best].signature.rows(self.pathways)
 
     @cached_property
@@ -426,31 +428,32 @@ def search_of(
     pathways = fitted.pathways
     candidates, families = _proposed(fitted, pathways, kinds), _families(fitted, pathways, kinds)
     along = pathways.along(fitted.fit.whitened.rest[None])[0]
-    for own in families:
-        candidates += _best_members(fitted, pathways, own, along)
+    for family in families:
+        candidates += _best_members(fitted, pathways, family, along)
     shares = {kind.id: kind.share for kind in kinds}
     return Search(pathways, fitted.noise, candidates, families, shares, draws, rng, fitted.model.part_count)
 
 
 def _proposed(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[CauseT]) -> list[CauseCandidate[CauseT]]:
-    found: list[CauseCandidate[CauseT]] = []
+    candidates: list[CauseCandidate[CauseT]] = []
     scene = fitted.scene
     for kind in kinds:
         higher = admissible(
-            fitted, [c for own in fitted.causes if own.id == kind.id for c in scene.higher_order_terms(own)]
+            fitted,
+            [c for accepted in fitted.causes if accepted.id == kind.id for c in scene.higher_order_terms(accepted)],
         )
         for proposed in (admissible(fitted, scene.candidates(kind)), higher):
             weights = np.array([scene.prior(cause) for cause in proposed])
-            whole = max(weights.sum(), 1e-300) / (HIGHER_ORDER_SHARE if higher else 1.0)
-            own = signatures_of(pathways, (fitted.partial_designs(cause) for cause in proposed))
-            for cause, weight, one in zip(proposed, weights / whole, own, strict=True):
-                found.append(CauseCandidate(cause, kind.id, one, float(weight)))
-    return found
+            total_weight = max(weights.sum(), 1e-300) / (HIGHER_ORDER_SHARE if higher else 1.0)
+            accepted = signatures_of(pathways, (fitted.partial_designs(cause) for cause in proposed))
+            for cause, weight, effect in zip(proposed, weights / total_weight, accepted, strict=True):
+                candidates.append(CauseCandidate(cause, kind.id, effect, float(weight)))
+    return candidates
 
 
 def admissible(fitted: FittedModel[CauseT], proposed: Sequence[CauseT]) -> list[CauseT]:
     """Return the causes that a fitted model can take up."""
-    return [cause for cause in proposed if not any(own.excludes(cause) for own in fitted.causes)]
+    return [cause for cause in proposed if not any(accepted.excludes(cause) for accepted in fitted.causes)]
 
 
 def candidate_of(
@@ -460,38 +463,42 @@ def candidate_of(
 
 
 def _families(fitted: FittedModel[CauseT], pathways: Pathways, kinds: Sequence[CauseT]) -> list[ChannelFamily[CauseT]]:
-    found = []
+    families = []
     rotations, scene = fitted.model.rotations(fitted.fit.shared, fitted.fit.local), fitted.scene
     rotated: dict[tuple[tuple[int, ...], bytes], RotatedChannels] = {}  # shared by most families
     for kind in kinds:
-        for own in scene.channel_candidates(kind):
-            key = own.channels.shape, own.channels.tobytes()
-            rotated[key] = rotated.get(key) or rotated_channels(pathways, own.channels, rotations, own.patterns)
-            signatures = channel_signatures(rotated[key], own.values * own.scale, own.usable)
+        for channel_candidate in scene.channel_candidates(kind):
+            key = channel_candidate.channels.shape, channel_candidate.channels.tobytes()
+            rotated[key] = rotated.get(key) or rotated_channels(
+                pathways, channel_candidate.channels, rotations, channel_candidate.patterns
+            )
+            signatures = channel_signatures(
+                rotated[key], channel_candidate.values * channel_candidate.scale, channel_candidate.usable
+            )
             if signatures.seen.any():
-                found.append(ChannelFamily(own, kind.id, signatures))
-    return found
+                families.append(ChannelFamily(channel_candidate, kind.id, signatures))
+    return families
 
 
 def _best_members(
-    fitted: FittedModel[CauseT], pathways: Pathways, own: ChannelFamily[CauseT], along: Array
+    fitted: FittedModel[CauseT], pathways: Pathways, family: ChannelFamily[CauseT], along: Array
 ) -> list[CauseCandidate[CauseT]]:
     """Return the candidates over single channels with the most evidence, each channel at its best shape."""
-    signatures = own.signatures
+    signatures = family.signatures
     scores = signatures.scores(signatures.rotated.along(along[None][:, :, pathways.places[OBSERVED]]))[..., 0]
     values, vectors = np.linalg.eigh(signatures.gram)
     strengths = np.sqrt(np.maximum(values, 1e-12))
     parts = np.einsum("stpr,stp->str", vectors, scores) / strengths
     total, freedom = total_of(fitted)
     odds = np.where(signatures.seen, log_evidence(parts, strengths, total, freedom), -np.inf)
-    found = []
+    members = []
     for channel in np.argsort(-odds.max(0), kind="stable")[:_BEST_MEMBERS]:
         shape = int(np.argmax(odds[:, channel]))
-        cause = own.cause.member(int(channel), shape) if np.isfinite(odds[shape, channel]) else None
+        cause = family.cause.member(int(channel), shape) if np.isfinite(odds[shape, channel]) else None
         if cause is not None and cause.key not in fitted.model.layout:
-            best = candidate_of(fitted, pathways, cause, own.kind, own.prior)
-            found.append(replace(best, chosen_from=int(signatures.seen.sum())))
-    return found
+            best = candidate_of(fitted, pathways, cause, family.kind, family.prior)
+            members.append(replace(best, chosen_from=int(signatures.seen.sum())))
+    return members
 
 
 def total_of(fitted: FittedModel[CauseT]) -> tuple[float, float]:

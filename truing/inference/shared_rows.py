@@ -73,8 +73,8 @@ class SharedRows:
         """Products (G, ...) of the columns with rows (N, ...)."""
         first, extra = self.of_epochs, self.of_epochs + len(self.extra)
         epochs = rows[:first].reshape(*self.own.shape[:2], -1)
-        found = self.of_epoch_rows(epochs).reshape(-1, *rows.shape[1:])
-        return np.asarray(found + self.extra.T @ rows[first:extra] + rows[extra:])
+        sums = self.of_epoch_rows(epochs).reshape(-1, *rows.shape[1:])
+        return np.asarray(sums + self.extra.T @ rows[first:extra] + rows[extra:])
 
     def of_epoch_rows(self, rows: Array) -> Array:
         """Products (G, P) of the columns with rows (B, H, P) of epochs, zero in all other rows."""
@@ -88,29 +88,29 @@ class SharedRows:
         size = designs.shape[-1]
         designs = designs.reshape(-1, size)
         wide = products.reshape(len(designs), products.shape[-1])[:, : self.common]
-        found = np.zeros((self.size + 1, size))
-        found[self.columns[0, : self.common]] = wide.T @ designs
+        sums = np.zeros((self.size + 1, size))
+        sums[self.columns[0, : self.common]] = wide.T @ designs
         if self.columns.shape[1] > self.common:
-            found += (self.few_of(products, during) if few is None else few) @ designs
-        return found[: self.size]
+            sums += (self.few_of(products, during) if few is None else few) @ designs
+        return sums[: self.size]
 
     def weighted(self, products: Array, weights: Array) -> Array:
         """Sums (W, n, G) over epochs of products (B, n, C) with each epoch's own columns, weighted by (W, B)."""
         epochs, count, _ = products.shape
-        found = np.zeros((len(weights), count, self.size + 1))
+        sums = np.zeros((len(weights), count, self.size + 1))
         common = weights @ products[..., : self.common].reshape(epochs, count * self.common)
-        found[..., self.columns[0, : self.common]] = common.reshape(len(weights), count, self.common)
+        sums[..., self.columns[0, : self.common]] = common.reshape(len(weights), count, self.common)
         for number in range(count if self.columns.shape[1] > self.common else 0):
-            found[:, number] += (self.few_of(products[:, number : number + 1]) @ weights.T).T
-        return found[..., : self.size]
+            sums[:, number] += (self.few_of(products[:, number : number + 1]) @ weights.T).T
+        return sums[..., : self.size]
 
     def summed(self, rows: Array, epochs: Integers) -> Array:
         """Sum (n, G) of rows (b, n, C) with the columns of some epochs."""
-        found = np.zeros((rows.shape[1], self.size + 1))
+        sums = np.zeros((rows.shape[1], self.size + 1))
         few = self.columns[epochs, self.common :]
-        np.add.at(found, (np.arange(len(found))[:, None], few[:, None]), rows[..., self.common :])
-        found[:, self.columns[0, : self.common]] = rows[..., : self.common].sum(0)
-        return found[:, : self.size]
+        np.add.at(sums, (np.arange(len(sums))[:, None], few[:, None]), rows[..., self.common :])
+        sums[:, self.columns[0, : self.common]] = rows[..., : self.common].sum(0)
+        return sums[:, : self.size]
 
     def few_of(self, products: Array, during: slice = slice(None)) -> csr_array:
         """Sparse matrix (G + 1, b n) of products (b, n, C) with those columns of some epochs that act in few. Most are
@@ -140,33 +140,33 @@ class SharedRows:
     def gram(self) -> Array:
         """Products (G, G) of the columns with each other, priors included; columns of few epochs are multiplied only
         there."""
-        found = self.extra.T @ self.extra
-        found[np.diag_indices(len(found))] += 1.0  # the priors
-        common, size = self.columns[0, : self.common], len(found)
+        gram_of_extra = self.extra.T @ self.extra
+        gram_of_extra[np.diag_indices(len(gram_of_extra))] += 1.0  # the priors
+        common, size = self.columns[0, : self.common], len(gram_of_extra)
         wide, few = self._wide, self._few_of_own
-        whole = np.zeros((size + 1, size + 1))
+        gram_of_epochs = np.zeros((size + 1, size + 1))
         if self.columns.shape[1] > self.common:
-            whole += (few @ few.T).toarray()
-            whole[:, common] = few @ wide
-        whole[np.ix_(common, common)] = wide.T @ wide
+            gram_of_epochs += (few @ few.T).toarray()
+            gram_of_epochs[:, common] = few @ wide
+        gram_of_epochs[np.ix_(common, common)] = wide.T @ wide
         others = np.delete(np.arange(size), common)
-        whole[np.ix_(common, others)] = whole[np.ix_(others, common)].T
-        return np.asarray(found + whole[:size, :size])
+        gram_of_epochs[np.ix_(common, others)] = gram_of_epochs[np.ix_(others, common)].T
+        return np.asarray(gram_of_extra + gram_of_epochs[:size, :size])
 
     def followed(self, covariance: Array, rows: slice) -> Array:
         """Covariance (B, n, n) of some rows of each epoch, by a covariance (G, G) of the shared unknowns."""
         wide = np.zeros((self.size + 1, self.size + 1))
         wide[: self.size, : self.size] = covariance
-        common, found = self.columns[0, : self.common], []
+        common, blocks = self.columns[0, : self.common], []
         among, beside = wide[np.ix_(common, common)], wide[:, common]
         for first in range(0, len(self.own), _AT_ONCE):
-            own = self.own[first : first + _AT_ONCE, rows]
+            block = self.own[first : first + _AT_ONCE, rows]
             few = self.columns[first : first + _AT_ONCE, self.common :]
-            alike, single = own[..., : self.common], own[..., self.common :]
+            alike, single = block[..., : self.common], block[..., self.common :]
             both = (single @ beside[few]) @ np.swapaxes(alike, 1, 2)
-            found.append((alike @ among) @ np.swapaxes(alike, 1, 2) + both + np.swapaxes(both, 1, 2))
-            found[-1] += single @ wide[few[:, :, None], few[:, None]] @ np.swapaxes(single, 1, 2)
-        return np.concatenate(found)
+            blocks.append((alike @ among) @ np.swapaxes(alike, 1, 2) + both + np.swapaxes(both, 1, 2))
+            blocks[-1] += single @ wide[few[:, :, None], few[:, None]] @ np.swapaxes(single, 1, 2)
+        return np.concatenate(blocks)
 
     def mapped(self, matrix: Array, kind: type[np.floating] = np.float64) -> Array:
         """Products (N, P) of all rows with a matrix (G, P), in a given precision; formed for some epochs at a time."""

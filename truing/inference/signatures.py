@@ -114,13 +114,13 @@ class Pathways:
         """Return the parts (D, B, C) of residuals (D, N) along the pathways, in the precision of the residuals. Single
         precision is enough for draws, in half the time."""
         if rows.dtype == np.float64:
-            columns, own = self.columns, np.stack([self.whitened.without_shared(row) for row in rows])
+            columns, residuals = self.columns, np.stack([self.whitened.without_shared(row) for row in rows])
         else:
             columns = self._rough
-            own = self.whitened.without_shared_roughly(rows)
+            residuals = self.whitened.without_shared_roughly(rows)
         epochs, height, _ = columns.shape
-        own = own[:, : epochs * height].reshape(len(rows), epochs, height)
-        return np.asarray(np.matmul(own.transpose(1, 0, 2), columns).transpose(1, 0, 2))
+        residuals = residuals[:, : epochs * height].reshape(len(rows), epochs, height)
+        return np.asarray(np.matmul(residuals.transpose(1, 0, 2), columns).transpose(1, 0, 2))
 
     @cached_property
     def _rough(self) -> Array:
@@ -145,7 +145,7 @@ class Pathways:
         pathway."""
         names = tuple(name for name in self.places if any(name in own for own in motions))
         sizes = {name: self.places[name].stop - self.places[name].start for name in names}
-        weights = np.stack([_concatenated(own, sizes) for own in motions], 1)
+        weights = np.stack([_concatenated(motion, sizes) for motion in motions], 1)
         moved = weights.any(1)
         index, weights = self.index(names)[moved], weights[moved]
         part = self.part(index)
@@ -342,31 +342,31 @@ def signature(pathways: Pathways, designs: Mapping[str, Array]) -> Signature:
 
 def signatures_of(pathways: Pathways, designs: Iterable[Mapping[str, Array | PartialDesign]]) -> list[Signature]:
     """Return the signatures of candidates, each from its designs (B or 1, C_i, P) by pathway, per plausible scale."""
-    acting = [_acting(pathways, own) for own in designs]
+    acting = [_acting(pathways, design) for design in designs]
     alike: dict[bytes, list[tuple[int, _Acting]]] = {}
-    for number, one in enumerate(acting):
-        if one is not None:
-            alike.setdefault(one.index.tobytes(), []).append((number, one))
-    found = [_UNSEEN] * len(acting)
+    for number, candidate in enumerate(acting):
+        if candidate is not None:
+            alike.setdefault(candidate.index.tobytes(), []).append((number, candidate))
+    signatures = [_UNSEEN] * len(acting)
     for members in alike.values():
         for first in range(0, len(members), _AT_ONCE):
             chunk = members[first : first + _AT_ONCE]
-            own = [one for _, one in chunk]
-            made = _signatures(pathways, own, _explained(pathways, own))
+            candidates = [candidate for _, candidate in chunk]
+            made = _signatures(pathways, candidates, _explained(pathways, candidates))
             for (number, _), signed in zip(chunk, made, strict=True):
-                found[number] = signed
-    return found
+                signatures[number] = signed
+    return signatures
 
 
 def _acting(pathways: Pathways, designs: Mapping[str, Array | PartialDesign]) -> _Acting | None:
     epochs = len(pathways.columns)
     places, parts = [], []
     for name, place in pathways.places.items():
-        if (own := designs.get(name)) is not None:
-            if not isinstance(own, PartialDesign):
-                own = PartialDesign(np.arange(place.stop - place.start), own)
-            places.append(place.start + own.places)
-            parts.append(np.broadcast_to(own.values, (epochs, *own.values.shape[1:])))
+        if (partial := designs.get(name)) is not None:
+            if not isinstance(partial, PartialDesign):
+                partial = PartialDesign(np.arange(place.stop - place.start), partial)
+            places.append(place.start + partial.places)
+            parts.append(np.broadcast_to(partial.values, (epochs, *partial.values.shape[1:])))
     if not parts:
         return None
     index, design = (places[0], parts[0]) if len(parts) == 1 else (np.concatenate(places), np.concatenate(parts, 1))
@@ -381,44 +381,44 @@ def _explained(pathways: Pathways, alike: Sequence[_Acting]) -> list[Array]:
     """Return the part (G, P) of each candidate on the same pathways that the shared unknowns explain, by one product
     for all."""
     during = _union(alike)
-    wide = np.concatenate([own.design[during] for own in alike], -1)
-    found = pathways.explained_by_design(alike[0].index, wide, during)
-    return np.split(found, np.cumsum([own.size for own in alike])[:-1], 1)
+    wide = np.concatenate([candidate.design[during] for candidate in alike], -1)
+    explained = pathways.explained_by_design(alike[0].index, wide, during)
+    return np.split(explained, np.cumsum([candidate.size for candidate in alike])[:-1], 1)
 
 
 def _signatures(pathways: Pathways, alike: Sequence[_Acting], explained: Sequence[Array]) -> list[Signature]:
     """Return the signatures of candidates on the same pathways, of which each explains a part (G, P) with the shared
     unknowns. Those with as many parameters are one batch, unless most of them act in few epochs."""
     batches: dict[int, list[int]] = {}
-    for place, own in enumerate(alike):
-        batches.setdefault(own.size, []).append(place)
-    found: dict[int, Signature] = {}
+    for place, candidate in enumerate(alike):
+        batches.setdefault(candidate.size, []).append(place)
+    signatures: dict[int, Signature] = {}
     for places in batches.values():
         lengths = [alike[place].during.stop - alike[place].during.start for place in places]
         during = _union([alike[place] for place in places])
         sparse = (during.stop - during.start) * len(places) > _MOSTLY_IDLE * sum(lengths)
         for batch in ([place] for place in places) if sparse else (places,):
-            those = [alike[place] for place in batch]
-            made = _batch(pathways, those, np.stack([explained[place] for place in batch]))
-            found |= zip(batch, made, strict=True)
-    return [found[place] for place in range(len(alike))]
+            batch_members = [alike[place] for place in batch]
+            made = _batch(pathways, batch_members, np.stack([explained[place] for place in batch]))
+            signatures |= zip(batch, made, strict=True)
+    return [signatures[place] for place in range(len(alike))]
 
 
 def _union(alike: Sequence[_Acting]) -> slice:
     """Return the epochs during which any of some candidates acts."""
-    first = min((own.during.start for own in alike if own.during.stop), default=0)
-    return slice(first, max(own.during.stop for own in alike))
+    first = min((candidate.during.start for candidate in alike if candidate.during.stop), default=0)
+    return slice(first, max(candidate.during.stop for candidate in alike))
 
 
 def _batch(pathways: Pathways, alike: Sequence[_Acting], explained: Array) -> list[Signature]:
     """Return the signatures of k candidates with P parameters on the same pathways; ``explained`` (k, G, P)."""
     during, part, index = _union(alike), pathways.part(alike[0].index), alike[0].index
-    designs = np.stack([own.design[during] for own in alike], 2)  # (b, n, k, P)
-    whole = _of_each(designs, part.gram[during])
-    gram = whole - np.swapaxes(explained, 1, 2) @ explained
+    designs = np.stack([candidate.design[during] for candidate in alike], 2)  # (b, n, k, P)
+    gram_before = _of_each(designs, part.gram[during])
+    gram = gram_before - np.swapaxes(explained, 1, 2) @ explained
     values, vectors = np.linalg.eigh((gram + np.swapaxes(gram, 1, 2)) / 2)
-    traces = np.trace(whole, axis1=1, axis2=2)
-    kept = values > np.maximum(INFORMATIVE**2, 1e-9 * traces)[:, None]
+    traces = np.trace(gram_before, axis1=1, axis2=2)
+    informative = values > np.maximum(INFORMATIVE**2, 1e-9 * traces)[:, None]
     shares = np.zeros(len(alike))
     if pathways.has_inputs:
         of_inputs = np.trace(_of_each(designs, part.input_gram[during]), axis1=1, axis2=2)
@@ -426,14 +426,14 @@ def _batch(pathways: Pathways, alike: Sequence[_Acting], explained: Array) -> li
     return [
         Signature(
             index,
-            own.design.reshape(-1, own.size),
+            candidate.design.reshape(-1, candidate.size),
             explained[k],
             gram[k],
-            np.sqrt(values[k, kept[k]]),
-            vectors[k][:, kept[k]],
+            np.sqrt(values[k, informative[k]]),
+            vectors[k][:, informative[k]],
             float(shares[k]),
         )
-        for k, own in enumerate(alike)
+        for k, candidate in enumerate(alike)
     ]
 
 
@@ -456,8 +456,8 @@ def joint(pathways: Pathways, first: Signature, second: Signature) -> tuple[Arra
     cross = _cross(pathways, first, second) - first.explained.T @ second.explained
     gram = np.block([[first.gram, cross], [cross.T, second.gram]])
     values, vectors = np.linalg.eigh(gram)
-    kept = values > np.maximum(INFORMATIVE**2, 1e-9 * np.trace(gram))
-    return np.sqrt(values[kept]), vectors[:, kept]
+    informative = values > np.maximum(INFORMATIVE**2, 1e-9 * np.trace(gram))
+    return np.sqrt(values[informative]), vectors[:, informative]
 
 
 def _cross(pathways: Pathways, first: Signature, second: Signature) -> Array:

@@ -86,9 +86,9 @@ def first_order(
     reason: Reason | None = None,
 ) -> Verdict[CauseT]:
     """Return a verdict on a candidate, with its effect on a round's model to first order."""
-    fitted, own = current.fitted, candidate.signature
-    values = own.fitted(current.scores[candidate.key].along)
-    sigma = fitted.noise_ratio * own.loadings / own.strengths
+    fitted, signature = current.fitted, candidate.signature
+    values = signature.fitted(current.scores[candidate.key].along)
+    sigma = fitted.noise_ratio * signature.loadings / signature.strengths
     scale = np.array([p.scale for p in candidate.cause.parameters(fitted.model.part_count)])
     return Verdict(
         candidate.cause,
@@ -96,7 +96,7 @@ def first_order(
         *_evidence(current, candidate),
         None,
         fitted.error,
-        after_first_step(fitted, candidate.cause, own, values),
+        after_first_step(fitted, candidate.cause, signature, values),
         _held_out(fitted, candidate, values, held_out),
         fitted.floor,
         values * scale,
@@ -124,8 +124,8 @@ def _held_out(
 ) -> tuple[PredictionError[CauseT] | None, PredictionError[CauseT] | None]:
     """Return the prediction errors of held-out epochs without and with a candidate; (None, None) where none are held
     out."""
-    after = held_out_after_first_step(fitted, candidate.cause, candidate.signature, values, held_out)
-    return (None if after is None else fitted.held_out), after
+    error_with = held_out_after_first_step(fitted, candidate.cause, candidate.signature, values, held_out)
+    return (None if error_with is None else fitted.held_out), error_with
 
 
 def accepted(
@@ -139,20 +139,20 @@ def accepted(
 
     Errors are those of the ``fits`` without and with it, values those of the final model.
     """
-    before, after = fits
+    without, with_cause = fits
     others = [c for c in current.best.values() if c.kind != candidate.kind]
     return Verdict(
         cause,
         FOUND,
         *_evidence(current, candidate),
         current.scale_holds(candidate, others),
-        before.error,
-        after.error,
-        (before.held_out, after.held_out),
-        after.floor,
+        without.error,
+        with_cause.error,
+        (without.held_out, with_cause.held_out),
+        with_cause.floor,
         *final.values(cause),
         current.tried,
-        own=after,
+        own=with_cause,
     )
 
 
@@ -163,12 +163,12 @@ def verdict_on_known_cause(
     others = tuple(other for other in plain.causes if other is not cause)
     model = plain.model.with_causes(others)
     shared = plain.model.embedded(plain.fit.shared, model)
-    before = prediction_error(model, plain.measured, plain.fit.frames, shared)
-    held = None
+    error_without = prediction_error(model, plain.measured, plain.fit.frames, shared)
+    held_out_error = None
     if held_out is not None and plain.held_out is not None:
         there = plain.held_out.model.with_causes(others)
-        held = prediction_error(there, held_out.measured, held_out.frames, shared)
-    gain = float(np.sum(before.squares) - np.sum(plain.error.squares))
+        held_out_error = prediction_error(there, held_out.measured, held_out.frames, shared)
+    gain = float(np.sum(error_without.squares) - np.sum(plain.error.squares))
     values, covariance = plain.values(cause)
     return Verdict(
         cause,
@@ -178,9 +178,9 @@ def verdict_on_known_cause(
         gain / 2.0,
         float(np.sqrt(max(gain, 0.0))),
         True,
-        before,
+        error_without,
         plain.error,
-        (held, plain.held_out),
+        (held_out_error, plain.held_out),
         plain.floor,
         values,
         covariance,
@@ -190,26 +190,30 @@ def verdict_on_known_cause(
 
 
 def after_first_step(
-    fitted: FittedModel[CauseT], cause: CauseT, own: Signature, values: Array
+    fitted: FittedModel[CauseT], cause: CauseT, signature: Signature, values: Array
 ) -> PredictionError[CauseT]:
     """Return the error on calibration epochs after a first-order step to a candidate's parameters (P,), in plausible
     scales."""
-    step = _shared_step(fitted, own, values)
+    step = _shared_step(fitted, signature, values)
     return _shifted_error(fitted.error, fitted.measured, cause, values, step)
 
 
 def held_out_after_first_step(
-    fitted: FittedModel[CauseT], cause: CauseT, own: Signature, values: Array, held_out: Epochs[ConditionsLike] | None
+    fitted: FittedModel[CauseT],
+    cause: CauseT,
+    signature: Signature,
+    values: Array,
+    held_out: Epochs[ConditionsLike] | None,
 ) -> PredictionError[CauseT] | None:
     """Return the same on held-out epochs, None where there are none."""
     if held_out is None or fitted.held_out is None:
         return None
-    return _shifted_error(fitted.held_out, held_out.measured, cause, values, _shared_step(fitted, own, values))
+    return _shifted_error(fitted.held_out, held_out.measured, cause, values, _shared_step(fitted, signature, values))
 
 
-def _shared_step(fitted: FittedModel[CauseT], own: Signature, values: Array) -> Array:
+def _shared_step(fitted: FittedModel[CauseT], signature: Signature, values: Array) -> Array:
     """Return the change of the shared unknowns (G,), in prior sigmas, that a candidate's parameters cause."""
-    return -fitted.fit.whitened.from_basis(own.explained @ values)
+    return -fitted.fit.whitened.from_basis(signature.explained @ values)
 
 
 def _shifted_error(
@@ -227,6 +231,10 @@ def _motion(error: PredictionError[CauseT], cause: CauseT) -> Array:
         error.pathways[name] @ design[:, None] for name, design in designs.items() if name != OBSERVED
     ]
     if OBSERVED in designs:
-        own = designs[OBSERVED]
-        parts.append(np.broadcast_to(own, (epochs, *own.shape[1:])).reshape(epochs, -1, size, own.shape[-1]))
+        design_of_channels = designs[OBSERVED]
+        parts.append(
+            np.broadcast_to(design_of_channels, (epochs, *design_of_channels.shape[1:])).reshape(
+                epochs, -1, size, design_of_channels.shape[-1]
+            )
+        )
     return np.sum(parts, axis=0) if len(parts) > 1 else parts[0]

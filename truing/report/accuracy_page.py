@@ -184,11 +184,11 @@ def _poses(worst: pd.DataFrame, legs: pd.DataFrame) -> Listing:
 
 def _shares(legs: pd.DataFrame) -> go.Figure:
     figure = go.Figure()
-    for leg, own in legs.groupby("leg"):
+    for leg, group in legs.groupby("leg"):
         figure.add_trace(
             go.Bar(
-                y=[_NAMES[name] for name in own["quantity"]],
-                x=100.0 * own["share"],
+                y=[_NAMES[name] for name in group["quantity"]],
+                x=100.0 * group["share"],
                 name=f"leg {leg}",
                 orientation="h",
                 marker={"color": _COLOURS[(int(str(leg)) - 1) % len(_COLOURS)]},

@@ -202,9 +202,9 @@ _ISO_HEADS = (
 def _of_repeats(repeated: pd.DataFrame) -> Listing:
     """Return a row per subject and pose with the figures of ISO 9283, and 95 % intervals of repeatability."""
     rows = []
-    for (subject, pose), own in repeated.groupby(["subject", "pose"], sort=False):
-        cells = {r.figure: _figure_cell(r) for r in own.itertuples()}
-        rows.append((str(subject), str(pose), str(own["attained"].max()), *(cells.get(name, "–") for name in _ISO)))
+    for (subject, pose), group in repeated.groupby(["subject", "pose"], sort=False):
+        cells = {r.figure: _figure_cell(r) for r in group.itertuples()}
+        rows.append((str(subject), str(pose), str(group["attained"].max()), *(cells.get(name, "–") for name in _ISO)))
     return Listing(_ISO_HEADS, tuple(rows), caption=_ISO_CAPTION, folded=len(rows) > _OPEN,
                    held_by="arm_accuracy.parquet")  # fmt: skip
 

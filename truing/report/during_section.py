@@ -164,11 +164,11 @@ def _repeats_that_differ(table: pd.DataFrame | None) -> dict[int, str]:
 def _by_pose(table: pd.DataFrame) -> list[Listing]:
     """Return a row per subject and pose, with figures and intervals."""
     rows = []
-    for (subject, pose), own in table.groupby(["subject", "pose"], sort=False):
+    for (subject, pose), group in table.groupby(["subject", "pose"], sort=False):
         reported = {r.figure: f"{quantity(r.value, r.unit)} ({quantity(r.low, r.unit)} … {quantity(r.high, r.unit)})"
-                for r in own.itertuples()}  # fmt: skip
+                for r in group.itertuples()}  # fmt: skip
         figures = [reported.get(name, "–") for name in ("sigma", "RP", "RP_a", "RP_b", "RP_c")]
-        rows.append((str(subject), str(pose), f"{own['attained'].iloc[0]}", *figures))
+        rows.append((str(subject), str(pose), f"{group['attained'].iloc[0]}", *figures))
     heads = (
         Head("subject", "Body or point that was measured repeatedly."),
         POSE,
@@ -217,9 +217,9 @@ def _fits(table: pd.DataFrame) -> list[Listing]:
     """Return a row per model, for the subject with the largest lack of fit against pure error, counted among all
     subjects."""
     rows, marks = [], []
-    for (kind, model), own in table.groupby(["repeated", "contender"], sort=False):
-        worst = own.loc[own["p_value"].idxmin()]
-        p = min(1.0, len(own) * float(worst["p_value"]))
+    for (kind, model), group in table.groupby(["repeated", "contender"], sort=False):
+        worst = group.loc[group["p_value"].idxmin()]
+        p = min(1.0, len(group) * float(worst["p_value"]))
         leaves = p < _SURE
         marks.append("warn" if leaves else "pass")
         freedom = f"{worst['freedom_of_fit']:.1f}, {worst['freedom_of_error']:.0f}"

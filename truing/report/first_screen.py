@@ -155,7 +155,7 @@ def _change(tables: Tables) -> ErrorChange | None:
     if not errors:
         return None
     one, of = errors[0], part_names(tables)
-    *sigma, note = _sigmas(one, of, tables, max(each.freedom for each in errors))
+    *sigma, note = _sigmas(one, of, tables, max(error.freedom for error in errors))
     before, after = (_size(size, s, one.unit) for size, s in zip((one.before, one.after), sigma, strict=True))
     what = f"rms of measured minus predicted, {of.held_out if one.held_out else of.fitted}"
     floor = "" if one.floor is None else _size(one.floor, None, one.unit)

@@ -84,7 +84,7 @@ def directions(tables: Tables) -> tuple[Listing, ...]:
     if shifts is None or "delta_bx_um" not in shifts:
         return ()
     kept = shifts[~shifts["rejected"]] if "rejected" in shifts else shifts
-    rows = [(f"leg {leg}", *_cells(own)) for leg, own in kept.groupby("leg")]
+    rows = [(f"leg {leg}", *_cells(group)) for leg, group in kept.groupby("leg")]
     heads = (
         Head("attachment", "Attachment of a leg on the platform, by the number of the leg."),
         *(

@@ -149,7 +149,7 @@ def _combinations(own: pd.DataFrame, caption: str, folded: bool = False) -> List
 
 def _indices(legs: pd.DataFrame, whole: pd.DataFrame, key: Key) -> Listing:
     """Return rank, condition and the indices O1 to O5 of each leg and of the chosen model."""
-    parts = [(f"leg {int(leg)}", own) for leg, own in legs.groupby("leg", sort=True)] if len(legs) else []
+    parts = [(f"leg {int(leg)}", group) for leg, group in legs.groupby("leg", sort=True)] if len(legs) else []
     if len(whole):
         parts.append((calibration_name(key), whole))
     rows = tuple(_index_row(name, own) for name, own in parts)

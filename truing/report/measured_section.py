@@ -491,7 +491,7 @@ def _runs(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> Listing:
     """Return every run: its loads, readings and duration."""
     channels = read.groupby("run")["channel"].unique() if len(read) else {}
     timed = steps.assign(time_s=np.nan) if _is_counted(steps) else steps
-    rows = tuple(_run_row(run, own, channels) for run, own in timed.groupby("run", sort=False))
+    rows = tuple(_run_row(run, group, channels) for run, group in timed.groupby("run", sort=False))
     heads = (
         RUN,
         ROLE,

@@ -80,8 +80,8 @@ def power_sections(sizes: pd.DataFrame, rates: pd.DataFrame) -> list[ReportSecti
     listing = Listing(SIZE_HEADS, tuple(map(tuple, size_rows(sizes))), caption="Smallest sizes that are detected")
     sections = [ReportSection("sizes", "Detectable sizes", lead, listings=(listing,))]
     drawn = rates[rates["cause"] != "nothing"]
-    for cause, own in drawn.groupby("cause", sort=False):
-        sections.append(_of_cause(str(cause), own))
+    for cause, group in drawn.groupby("cause", sort=False):
+        sections.append(_of_cause(str(cause), group))
     return sections
 
 

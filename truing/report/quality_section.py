@@ -94,10 +94,10 @@ def _withholding_rows(qa: pd.DataFrame) -> pd.Series:
 def _contradicting_tables(failed: pd.DataFrame) -> SectionVerdict:
     """Return in words the failed checks by which the tables contradict each other, with findings and remedies."""
     sentences = []
-    for name, own in failed.groupby("check", sort=False):
+    for name, group in failed.groupby("check", sort=False):
         check = WITHHOLDING[str(name)]
-        more = f" ({len(own) - 1} more, see Quality.)" if len(own) > 1 else ""
-        first = f"Quality check {name} failed: {printed(own['message'].iloc[0])}{more}"
+        more = f" ({len(group) - 1} more, see Quality.)" if len(group) > 1 else ""
+        first = f"Quality check {name} failed: {printed(group['message'].iloc[0])}{more}"
         do = printed(check.to_do.replace("`", ""))
         sentences.append(f"{first} {do} Until then {check.stages_withheld} are not evaluated.")
     return _of_checks("belonging", RelationState.FAILS, ReasonCode.DO_NOT_BELONG, " ".join(sentences), failed)

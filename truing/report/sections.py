@@ -240,12 +240,14 @@ def _provenance(provenance: Mapping[str, Mapping[str, str]], about: CampaignFact
         Listing(
             _FILE_HEADS,
             tuple(
-                (one.name, f"{one.size:,}", "" if one.lines is None else f"{one.lines:,}", one.digest)
-                for one in about.files
+                (file.name, f"{file.size:,}", "" if file.lines is None else f"{file.lines:,}", file.digest)
+                for file in about.files
             ),
             caption=f"Raw files ({len(about.files):,})",
             folded=len(about.files) > _OPEN,
         ),
         Listing(_PERSON_HEADS, about.persons, caption="Responsible persons"),
     )
-    return ReportSection("provenance", "Provenance", lead, listings=tuple(one for one in listings if one.rows))
+    return ReportSection(
+        "provenance", "Provenance", lead, listings=tuple(listing for listing in listings if listing.rows)
+    )

@@ -39,8 +39,8 @@ _HEADS = (
 def uniqueness_words(frames: Mapping[str, pd.DataFrame]) -> list[str]:
     """Return the results in sentences. frames: statements, range, undecided, and flexures if any."""
     lines = [f"Range: {_range(frames['range'])}, about the reference pose."]
-    for (statement, model), own in frames["statements"].groupby(["statement", "model"], sort=False):
-        lines.append(f"{_state(own).capitalize()}, {_model(str(model))}: {_MEANINGS[str(statement)]}{_where(own)}.")
+    for (statement, model), group in frames["statements"].groupby(["statement", "model"], sort=False):
+        lines.append(f"{_state(group).capitalize()}, {_model(str(model))}: {_MEANINGS[str(statement)]}{_where(group)}.")
     if (frames["statements"]["state"] != "proven").any():
         lines.append("Not decided is no fault of the machine: smaller limits in [workspace] are easier to prove.")
     return lines
@@ -81,7 +81,7 @@ def _range(table: pd.DataFrame) -> str:
 def uniqueness_head(campaign: str, frames: Mapping[str, pd.DataFrame]) -> PageHead:
     """Return the head of the page with the main results."""
     words, statements = uniqueness_words(frames), frames["statements"]
-    states = [_state(own) for _, own in statements.groupby(["statement", "model"], sort=False)]
+    states = [_state(group) for _, group in statements.groupby(["statement", "model"], sort=False)]
     marks = ["", *(_MARKS[state] for state in states)]
     marks += [""] * (len(words) - len(marks))
     tiles = tuple((name, str(states.count(name))) for name in _ORDER if name in states)

@@ -107,7 +107,7 @@ def verdict_frame(tables: Tables) -> pd.DataFrame:
     )
     whole = nothing if lead is None else replace(lead, section=CAMPAIGN)
     rows = [{**_cells(whole), "decided_by": None if lead is None else lead.section}]
-    return pd.DataFrame([*rows, *({**_cells(one), "decided_by": None} for one in verdicts.values())])
+    return pd.DataFrame([*rows, *({**_cells(verdict), "decided_by": None} for verdict in verdicts.values())])
 
 
 def with_verdict(tables: Tables) -> Tables:

@@ -268,7 +268,7 @@ def _raise_with_free_items(observed: Observed, state: NetworkState, free: tuple[
             reduced = eliminate_poses(observed, equations, free, weight, damping, workspace)
         except np.linalg.LinAlgError:
             continue
-        left = [_pivots(one)[0].min(initial=1.0) for one in reduced.poses if one is not None]
+        left = [_pivots(pose)[0].min(initial=1.0) for pose in reduced.poses if pose is not None]
         _check_pivots(observed.layout, reduced, 10.0 * min(left, default=0.0))
 
 

@@ -341,6 +341,6 @@ def budget_of_entries(found: list[Budget], loaded: Loaded, places: list[tuple[in
     sources = tuple(dict.fromkeys(source for one in found for source in one.sources))
     table = np.zeros((len(sources), len(places)))
     for n, (i, j) in enumerate(places):
-        for source, own in zip(found[i].sources, found[i].contributions, strict=True):
-            table[sources.index(source), n] = own[j]
+        for source, contribution in zip(found[i].sources, found[i].contributions, strict=True):
+            table[sources.index(source), n] = contribution[j]
     return Budget(sources, table).with_source(GEOMETRY, np.array([loaded.spread[place] for place in places])).filled()

@@ -100,7 +100,7 @@ class _Batch:
     @classmethod
     def of(cls, pieces: list[tuple[Index, int]], columns: list[Array], reading: Array) -> _Batch:
         width = max((len(rows) for rows, _ in pieces), default=0)
-        size = max((one.shape[1] for one in columns), default=0)
+        size = max((column.shape[1] for column in columns), default=0)
         held, y = np.zeros((len(pieces), width, size)), np.zeros((len(pieces), width))
         seen = np.zeros(y.shape, bool)
         for piece, ((rows, k), one) in enumerate(zip(pieces, columns, strict=True)):
@@ -192,9 +192,8 @@ def _rejected(batch: _Batch, sigma: Array) -> Mask:
     assessed = batch.seen & batch.has_curve[:, None]
     ways = [_from_robust_start(batch, sigma, limit, assessed), _one_by_one(batch, sigma, limit, assessed)]
     cost = [
-        np.sum((_weighted_residual(batch, kept, sigma) / sigma) ** 2 * kept, axis=1)
-        + limit**2 * (assessed & ~kept).sum(1)
-        for kept in ways
+        np.sum((_weighted_residual(batch, way, sigma) / sigma) ** 2 * way, axis=1) + limit**2 * (assessed & ~way).sum(1)
+        for way in ways
     ]
     kept = np.where((cost[1] < cost[0])[:, None], ways[1], ways[0])
     for piece in np.flatnonzero((assessed & ~kept).any(axis=1)).tolist():

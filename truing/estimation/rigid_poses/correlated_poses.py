@@ -214,7 +214,7 @@ def _pose(p: int, bodies: Sequence[BodyPoses], rows: Sequence[Index]) -> _Pose |
     if not there:
         return None
     targets = [np.flatnonzero(bodies[b].used[p]) for b in there]
-    place = np.repeat(np.arange(len(there)), [len(found) for found in targets])
+    place = np.repeat(np.arange(len(there)), [len(target) for target in targets])
     row = np.concatenate([rows[b][p][found] for b, found in zip(there, targets, strict=True)])
     return _Pose(p, there, place, np.concatenate(targets), row)
 

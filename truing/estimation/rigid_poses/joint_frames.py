@@ -163,7 +163,7 @@ def relative_gain(
     names, rows = [], []
     for name, b in place.items():
         above = place.get(bodies[b].parent)
-        if name in parents or (above is None and bodies[b].parent in [other.name for other in bodies]):
+        if name in parents or (above is None and bodies[b].parent in [body.name for body in bodies]):
             continue
         own = _rows(gain, frame, b)
         if above is not None:

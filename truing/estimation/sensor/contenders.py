@@ -285,7 +285,7 @@ def calibrations(found: RecordedLoads) -> SensorCalibrations:
     rows = ~found.steps.held_out
     table, words = by_cases(found, rows)
     choice = choose_calibration(table, contenders(found))
-    matrices = tuple(calibration_matrix(one.fit, table.signal_cov) for one in choice.contenders)
+    matrices = tuple(calibration_matrix(contender.fit, table.signal_cov) for contender in choice.contenders)
     by_case = covariance_by_case(table, choice.chosen.fit.model)
     return SensorCalibrations(table, choice, words, matrices, by_case, _verified(found, choice.chosen.fit))
 

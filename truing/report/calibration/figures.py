@@ -179,9 +179,9 @@ def geometry_picture(fits: Mapping[str, pd.DataFrame]) -> go.Figure:
     ``fits``: parameters by name of the estimator, a panel each.
     """
     panels = [
-        {joint: found for joint in _JOINTS if len(found := _joint_positions(own, joint))} for own in fits.values()
+        {joint: found for joint in _JOINTS if len(found := _joint_positions(fit, joint))} for fit in fits.values()
     ]
-    every = [found for places in panels for found in places.values()]
+    every = [place for places in panels for place in places.values()]
     gain, extent = _gain(every), _extent(every)
     figure = make_subplots(rows=1, cols=len(panels), subplot_titles=[label(name) for name in fits])
     for column, (places, own) in enumerate(zip(panels, fits.values(), strict=True), 1):
@@ -226,12 +226,12 @@ def _joint_positions(fitted: pd.DataFrame, joint: str) -> pd.DataFrame:
 
 
 def _extent(places: list[pd.DataFrame]) -> float:
-    points = np.concatenate([found[["x", "y"]].to_numpy() for found in places])
+    points = np.concatenate([place[["x", "y"]].to_numpy() for place in places])
     return float(np.ptp(points, axis=0).max()) or 1.0
 
 
 def _gain(places: list[pd.DataFrame]) -> float:
-    largest = max(float(np.hypot(found["dx"], found["dy"]).max()) for found in places)
+    largest = max(float(np.hypot(place["dx"], place["dy"]).max()) for place in places)
     return round_gain(_LARGEST * _extent(places) / max(largest, 1e-9))
 
 
@@ -239,7 +239,7 @@ def _legs(places: dict[str, pd.DataFrame]) -> list[go.Scatter]:
     """Return a thin line from the lower to the upper joint of each leg."""
     if len(places) < 2:
         return []
-    lower, upper = (found.drop_duplicates("leg")[["leg", "x", "y"]] for found in places.values())
+    lower, upper = (place.drop_duplicates("leg")[["leg", "x", "y"]] for place in places.values())
     both = lower.merge(upper, on="leg", suffixes=("", "_upper"))
     gap = np.full(len(both), np.nan)
     x = np.stack([both["x"], both["x_upper"], gap], 1).ravel()
@@ -280,7 +280,7 @@ def _tolerances(places: pd.DataFrame, gain: float) -> list[go.Scatter]:
 
 def _joint_lines(places: list[pd.DataFrame], deformation: str, gain: float) -> list[go.Scatter]:
     """Return the joints of one deformation model, with a line from their nominal places."""
-    own = pd.concat([found[found["deformation"] == deformation] for found in places], ignore_index=True)
+    own = pd.concat([place[place["deformation"] == deformation] for place in places], ignore_index=True)
     colour, symbol, size = _DRAWN_AS.get(deformation, _OTHER)
     end_x, end_y, gap = own["x"] + gain * own["dx"], own["y"] + gain * own["dy"], np.full(len(own), np.nan)
     x, y = (np.stack([own[a], end, gap], 1).ravel() for a, end in (("x", end_x), ("y", end_y)))

@@ -87,7 +87,7 @@ def choice_verdicts(tables: Tables) -> list[Verdict]:
     table = table_or_none(tables, "diagnosis_choices")
     if table is None:
         return []
-    names = {outcome: own["cause"].tolist() for outcome, own in table.groupby("outcome", sort=False)}
+    names = {outcome: group["cause"].tolist() for outcome, group in table.groupby("outcome", sort=False)}
     reported: list[Verdict] = []
     if missed := names.get("not found"):
         which = f"{count(len(missed), 'cause')} that the diagnosis did not find"

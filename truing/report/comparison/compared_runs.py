@@ -120,7 +120,9 @@ def change_text(row: Any) -> str:
 def quality_words(comparison: RunComparison) -> list[tuple[str, str]]:
     """Return the results of the quality checks of each run in words."""
     counts = [_counts(run.tables) for run in comparison.runs]
-    bad = [f"{run.label} ({own['fail']})" for run, own in zip(comparison.runs, counts, strict=True) if own["fail"]]
+    bad = [
+        f"{run.label} ({count['fail']})" for run, count in zip(comparison.runs, counts, strict=True) if count["fail"]
+    ]
     looks = [f"{run.label} ({own['warn']})" for run, own in zip(comparison.runs, counts, strict=True) if own["warn"]]
     texts = []
     if bad:
@@ -142,7 +144,7 @@ def _counts(tables: Tables) -> dict[str, int]:
 def quality(comparison: RunComparison) -> ReportSection:
     """Return the number of checks by verdict, and every check that did not pass in all runs."""
     counts = [_counts(run.tables) for run in comparison.runs]
-    totals = [(verdict, *(str(own[verdict]) for own in counts)) for verdict in _ORDER]
+    totals = [(verdict, *(str(count[verdict]) for count in counts)) for verdict in _ORDER]
     checks: dict[tuple[str, str], dict[int, tuple[str, str]]] = {}
     for place, run in enumerate(comparison.runs):
         qa = table_or_none(run.tables, "qa")

@@ -284,12 +284,12 @@ def _numbers(comparison: RunComparison) -> ReportSection | None:
         return None
     keys = ["group", "effect_of", "leg", "parameter"]
     rows, marks = [], []
-    for _, own in comparison.numbers.groupby(keys, sort=False, dropna=False):
-        by_place = {r.place: r for r in own.itertuples()}
+    for _, group in comparison.numbers.groupby(keys, sort=False, dropna=False):
+        by_place = {r.place: r for r in group.itertuples()}
         first = next(iter(by_place.values()))
         cells = [value_text(by_place[k]) if k in by_place else "–" for k in range(1, len(comparison.runs) + 1)]
-        rows.append((number_name(first), *cells, _largest(own), _reasons(own)))
-        marks.append("changed" if own["changed"].any() else "")
+        rows.append((number_name(first), *cells, _largest(group), _reasons(group)))
+        marks.append("changed" if group["changed"].any() else "")
     values = comparison.heads("Value in this run, with one standard deviation.")
     heads = (_NUMBER, *values, _LARGEST_Z, _LEFT_OUT)
     listing = Listing(heads, tuple(rows), tuple(marks), f"All {len(rows)} numbers", True, _HELD_BY)

@@ -91,7 +91,11 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     if not rows:
         return None
     found = [row for row in accepted_of(rows) if not row.is_noise]
-    missed = [one for one in errors_of_models(rows, modelled_of(rows), tables) if one.floor]
+    missed = [
+        errors_of_model
+        for errors_of_model in errors_of_models(rows, modelled_of(rows), tables)
+        if errors_of_model.floor
+    ]
     beyond, below = [one for one in missed if _is_beyond(one)], [one for one in missed if one.is_below_noise]
     none = "" if found else f"none of {count(len(rows), 'candidate')} was found, but "
     if beyond:

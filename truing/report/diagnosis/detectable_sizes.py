@@ -52,7 +52,7 @@ def _opening_sentences(table: pd.DataFrame) -> str:
     power = float(table["power"].median())
     text = f"An effect of the size shown would have been found with a probability of {100 * power:.0f} %; smaller "
     text += "effects may be present."
-    never = [cause for cause, own in table.groupby("cause", sort=False) if (own["told"] == _NEVER).all()]
+    never = [cause for cause, group in table.groupby("cause", sort=False) if (group["told"] == _NEVER).all()]
     if never:
         text += f" This campaign cannot show {', '.join(cause_words(str(c)) for c in never)} at any plausible size."
     return text

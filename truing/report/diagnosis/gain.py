@@ -78,7 +78,10 @@ def gain_section(rows: list[AssessedCause], tables: Tables) -> ReportSection:
     """
     found = modelled_of(rows)
     of = part_names(tables)
-    missed = [_Missed(_words_of(one, of), one, bool(found)) for one in errors_of_models(rows, found, tables)]
+    missed = [
+        _Missed(_words_of(errors_of_model, of), errors_of_model, bool(found))
+        for errors_of_model in errors_of_models(rows, found, tables)
+    ]
     reported = [*_errors_by_cause(found, of), *_parts(missed, tables), *_plain(tables)]
     misses = reading_misses(tables)
     by_part = _by_role(tables) if misses is None else by_channel(misses)

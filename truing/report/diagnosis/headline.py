@@ -33,7 +33,7 @@ def clause(row: AssessedCause, tables: Tables) -> str:
         return printed(_noise(row))
     text = catalogue.clause(replace(row, reach=_largest_shift(row, tables)))
     is_unnamed = row.cause == "unexplained" and row.verdict == FOUND
-    has_equal = is_unnamed and any(one.verdict == RIVAL for one in assessed_causes(tables))
+    has_equal = is_unnamed and any(assessed_cause.verdict == RIVAL for assessed_cause in assessed_causes(tables))
     unnamed = UNNAMED if is_unnamed and not has_equal else ""
     return printed(f"{text[:1].upper()}{text[1:]}{unnamed}")
 

@@ -93,7 +93,7 @@ def _computed(tables: Tables) -> tuple[Listing, ...]:
     """Return a table per purpose."""
     for name, listing in (("next_loads", _listing_of_loads), ("next_poses", _listing)):
         if (table := table_or_none(tables, name)) is not None:
-            return tuple(listing(str(purpose), own) for purpose, own in table.groupby("purpose", sort=False))
+            return tuple(listing(str(purpose), group) for purpose, group in table.groupby("purpose", sort=False))
     return ()
 
 

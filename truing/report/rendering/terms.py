@@ -114,6 +114,6 @@ def _pattern() -> re.Pattern[str]:
     """Any term as a word of its own, the longest first; a symbol only where a head begins with it and has no more."""
     spellings = sorted(_by_spelling(), key=len, reverse=True)
     symbols = {term.symbol for term in glossary()}
-    names = "|".join(re.escape(one) for one in spellings if one not in symbols)
+    names = "|".join(re.escape(spelling) for spelling in spellings if spelling not in symbols)
     signs = "|".join(re.escape(one) for one in spellings if one in symbols)
     return re.compile(rf"^(?P<symbol>{signs})(?=$| \()|(?<![\w-])(?P<term>(?i:{names}))s?(?![\w-])")

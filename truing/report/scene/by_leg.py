@@ -38,14 +38,14 @@ def by_leg(tables: Tables) -> Listing:
 def _shifts(shifts: pd.DataFrame) -> list[tuple]:
     kept = shifts[~shifts["rejected"]] if "rejected" in shifts else shifts
     rows: list[tuple] = []
-    for leg, own in kept.groupby("leg"):
-        shift, sigma = own["delta_bz_um"].to_numpy(dtype=float), own["sigma_um"].to_numpy(dtype=float)
+    for leg, group in kept.groupby("leg"):
+        shift, sigma = group["delta_bz_um"].to_numpy(dtype=float), group["sigma_um"].to_numpy(dtype=float)
         rms = float(np.sqrt(np.mean(shift**2)))
         # Contribution of the points' noise to the rms of these shifts, to first order.
         noise = float(np.sqrt(np.sum((shift * sigma) ** 2))) / (len(shift) * rms) if rms > 0.0 else float(sigma.max())
         most = int(np.argmax(np.abs(shift)))
-        where = f"largest shift of the attachment along z, pose {own['pose'].iloc[most]}"
-        text = f"rms shift of the attachment along z over {count(len(own), 'pose')}"
+        where = f"largest shift of the attachment along z, pose {group['pose'].iloc[most]}"
+        text = f"rms shift of the attachment along z over {count(len(group), 'pose')}"
         rows.append((int(leg), text, with_uncertainty(rms, noise, "µm"), "–", "–"))
         rows.append((int(leg), where, with_uncertainty(float(shift[most]), float(sigma[most]), "µm"), "–", "–"))
     return rows

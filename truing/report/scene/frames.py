@@ -96,20 +96,20 @@ def _legs(lower: NDArray[np.float64], upper: NDArray[np.float64]) -> Iterator[go
 
 def _axes(table: pd.DataFrame, size: float) -> Iterator[go.Scatter3d]:
     """Yield the axes of each frame as arrows with names at the tips; of the legs, only the first is shown at first."""
-    for name, own in table.groupby("frame", sort=False):
+    for name, group in table.groupby("frame", sort=False):
         frame = str(name)
         of_leg = frame not in _COLOURS
         hidden = (of_leg and not frame.endswith(" 1")) or frame == "measurement"
         length = size * _LENGTHS.get(frame, _OF_LEGS)
         colour = _COLOURS.get(frame, GREEN if frame.startswith("leg") else "#7b3294")
-        start, way = own[XYZ].to_numpy(dtype=float), own[_ALONG].to_numpy(dtype=float)
+        start, way = group[XYZ].to_numpy(dtype=float), group[_ALONG].to_numpy(dtype=float)
         places = np.concatenate([_arrow(a, length * w) for a, w in zip(start, way, strict=True)])
         visible = "legendonly" if hidden else True
         yield _line(places, frame, colour, 5.0, visible=visible, legendgroup=frame)
         yield go.Scatter3d(
             **dict(zip("xyz", (start + 1.12 * length * way).T, strict=True)),
             mode="text",
-            text=[_tip(frame, str(axis)) for axis in own["axis_name"]],
+            text=[_tip(frame, str(axis)) for axis in group["axis_name"]],
             textfont={"color": colour, "size": 13},
             name=frame,
             legendgroup=frame,

@@ -107,8 +107,8 @@ def _machine(tables: Tables, named: Named) -> _Shape | None:
     if table is None:
         return shape
     _add_legs(shape, *leg_joints(table), named)
-    for name, own in table[table["frame"].isin(["base", "platform"])].groupby("frame", sort=False):
-        shape.frames.append((str(name), *_frame(own)))
+    for name, group in table[table["frame"].isin(["base", "platform"])].groupby("frame", sort=False):
+        shape.frames.append((str(name), *_frame(group)))
     return shape
 
 
@@ -192,7 +192,7 @@ def _add_bodies(shape: _Shape, tables: Tables, named: Named, *, with_frames: boo
         number = motions.groupby("pose", sort=False)["body"].nunique()
         standing = list(_placed(motions[motions["pose"] == number.idxmax()]))
     elif designed is not None:
-        names = {name.replace(" ", ""): _frame(own) for name, own in designed.groupby("frame", sort=False)}
+        names = {name.replace(" ", ""): _frame(group) for name, group in designed.groupby("frame", sort=False)}
         standing = [(str(body), names[body]) for body in places["body"].unique() if body in names]
     else:
         standing = list(_side_by_side(places))
@@ -205,8 +205,8 @@ def _add_bodies(shape: _Shape, tables: Tables, named: Named, *, with_frames: boo
 def _side_by_side(places: pd.DataFrame) -> Iterator[tuple[str, tuple[_Points, _Points]]]:
     """Yield each body with a place (3,) next to the one before, unturned."""
     right = 0.0
-    for body, own in places.dropna(subset=XYZ).groupby("body", sort=False):
-        points = own[XYZ].to_numpy(float)
+    for body, group in places.dropna(subset=XYZ).groupby("body", sort=False):
+        points = group[XYZ].to_numpy(float)
         wide = max(float(np.ptp(points[:, 0])), 1.0)
         yield str(body), (np.array([right - points[:, 0].min(), 0.0, 0.0]), np.eye(3))
         right += 1.3 * wide

@@ -439,10 +439,10 @@ def _merit_figure(merit: pd.DataFrame, length_m: float) -> go.Figure:
     """Return sensitivities and condition of G, G' and, where leg forces are known, G_B', with moments over a length."""
     at = merit[np.isclose(merit["length_m"].to_numpy(dtype=float), length_m)]
     figure = go.Figure()
-    for (matrix, model), own in at[at["matrix"] != "G_B"].groupby(["matrix", "model"], sort=False):
+    for (matrix, model), group in at[at["matrix"] != "G_B"].groupby(["matrix", "model"], sort=False):
         name, colour, symbol = _SHOWN.get((matrix, model), _SHOWN[matrix, ""])
-        each = own[own["figure"] == "sensitivity"].set_index("subject").reindex(list(LOADS))
-        condition = own[own["figure"] == "condition"].iloc[0]
+        each = group[group["figure"] == "sensitivity"].set_index("subject").reindex(list(LOADS))
+        condition = group[group["figure"] == "condition"].iloc[0]
         sigmas = np.array([*each["sigma"], condition["sigma"]], dtype=float)
         figure.add_trace(
             go.Scatter(

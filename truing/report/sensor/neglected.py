@@ -17,7 +17,7 @@ def neglected(tables: Tables) -> ReportSection | None:
     effects = table_or_none(tables, "neglected")
     if effects is None:
         return None
-    sentences = [_sentence(str(name), own) for name, own in effects.groupby("effect", sort=False)]
+    sentences = [_sentence(str(name), group) for name, group in effects.groupby("effect", sort=False)]
     if effects["effect"].str.startswith("elastic").any():
         sentences.append(
             "A plate is estimated as separate sectors, one per joint, clamped at its rigid middle; a whole plate "

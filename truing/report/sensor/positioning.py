@@ -58,7 +58,7 @@ def positioning(tables: Tables) -> ReportSection | None:
     lead = "By ISO 230-2, targets approached from either side. A deviation common to all targets has no effect."
     listings = (_of_axis(axis), corrections(tables, of_axis=True), _of_targets(targets))
     shown = tuple(listing for listing in listings if listing.rows)
-    drawn = tuple((deviations(own), _CAPTION) for own in _drawn_runs(targets))
+    drawn = tuple((deviations(drawn_run), _CAPTION) for drawn_run in _drawn_runs(targets))
     statements = tuple(("fail", why) for why in withheld)
     return ReportSection("positioning", "Positioning", lead, figures=drawn, listings=shown, statements=statements)
 
@@ -86,7 +86,7 @@ def _of_single_axis(rows: pd.DataFrame | None) -> ReportSection:
         statements = (("warn", f"R and A are not computed: they need a scatter, and there is {few}. {_PLAN}"),)
     elif fewest < _CYCLES:
         statements = (("warn", f"Only {few}; ISO 230-2 asks for {_CYCLES}: R and A are uncertain. {_PLAN}"),)
-    drawn = tuple((deviations(own), _CAPTION) for own in _drawn_runs(targets))
+    drawn = tuple((deviations(drawn_run), _CAPTION) for drawn_run in _drawn_runs(targets))
     listings = _of_axis(axis), _of_targets(targets)
     return ReportSection("positioning", "Positioning", lead, figures=drawn, listings=listings, statements=statements)
 
@@ -135,7 +135,7 @@ def _not_stated(run: int | str, qa: pd.DataFrame | None) -> str:
 
 
 def _drawn_runs(rows: pd.DataFrame) -> list[pd.DataFrame]:
-    return [own for _, own in rows.groupby("run", sort=False)][:_DRAWN]
+    return [group for _, group in rows.groupby("run", sort=False)][:_DRAWN]
 
 
 def deviations(rows: pd.DataFrame) -> go.Figure:

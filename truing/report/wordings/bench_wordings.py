@@ -241,7 +241,7 @@ def _tilted(claim: Claim) -> str:
     size, _ = largest_of_kind(claim, "angle")
     tilts = sure_of(tuple(one for one in claim.sizes if one.name.startswith("tilt_")))
     towards = (
-        f": {' and '.join(f'{size_in_words(positive(one))} towards {_tilt_direction(one)}' for one in tilts)}"
+        f": {' and '.join(f'{size_in_words(positive(tilt))} towards {_tilt_direction(tilt)}' for tilt in tilts)}"
         if tilts
         else ""
     )
