@@ -26,7 +26,7 @@ _COVARIANCE = [(i, j) for i in range(6) for j in range(i, 6)]
 _AXES = "xyz"
 WRONG = "contradicts the rays"
 NO_RAY = "none of its rays is left"
-UNRESOLVED = "contradicts the rays or other known points; which is wrong cannot be told"
+UNRESOLVED = "contradicts the rays or other known points; which is wrong is undetermined"
 
 
 class NetworkTables:

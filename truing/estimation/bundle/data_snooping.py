@@ -31,11 +31,11 @@ _LOOSE = 0.1  # standard deviation of a loosened bar, relative to its length: it
 RELEASE_ORDER = ("A3", "C2", "C1", "B2", "B1", "A2", "A1", "y0", "x0", "c")
 _CHECKED = 0.01  # share of an error that must appear in the residuals for a direction to count as tested
 GROSS = "gross error: its test value is above the critical value"
-ONE_OF_TWO = "one of two rays that do not meet: which is wrong cannot be told"
+ONE_OF_TWO = "one of two rays that do not meet: which is wrong is undetermined"
 NO_IMAGE = "its image is not oriented"
 NO_POINT = "its point has no coordinates"
 BEHIND = "its point lies behind the camera"
-NOT_PREDICTED = "rejected, and too few other rays of its point or image are left to tell by how much it is off"
+NOT_PREDICTED = "rejected; too few other rays of its point or image remain to state its error"
 SECOND_TARGET = "meets other rejected rays of its name in another place: a second target bears the name"
 NOT_DETERMINED = "its point or its image keeps too few other rays"
 _FEWEST_MEETING = 3  # rejected rays that meet elsewhere: two meet too easily by chance
@@ -104,6 +104,24 @@ def adjust_robustly(
             held = (*held, *more)
 
 
+@dataclass(frozen=True)
+class _Snooped:
+    """State at the end of data snooping: adjustment of the used rays (N,), tests of all, and their noise components.
+
+    ``active`` (N,): rays not rejected; ``returns`` (N,): how often each has returned; ``latest``: components estimated
+    from this adjustment.
+    """
+
+    adjusted: Adjustment
+    tests: RayTests
+    components: VarianceComponents
+    latest: VarianceComponents
+    used: Mask
+    active: Mask
+    returns: Index
+    rounds: int
+
+
 def _screened(
     network: Network,
     start: NetworkState,
@@ -114,61 +132,77 @@ def _screened(
     with_components: bool,
 ) -> ScreenedNetwork:
     """Return the network adjusted with the possible rays (N,) that pass, starting from the active ones (N,)."""
-    known = datum == "known"
-    whole, network = network, _with_loose_bars(network)
+    loose = _with_loose_bars(network)
+    end = _snooped(loose, start, datum, possible, active, alpha, with_components)
+    adjusted, tests, used = end.adjusted, end.tests, end.used
+    if loose is not network:
+        adjusted = adjust(network, adjusted.state, datum, used=used, variance_factor=end.components.of_rays())
+        tests = ray_tests(adjusted, end.components)
+    tested = int((used & (tests.freedom > 0)).sum())
+    stated = adjust(network, adjusted.state, datum, used=used) if with_components else adjusted
+    return ScreenedNetwork(
+        adjustment=adjusted,
+        used=used,
+        rejected=rejected_rays(network, start, adjusted, end.components, end.active, tests),
+        untested=np.flatnonzero(used & (tests.freedom == 0)),
+        alpha=alpha,
+        tested=tested,
+        family_level=float(-np.expm1(tested * np.log1p(-alpha))),
+        critical=-2 * float(np.log(alpha)),
+        rounds=end.rounds,
+        returned=int(((end.returns > 0) & used).sum()),
+        components=replace(end.latest, factor=end.components.factor) if with_components else end.components,
+        tests=tests,
+        held=(),
+        by_rays=end.adjusted,
+        covariance_factor=1.0 if with_components else adjusted.variance_factor / passing_share(alpha),
+        sigma0=global_test(stated.chi2 / passing_share(alpha), stated.redundancy),
+    )
+
+
+def _snooped(
+    network: Network,
+    start: NetworkState,
+    datum: Datum,
+    possible: Mask,
+    active: Mask,
+    alpha: float,
+    with_components: bool,
+) -> _Snooped:
+    """Return the end of data snooping: rays fail and return in turn until all agree, or after `_MOST_ROUNDS`."""
     state, active, components = robust_start(network, start, datum, active)
     if not with_components:
         components = replace(components, factor=np.ones_like(components.factor), sigma=np.zeros_like(components.sigma))
     returns = np.zeros(network.rays.count, np.int64)
     rounds, within = 1, 0.0
     while True:
-        used = determinable(network, active, known=known).rays
+        used = determinable(network, active, known=datum == "known").rays
         adjusted = adjust(network, state, datum, used=used, variance_factor=components.of_rays(), within=within)
         state, tests = adjusted.state, ray_tests(adjusted, components)
         latest = updated(components, adjusted, tests.redundancy_blocks, passing_share(alpha))
         if with_components:
             tests = _rescaled(tests, components, latest)
-        critical = tests.critical(alpha)
-        with np.errstate(invalid="ignore"):
-            fails, passes = used & (critical < tests.T), critical >= tests.T
-        fails = _worst_failures(network, used, tests, fails)
+        fails, passes = _verdicts(network, used, tests, alpha)
         passes &= possible & ~active & (returns < _RETURNS)
         converged = not with_components or bool(np.all(np.abs(latest.factor / components.factor - 1) < _STEADY))
         passed = converged and not fails.any() and not passes.any()
         if passed or rounds >= _MOST_ROUNDS:
             if adjusted.converged or not within:
-                break
+                return _Snooped(adjusted, tests, components, latest, used, active, returns, rounds)
             within = 0.0  # what passes after one step is adjusted to the end, and tested once more
             continue
         rounds, within = rounds + 1, _WITHIN
         components = latest if with_components else components
         returns += passes
         active = (active | passes) & ~fails
-    by_rays = adjusted
-    if network is not whole:
-        network = whole
-        adjusted = adjust(network, state, datum, used=used, variance_factor=components.of_rays())
-        state, tests = adjusted.state, ray_tests(adjusted, components)
-    tested = int((used & (tests.freedom > 0)).sum())
-    stated = adjust(network, state, datum, used=used) if with_components else adjusted
-    return ScreenedNetwork(
-        adjustment=adjusted,
-        used=used,
-        rejected=rejected_rays(network, start, adjusted, components, active, tests),
-        untested=np.flatnonzero(used & (tests.freedom == 0)),
-        alpha=alpha,
-        tested=tested,
-        family_level=float(-np.expm1(tested * np.log1p(-alpha))),
-        critical=-2 * float(np.log(alpha)),
-        rounds=rounds,
-        returned=int(((returns > 0) & used).sum()),
-        components=replace(latest, factor=components.factor) if with_components else components,
-        tests=tests,
-        held=(),
-        by_rays=by_rays,
-        covariance_factor=1.0 if with_components else adjusted.variance_factor / passing_share(alpha),
-        sigma0=global_test(stated.chi2 / passing_share(alpha), stated.redundancy),
-    )
+
+
+def _verdicts(network: Network, used: Mask, tests: RayTests, alpha: float) -> tuple[Mask, Mask]:
+    """Return the used rays (N,) that fail, at most one of a point, and all rays (N,) that pass."""
+    critical = tests.critical(alpha)
+    with np.errstate(invalid="ignore"):
+        fails, passes = used & (critical < tests.T), critical >= tests.T
+    return _worst_failures(network, used, tests, fails), passes
 
 
 def _with_loose_bars(network: Network) -> Network:

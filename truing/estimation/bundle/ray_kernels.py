@@ -175,6 +175,54 @@ def image_covariances(
                 found[m, b, a] = total[a, b]
 
 
+@inner
+def by_pose_unknowns(row: NDArray, derivative: NDArray) -> None:
+    """Fill in the derivatives (2, 9) of image coordinates by centre and rotation of the image and by the point, from a
+    linearised row."""
+    for q in range(2):
+        for a in range(3):
+            derivative[q, a], derivative[q, 3 + a], derivative[q, 6 + a] = -row[q, a], row[q, 3 + a], row[q, a]
+
+
+@inner
+def joined(image: NDArray, point: NDArray, cross: NDArray, both: NDArray) -> None:
+    """Fill in the covariance (9, 9) of an image (6, 6) and a point (3, 3) with their cross covariance (6, 3)."""
+    both[:6, :6], both[6:, 6:] = image, point
+    for a in range(6):
+        for b in range(3):
+            both[a, 6 + b] = both[6 + b, a] = cross[a, b]
+
+
+@inner
+def by_common_unknowns(
+    row: NDArray, place: NDArray, derivative: NDArray, image: NDArray, point: NDArray, by_common: NDArray
+) -> None:
+    """Fill in the derivatives (2, c) by the common unknowns: of the camera at its ``place`` (10,), and through image
+    (6, c) and point (3, c)."""
+    by_common[:] = 0.0
+    for q in range(2):
+        for a in range(10):
+            if place[a] >= 0:
+                by_common[q, place[a]] += row[q, INTERIOR + a]
+        for a in range(9):
+            moved = image[a] if a < 6 else point[a - 6]
+            for b in range(by_common.shape[1]):
+                by_common[q, b] += derivative[q, a] * moved[b]
+
+
+@inner
+def add_propagated(derivative: NDArray, covariance: NDArray, half: NDArray, total: NDArray) -> None:
+    """Add J C J^T (2, 2) of a derivative J (2, n) and a covariance C (n, n); half (n,) is work space."""
+    for q in range(2):
+        half[:] = 0.0
+        for a in range(len(half)):
+            for b in range(len(half)):
+                half[b] += derivative[q, a] * covariance[a, b]
+        for r in range(2):
+            for b in range(len(half)):
+                total[q, r] += half[b] * derivative[r, b]
+
+
 @compiled(*_SOURCES)
 def computed_covariances(
     image: NDArray,
@@ -204,7 +252,7 @@ def computed_covariances(
     both (n, 6, 3), all given the common unknowns; derivatives (i, 6, c) and (p, 3, c) by these, with covariance (c, c).
     """
     c = len(common)
-    own, both, by_common, spread = np.zeros((2, 9)), np.zeros((9, 9)), np.zeros((2, c)), np.zeros(c)
+    derivative, both, by_common, spread = np.zeros((2, 9)), np.zeros((9, 9)), np.zeros((2, c)), np.zeros(c)
     half, row, X = np.zeros(9), np.zeros((2, WIDTH)), np.zeros(3)
     for n in range(len(image)):
         i, p, k = image_slot[n], point_slot[n], camera[image[n]]
@@ -214,34 +262,9 @@ def computed_covariances(
             continue
         linearised(row, interior[k], radius[k], X, (1.0, 0.0, 1.0))
         turned(row, R[image[n]], xyz[point[n]], centre[image[n]])
-        for q in range(2):
-            for a in range(3):
-                own[q, a], own[q, 3 + a], own[q, 6 + a] = -row[q, a], row[q, 3 + a], row[q, a]
-        both[:6, :6], both[6:, 6:] = images[i], points[p]
-        for a in range(6):
-            for b in range(3):
-                both[a, 6 + b] = both[6 + b, a] = cross[n, a, b]
-        by_common[:] = 0.0
-        for q in range(2):
-            for a in range(10):
-                if place[k, a] >= 0:
-                    by_common[q, place[k, a]] += row[q, INTERIOR + a]
-            for a in range(9):
-                moved = images_by_common[i, a] if a < 6 else points_by_common[p, a - 6]
-                for b in range(c):
-                    by_common[q, b] += own[q, a] * moved[b]
-        for q in range(2):
-            half[:], spread[:] = 0.0, 0.0
-            for a in range(9):
-                for b in range(9):
-                    half[b] += own[q, a] * both[a, b]
-            for a in range(c):
-                for b in range(c):
-                    spread[b] += by_common[q, a] * common[a, b]
-            for r in range(2):
-                value = 0.0
-                for b in range(9):
-                    value += half[b] * own[r, b]
-                for b in range(c):
-                    value += spread[b] * by_common[r, b]
-                found[n, q, r] = value
+        by_pose_unknowns(row, derivative)
+        joined(images[i], points[p], cross[n], both)
+        by_common_unknowns(row, place[k], derivative, images_by_common[i], points_by_common[p], by_common)
+        found[n] = 0.0
+        add_propagated(derivative, both, half, found[n])
+        add_propagated(by_common, common, spread, found[n])
