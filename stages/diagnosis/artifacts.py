@@ -84,9 +84,11 @@ def artifacts_of(
     """Tables and text by artifact."""
     diagnosis = replace(diagnosis, verdicts=assessed(diagnosis.verdicts, diagnosis.search, rule.level))
     last, legs = diagnosis.search, diagnosis.plain.model.part_count
-    own = data.instrument_results(diagnosis, data, settings)
+    instrument_results = data.instrument_results(diagnosis, data, settings)
     detectable = detectable_words(last, rule.level, [verdict.cause for verdict in diagnosis.verdicts], legs)
-    words = DetectionAdvice(detectable, own.advice, _remark(data, diagnosis.final), data.shown, data.relation)
+    words = DetectionAdvice(
+        detectable, instrument_results.advice, _remark(data, diagnosis.final), data.shown, data.relation
+    )
     left = {
         "diagnosis": diagnosis_table(diagnosis, words, rule.noise_level),
         "adequacy": adequacy_table(diagnosis, rule, data.shown.what),
@@ -94,7 +96,7 @@ def artifacts_of(
         "cause_uncertainty": uncertainty_table(diagnosis, legs),
         "determined_combinations": combinations_table(diagnosis, legs),
         "diagnosis_left_out": left_out_table(diagnosis, data) if diagnosis.screened else None,
-        **own.artifacts,
+        **instrument_results.artifacts,
     }
     return {name: artifact for name, artifact in left.items() if artifact is not None}
 

@@ -75,11 +75,11 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         keep = np.broadcast_to(kept[rows_of_role][:, None], seen[rows_of_role].shape)
         return Epochs(measured, rows.subset(rows_of_role), Frames.of_numbers(int(rows_of_role.sum())), keep)
 
-    own, known = rows.subset(fitted), selected_groupings(labels_of(table, rows.poses), fitted)
-    groupings = groupings_of(own.readings, own.time_s, own.direction[:, None], known)
+    subset, known = rows.subset(fitted), selected_groupings(labels_of(table, rows.poses), fitted)
+    groupings = groupings_of(subset.readings, subset.time_s, subset.direction[:, None], known)
     return DiagnosisData(
         model,
-        replace(poses(fitted), repeats=group_numbers(np.round(own.readings, 12)), groupings=groupings),
+        replace(poses(fitted), repeats=group_numbers(np.round(subset.readings, 12)), groupings=groupings),
         poses(held_out) if held_out.any() else None,
         f"{int(out.sum())} rows excluded by a person" if out.any() else "",
         _results,

@@ -99,20 +99,20 @@ def assemble(tables: Mapping[str, pa.Table], settings: Campaign) -> DiagnosisDat
         build = _distance_model if of_distances else _model
         frames, model, certain = build(tree, settings, measured, conditions, fitted)
 
-    def epochs(own: Mask) -> Epochs[ChainConditions]:
-        observed = Observations(measured.values[own], measured.cov[own], measured.seen[own])
-        return Epochs(observed, conditions.subset(own), Frames(frames.R[own], frames.t[own], frames.free))
+    def epochs(mask: Mask) -> Epochs[ChainConditions]:
+        observed = Observations(measured.values[mask], measured.cov[mask], measured.seen[mask])
+        return Epochs(observed, conditions.subset(mask), Frames(frames.R[mask], frames.t[mask], frames.free))
 
-    own = conditions.subset(fitted)
+    subset = conditions.subset(fitted)
     searched = epochs(fitted)
-    right = model.at(own).with_causes(certain)
+    right = model.at(subset).with_causes(certain)
     evident: tuple[ChainCause, ...] = certain
     evident += offsets_beyond_tolerance(right, searched.measured, searched.frames)
-    time = own.covariates.get("time_s")
+    time = subset.covariates.get("time_s")
     labels = selected_groupings(labels_of(table, poses), fitted)
-    groupings = groupings_of(own.readings, time, None, labels)
+    groupings = groupings_of(subset.readings, time, None, labels)
     return DiagnosisData(
-        model.at(own),
+        model.at(subset),
         replace(searched, groupings=groupings),
         epochs(held_out) if held_out.any() else None,
         _omissions(out, read, framed, thinned),
@@ -222,12 +222,12 @@ def _mixed_model(
     known = _known(tree, settings, measured, with_places(start, measured), True)
     free = DistanceModel(tree, measured.channels, known, conditions, ends=measured.ends)
     free = replace(free, coordinates=measured.coordinates)
-    own, first, count = right.subset(fitted), len(measured.coordinates), len(points.channels.names)
+    subset, first, count = right.subset(fitted), len(measured.coordinates), len(points.channels.names)
     lines = lines_at(
         tree,
         measured.channels.node,
         measured.ends,
-        own,
+        subset,
         measured.values[fitted, first:, 0],
         measured.seen[fitted, first:],
         (known.base_R, known.base_t),

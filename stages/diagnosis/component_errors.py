@@ -63,13 +63,13 @@ def tip_errors(diagnosis: CauseDiagnosis, data: DiagnosisData[Any]) -> pa.Table 
         missed, variance = motions
         poses, known = epochs[role].conditions.poses, np.isfinite(missed)
         for k, (name, unit) in enumerate(COMPONENTS.items()):
-            own = np.flatnonzero(known[:, k])
-            rows["pose"] += [poses[b] for b in own]
-            rows["role"] += [role] * len(own)
-            rows["component"] += [name] * len(own)
-            rows["missed"] += (missed[own, k] / _SI[k]).tolist()
-            rows["sigma"] += (np.sqrt(variance[own, k]) / _SI[k]).tolist()
-            rows["unit"] += [unit] * len(own)
+            index = np.flatnonzero(known[:, k])
+            rows["pose"] += [poses[b] for b in index]
+            rows["role"] += [role] * len(index)
+            rows["component"] += [name] * len(index)
+            rows["missed"] += (missed[index, k] / _SI[k]).tolist()
+            rows["sigma"] += (np.sqrt(variance[index, k]) / _SI[k]).tolist()
+            rows["unit"] += [unit] * len(index)
     identifier = "int64" if all(isinstance(pose, int) for pose in rows["pose"]) else "string"
     return pa.table(rows, schema=ARTIFACTS["component_errors"].arrow_schema(identifier))
 

@@ -243,20 +243,20 @@ def _predicts_difference(fitted: Fitted, plain: Sequence[_Run], other: Sequence[
 
 def _conditions(model: BenchModel, made: Sequence[_Run]) -> ReadingConditions:
     """The steps of runs that each begin after all that was measured; columns stay as they mostly were."""
-    own, count = model.conditions, len(made)
-    start = float(np.max(own.time_s)) + _PAUSE_S
+    conditions, count = model.conditions, len(made)
+    start = float(np.max(conditions.time_s)) + _PAUSE_S
     share = np.arange(_STEPS) / (_STEPS - 1)
     covariates = {
         name: np.concatenate([_middle(values) + (run.changing == name) * _WARMER_K * share for run in made])
-        for name, values in own.covariates.items()
+        for name, values in conditions.covariates.items()
     }
     return ReadingConditions(
-        np.repeat(_labels(own.run, count), _STEPS),
+        np.repeat(_labels(conditions.run, count), _STEPS),
         np.tile(np.arange(_STEPS), count),
         np.concatenate([start + run.step_s * np.arange(_STEPS) for run in made]),
         np.concatenate([run.load for run in made]),
         covariates,
-        own.span_s,
+        conditions.span_s,
     )
 
 

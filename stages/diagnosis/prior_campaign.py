@@ -55,14 +55,14 @@ def started(data: DiagnosisData[Any], text: str, seed: int) -> DiagnosisData[Any
             "the fit with the effects of the earlier model led to poses that the legs cannot reach"
         ) from None
     changed = compared.changed()
-    kept = prior.without_information
+    information = prior.without_information
     if changed is not None:
-        kept = prior.without(sorted({*changed, *chain.from_iterable(compared.alternatives_to(changed))}))
+        information = prior.without(sorted({*changed, *chain.from_iterable(compared.alternatives_to(changed))}))
     sentence = _words(campaign, prior, fitted.model, compared)
     lost = {cause.id for cause in causes if cause.is_persistent} - {cause.id for cause in prior.causes}
     missing = f"{', '.join(sorted(lost))} of {campaign}, whose columns are missing here" if lost else ""
     words = "; ".join(part for part in (data.left_out, missing, sentence) if part)
-    return replace(data, model=with_prior_campaign(data.model, kept), left_out=words)
+    return replace(data, model=with_prior_campaign(data.model, information), left_out=words)
 
 
 def _parsed_prior(text: str, model: Any) -> tuple[str, tuple[Cause, ...], CampaignPrior]:
@@ -91,8 +91,8 @@ def _prior_in_model(
     prior: CampaignPrior, model: EffectsModel, shared: NDArray, covariance: NDArray
 ) -> tuple[NDArray, NDArray]:
     """The earlier numbers (n,) as a model has them, and their covariance (n, n)."""
-    own, slopes = prior.places(model), prior.slopes(model, shared)
-    return prior.values(model, shared), slopes @ covariance[np.ix_(own, own)] @ slopes.T
+    places, slopes = prior.places(model), prior.slopes(model, shared)
+    return prior.values(model, shared), slopes @ covariance[np.ix_(places, places)] @ slopes.T
 
 
 def _words(campaign: str, prior: CampaignPrior, model: EffectsModel, compared: NumberComparison) -> str:

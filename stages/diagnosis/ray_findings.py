@@ -168,12 +168,12 @@ def with_rays(artifacts: Mapping[str, Any], rays: RayFindings, rule: Settings) -
     diagnosis = replace(rays.diagnosis, verdicts=assessed(rays.diagnosis.verdicts, search, level))
     sizes = detectable_words(search, level, [verdict.cause for verdict in diagnosis.verdicts], 0)
     words = DetectionAdvice(sizes, shown=rays.data.shown, relation=rays.data.relation)
-    own = diagnosis_table(diagnosis, words, own_rule.noise_level).to_pylist()
-    of_causes = [row for row in own if "noise_ratio" not in json.loads(row["parameters"])]
+    rows = diagnosis_table(diagnosis, words, own_rule.noise_level).to_pylist()
+    of_causes = [row for row in rows if "noise_ratio" not in json.loads(row["parameters"])]
     for row, verdict in zip(of_causes, diagnosis.verdicts, strict=True):
         if verdict.cause.key in rays.moves and row["verdict"] in ("found", "suspected"):
             row["explanation"] += _on_points(rays.moves[verdict.cause.key])
-    found["diagnosis"] = _ranked(own, found["diagnosis"])
+    found["diagnosis"] = _ranked(rows, found["diagnosis"])
     for name, table in (
         ("detectable", detectable_table(diagnosis.search, level, 0)),
         ("adequacy", adequacy_table(diagnosis, own_rule, rays.data.shown.what)),

@@ -236,11 +236,11 @@ def largest_loads(steps: RecordedSteps, settings: Campaign) -> Array:
 
 
 def _conditions(steps: RecordedSteps, rows: NDArray[np.bool_]) -> ReadingConditions:
-    own = steps.subset(rows)
-    between = {name: between_neighbours(values, own.time_s) for name, values in own.covariates.items()}
+    subset = steps.subset(rows)
+    between = {name: between_neighbours(values, subset.time_s) for name, values in subset.covariates.items()}
     known = {name: values for name, values in between.items() if np.isfinite(values).all()}
     span = (float(np.nanmin(steps.time_s)), float(np.nanmax(steps.time_s)))
-    return ReadingConditions(run_names(own), own.step, own.time_s, own.load, known, span)
+    return ReadingConditions(run_names(subset), subset.step, subset.time_s, subset.load, known, span)
 
 
 def _poses(
@@ -279,11 +279,11 @@ def _errors_table(diagnosis: CauseDiagnosis, channels: Channels, settings: Campa
     rows: list[dict[str, Any]] = []
     for role, before, after in errors_by_role(diagnosis):
         assert isinstance(before.model, BenchModel)
-        names, own = before.model.channel_names, before.model.conditions
+        names, conditions = before.model.channel_names, before.model.conditions
         rows += [
             {
-                "run": plain_number(own.run[b]),
-                "step": int(own.step[b]),
+                "run": plain_number(conditions.run[b]),
+                "step": int(conditions.step[b]),
                 "channel": names[k],
                 "role": role,
                 "missed_before": float(before.gap[b, k, 0] / channels.si[k]),

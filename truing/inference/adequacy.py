@@ -238,12 +238,12 @@ def _orders(count: int, groups: Integers | None, rng: np.random.Generator) -> li
     if groups is None:
         return [rng.permutation(count) for _ in range(_PERMUTATIONS)]
     by_group = np.argsort(groups, kind="stable")
-    found = []
+    result = []
     for _ in range(_PERMUTATIONS):
         order = np.empty(count, int)
         order[by_group] = np.lexsort((rng.random(count), groups))
-        found.append(order)
-    return found
+        result.append(order)
+    return result
 
 
 def _neighbour_correlation(

@@ -37,10 +37,10 @@ def determined_combinations(values: Array, covariance: Array) -> list[Combinatio
     if len(values) < 2 or not sigmas.all() or np.any(np.abs(values) > bound * sigmas):
         return []
     variances, vectors = np.linalg.eigh(covariance)
-    found = []
+    combinations = []
     for variance, vector in zip(variances, vectors.T, strict=True):
         own = vector * np.sign(vector[np.argmax(np.abs(vector))])
         value, sigma = float(own @ values), float(np.sqrt(max(variance, 0.0)))
         if 0.0 < bound * sigma < abs(value):
-            found.append(Combination(own, value, sigma))
-    return found
+            combinations.append(Combination(own, value, sigma))
+    return combinations

@@ -107,18 +107,18 @@ def means_against_scatter(residuals: EpochResiduals, groups: Integers, fewest: f
     """
     squares, freedom, beyond = np.zeros(2), np.zeros(2), 0
     for number in np.unique(groups[groups >= 0]):
-        own = np.flatnonzero(groups == number)
-        seen = residuals.seen[own]
+        index = np.flatnonzero(groups == number)
+        seen = residuals.seen[index]
         count = seen.sum(0)
-        redundancy = np.where(count > 1, residuals.redundancy[own], 0.0)
+        redundancy = np.where(count > 1, residuals.redundancy[index], 0.0)
         weight = np.where(count > 1, 1.0 / np.maximum(count, 1), 0.0)  # sum of squares of a mean over the squared sum
-        of_mean = weight * residuals.values[own].sum(0) ** 2
-        whole = np.where(count > 1, residuals.values[own] ** 2, 0.0).sum()
-        explained = residuals.explained[own][:, count > 1].sum()
+        of_mean = weight * residuals.values[index].sum(0) ** 2
+        whole = np.where(count > 1, residuals.values[index] ** 2, 0.0).sum()
+        explained = residuals.explained[index][:, count > 1].sum()
         squares += of_mean.sum(), whole - of_mean.sum()
-        own_freedom = (weight * redundancy).sum() - (weight @ residuals.summed(own) ** 2).sum()
+        own_freedom = (weight * redundancy).sum() - (weight @ residuals.summed(index) ** 2).sum()
         freedom += own_freedom, redundancy.sum() - explained - own_freedom
-        beyond += len(own) - 1
+        beyond += len(index) - 1
     if beyond < fewest or not (freedom > 1.0).all():
         return None
     mean = squares / freedom

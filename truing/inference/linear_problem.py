@@ -57,14 +57,14 @@ class LinearisedModel:
 
     def without(self, epochs: Mask) -> LinearisedModel:
         """Return the problem without the measurements of some epochs (B,), whose local unknowns are zero."""
-        kept = ~epochs[:, None]
+        mask = ~epochs[:, None]
         return replace(
             self,
-            residual=self.residual * kept,
-            by_local=self.by_local * kept[..., None],
-            by_shared=self.by_shared * kept[..., None],
-            local_value=self.local_value * kept,
-            present=self.present & kept,
+            residual=self.residual * mask,
+            by_local=self.by_local * mask[..., None],
+            by_shared=self.by_shared * mask[..., None],
+            local_value=self.local_value * mask,
+            present=self.present & mask,
         )
 
     @property

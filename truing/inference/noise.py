@@ -123,13 +123,13 @@ def rescaled_noise(whitened: Whitened, measured: Observations, groups: Integers)
     """
     rest, redundancy = informative_residuals(whitened, measured.values.shape)
     axes = np.eye(measured.size)
-    whole = _scatter(rest[measured.seen], redundancy[measured.seen], axes)
-    own = []
+    scatter = _scatter(rest[measured.seen], redundancy[measured.seen], axes)
+    observations = []
     for group in range(groups.max() + 1):
         rows = measured.seen & (groups == group)
-        own.append(_scatter(rest[rows], redundancy[rows], whole))
+        observations.append(_scatter(rest[rows], redundancy[rows], scatter))
     declared = np.linalg.inv(measured.whitener + axes * ~measured.seen[..., None, None])
-    covariance = declared @ np.stack(own)[groups] @ np.swapaxes(declared, -1, -2)
+    covariance = declared @ np.stack(observations)[groups] @ np.swapaxes(declared, -1, -2)
     return replace(measured, covariance=np.where(measured.seen[..., None, None], covariance, measured.covariance))
 
 

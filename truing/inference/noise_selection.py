@@ -45,26 +45,26 @@ class NoiseSelection(Generic[CauseT]):
         """
         if self.scatter(first.fitted, kinds) is not None:
             return []
-        found = self.fitter.noise_dependence(first.fitted, kinds, self.dependence_level)
-        if found is None or found.driver.cause is None:
+        noise_dependence = self.fitter.noise_dependence(first.fitted, kinds, self.dependence_level)
+        if noise_dependence is None or noise_dependence.driver.cause is None:
             return []
-        rest, own = self.fitter.known_residuals(first.fitted), found.driver.values > 0.5
-        gain = rest.shape[-1] * variance_gain(np.mean(rest**2, -1), own)
-        if not self._outdoes_causes(rest, own, first, gain):
+        rest, mask = self.fitter.known_residuals(first.fitted), noise_dependence.driver.values > 0.5
+        gain = rest.shape[-1] * variance_gain(np.mean(rest**2, -1), mask)
+        if not self._outdoes_causes(rest, mask, first, gain):
             return []
-        return [self._weighted(first.fitted, found, kinds)]
+        return [self._weighted(first.fitted, noise_dependence, kinds)]
 
     def outright_scatter(
         self, first: Round[CauseT], kinds: Sequence[CauseT]
     ) -> tuple[ScatterCandidate[CauseT], float] | None:
         """Return the cause that makes inputs scatter, and its p-value, if it is far more probable than a cause with a
         mean effect."""
-        if (found := self.scatter(first.fitted, kinds)) is None:
+        if (scatter := self.scatter(first.fitted, kinds)) is None:
             return None
-        own, rest = found[0].own, residuals_of_inputs(first.fitted).standardised(found[0].own)
+        own, rest = scatter[0].own, residuals_of_inputs(first.fitted).standardised(scatter[0].own)
         # Next to the noise that serves the evidence of causes: it may be too large, as the effect is part of it.
         gain = scale_gain(rest[..., 0] ** 2, own)
-        return found if self._outdoes_causes(rest, own, first, gain) else None
+        return scatter if self._outdoes_causes(rest, own, first, gain) else None
 
     def scatter(
         self, final: FittedModel[CauseT], kinds: Sequence[CauseT]
@@ -73,17 +73,17 @@ class NoiseSelection(Generic[CauseT]):
         return self.fitter.scatter(final, kinds, self.dependence_level)
 
     def _weighted(
-        self, fitted: FittedModel[CauseT], found: NoiseDependence, kinds: Sequence[CauseT]
+        self, fitted: FittedModel[CauseT], noise_dependence: NoiseDependence, kinds: Sequence[CauseT]
     ) -> NoiseDependence:
         """Weight observations by a noise dependence; a cause of it is doubted where an effect without a name may act
         instead."""
-        own, rest = found.driver.values > 0.5, self.fitter.known_residuals(fitted)
+        mask, rest = noise_dependence.driver.values > 0.5, self.fitter.known_residuals(fitted)
         doubt = ""
-        if found.driver.cause is not None:
-            is_noise = is_unordered(rest, own, fitted, _SURELY_NOISE)
+        if noise_dependence.driver.cause is not None:
+            is_noise = is_unordered(rest, mask, fitted, _SURELY_NOISE)
             tried = self.fitter.scatter_count(fitted, kinds, of_inputs=False)
-            doubt = self._doubt(rest, own, fitted, tried, self.dependence_level) if is_noise else Reason.UNNAMED
-        return replace(self.fitter.with_noise_dependence(fitted, found), doubt=doubt)
+            doubt = self._doubt(rest, mask, fitted, tried, self.dependence_level) if is_noise else Reason.UNNAMED
+        return replace(self.fitter.with_noise_dependence(fitted, noise_dependence), doubt=doubt)
 
     def doubt_of_inputs(self, fitted: FittedModel[CauseT], own: Mask, kinds: Sequence[CauseT]) -> str:
         """Return the reason to doubt that inputs ``own`` (B, H) scatter; empty where there is none.
@@ -105,8 +105,8 @@ class NoiseSelection(Generic[CauseT]):
         rest = residuals_of_inputs(fitted).standardised(own)
         return "" if log_odds_of_tails(rest[..., 0][own] ** 2, 1) < HEAVY else Reason.NOT_RANDOM
 
-    def _doubt(self, rest: Array, own: Mask, fitted: FittedModel[CauseT], tried: int, least: float) -> str:
-        """Return the reason to doubt that errors (B, K, d) in places ``own`` (B, K), one of those ``tried``, scatter;
+    def _doubt(self, rest: Array, mask: Mask, fitted: FittedModel[CauseT], tried: int, least: float) -> str:
+        """Return the reason to doubt that errors (B, K, d) in places ``mask`` (B, K), one of those ``tried``, scatter;
         empty where there is none.
 
         Scatter is normal, larger than elsewhere next to heavy tails, different at repeats, and of no input: the p-value
@@ -114,9 +114,9 @@ class NoiseSelection(Generic[CauseT]):
         """
         repeats = self.fitter.repeats
         is_random = (
-            is_of_place(rest, own, tried)
-            and (repeats is None or p_value_of_repeats(rest, own, repeats) > _ORDERED)
-            and p_value_of_dependence(rest, own, fitted) >= least
+            is_of_place(rest, mask, tried)
+            and (repeats is None or p_value_of_repeats(rest, mask, repeats) > _ORDERED)
+            and p_value_of_dependence(rest, mask, fitted) >= least
         )
         return "" if is_random else Reason.NOT_RANDOM
 
@@ -126,31 +126,31 @@ class NoiseSelection(Generic[CauseT]):
         After each one, the same causes are fitted to the newly weighted observations; a new search follows only at the
         end.
         """
-        found: list[NoiseDependence] = []
+        noise_dependences: list[NoiseDependence] = []
         level = self.dependence_level
-        while len(found) < most and (more := self.fitter.noise_dependence(final, kinds, level)):
-            found.append(self._weighted(final, more, kinds))
-            if len(found) < most:
+        while len(noise_dependences) < most and (more := self.fitter.noise_dependence(final, kinds, level)):
+            noise_dependences.append(self._weighted(final, more, kinds))
+            if len(noise_dependences) < most:
                 final = self.fitter.converged(final.causes, final)
-        return found
+        return noise_dependences
 
-    def _outdoes_causes(self, rest: Array, own: Mask, first: Round[CauseT], gain: float) -> bool:
+    def _outdoes_causes(self, rest: Array, mask: Mask, first: Round[CauseT], gain: float) -> bool:
         """Return True if extra scatter of residuals (B, K, d) in a mask (B, K) is far more probable than the best
         cause. ``gain`` is that of the log likelihood. The residuals there must also be uncorrelated. Causes that
         were accepted first would each absorb some of the scatter, and the data would seem to hold several of them."""
         real = (c for c in first.best.values() if is_real(first, c, self.level))
         if gain <= max((first.posterior(c) for c in real), default=0.0) + _UNSTRUCTURED:
             return False
-        return is_unordered(rest, own, first.fitted, _ORDERED)
+        return is_unordered(rest, mask, first.fitted, _ORDERED)
 
     def noisy_channels(self, final: FittedModel[CauseT]) -> Iterator[tuple[int, NoiseLevel]]:
         """Yield the channels of an instrument with noise larger than declared; p-values are corrected for their number.
 
         Nothing is tested where observations are in space: each channel has too few of them.
         """
-        own = np.flatnonzero(final.measured.seen.any(0)) if final.measured.size == 1 else ()
-        for channel in own:
+        index = np.flatnonzero(final.measured.seen.any(0)) if final.measured.size == 1 else ()
+        for channel in index:
             only = np.arange(final.measured.seen.shape[1]) == channel
             level = noise_level(final.fit.whitened, final.measured, self.fitter.declared, only)
-            if (p_value := min(1.0, level.p_value * len(own))) <= self.noise_level:
+            if (p_value := min(1.0, level.p_value * len(index))) <= self.noise_level:
                 yield int(channel), replace(level, p_value=p_value)

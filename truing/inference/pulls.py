@@ -53,16 +53,16 @@ def pulls(shift: Array, prior: Array, posterior: Array) -> Pulls:
     each = np.where(determined, moved / np.sqrt(np.where(determined, np.diag(gained), 1.0)), np.nan)
     told = np.where(np.diag(gained) >= _TOLD, np.diag(gained), np.nan)
     variances, directions = np.linalg.eigh(gained[np.ix_(determined, determined)])
-    kept = variances >= IDENTIFIABLE
-    total = float(np.sum((directions[:, kept].T @ moved[determined]) ** 2 / variances[kept]))
+    mask = variances >= IDENTIFIABLE
+    total = float(np.sum((directions[:, mask].T @ moved[determined]) ** 2 / variances[mask]))
     return Pulls(
         each,
         moved * scale / told,
         moved**2 / told,
         determined,
         total,
-        int(kept.sum()),
-        *_chi_square_band(total, int(kept.sum())),
+        int(mask.sum()),
+        *_chi_square_band(total, int(mask.sum())),
     )
 
 

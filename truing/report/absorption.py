@@ -37,12 +37,12 @@ def absorbed_by(tables: Tables, key: Key) -> pd.DataFrame | None:
     table = table_or_none(tables, "absorption")
     if table is None:
         return None
-    own = table[table["model"] == key[0]] if (table["model"] == key[0]).any() else table
+    rows = table[table["model"] == key[0]] if (table["model"] == key[0]).any() else table
     fitted = table_or_none(tables, "calibration")
     if fitted is None or "tolerance" not in fitted:
-        return own.assign(tolerance=float("nan"))
+        return rows.assign(tolerance=float("nan"))
     names = ["model", "deformation", "leg", "parameter"]
-    return own.merge(fitted[[*names, "tolerance"]].drop_duplicates(names), on=names, how="left")
+    return rows.merge(fitted[[*names, "tolerance"]].drop_duplicates(names), on=names, how="left")
 
 
 def _group_words(group: _Group) -> str:

@@ -82,9 +82,9 @@ def _place(row: pd.Series) -> str:
 
 
 def _legs_of(legs: pd.DataFrame, quantity: str) -> str:
-    own = legs[legs["quantity"] == quantity]
-    first = own.nlargest(1, "share").iloc[0]
-    if first["share"] * len(own) < _EQUAL:
+    rows = legs[legs["quantity"] == quantity]
+    first = rows.nlargest(1, "share").iloc[0]
+    if first["share"] * len(rows) < _EQUAL:
         return "all legs have equal shares"
     return f"leg {first['leg']} has the largest share, {percent(100.0 * first['share'])}"
 

@@ -58,13 +58,13 @@ def alike(tables: Tables) -> ReportSection | None:
 def _predictions(tables: Tables) -> Iterator[_Row]:
     """Yield the errors of the predictions without and with the causes that were found."""
     rows, of = assessed_causes(tables), part_names(tables)
-    found = modelled_of(rows)
-    for one in errors_of_models(rows, found, tables) if rows else ():
+    modelled = modelled_of(rows)
+    for one in errors_of_models(rows, modelled, tables) if rows else ():
         what = "measured minus predicted, rms"
         has_targets = not is_bench(tables) and "axis_errors" not in tables
         what = f"coordinates of targets, {what}" if has_targets else what
         over = of.held_out if one.held_out else of.fitted
-        for words, size in (("without causes", one.before), ("with causes", one.after))[0 if found else 1 :]:
+        for words, size in (("without causes", one.before), ("with causes", one.after))[0 if modelled else 1 :]:
             yield ("Before and after", f"{what}, {words}", over, f"{plain(size)} {sign(one.unit)}")
 
 
@@ -74,10 +74,10 @@ def _deformation(tables: Tables) -> Iterator[_Row]:
     if errors is None:
         return
     subject = errors["subject"] if "subject" in errors else errors["leg"]
-    own = errors[errors["figure"].eq("rms_error") & errors["leg"].isna() & subject.isna()]
+    rows = errors[errors["figure"].eq("rms_error") & errors["leg"].isna() & subject.isna()]
     bench = is_bench(tables)
     what = "motion of the platform under load, rms" if bench else "shift of the attachments along z, rms"
-    for row in own.itertuples():
+    for row in rows.itertuples():
         words = (_OF_BENCH if bench else _DEFORMATION).get(str(row.model), f"after model {row.model}")
         over = "all load steps" if bench else "all poses"
         yield ("Deformation", f"{what}, {words}", over, quantity(float(str(row.value)), str(row.unit)))

@@ -51,9 +51,9 @@ def _listing(errors: pd.DataFrame, encoders: list[str]) -> Listing:
         Head(f"rms after, {unit}", "Root mean square of measured minus predicted with the causes found."),
         Head(f"noise alone, {unit}", "Rms error that declared noise alone gives."),
     )
-    held = errors["role"] == "verification"
+    mask = errors["role"] == "verification"
     reported = []
-    for role, own in (("fitted", errors[~held]), ("held out", errors[held])):
+    for role, own in (("fitted", errors[~mask]), ("held out", errors[mask])):
         for name in encoders:
             part = own[own["encoder"] == name]
             if len(part):
@@ -77,17 +77,17 @@ def _drawn(errors: pd.DataFrame, column: str, title: str) -> go.Figure:
     )
     for place, name in enumerate(encoders, 1):
         for way, colour, symbol, words in _WAYS:
-            own = errors[(errors["encoder"] == name) & (errors["approach"] == way)]
+            rows = errors[(errors["encoder"] == name) & (errors["approach"] == way)]
             figure.add_trace(
                 go.Scatter(
-                    x=own["command"].to_numpy(),
-                    y=own[column].to_numpy(),
+                    x=rows["command"].to_numpy(),
+                    y=rows[column].to_numpy(),
                     mode="markers",
                     name=words,
                     legendgroup=words,
                     showlegend=place == 1,
                     marker={"color": colour, "symbol": symbol, "size": 7},
-                    customdata=own["pose"].astype(str).to_numpy(),
+                    customdata=rows["pose"].astype(str).to_numpy(),
                     hovertemplate=f"row %{{customdata}}, %{{x:.6g}} {command}: %{{y:.3g}} {unit}<extra></extra>",
                 ),
                 row=place,

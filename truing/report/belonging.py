@@ -203,8 +203,8 @@ def listed(names: Sequence[str], most: int = _MOST, sep: str = ", ") -> str:
 def _unit(slip: RecordSlip) -> str:
     if slip.factor == 1.0:
         return f"{_slip_subject(slip)} in another unit"
-    own = slip.quantity if slip.quantity in _FACTORS else slip.dimension
-    dimension = next((of for ending, of in _ENDINGS if slip.quantity.endswith(ending)), own)
+    quantity = slip.quantity if slip.quantity in _FACTORS else slip.dimension
+    dimension = next((of for ending, of in _ENDINGS if slip.quantity.endswith(ending)), quantity)
     known = _FACTORS.get(dimension, {})
     named = [name for factor, name in known.items() if abs(slip.factor / factor - 1.0) < _SAME_FACTOR]
     what = f" ({named[0]})" if named else ""

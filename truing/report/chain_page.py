@@ -257,7 +257,7 @@ def _map(shown: pd.DataFrame, tip: str) -> go.Figure:
     """Return the errors that remain over the tip's position, from above and from the side."""
     views = (("x_mm", "y_mm", "from above"), ("x_mm", "z_mm", "from the side"))
     figure = make_subplots(rows=1, cols=2, subplot_titles=[words for *_, words in views], horizontal_spacing=0.12)
-    held = (shown["role"] == "verification").to_numpy()
+    values = (shown["role"] == "verification").to_numpy()
     words = [
         f"pose {label(pose)}: {rough(before)} → {rough(after)} µm"
         for pose, before, after in zip(shown["pose"], shown["rms_before"], shown["rms_after"], strict=True)
@@ -267,7 +267,7 @@ def _map(shown: pd.DataFrame, tip: str) -> go.Figure:
             "color": shown["rms_after"].to_numpy(),
             "coloraxis": "coloraxis",
             "size": 9,
-            "symbol": np.where(held, "diamond", "circle"),
+            "symbol": np.where(values, "diamond", "circle"),
             "line": {"width": 0.5, "color": GREY},
         }
         points = go.Scatter(
@@ -344,17 +344,17 @@ def _links(nodes: pd.DataFrame) -> go.Scatter3d:
 
 def _joints(nodes: pd.DataFrame, size: float) -> Iterator[go.Scatter3d]:
     for kind, colour, symbol, words in _KINDS:
-        own = nodes[nodes["joint_kind"] == kind]
-        if not len(own):
+        rows = nodes[nodes["joint_kind"] == kind]
+        if not len(rows):
             continue
-        middle, along = own[_ORIGIN].to_numpy(float), own[_AXIS].to_numpy(float) * size / 2.0
+        middle, along = rows[_ORIGIN].to_numpy(float), rows[_AXIS].to_numpy(float) * size / 2.0
         yield go.Scatter3d(
             **dict(zip("xyz", middle.T, strict=True)),
             mode="markers+text",
             name=words,
             legendgroup=words,
             marker={"size": 5, "color": colour, "symbol": symbol},
-            text=[label(name) for name in own["joint"]],
+            text=[label(name) for name in rows["joint"]],
             textposition="middle right",
             hoverinfo="text",
         )
@@ -383,18 +383,18 @@ def _triads(nodes: pd.DataFrame, size: float) -> Iterator[go.Scatter3d]:
 def _targets(nodes: pd.DataFrame, survey: pd.DataFrame | None) -> Iterator[go.Scatter3d]:
     """Return the targets whose places in their links are known."""
     by_link = nodes.set_index("link")
-    own = pd.DataFrame() if survey is None else survey[survey["body"].isin(by_link.index)].dropna(subset=XYZ)
-    if not len(own):
+    table = pd.DataFrame() if survey is None else survey[survey["body"].isin(by_link.index)].dropna(subset=XYZ)
+    if not len(table):
         return
-    of = by_link.loc[own["body"]]
+    of = by_link.loc[table["body"]]
     R = of[_ENTRIES].to_numpy(float).reshape(-1, 3, 3)
-    placed = np.einsum("kij,kj->ki", R, own[XYZ].to_numpy(float)) + of[XYZ].to_numpy(float)
+    placed = np.einsum("kij,kj->ki", R, table[XYZ].to_numpy(float)) + of[XYZ].to_numpy(float)
     yield go.Scatter3d(
         **dict(zip("xyz", placed.T, strict=True)),
         mode="markers",
         name="targets",
         marker={"size": 4, "color": ORANGE},
-        text=[label(name) for name in own["target"]],
+        text=[label(name) for name in table["target"]],
         hoverinfo="text",
     )
 

@@ -164,12 +164,12 @@ def _targets(tables: Tables) -> Drawn:
 def _difference_from_zero(
     shifts: pd.DataFrame, models: pd.DataFrame, readings: pd.DataFrame, drive: str
 ) -> tuple[object, str]:
-    own = models[models["drive"] == drive].assign(z=lambda t: (t["coefficient"] / t["sigma"]).abs())
-    top = own.nlargest(_COORDINATES_SHOWN, "z", keep="first")
+    extended = models[models["drive"] == drive].assign(z=lambda t: (t["coefficient"] / t["sigma"]).abs())
+    top = extended.nlargest(_COORDINATES_SHOWN, "z", keep="first")
     chosen = shifts.merge(top[_KEYS], on=_KEYS)
     figure = target_against_drive(chosen, readings.set_index("pose")[drive], top.set_index(_KEYS)["coefficient"])
-    clear = int(own["significant"].sum()) if "significant" in own else 0
-    return figure, f"{clear} of {len(own)} coordinates change with it beyond chance."
+    clear = int(extended["significant"].sum()) if "significant" in extended else 0
+    return figure, f"{clear} of {len(extended)} coordinates change with it beyond chance."
 
 
 def _significance_words(p: float) -> str:
@@ -179,8 +179,8 @@ def _significance_words(p: float) -> str:
 def _facts(tables: Tables) -> dict[tuple[str, str], float]:
     """Return the figures of whole models by model and name."""
     errors = tables["deformation_errors"]
-    whole = errors[errors["leg"].isna()]
-    return dict(zip(zip(whole["model"], whole["figure"], strict=True), whole["value"].astype(float), strict=True))
+    rows = errors[errors["leg"].isna()]
+    return dict(zip(zip(rows["model"], rows["figure"], strict=True), rows["value"].astype(float), strict=True))
 
 
 def _sentence(tables: Tables) -> str:
@@ -235,16 +235,16 @@ def shift_against_drive(deformation: pd.DataFrame, models: pd.DataFrame) -> go.F
     legs = sorted(deformation["leg"].unique())
     grid, places, rows_of_panels = _grid([f"leg {leg}" for leg in legs])
     linear = models[models["model"] == "linear"].set_index("leg")
-    kept = deformation[~deformation["rejected"]] if "rejected" in deformation else deformation
-    low, high = _range(kept)
+    rows = deformation[~deformation["rejected"]] if "rejected" in deformation else deformation
+    low, high = _range(rows)
     for leg, place in zip(legs, places, strict=True):
-        grid.add_trace(_measured(kept[kept["leg"] == leg]), **place)
-        out = deformation.drop(kept.index)
+        grid.add_trace(_measured(rows[rows["leg"] == leg]), **place)
+        out = deformation.drop(rows.index)
         out = out[out["leg"] == leg]
         if len(out):
             grid.add_trace(_left_out(out, low, high), **place)
-        if leg in linear.index and (kept["leg"] == leg).any():
-            grid.add_trace(_slope(kept[kept["leg"] == leg], 1e3 * float(linear.loc[leg, "coefficient"])), **place)
+        if leg in linear.index and (rows["leg"] == leg).any():
+            grid.add_trace(_slope(rows[rows["leg"] == leg], 1e3 * float(linear.loc[leg, "coefficient"])), **place)
     subtitle = "Bars: 95 % of the point noise; line: linear model; cross: left out as gross error"
     style(grid, "Shift of each attachment against its own actuator", subtitle, 130 + 210 * rows_of_panels)
     grid.update_xaxes(title_text="Δρ (mm)", row=rows_of_panels)
@@ -259,10 +259,10 @@ def _grid(titles: list[str]) -> tuple[go.Figure, list[dict[str, int]], int]:
     return panel_grid(titles, 3, gaps, shared_xaxes="all", shared_yaxes="all")
 
 
-def _range(kept: pd.DataFrame) -> tuple[float, float]:
+def _range(table: pd.DataFrame) -> tuple[float, float]:
     """Return limits that hold all accepted shifts with their bars, so that a gross error does not flatten the rest."""
-    low = float((kept["delta_bz_um"] - BAR * kept["sigma_um"]).min()) if len(kept) else -1.0
-    high = float((kept["delta_bz_um"] + BAR * kept["sigma_um"]).max()) if len(kept) else 1.0
+    low = float((table["delta_bz_um"] - BAR * table["sigma_um"]).min()) if len(table) else -1.0
+    high = float((table["delta_bz_um"] + BAR * table["sigma_um"]).max()) if len(table) else 1.0
     margin = 0.06 * (high - low) or 1.0
     return low - margin, high + margin
 

@@ -99,13 +99,13 @@ def _surveys(table: pd.DataFrame) -> list[Listing]:
         marks.append("none" if not r.relocated else "warn" if cell(r.holds_as) == "" else "pass")
     caption = "new minus earlier position, without the common motion of targets that did not move, ± one sigma"
     moved = [at for at, there in enumerate(table["relocated"]) if there]
-    own = Listing(
+    listing = Listing(
         heads, tuple(rows[k] for k in moved), tuple(marks[k] for k in moved), f"Targets that moved: {caption}"
     )
     whole = Listing(
         heads, tuple(rows), tuple(marks), f"All targets surveyed again: {caption}", True, "resurveys.parquet"
     )
-    return [own, whole] if moved else [whole]
+    return [listing, whole] if moved else [whole]
 
 
 def _shift(r: object, axis: str) -> str:
@@ -157,8 +157,8 @@ def _repeats_that_differ(table: pd.DataFrame | None) -> dict[int, str]:
     """Return, by row label, the subjects of repeats whose groups scatter significantly differently."""
     if table is None or "p_equal" not in table:
         return {}
-    own = table[table["p_equal"] < _UNEQUAL]
-    return dict(zip(own.index.tolist(), own["subject"].astype(str), strict=True))
+    rows = table[table["p_equal"] < _UNEQUAL]
+    return dict(zip(rows.index.tolist(), rows["subject"].astype(str), strict=True))
 
 
 def _by_pose(table: pd.DataFrame) -> list[Listing]:

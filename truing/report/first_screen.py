@@ -166,13 +166,13 @@ def _size(size: float, sigma: float | None, unit: str) -> str:
     return with_uncertainty(size, sigma, sign(unit)) if sigma is not None else f"{plain(size)} {sign(unit)}".rstrip()
 
 
-def _sigmas(one: Overall, of: PartNames, tables: Tables, freedom: float) -> tuple[float | None, float | None, str]:
+def _sigmas(overall: Overall, of: PartNames, tables: Tables, freedom: float) -> tuple[float | None, float | None, str]:
     """Return the standard deviations of both rms, and what they are: by the scatter of the poses' mean squares; without
     poses by noise, from ``freedom``, the least number of independent values that were predicted."""
     poses = table_or_none(tables, "prediction")
-    own = None if poses is None else poses[poses["role"].eq("verification") == one.held_out]
-    if own is not None and len(own) >= _FEWEST:
-        squares = own[["rms_before", "rms_after"]].dropna().to_numpy(dtype=float) ** 2
+    rows = None if poses is None else poses[poses["role"].eq("verification") == overall.held_out]
+    if rows is not None and len(rows) >= _FEWEST:
+        squares = rows[["rms_before", "rms_after"]].dropna().to_numpy(dtype=float) ** 2
         scatter = squares.std(axis=0, ddof=1) / math.sqrt(len(squares))
         before, after = scatter / (2.0 * np.sqrt(squares.mean(axis=0)))
         return (
@@ -182,7 +182,7 @@ def _sigmas(one: Overall, of: PartNames, tables: Tables, freedom: float) -> tupl
         )
     if not freedom > 0.0:
         return None, None, "without ±: the number of independent values is not known"
-    before, after = (sigma_of_rms(size, one.after, freedom) for size in (one.before, one.after))
+    before, after = (sigma_of_rms(size, overall.after, freedom) for size in (overall.before, overall.after))
     return before, after, f"± one standard deviation by noise, from {freedom:,.0f} independent values or more"
 
 

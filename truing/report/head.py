@@ -61,13 +61,13 @@ def _explanation(rows: dict[str, SectionVerdict], section: str) -> str:
     return rows[section].explanation if section in rows else ""
 
 
-def _has_line(one: SectionVerdict) -> bool:
+def _has_line(section_verdict: SectionVerdict) -> bool:
     """Return True if a section has a line: every failure, and of the others those that readers look for."""
-    if one.state == RelationState.FAILS:
+    if section_verdict.state == RelationState.FAILS:
         return True
-    if one.state == RelationState.ATTENTION:
-        return one.section != "deformation" and one.reason_code != ReasonCode.NOTHING_FOUND
-    return one.section in _OWN_LINE and one.reason_code not in _SILENT
+    if section_verdict.state == RelationState.ATTENTION:
+        return section_verdict.section != "deformation" and section_verdict.reason_code != ReasonCode.NOTHING_FOUND
+    return section_verdict.section in _OWN_LINE and section_verdict.reason_code not in _SILENT
 
 
 def _passed_sections(others: list[SectionVerdict]) -> list[Verdict]:
@@ -80,7 +80,7 @@ def _positioning_tiles(tables: Tables) -> list[tuple[str, str]]:
     rows = table_or_none(tables, "positioning")
     if rows is None:
         return []
-    own = rows[rows["subject"].isna() & rows["figure"].isin(list(_OF_AXES))]
-    own = own[own["run"].isin(own["run"].unique()[:_FEW_AXES])]
-    shown = zip(own["run"], own["figure"], own["value"], own["unit"], strict=True)
+    selected = rows[rows["subject"].isna() & rows["figure"].isin(list(_OF_AXES))]
+    selected = selected[selected["run"].isin(selected["run"].unique()[:_FEW_AXES])]
+    shown = zip(selected["run"], selected["figure"], selected["value"], selected["unit"], strict=True)
     return [(f"{_OF_AXES[figure]}, {run}", quantity(value, unit)) for run, figure, value, unit in shown]

@@ -71,11 +71,11 @@ def in_plane_maps(tables: Tables) -> Drawn:
     models = table_or_none(tables, "deformation_models")
     if models is None or "axis" not in models:
         return []
-    own = models[models["model"] == _MODEL]
-    if "significant" not in own or not own["significant"].any():
+    rows = models[models["model"] == _MODEL]
+    if "significant" not in rows or not rows["significant"].any():
         return []
     words = "Row: attachment that shifts in the plane. Column: actuator that moves it."
-    return [(coefficient_map(own[own["axis"] == axis], axis), words) for axis in "xy"]
+    return [(coefficient_map(rows[rows["axis"] == axis], axis), words) for axis in "xy"]
 
 
 def directions(tables: Tables) -> tuple[Listing, ...]:
@@ -103,6 +103,6 @@ def directions(tables: Tables) -> tuple[Listing, ...]:
     return (Listing(heads, (*rows, ("all", *_cells(kept))), (), caption, True, "deformation.parquet"),)
 
 
-def _cells(own: pd.DataFrame) -> list[str]:
+def _cells(table: pd.DataFrame) -> list[str]:
     columns = (name for axis, sigma in _SIGMAS.items() for name in (f"delta_b{axis}_um", sigma))
-    return [quantity(float(np.sqrt(np.nanmean(own[name].to_numpy(dtype=float) ** 2))), "um") for name in columns]
+    return [quantity(float(np.sqrt(np.nanmean(table[name].to_numpy(dtype=float) ** 2))), "um") for name in columns]

@@ -52,12 +52,14 @@ def knowledge(tables: Tables) -> ReportSection | None:
 
 
 def _observability(observed: pd.DataFrame, key: Key) -> list[Listing]:
-    legs, whole = _by_leg(observed), _of_whole_machine(observed, key)
+    legs, whole_machine = _by_leg(observed), _of_whole_machine(observed, key)
     return [
-        _indices(legs, whole, key),
+        _indices(legs, whole_machine, key),
         _combinations(legs, "Parameters that poses and readings cannot distinguish, leg by leg"),
         _combinations(
-            whole, f"Parameters that all measurements cannot distinguish in {calibration_name(key)}", folded=True
+            whole_machine,
+            f"Parameters that all measurements cannot distinguish in {calibration_name(key)}",
+            folded=True,
         ),
         _sigmas(legs),
     ]
@@ -68,25 +70,25 @@ def _by_leg(observed: pd.DataFrame) -> pd.DataFrame:
 
 
 def _of_whole_machine(observed: pd.DataFrame, key: Key) -> pd.DataFrame:
-    own = rows_of(observed, key)
-    return own[own["leg"].isna()] if "leg" in own else own
+    rows = rows_of(observed, key)
+    return rows[rows["leg"].isna()] if "leg" in rows else rows
 
 
-def _facts(own: pd.DataFrame) -> dict[str, float]:
-    return dict(zip(own["figure"], own["value"], strict=True))
+def _facts(table: pd.DataFrame) -> dict[str, float]:
+    return dict(zip(table["figure"], table["value"], strict=True))
 
 
 def _rank(observed: pd.DataFrame, key: Key) -> str:
     """Return in words the rank of each leg from poses and readings alone, and of the chosen model from all
     measurements."""
-    legs, whole, texts = _by_leg(observed), _of_whole_machine(observed, key), []
+    legs, whole_machine, texts = _by_leg(observed), _of_whole_machine(observed, key), []
     if len(legs):
         asked, rank = (int(legs.loc[legs["figure"] == name, "value"].max()) for name in ("parameters", "rank"))
         texts.append(
             f"Poses and readings alone determine at most {rank} of the {asked} parameters of a leg."
             f"{_largest_set_text(legs)}"
         )
-    facts = _facts(whole)
+    facts = _facts(whole_machine)
     if "rank" in facts and "parameters" in facts:
         asked, rank = int(facts["parameters"]), int(facts["rank"])
         part = f"all {asked}" if rank == asked else f"{rank} of the {asked}"
@@ -120,17 +122,17 @@ def _of_any_leg(legs: pd.DataFrame) -> list[str | None]:
     ]
 
 
-def _unknown(own: pd.DataFrame) -> pd.DataFrame:
-    if "combination" not in own:
-        return own.iloc[:0]
-    return own[(own["figure"] == "unidentifiable") & own["combination"].notna()]
+def _unknown(table: pd.DataFrame) -> pd.DataFrame:
+    if "combination" not in table:
+        return table.iloc[:0]
+    return table[(table["figure"] == "unidentifiable") & table["combination"].notna()]
 
 
-def _combinations(own: pd.DataFrame, caption: str, folded: bool = False) -> Listing:
+def _combinations(table: pd.DataFrame, caption: str, folded: bool = False) -> Listing:
     """Return a row per unobservable direction, so that a group of many stays readable."""
     rows = tuple(
         (symbols(words.strip()), plain(r.value) if k == 0 else "")
-        for r in _unknown(own).itertuples()
+        for r in _unknown(table).itertuples()
         for k, words in enumerate(r.combination.split(";"))
     )
     heads = (
@@ -147,11 +149,11 @@ def _combinations(own: pd.DataFrame, caption: str, folded: bool = False) -> List
     return Listing(heads, rows, caption=caption, folded=folded, held_by="observability.parquet")
 
 
-def _indices(legs: pd.DataFrame, whole: pd.DataFrame, key: Key) -> Listing:
+def _indices(legs: pd.DataFrame, table: pd.DataFrame, key: Key) -> Listing:
     """Return rank, condition and the indices O1 to O5 of each leg and of the chosen model."""
     parts = [(f"leg {int(leg)}", group) for leg, group in legs.groupby("leg", sort=True)] if len(legs) else []
-    if len(whole):
-        parts.append((calibration_name(key), whole))
+    if len(table):
+        parts.append((calibration_name(key), table))
     rows = tuple(_index_row(name, own) for name, own in parts)
     caption = "Observability of each leg by poses and readings alone, and of the chosen model by all measurements"
     heads = (
@@ -167,9 +169,9 @@ def _indices(legs: pd.DataFrame, whole: pd.DataFrame, key: Key) -> Listing:
     return Listing(heads, rows, caption=caption, held_by="observability.parquet")
 
 
-def _index_row(name: str, own: pd.DataFrame) -> tuple[str, ...]:
-    facts = _facts(own)
-    sets = own.loc[own["figure"] == "identifiable_set", "combination"] if "combination" in own else own.iloc[:0]
+def _index_row(name: str, table: pd.DataFrame) -> tuple[str, ...]:
+    facts = _facts(table)
+    sets = table.loc[table["figure"] == "identifiable_set", "combination"] if "combination" in table else table.iloc[:0]
     names = str(sets.iloc[0]).split() if len(sets) else []
     chosen = " ".join(map(symbols, names)) if len(names) <= _NAMED else f"{len(names)} parameters"
     return (
@@ -198,12 +200,12 @@ def _known_parameters(tables: Tables, key: Key) -> Drawn:
     fitted = table_or_none(tables, "calibration")
     if fitted is None or "tolerance" not in fitted:
         return []
-    own = rows_of(fitted, key)
-    own = own[(own["tolerance"] > 0.0) & own["sigma"].notna()]
-    if not len(own):
+    rows = rows_of(fitted, key)
+    rows = rows[(rows["tolerance"] > 0.0) & rows["sigma"].notna()]
+    if not len(rows):
         return []
     words = "Near 0: known from the data. Near 1: known only from its tolerance. In brackets: not identifiable."
-    return [(_knowledge_map(own, key), words)]
+    return [(_knowledge_map(rows, key), words)]
 
 
 def _absorption(absorbed: pd.DataFrame | None) -> Drawn:
@@ -240,13 +242,13 @@ def _absorbed_row(r: Any) -> tuple[str, ...]:
     return r.effect, r.deformation, r.estimator, name, plain(factor * r.predicted), observed, unit
 
 
-def _knowledge_map(own: pd.DataFrame, key: Key) -> go.Figure:
+def _knowledge_map(table: pd.DataFrame, key: Key) -> go.Figure:
     """Return a heat map of sigma over tolerance of one calibration's parameters; unidentifiable ones in brackets."""
-    reported = own.assign(
-        kind=[kind_of(name, leg) for name, leg in zip(own["parameter"], own["leg"], strict=True)],
-        place=[f"leg {int(leg)}" if leg == leg else "all legs" for leg in own["leg"]],
-        ratio=own["sigma"] / own["tolerance"],
-        known=own["identifiable"].astype(bool) if "identifiable" in own else True,
+    reported = table.assign(
+        kind=[kind_of(name, leg) for name, leg in zip(table["parameter"], table["leg"], strict=True)],
+        place=[f"leg {int(leg)}" if leg == leg else "all legs" for leg in table["leg"]],
+        ratio=table["sigma"] / table["tolerance"],
+        known=table["identifiable"].astype(bool) if "identifiable" in table else True,
     )
     kinds, places = list(dict.fromkeys(reported["kind"])), list(dict.fromkeys(reported.sort_values("leg")["place"]))
     wide = {

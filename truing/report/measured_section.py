@@ -326,8 +326,8 @@ def _loads_in_time(steps: pd.DataFrame) -> go.Figure:
     hint = steps.assign(when=when).sort_values("when", kind="stable")
     for row, kind in enumerate(kinds, 1):
         for axis in (a for a in axes_of(steps) if a[0] == kind):
-            own = hint[hint[axis].ne(0.0).groupby(hint["run"]).transform("any")]
-            x, y, words = _broken_line(own, axis)
+            rows = hint[hint[axis].ne(0.0).groupby(hint["run"]).transform("any")]
+            x, y, words = _broken_line(rows, axis)
             line = {"color": _COLOURS[axis[1]], "width": 1}
             trace = go.Scatter(
                 x=x,
@@ -348,12 +348,12 @@ def _loads_in_time(steps: pd.DataFrame) -> go.Figure:
     return figure
 
 
-def _broken_line(own: pd.DataFrame, axis: str) -> tuple[list[float], list[float], list[str]]:
+def _broken_line(table: pd.DataFrame, axis: str) -> tuple[list[float], list[float], list[str]]:
     """Return points of a line with a break after each run, and their words."""
     x: list[float] = []
     y: list[float] = []
     words: list[str] = []
-    for run, part in own.groupby("run", sort=False):
+    for run, part in table.groupby("run", sort=False):
         x += [*part["when"].astype(float), np.nan]
         y += [*part[axis].astype(float), np.nan]
         words += [*(f"run {label(run)}, step {step}" for step in part["step"]), ""]
@@ -401,14 +401,14 @@ def _loads(steps: pd.DataFrame, axes: list[str]) -> Listing:
 
 
 def _load_row(steps: pd.DataFrame, axis: str) -> tuple[str, ...]:
-    own = steps[steps[axis] != 0.0]
+    rows = steps[steps[axis] != 0.0]
     unit = LOAD_UNITS[axis]
     back = int((is_unloading(steps, axis) & steps[axis].ne(0.0)).sum())
-    both = own[axis].min() < 0.0 < own[axis].max()
+    both = rows[axis].min() < 0.0 < rows[axis].max()
     ways = ["up and down" if back else "up only", "both signs" if both else "one sign"]
-    levels = own[axis].nunique()
+    levels = rows[axis].nunique()
     low, high = (f"{value:,.6g} {unit}" for value in (steps[axis].min(), steps[axis].max()))
-    return (axis, str(own["run"].nunique()), f"{len(own):,}", str(levels), low, high, ", ".join(ways))
+    return (axis, str(rows["run"].nunique()), f"{len(rows):,}", str(levels), low, high, ", ".join(ways))
 
 
 def _channels(tables: Tables, read: pd.DataFrame) -> Listing:
@@ -505,11 +505,19 @@ def _runs(steps: pd.DataFrame, read: pd.DataFrame, tables: Tables) -> Listing:
     return Listing(heads, rows, caption=f"All {count(len(rows), 'run')}", folded=len(rows) > _OPEN, held_by=held_by)
 
 
-def _run_row(run: object, own: pd.DataFrame, channels: Any) -> tuple[str, ...]:
-    times = own["time_s"].dropna()
+def _run_row(run: object, table: pd.DataFrame, channels: Any) -> tuple[str, ...]:
+    times = table["time_s"].dropna()
     begins, takes = ("–", "–") if not len(times) else (f"{times.min():,.0f} s", duration(float(np.ptp(times))))
     read = ", ".join(in_channel_order(channels[run])) if run in channels else "signals"
-    return (str(run), cell(own["role"].iloc[0]), ", ".join(axes_of(own)) or "none", read, str(len(own)), begins, takes)
+    return (
+        str(run),
+        cell(table["role"].iloc[0]),
+        ", ".join(axes_of(table)) or "none",
+        read,
+        str(len(table)),
+        begins,
+        takes,
+    )
 
 
 def corrections(tables: Tables, *, of_axis: bool = False) -> Listing:

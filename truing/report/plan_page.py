@@ -113,10 +113,10 @@ def _network(
     corners = np.array([[-wide, -high, 1], [wide, -high, 1], [wide, high, 1], [-wide, high, 1]])
     tips = centre[:, None] + size * np.einsum("kij,cj->kci", R, corners)
     for roll, colour in ((False, BLUE), (True, ORANGE)):
-        own = np.abs(stations["roll_deg"].to_numpy()) > 45.0
-        own = own if roll else ~own
-        if own.any():
-            x, y, z = _pyramids(centre[own], tips[own]).T
+        mask = np.abs(stations["roll_deg"].to_numpy()) > 45.0
+        mask = mask if roll else ~mask
+        if mask.any():
+            x, y, z = _pyramids(centre[mask], tips[mask]).T
             name = "rolled by 90°" if roll else "upright"
             figure.add_trace(
                 go.Scatter3d(

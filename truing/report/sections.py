@@ -132,8 +132,8 @@ def build_sections(
     shown = [drawn[section.name] or _note_for_missing(section, drawn, tables) for section in wanted]
     rows = verdict_rows(with_verdict(tables))
     marked = [*(_marked(section, rows) for section in shown if section is not None), _provenance(provenance, about)]
-    whole = with_reference(marked, bench=bench, above=_ON_FIRST_SCREEN)
-    return sorted(map(_at_depth, whole), key=_is_behind)
+    reference = with_reference(marked, bench=bench, above=_ON_FIRST_SCREEN)
+    return sorted(map(_at_depth, reference), key=_is_behind)
 
 
 _ON_FIRST_SCREEN = ("rms", "noise floor")  # terms that it explains

@@ -25,9 +25,9 @@ def transfer(tables: Tables) -> ReportSection | None:
 
 def _opening_sentences(errors: pd.DataFrame) -> str:
     """Return the errors of the first quantity that most models predict, compared with noise."""
-    own = errors[errors["quantity"] == errors["quantity"].value_counts(sort=False).idxmax()]
-    first = own.iloc[0]
-    sizes = ", ".join(f"{r.prediction_by} {quantity(r.rms_error, r.unit)}" for r in own.itertuples())
+    rows = errors[errors["quantity"] == errors["quantity"].value_counts(sort=False).idxmax()]
+    first = rows.iloc[0]
+    sizes = ", ".join(f"{r.prediction_by} {quantity(r.rms_error, r.unit)}" for r in rows.itertuples())
     noise = first["noise_rms"]
     left = "" if noise != noise else f"; noise alone gives {quantity(noise, first['unit'])}"
     named = f"Models that were fitted to this campaign predict {first['campaign']}, which none of them used."

@@ -50,9 +50,9 @@ def uncertainty(tables: Tables) -> ReportSection:
     budget = tables.get("uncertainty_budget")
     parts = []
     for kind, title in KINDS.items():
-        own = stated[stated["result"] == kind]
-        if len(own):
-            parts.append(_part(kind, title, own, None if budget is None else budget[budget["result"] == kind]))
+        rows = stated[stated["result"] == kind]
+        if len(rows):
+            parts.append(_part(kind, title, rows, None if budget is None else budget[budget["result"] == kind]))
     if not stated["stated"].any():
         return ReportSection(
             "uncertainty", _TITLE, _reasons_for_none(stated), state="not evaluated", parts=tuple(parts)
@@ -63,17 +63,17 @@ def uncertainty(tables: Tables) -> ReportSection:
 
 def statement(stated: pd.DataFrame) -> str:
     """Return the sentence required by the GUM (7.2.3), with the coverage factor where all results share it."""
-    own = stated[stated["stated"]]
-    dof = own["degrees_of_freedom"]
-    factors = sorted({f"{k:.2f}" for k in own["coverage_factor"].dropna()})
+    rows = stated[stated["stated"]]
+    dof = rows["degrees_of_freedom"]
+    factors = sorted({f"{k:.2f}" for k in rows["coverage_factor"].dropna()})
     text = "The reported expanded uncertainty is stated as the standard uncertainty multiplied by the coverage factor k"
     if len(factors) == 1 and (dof.isna() | (dof > _MANY)).all():
         law = f"= {factors[0]}, which for a normal distribution"
-    elif len(own) == 1:
+    elif len(rows) == 1:
         law = f"= {factors[0]}, which for a t-distribution with ν_eff = {plain(float(dof.iloc[0]))}"
     else:
         law = "beside it, which for a t-distribution with its effective degrees of freedom (∞: a normal distribution)"
-    drawn = f" {_DRAWN}" if (own["result"] == "positioning").any() else ""
+    drawn = f" {_DRAWN}" if (rows["result"] == "positioning").any() else ""
     return f"{text} {law} corresponds to a coverage probability of approximately 95 %.{drawn}"
 
 
@@ -82,8 +82,8 @@ def _reasons_for_none(stated: pd.DataFrame) -> str:
     return f"No result has an uncertainty that could be stated: {'; '.join(filter(None, reasons))}."
 
 
-def _part(kind: str, title: str, own: pd.DataFrame, budget: pd.DataFrame | None) -> ReportSection:
-    reported, left = own[own["stated"]], own[~own["stated"]]
+def _part(kind: str, title: str, table: pd.DataFrame, budget: pd.DataFrame | None) -> ReportSection:
+    reported, left = table[table["stated"]], table[~table["stated"]]
     listings, figures = [], []
     if budget is not None and len(reported):
         groups = _grouped(reported, budget[budget["evaluation"] != "not evaluated"])

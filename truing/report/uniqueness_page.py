@@ -46,17 +46,17 @@ def uniqueness_words(frames: Mapping[str, pd.DataFrame]) -> list[str]:
     return lines
 
 
-def _state(own: pd.DataFrame) -> str:
-    return max(own["state"], key=_ORDER.index)
+def _state(table: pd.DataFrame) -> str:
+    return max(table["state"], key=_ORDER.index)
 
 
 def _model(name: str) -> str:
     return _MODELS.get(name, f"rigid legs ({name})")
 
 
-def _where(own: pd.DataFrame) -> str:
+def _where(table: pd.DataFrame) -> str:
     """Return the extent of the undecided part, or the legs."""
-    open_ = own[own["state"] != "proven"]
+    open_ = table[table["state"] != "proven"]
     if not len(open_):
         return ""
     if open_["leg"].notna().any():

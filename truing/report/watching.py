@@ -115,8 +115,8 @@ def watched(campaign: str, number: int, at: datetime, tables: Tables, faults: tu
         return Watched(campaign, number, at, "", (), faults, "")
     steps = table_or_none(tables, "next_measurements")
     following = "" if steps is None or not len(steps) else str(steps.iloc[0]["next_measurement"])
-    own = chosen_requirements(tables)
-    compared = "pose" if own is None else assessed_noun(own)
+    requirements = chosen_requirements(tables)
+    compared = "pose" if requirements is None else assessed_noun(requirements)
     verdicts = tuple(verdict_rows(tables).values())
     return Watched(campaign, number, at, counts(tables), verdicts, (), following, compared=compared)
 
@@ -136,14 +136,14 @@ def requirement_look(tables: Tables) -> RequirementLook | None:
 
     All requirements have to be met, so the least certain one counts; for *not met* one of all, with its share.
     """
-    verdicts, own = verdict_rows(tables), chosen_requirements(tables)
+    verdicts, requirements = verdict_rows(tables), chosen_requirements(tables)
     verdict = verdicts.get("requirements")
-    if own is None or verdict is None or not _model_holds(verdicts):
+    if requirements is None or verdict is None or not _model_holds(verdicts):
         return None
-    failed = own["p_value"][own["verdict"] == "fails"]
-    p = float(failed.min()) * len(own) if len(failed) else float(own["p_value"].max())
+    failed = requirements["p_value"][requirements["verdict"] == "fails"]
+    p = float(failed.min()) * len(requirements) if len(failed) else float(requirements["p_value"].max())
     decision = str(verdict.reason_code) if verdict.reason_code in _DECIDED else ""
-    return RequirementLook(int(own["poses_judged"].min()), decision, min(p, 1.0))
+    return RequirementLook(int(requirements["poses_judged"].min()), decision, min(p, 1.0))
 
 
 def _model_holds(verdicts: Mapping[str, SectionVerdict]) -> bool:

@@ -202,7 +202,7 @@ class SolverStatus(StrEnum):
 
 _REMEDIES = {
     SolverStatus.CONVERGED: "Nothing to do.",
-    SolverStatus.RANK_DEFICIENT: "The data cannot distinguish some parameters: hold one of each group, or measure elsewhere.",
+    SolverStatus.RANK_DEFICIENT: "The data do not separate some parameters: hold one of each group, or measure more.",
     SolverStatus.STALLED: "No step decreases the sum of squares: check the derivatives, or start elsewhere.",
     SolverStatus.ITERATION_LIMIT: "The fit was still moving: allow more iterations, or start closer.",
     SolverStatus.NOT_FINITE: "The residuals are not finite at the start: start where the model has values.",

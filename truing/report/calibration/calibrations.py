@@ -25,9 +25,9 @@ def figures_by_calibration(tables: Tables, estimator: str = ERRORS_IN_VARIABLES)
     choice = table_or_none(tables, "model_choice")
     if choice is None or not (choice["estimator"] == estimator).any():
         return None
-    own = choice[choice["estimator"] == estimator]
-    order = list(dict.fromkeys(zip(own["model"], own["deformation"], strict=True)))
-    return own.pivot(index=_KEY, columns="figure", values="value").loc[order]
+    rows = choice[choice["estimator"] == estimator]
+    order = list(dict.fromkeys(zip(rows["model"], rows["deformation"], strict=True)))
+    return rows.pivot(index=_KEY, columns="figure", values="value").loc[order]
 
 
 def chosen_calibration(tables: Tables) -> Key | None:

@@ -213,12 +213,12 @@ def _traces(places: dict[str, pd.DataFrame], deformations: list[str], gain: floa
 def _joint_positions(fitted: pd.DataFrame, joint: str) -> pd.DataFrame:
     """Return per leg and deformation the nominal place x, y, deviation dx, dy in mm, and tolerance; zero deviation if
     fixed."""
-    own = fitted[fitted["parameter"].isin([f"{joint}_x", f"{joint}_y"]) & (fitted["unit"] == "mm")]
-    own = own.assign(deviation=own["identified"] - own["nominal"], axis=own["parameter"].str[-1])
-    columns = [c for c in ("nominal", "deviation", "tolerance") if c in own]
-    wide = own.pivot(index=["deformation", "leg"], columns="axis", values=columns)
+    rows = fitted[fitted["parameter"].isin([f"{joint}_x", f"{joint}_y"]) & (fitted["unit"] == "mm")]
+    rows = rows.assign(deviation=rows["identified"] - rows["nominal"], axis=rows["parameter"].str[-1])
+    columns = [c for c in ("nominal", "deviation", "tolerance") if c in rows]
+    wide = rows.pivot(index=["deformation", "leg"], columns="axis", values=columns)
     if not len(wide) or not {("nominal", "x"), ("nominal", "y")} <= set(wide.columns):
-        return own.iloc[:0]
+        return rows.iloc[:0]
     found = wide["nominal"].rename_axis(columns=None)
     found = found.assign(dx=wide[("deviation", "x")], dy=wide[("deviation", "y")])
     found["tolerance"] = wide["tolerance"].mean(axis=1) if "tolerance" in columns else np.nan

@@ -46,16 +46,16 @@ def requirements(tables: Tables) -> ReportSection | None:
     if assessed is None:
         return ReportSection("requirements", _TITLE, why_no_requirement(tables))
     key = _main_key(tables, assessed) or displayed_calibration(tables, assessed)
-    own = rows_of(assessed, key)
+    rows = rows_of(assessed, key)
     figures = []
-    if own["error"].notna().any() and own["requirement"].notna().any():
+    if rows["error"].notna().any() and rows["requirement"].notna().any():
         words = "A requirement is undecided if its interval crosses the limit; more or better poses would decide it."
-        figures.append((_requirement_bars(own, key), words))
-    listings = [_requirement_listing(own, key)]
-    others = assessed.drop(index=own.index)
+        figures.append((_requirement_bars(rows, key), words))
+    listings = [_requirement_listing(rows, key)]
+    others = assessed.drop(index=rows.index)
     if len(others):
         listings.append(_other_calibrations(others))
-    lead = " ".join(filter(None, (_opening_sentences(own, key), _place(tables, own))))
+    lead = " ".join(filter(None, (_opening_sentences(rows, key), _place(tables, rows))))
     return ReportSection("requirements", _TITLE, lead, tuple(figures), tuple(listings))
 
 

@@ -182,11 +182,11 @@ def _correlations(tables: Tables, fitted: pd.DataFrame) -> Drawn:
     if table is None:
         return []
     key = displayed_calibration(tables, fitted)
-    own = rows_of(table, key)
-    if not len(own):
+    rows = rows_of(table, key)
+    if not len(rows):
         return []
     words = "Blocks along the diagonal: parameters of one leg, which the same readings determine."
-    return [(calibration_figures.correlation_map(own, key), words)]
+    return [(calibration_figures.correlation_map(rows, key), words)]
 
 
 def _listings(tables: Tables, fitted: pd.DataFrame) -> list[Listing]:
@@ -408,8 +408,8 @@ def _departures(tables: Tables) -> str:
     nominal = figures_by_calibration(tables, NOMINAL)
     if nominal is None or _DEPARTS not in nominal or not nominal[_DEPARTS].notna().any():
         return ""
-    own = nominal[_DEPARTS].dropna()
-    sizes = ", ".join(f"{model} {quantity(size, 'um')}" for (model, _), size in own.items())
+    known = nominal[_DEPARTS].dropna()
+    sizes = ", ".join(f"{model} {quantity(size, 'um')}" for (model, _), size in known.items())
     return f" At the same poses, their readings differ from those of rigid legs by (rms): {sizes}.{_load(nominal)}"
 
 

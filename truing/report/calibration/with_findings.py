@@ -39,17 +39,17 @@ def compared_calibrations(tables: Tables) -> list[Listing]:
 
 
 def _rows(errors: pd.DataFrame, columns: list[tuple[str, str]]) -> list[tuple[str, ...]]:
-    found = []
+    result = []
     for tested_on, part in errors.groupby("tested_on", sort=False):
         first, by = part.iloc[0], part.set_index("quantity")
         model = " ".join(filter(None, (first["model"], cell(first.get("deformation")))))
         names = "main" if first["is_main"] else "for comparison"
         head = (f"{first['data']}, {names}", cell(first["findings"]) or "none", model)
-        found.append((*head, str(tested_on), *(_size(by, name) for name, _ in columns)))
+        result.append((*head, str(tested_on), *(_size(by, name) for name, _ in columns)))
         if part["rms_unchanged"].notna().any() and not part["rms_unchanged"].equals(part["rms_error"]):
             unchanged = f"{tested_on} that no finding changes"
-            found.append((*head, unchanged, *(plain(by["rms_unchanged"].get(name)) for name, _ in columns)))
-    return found
+            result.append((*head, unchanged, *(plain(by["rms_unchanged"].get(name)) for name, _ in columns)))
+    return result
 
 
 def _size(by: pd.DataFrame, name: str) -> str:
@@ -77,8 +77,8 @@ def _suspected_causes(tables: Tables, names: Sequence[str] | None = None) -> str
     rows = table_or_none(tables, "diagnosis")
     if rows is None:
         return ""
-    own = dict.fromkeys(rows.loc[rows["verdict"] == "suspected", "cause"])
-    doubted = [name for name in own if names is None or name in names]
+    distinct = dict.fromkeys(rows.loc[rows["verdict"] == "suspected", "cause"])
+    doubted = [name for name in distinct if names is None or name in names]
     return f" (only suspected: {listed(doubted)})" if doubted else ""
 
 

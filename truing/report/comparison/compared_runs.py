@@ -137,8 +137,8 @@ def _counts(tables: Tables) -> dict[str, int]:
     qa = table_or_none(tables, "qa")
     if qa is None:
         return dict.fromkeys(_ORDER, 0)
-    own = qa[qa["accepted"].isna()] if "accepted" in qa else qa
-    return {verdict: int((own["verdict"] == verdict).sum()) for verdict in _ORDER}
+    rows = qa[qa["accepted"].isna()] if "accepted" in qa else qa
+    return {verdict: int((rows["verdict"] == verdict).sum()) for verdict in _ORDER}
 
 
 def quality(comparison: RunComparison) -> ReportSection:
@@ -228,10 +228,10 @@ def _figure(tables: Tables, figure: str) -> float:
 
 def _requirement(table: pd.DataFrame | None, component: str) -> tuple[str, str]:
     """Return the verdict on a requirement, and the same with error and limit."""
-    own = table[table["component"] == component] if table is not None else None
-    if own is None or not len(own):
+    rows = table[table["component"] == component] if table is not None else None
+    if rows is None or not len(rows):
         return _MISSING
-    r = own.iloc[0]
+    r = rows.iloc[0]
     reached = f"{quantity(r['error'], r['unit'])} of {quantity(r['requirement'], r['unit'])}"
     return r["verdict"], f"{r['verdict']}: {reached}"
 

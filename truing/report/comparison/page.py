@@ -170,8 +170,8 @@ def _effects_found(comparison: RunComparison, place: int) -> list[str]:
     table = table_or_none(comparison.runs[place].tables, "diagnosis")
     if table is None:
         return []
-    own = table[table["verdict"] == "found"]
-    return [cause_of_subject(str(c), cell(s)) for c, s in zip(own["cause"], own["subject"], strict=True)]
+    rows = table[table["verdict"] == "found"]
+    return [cause_of_subject(str(c), cell(s)) for c, s in zip(rows["cause"], rows["subject"], strict=True)]
 
 
 @figure_template()

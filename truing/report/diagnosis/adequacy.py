@@ -116,33 +116,37 @@ def adequacy_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Section
     return SectionVerdict("adequacy", RelationState.OK, ReasonCode.WITHIN_NOISE, text, ratio, "1", AT_THE_FLOOR)
 
 
-def _verdict_above_noise(one: Overall, none: str, short: str) -> SectionVerdict:
+def _verdict_above_noise(overall: Overall, none: str, short: str) -> SectionVerdict:
     """Return the verdict on errors beyond noise: by a factor they fail, since no declared noise is so
     wrong unnoticed."""
-    ratio, unit, also = _times_noise(one), sign(one.unit), f"; {short}" if short else ""
-    text = f"The model is incomplete: {none}the rms error of predictions is {rough(one.after)} {unit}, where noise "
-    text += f"alone gives {rough(one.floor or 0.0)} {unit}{also}. Look at the pattern of the errors under Diagnosis."
+    ratio, unit, also = _times_noise(overall), sign(overall.unit), f"; {short}" if short else ""
+    text = f"The model is incomplete: {none}the rms error of predictions is {rough(overall.after)} {unit}, where noise "
+    text += (
+        f"alone gives {rough(overall.floor or 0.0)} {unit}{also}. Look at the pattern of the errors under Diagnosis."
+    )
     if ratio > BY_A_FACTOR:
         return SectionVerdict("adequacy", RelationState.FAILS, ReasonCode.BEYOND_NOISE, text, ratio, "1", BY_A_FACTOR)
     return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BEYOND_NOISE, text, ratio, "1", AT_THE_FLOOR)
 
 
-def _verdict_below_noise(one: Overall, none: str) -> SectionVerdict:
-    size = f"{rough(one.after)} {sign(one.unit)}"
+def _verdict_below_noise(overall: Overall, none: str) -> SectionVerdict:
+    size = f"{rough(overall.after)} {sign(overall.unit)}"
     text = f"{none}the rms error of predictions is only {size}, significantly less than noise alone gives "
-    text += f"({rough(one.floor or 0.0)} {sign(one.unit)}): {one.why_below}. Correct [noise]: with it, small "
+    text += (
+        f"({rough(overall.floor or 0.0)} {sign(overall.unit)}): {overall.why_below}. Correct [noise]: with it, small "
+    )
     text += "effects may be missed."
     text = text[:1].upper() + text[1:]
-    return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BELOW_NOISE, text, _times_noise(one), "1")
+    return SectionVerdict("adequacy", RelationState.ATTENTION, ReasonCode.BELOW_NOISE, text, _times_noise(overall), "1")
 
 
-def _is_beyond(one: Overall) -> bool:
+def _is_beyond(overall: Overall) -> bool:
     """Return True if errors are beyond noise; held-out errors also contain the uncertainty of parameters."""
-    return one.is_beyond_noise and (not one.held_out or _times_noise(one) > BY_A_FACTOR)
+    return overall.is_beyond_noise and (not overall.held_out or _times_noise(overall) > BY_A_FACTOR)
 
 
-def _times_noise(one: Overall) -> float:
-    return one.after / (one.floor or 1.0)
+def _times_noise(overall: Overall) -> float:
+    return overall.after / (overall.floor or 1.0)
 
 
 def _least_likely(tables: Tables) -> tuple[float, float]:

@@ -151,9 +151,9 @@ def _number(value: Any) -> float | None:
     return float(value) if known else None
 
 
-def total_gain(found: list[AssessedCause], held_out: bool) -> tuple[float, float] | None:
+def total_gain(causes: list[AssessedCause], held_out: bool) -> tuple[float, float] | None:
     """Return the rms before and after all accepted causes; None where it was not evaluated, or in mixed units."""
-    effects = modelled_of(found)
+    effects = modelled_of(causes)
     if not effects or len({row.unit for row in effects}) > 1:
         return None
     pairs = [row.held_out if held_out else row.rms for row in effects]

@@ -91,8 +91,8 @@ def _kind(parameter: str) -> str:
     return component[1] if component else stem(first)
 
 
-def _subject_words(own: pd.DataFrame) -> str:
-    subjects = list(dict.fromkeys(own["subject"]))
+def _subject_words(table: pd.DataFrame) -> str:
+    subjects = list(dict.fromkeys(table["subject"]))
     if len(subjects) == 1:
         return subject_words(subjects[0]) or "the whole"
     single = [str(subject) for subject in subjects if subject]
@@ -102,12 +102,12 @@ def _subject_words(own: pd.DataFrame) -> str:
     return text if len(single) == len(subjects) else f"the whole, {text}"
 
 
-def _from_to(own: pd.DataFrame) -> tuple[str, str]:
-    known = own.dropna(subset="size")
+def _from_to(table: pd.DataFrame) -> tuple[str, str]:
+    known = table.dropna(subset="size")
     if not len(known):
-        return str(own["told"].iloc[0]), str(own["told"].iloc[0])
+        return str(table["told"].iloc[0]), str(table["told"].iloc[0])
     best, worst = known.loc[known["size"].idxmin(), "told"], known.loc[known["size"].idxmax(), "told"]
-    return str(best), str(worst) if len(known) == len(own) else _NEVER
+    return str(best), str(worst) if len(known) == len(table) else _NEVER
 
 
 def _full_listing(table: pd.DataFrame) -> Listing:

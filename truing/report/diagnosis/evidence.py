@@ -69,41 +69,41 @@ def _figures(causes: list[AssessedCause]) -> list[tuple[object, str]]:
 def _opening_sentences(rows: list[AssessedCause]) -> str:
     """Return in words the lead of the findings over the next candidates, and its robustness against plausible sizes."""
     rivals = [row for row in rows if row.verdict == RIVAL]
-    found = accepted_of(rows)
-    if not found:
+    accepted = accepted_of(rows)
+    if not accepted:
         return "No candidate is significant at the chosen rate of false alarms."
-    nearest = _next_best(rows, found)
+    nearest = _next_best(rows, accepted)
     if rivals:
         lies = "lies" if len(rivals) == 1 else "lie"
         text = f"{count(len(rivals), 'alternative')} {lies} within a factor of {EQUAL_ODDS:g} in probability."
     else:
-        which = "alternative" if nearest and len(found) == 1 else "alternative that passes the other tests"
+        which = "alternative" if nearest and len(accepted) == 1 else "alternative that passes the other tests"
         text = f"Every {which} is at least {EQUAL_ODDS:g} times less probable."
     text += nearest
-    assessed = [row for row in found if row.holds]
+    assessed = [row for row in accepted if row.holds]
     changed = list(dict.fromkeys(row.name for row in assessed if row.holds != HOLDS))
     if changed:
         return f"{text} If assumed effect sizes are tripled, the ranking changes for {'; '.join(changed)}."
     return f"{text} The ranking is unchanged if assumed effect sizes are tripled." if assessed else text
 
 
-def _next_best(rows: list[AssessedCause], found: list[AssessedCause]) -> str:
+def _next_best(rows: list[AssessedCause], findings: list[AssessedCause]) -> str:
     """Return in words the lead over the best rejected candidate, in the first round, where both competed."""
-    first = found[0].evidence
+    first = findings[0].evidence
     behind = [row for row in rows if row.verdict == REJECTED and row.evidence is not None]
     if first is None or not behind:
         return ""
     best = max(behind, key=lambda row: row.evidence or 0.0)
-    gap = first - (best.evidence or 0.0)
+    gap, winner = first - (best.evidence or 0.0), findings[0].in_sentence
     if gap < math.log(EQUAL_ODDS):
-        return _alone(best, found)
-    return f" The best rejected cause ({_kind(best)}) is {_times(gap)} times less probable than {found[0].in_sentence}."
+        return _alone(best, findings)
+    return f" The best rejected cause ({_kind(best)}) is {_times(gap)} times less probable than {winner}."
 
 
-def _alone(best: AssessedCause, found: list[AssessedCause]) -> str:
+def _alone(best: AssessedCause, findings: list[AssessedCause]) -> str:
     """Return in words why a rejected cause can have like odds alone as the first finding, which the figure shows."""
-    first = found[0]
-    if len(found) < 2 or best.reason_code != _CHANCE or best.p_value is None or (first.probability or 0.0) < _CLEAR:
+    first = findings[0]
+    if len(findings) < 2 or best.reason_code != _CHANCE or best.p_value is None or (first.probability or 0.0) < _CLEAR:
         return ""
     other = _kind(best)
     return (

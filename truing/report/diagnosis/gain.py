@@ -76,25 +76,25 @@ def gain_section(rows: list[AssessedCause], tables: Tables) -> ReportSection:
 
     ``rows``: all candidates; where none was found, the errors of the plain simulation.
     """
-    found = modelled_of(rows)
+    modelled = modelled_of(rows)
     of = part_names(tables)
     missed = [
-        _Missed(_words_of(errors_of_model, of), errors_of_model, bool(found))
-        for errors_of_model in errors_of_models(rows, found, tables)
+        _Missed(_words_of(errors_of_model, of), errors_of_model, bool(modelled))
+        for errors_of_model in errors_of_models(rows, modelled, tables)
     ]
-    reported = [*_errors_by_cause(found, of), *_parts(missed, tables), *_plain(tables)]
+    reported = [*_errors_by_cause(modelled, of), *_parts(missed, tables), *_plain(tables)]
     misses = reading_misses(tables)
     by_part = _by_role(tables) if misses is None else by_channel(misses)
     listings = [listing for listing in (by_part, _calibrations(tables)) if listing.rows]
-    title = "Before and after" if found else "Errors of the predictions"
+    title = "Before and after" if modelled else "Errors of the predictions"
     lead = " ".join(
-        [_opening_sentences(missed, of, rows, whole=not shortcoming(tables)), *held_out_sentences(found, of)]
+        [_opening_sentences(missed, of, rows, whole=not shortcoming(tables)), *held_out_sentences(modelled, of)]
     )
-    return ReportSection("gain", title, lead, tuple(reported), tuple(listings), see=not_elsewhere(found, of))
+    return ReportSection("gain", title, lead, tuple(reported), tuple(listings), see=not_elsewhere(modelled, of))
 
 
-def _words_of(one: Overall, of: PartNames) -> str:
-    return f"{of.held_out} ({of.not_fitted})" if one.held_out else of.fitted
+def _words_of(overall: Overall, of: PartNames) -> str:
+    return f"{of.held_out} ({of.not_fitted})" if overall.held_out else of.fitted
 
 
 def _opening_sentences(missed: list[_Missed], of: PartNames, rows: list[AssessedCause], *, whole: bool) -> str:
@@ -129,8 +129,8 @@ def _of_role(missed: _Missed) -> str:
     return f"{text}, {'which is ' * missed.modelled}{against}.{few}"
 
 
-def _at_floor(one: Overall) -> bool:
-    return bool(one.floor) and 1.0 / AT_THE_FLOOR <= one.after / (one.floor or 1.0) <= AT_THE_FLOOR
+def _at_floor(overall: Overall) -> bool:
+    return bool(overall.floor) and 1.0 / AT_THE_FLOOR <= overall.after / (overall.floor or 1.0) <= AT_THE_FLOOR
 
 
 def _removed(missed: _Missed, whole: bool) -> str:
@@ -147,8 +147,8 @@ def _removed(missed: _Missed, whole: bool) -> str:
     return f"The causes explain {100.0 * share:.3g} % of the variance beyond noise."
 
 
-def _errors_by_cause(found: list[AssessedCause], of: PartNames) -> Drawn:
-    rows = [row for row in found if row.rms[0] is not None and row.rms[1] is not None]
+def _errors_by_cause(findings: list[AssessedCause], of: PartNames) -> Drawn:
+    rows = [row for row in findings if row.rms[0] is not None and row.rms[1] is not None]
     units = dict.fromkeys(row.unit for row in rows)
     words = of.fitted_or_not
     if not of.is_of_points:
@@ -258,21 +258,21 @@ def _calibrations(tables: Tables) -> Listing:
 
 
 def misfit_figure(
-    found: list[AssessedCause], of: PartNames = POINTS, start: str = "simulation without changes"
+    findings: list[AssessedCause], of: PartNames = POINTS, start: str = "simulation without changes"
 ) -> go.Figure:
     """Return the rms of measured minus predicted before and after each accepted cause of one unit, with the noise
     floor."""
-    stages = [f"{start} ", *(f"+ {label(row.name)} " for row in found)]
+    stages = [f"{start} ", *(f"+ {label(row.name)} " for row in findings)]
     figure = go.Figure()
-    fitted, held_out = [row.rms for row in found], [row.held_out for row in found]
+    fitted, held_out = [row.rms for row in findings], [row.held_out for row in findings]
     for name, colour, sizes in ((of.fitted, BLUE, fitted), (of.held_out, ORANGE, held_out)):
         heights = [sizes[0][0], *(after for _, after in sizes)]
         if all(height is None for height in heights):
             continue
         marker, words = {"color": colour}, [plain(height) for height in heights]
         figure.add_trace(go.Bar(y=stages, x=heights, name=name, orientation="h", text=words, marker=marker))
-    unit = sign(found[0].unit)
-    subtitle = _floor_line(figure, found[-1].floor, unit, vertical=True)
+    unit = sign(findings[0].unit)
+    subtitle = _floor_line(figure, findings[-1].floor, unit, vertical=True)
     style(figure, "Errors of the predictions, cause by cause", subtitle, _AROUND + _ROW * len(stages))
     figure.update_yaxes(autorange="reversed", automargin=True, type="category")
     figure.update_xaxes(title_text=f"rms of measured − predicted ({unit})", rangemode="tozero")
@@ -302,18 +302,18 @@ def _pose_by_pose(table: pd.DataFrame, floor: float | None, modelled: bool) -> g
     scatter = go.Scattergl if len(table) > MANY_POINTS else go.Scatter
     for when, words, colour in _SERIES if modelled else _AS_IT_IS:
         for role, (name, _) in _ROLES.items():
-            own = roles == role
-            if own.any():
+            mask = roles == role
+            if mask.any():
                 texts = [
                     f"pose {label(pose)}: rms {plain(rms)}, largest {plain(most)} {unit}"
                     for pose, rms, most in zip(
-                        table["pose"][own], table[f"rms_{when}"][own], table[f"largest_{when}"][own], strict=True
+                        table["pose"][mask], table[f"rms_{when}"][mask], table[f"largest_{when}"][mask], strict=True
                     )
                 ]
                 figure.add_trace(
                     scatter(
-                        x=places[own],
-                        y=table[f"rms_{when}"][own],
+                        x=places[mask],
+                        y=table[f"rms_{when}"][mask],
                         mode="markers",
                         marker={"color": colour, "symbol": _SYMBOLS[role], "size": 9 if role == "verification" else 6},
                         name=words if role == shown else f"{words}, {name}",
@@ -376,7 +376,7 @@ def _noise(errors: pd.DataFrame) -> float | None:
     """Return the rms by noise at held-out poses, otherwise at all, of the last calibration in the table."""
     if "position_noise_um" not in errors:
         return None
-    own = errors[errors["called"] == errors["called"].iloc[-1]]
-    own = own[own["role"] == "verification"] if (own["role"] == "verification").any() else own
-    known = own["position_noise_um"].dropna().to_numpy(dtype=float)
+    rows = errors[errors["called"] == errors["called"].iloc[-1]]
+    rows = rows[rows["role"] == "verification"] if (rows["role"] == "verification").any() else rows
+    known = rows["position_noise_um"].dropna().to_numpy(dtype=float)
     return float(np.sqrt(np.mean(known**2))) if len(known) else None

@@ -38,8 +38,8 @@ def load_warning(rows: list[AssessedCause], tables: Tables) -> str:
     if not acted or table_or_none(tables, "sensor_matrix") is None or _used_corrected_loads(tables):
         return ""
     cure = "before it is used, centre the load, record all loads that act, or apply the finding ([diagnosis] apply)."
-    if found := _corrected_loads([row for row in rows if row.verdict == FOUND], tables):
-        return f"G_B is fitted to the recorded loads, but {found}. This biases G_B: {cure}"
+    if corrected_loads := _corrected_loads([row for row in rows if row.verdict == FOUND], tables):
+        return f"G_B is fitted to the recorded loads, but {corrected_loads}. This biases G_B: {cure}"
     return f"G_B is fitted to the recorded loads. It is suspected that {acted}, which would bias G_B: {cure}"
 
 

@@ -97,28 +97,29 @@ def _computed(tables: Tables) -> tuple[Listing, ...]:
     return ()
 
 
-def _listing(purpose: str, own: pd.DataFrame) -> Listing:
-    own = own.astype({"times": "Int64"}) if "times" in own else own
-    columns = _columns(own)
+def _listing(purpose: str, table: pd.DataFrame) -> Listing:
+    table = table.astype({"times": "Int64"}) if "times" in table else table
+    columns = _columns(table)
     rows = tuple(
-        (str(r["pose"]), *(_cell(r[c]) for c in columns), printed(cell(r["expected"]))) for r in own.to_dict("records")
+        (str(r["pose"]), *(_cell(r[c]) for c in columns), printed(cell(r["expected"])))
+        for r in table.to_dict("records")
     )
     heads = (Head("pose", "Number of the proposed pose."), *map(_head, columns), _EXPECTED)
-    caption = f"{purpose}: {count(len(own), 'configuration')}{_in_all(own, 'pose')}"
+    caption = f"{purpose}: {count(len(table), 'configuration')}{_in_all(table, 'pose')}"
     bare = ((row[0], *("" if c == "–" else c for c in row[1:-1])) for row in rows[:MOST_ROWS])
     text = _csv(("pose", *columns), bare)
     return Listing(heads, rows, caption=caption, held_by="next_poses.parquet", csv=text)
 
 
-def _in_all(own: pd.DataFrame, unit: str) -> str:
+def _in_all(table: pd.DataFrame, unit: str) -> str:
     """Return the total, ``, 91 poses in all``; empty where each is measured once, or no number is enough."""
-    total = own["measurements"].fillna(0).iloc[0] if "measurements" in own else 0
-    return f", {count(int(total), unit)} in all" if total > own[unit].nunique() else ""
+    total = table["measurements"].fillna(0).iloc[0] if "measurements" in table else 0
+    return f", {count(int(total), unit)} in all" if total > table[unit].nunique() else ""
 
 
-def _columns(own: pd.DataFrame) -> list[str]:
+def _columns(table: pd.DataFrame) -> list[str]:
     """Return columns of settings, readings first by leg, without those that need no setting."""
-    names = [str(c) for c in own.columns if c not in _TOLD and own[c].notna().any()]
+    names = [str(c) for c in table.columns if c not in _TOLD and table[c].notna().any()]
     readings = sorted((c for c in names if re.fullmatch(r"rho\d+_mm", c)), key=lambda c: int(c[3:-3]))
     return [*(c for c in ("times",) if c in names), *readings, *(c for c in names if c not in (*readings, "times"))]
 
@@ -144,10 +145,10 @@ def _csv(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     return text.getvalue()
 
 
-def _listing_of_loads(purpose: str, own: pd.DataFrame) -> Listing:
-    rows = tuple(_row(run) for _, run in own.groupby("run", sort=False))
-    caption = f"{purpose}: {count(len(rows), 'run')}{_in_all(own, 'run')}"
-    return Listing(_HEADS, rows, caption=caption, held_by="next_loads.parquet", csv=_csv(_STEPS, _steps(own)))
+def _listing_of_loads(purpose: str, table: pd.DataFrame) -> Listing:
+    rows = tuple(_row(run) for _, run in table.groupby("run", sort=False))
+    caption = f"{purpose}: {count(len(rows), 'run')}{_in_all(table, 'run')}"
+    return Listing(_HEADS, rows, caption=caption, held_by="next_loads.parquet", csv=_csv(_STEPS, _steps(table)))
 
 
 def _row(run: pd.DataFrame) -> tuple[str, ...]:
@@ -167,9 +168,9 @@ def _loads(run: pd.DataFrame) -> str:
     return "; ".join(texts) or f"none, {len(run)} steps"
 
 
-def _steps(own: pd.DataFrame) -> Iterator[list[str]]:
+def _steps(table: pd.DataFrame) -> Iterator[list[str]]:
     """Return every step in the order of application."""
-    for row in own[list(_STEPS)].itertuples(index=False):
+    for row in table[list(_STEPS)].itertuples(index=False):
         yield [cell(value) if isinstance(value, str) else f"{value:g}" for value in row]
 
 

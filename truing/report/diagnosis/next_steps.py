@@ -77,15 +77,17 @@ def _requirements(tables: Tables) -> Iterator[NextStep]:
         yield NextStep(
             Need.REQUIREMENT, f"requirement {unseen[0]}", _measurement_of(unseen, is_axis="axis_errors" in tables)
         )
-    own = chosen_requirements(tables)
+    requirements = chosen_requirements(tables)
     verdict = verdict_rows(with_verdict(tables)).get("requirements")
-    if own is None or "measurements" not in own or verdict is None:
+    if requirements is None or "measurements" not in requirements or verdict is None:
         return
     if verdict.reason_code == ReasonCode.MODEL_DOES_NOT_FIT:
         return
-    undecided = own[own["verdict"] == "undecided"].sort_values("measurements", ascending=False, na_position="last")
+    undecided = requirements[requirements["verdict"] == "undecided"].sort_values(
+        "measurements", ascending=False, na_position="last"
+    )
     pace_s, several = _pace(tables), int(undecided["measurements"].notna().sum())
-    noun = assessed_noun(own)
+    noun = assessed_noun(requirements)
     for row in undecided.itertuples():
         if pd.isna(row.measurements):
             now, _, asked = interval_words(row)
@@ -142,9 +144,9 @@ def _pace(tables: Tables) -> float | None:
 def _findings(rows: list[AssessedCause], tables: Tables) -> Iterator[NextStep]:
     """Yield the measurements for each finding: first to separate it from rivals, last those that no repeats can
     provide."""
-    found = accepted_of(rows)
-    beside = [row for row in rows if row.verdict == RIVAL and not (found and row.advice_kind in _OF_ADVICE)]
-    for row in sorted([*found, *beside], key=lambda row: row.advice_kind == AdviceKind.IN_VAIN):
+    accepted = accepted_of(rows)
+    beside = [row for row in rows if row.verdict == RIVAL and not (accepted and row.advice_kind in _OF_ADVICE)]
+    for row in sorted([*accepted, *beside], key=lambda row: row.advice_kind == AdviceKind.IN_VAIN):
         if row.then:
             yield _of_finding(row, tables)
 

@@ -223,19 +223,19 @@ class Overall:
         return large if self.held_out else f"{large}, or the model is over-fitted"
 
 
-def overall(found: list[AssessedCause], tables: Tables, *, held_out: bool) -> Overall | None:
+def overall(findings: list[AssessedCause], tables: Tables, *, held_out: bool) -> Overall | None:
     """Return the gain by all findings together; None where it was not evaluated.
 
     One finding on a bench is assessed over the channels that it moves. Several are assessed over all channels of the
     unit in which they gain most, with the noise floor of these. Findings on poses that gain in several units, position
     and orientation, are assessed by the errors of each pose.
     """
-    effects = modelled_of(found)
+    effects = modelled_of(findings)
     if part_names(tables).is_of_readings and len(effects) > 1:
         units = dict.fromkeys(row.unit for row in effects)
         reported = [one for unit in units if (one := _of_readings(unit, tables, held_out)) is not None]
         return max(reported, key=lambda one: one.before / one.after if one.after > 0.0 else 1.0, default=None)
-    pair = total_gain(found, held_out)
+    pair = total_gain(findings, held_out)
     if pair is None:
         return _of_poses(effects, tables, held_out)
     unit = effects[-1].unit
@@ -246,11 +246,11 @@ def _of_poses(effects: list[AssessedCause], tables: Tables, held_out: bool) -> O
     poses = table_or_none(tables, "prediction")
     if poses is None:
         return None
-    own = poses[poses["role"].eq("verification") == held_out].dropna(subset=["rms_before", "rms_after"])
-    if not len(own):
+    known = poses[poses["role"].eq("verification") == held_out].dropna(subset=["rms_before", "rms_after"])
+    if not len(known):
         return None
-    unit = str(own["unit"].iloc[0])
-    before, after = (float(np.sqrt(np.mean(own[f"rms_{when}"] ** 2))) for when in ("before", "after"))
+    unit = str(known["unit"].iloc[0])
+    before, after = (float(np.sqrt(np.mean(known[f"rms_{when}"] ** 2))) for when in ("before", "after"))
     floor = next((row.floor for row in reversed(effects) if row.unit == unit), None)
     return Overall(before, after, floor, unit, held_out, _freedom(tables, unit, held_out))
 
@@ -270,12 +270,12 @@ def plain_errors(rows: list[AssessedCause], tables: Tables, *, held_out: bool) -
     )
 
 
-def errors_of_models(rows: list[AssessedCause], found: list[AssessedCause], tables: Tables) -> list[Overall]:
-    """Return the errors at held-out data, then the rest; ``found``: the modelled ones of all candidates."""
+def errors_of_models(rows: list[AssessedCause], findings: list[AssessedCause], tables: Tables) -> list[Overall]:
+    """Return the errors at held-out data, then the rest; ``findings``: the modelled ones of all candidates."""
     missed: list[Overall] = []
     for held in (True, False):
-        whole = overall(found, tables, held_out=held) if found else None
-        missed += [whole] if whole is not None else [] if found else plain_errors(rows, tables, held_out=held)
+        whole = overall(findings, tables, held_out=held) if findings else None
+        missed += [whole] if whole is not None else [] if findings else plain_errors(rows, tables, held_out=held)
     return missed
 
 
@@ -284,16 +284,16 @@ def _freedom(tables: Tables, unit: str, held_out: bool) -> float:
     poses. Values of one pose have errors in common. The number per pose follows from the scatter of the poses' mean
     squares."""
     if part_names(tables).is_of_readings:
-        own = _own_readings(unit, tables, held_out)
-        if own is None:
+        own_readings = _own_readings(unit, tables, held_out)
+        if own_readings is None:
             return 0.0
-        zeros = own.groupby(["run", "channel"]).ngroups
-        return max(len(own) - zeros, 0) / own["channel"].nunique()
+        zeros = own_readings.groupby(["run", "channel"]).ngroups
+        return max(len(own_readings) - zeros, 0) / own_readings["channel"].nunique()
     if (
         rows := table_or_none(tables, "axis_errors")
     ) is not None:  # encoders share how far the axis stands from its command
-        own = rows[rows["role"].eq("verification") == held_out]
-        return float(max(own["pose"].nunique() - 1, 0))
+        own_readings = rows[rows["role"].eq("verification") == held_out]
+        return float(max(own_readings["pose"].nunique() - 1, 0))
     poses = table_or_none(tables, "prediction")
     if poses is None:
         return 0.0
@@ -308,14 +308,14 @@ def _own_readings(unit: str, tables: Tables, held_out: bool) -> pd.DataFrame | N
     misses = reading_misses(tables)
     if misses is None:
         return None
-    own = misses[(misses["unit"] == unit) & ((misses["role"] == "verification") == held_out)]
-    return own if len(own) else None
+    rows = misses[(misses["unit"] == unit) & ((misses["role"] == "verification") == held_out)]
+    return rows if len(rows) else None
 
 
 def _of_readings(unit: str, tables: Tables, held_out: bool) -> Overall | None:
-    own = _own_readings(unit, tables, held_out)
-    if own is None:
+    own_readings = _own_readings(unit, tables, held_out)
+    if own_readings is None:
         return None
-    floor = root_mean_square(own["noise_floor"]) if own["noise_floor"].notna().all() else None
-    before, after = root_mean_square(own["before"]), root_mean_square(own["after"])
+    floor = root_mean_square(own_readings["noise_floor"]) if own_readings["noise_floor"].notna().all() else None
+    before, after = root_mean_square(own_readings["before"]), root_mean_square(own_readings["after"])
     return Overall(before, after, floor, unit, held_out, _freedom(tables, unit, held_out))

@@ -46,17 +46,17 @@ def pulls(tables: Tables) -> ReportSection | None:
         return None
     table, of = table_or_none(tables, "pulls"), part_names(tables)
     title = f"Pulls: {of.built_question}"
-    own = table[table["identifiable"].astype(bool)] if table is not None else None
-    if table is None or own is None or not len(own):
+    rows = table[table["identifiable"].astype(bool)] if table is not None else None
+    if table is None or rows is None or not len(rows):
         return ReportSection("pulls", title, _unknown(of))
     sums = _sums(tables)
     axis = "shift / √(tolerance² − sigma²)"
-    figure = pull_figure(own, _COLUMNS, f"Pulls of the identified {of.built}, before and after", axis)
+    figure = pull_figure(rows, _COLUMNS, f"Pulls of the identified {of.built}, before and after", axis)
     words = "Effects that a model leaves out bias its other parameters, which shows as large pulls."
-    left = len(table) - len(own)
+    left = len(table) - len(rows)
     words += f" Not shown: {count(left, 'parameter')} that the data do not determine." if left else ""
     return ReportSection(
-        "pulls", title, _opening_sentences(sums, of), ((figure, words),), (_summary_listing(sums), _pull_listing(own))
+        "pulls", title, _opening_sentences(sums, of), ((figure, words),), (_summary_listing(sums), _pull_listing(rows))
     )
 
 
@@ -189,8 +189,8 @@ _PULL_HEADS = (
 )
 
 
-def _pull_listing(own: pd.DataFrame) -> Listing:
-    order = own.assign(size=own["pull_before"].abs()).sort_values("size", ascending=False, kind="stable")
+def _pull_listing(table: pd.DataFrame) -> Listing:
+    order = table.assign(size=table["pull_before"].abs()).sort_values("size", ascending=False, kind="stable")
     rows = tuple((name_of(r.parameter, r.leg), plain(r.pull_before), plain(r.pull_after)) for r in order.itertuples())
     return Listing(_PULL_HEADS, rows, (), "Every pull", True, "pulls.parquet")
 

@@ -71,13 +71,13 @@ def by_channel(misses: pd.DataFrame) -> Listing:
     return Listing(_HEADS, rows, caption=caption, held_by="reading_errors.parquet")
 
 
-def _cells(own: pd.DataFrame, rng: np.random.Generator) -> tuple[str, ...]:
-    runs = own.groupby("run", sort=False)
+def _cells(table: pd.DataFrame, rng: np.random.Generator) -> tuple[str, ...]:
+    runs = table.groupby("run", sort=False)
     counts = runs.size()
     sizes = [rms_with_interval(runs[when].agg(root_mean_square), rng, counts) for when in ("before", "after")]
-    most = [plain(own[when].abs().max()) for when in ("before", "after")]
-    noise = plain(root_mean_square(own["noise_floor"]))
-    return (str(len(counts)), f"{len(own):,}", noise, *sizes, *most, sign(str(own["unit"].iloc[0])))
+    most = [plain(table[when].abs().max()) for when in ("before", "after")]
+    noise = plain(root_mean_square(table["noise_floor"]))
+    return (str(len(counts)), f"{len(table):,}", noise, *sizes, *most, sign(str(table["unit"].iloc[0])))
 
 
 def where_missed(misses: pd.DataFrame, modelled: bool) -> go.Figure:
@@ -124,10 +124,10 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
     figure = make_subplots(rows, 2, subplot_titles=titles, vertical_spacing=0.34 / rows, horizontal_spacing=0.12)
     shapes: list[dict[str, Any]] = []
     for place, (channel, axis) in enumerate(panels):
-        own = _readings_under_load(misses, channel, axis)
+        readings_under_load = _readings_under_load(misses, channel, axis)
         for when, words, colour, _ in _series(modelled):
             for back, symbol in ((False, "triangle-up"), (True, "triangle-down")):
-                part = own[is_unloading(own, axis) == back]
+                part = readings_under_load[is_unloading(readings_under_load, axis) == back]
                 figure.add_trace(
                     go.Scatter(
                         x=part[axis],
@@ -142,7 +142,7 @@ def against_load(misses: pd.DataFrame, modelled: bool) -> go.Figure:
                     place // 2 + 1,
                     place % 2 + 1,
                 )
-        shapes += _band(own, place + 1)
+        shapes += _band(readings_under_load, place + 1)
         figure.update_xaxes(title_text=f"{axis} ({LOAD_UNITS[axis]})", row=place // 2 + 1, col=place % 2 + 1)
     words = "Measured − predicted, where largest relative to the noise (grey: 95 %). Marks pointing up: loading"
     style(figure, "Errors of the predictions against the load", words, 160 + 270 * rows)
@@ -199,14 +199,14 @@ def _series(modelled: bool) -> tuple[tuple[str, str, str, str], ...]:
 
 def _readings_under_load(misses: pd.DataFrame, channel: str, axis: str) -> pd.DataFrame:
     """Return readings of a channel in the runs that load an axis, unloaded steps included."""
-    own = misses[misses["channel"] == channel]
-    loaded = own[axis].ne(0.0).groupby(own["run"]).transform("any")
-    return own[loaded]
+    rows = misses[misses["channel"] == channel]
+    loaded = rows[axis].ne(0.0).groupby(rows["run"]).transform("any")
+    return rows[loaded]
 
 
-def _error_to_noise_ratio(own: pd.DataFrame, when: str) -> float:
-    noise = root_mean_square(own["noise"])
-    return root_mean_square(own[when]) / noise if noise > 0.0 else float("nan")
+def _error_to_noise_ratio(table: pd.DataFrame, when: str) -> float:
+    noise = root_mean_square(table["noise"])
+    return root_mean_square(table[when]) / noise if noise > 0.0 else float("nan")
 
 
 def _unit(misses: pd.DataFrame, channel: str) -> str:
@@ -217,20 +217,20 @@ def _panels(misses: pd.DataFrame) -> list[tuple[str, str]]:
     """Return channels and load axes with the largest misfit relative to noise."""
     sizes = {}
     for channel in channels_of(misses):
-        own = misses[misses["channel"] == channel]
-        loaded = axes_loaded_by_run(own)
+        rows = misses[misses["channel"] == channel]
+        loaded = axes_loaded_by_run(rows)
         several = loaded.sum(axis=1) > 1
         for axis in axes_of(misses):
             under = loaded[axis]
-            sizes[channel, axis] = _channel_misfit(own[under], axis, several=bool(several[under].any()))
+            sizes[channel, axis] = _channel_misfit(rows[under], axis, several=bool(several[under].any()))
     known = sorted((key for key, size in sizes.items() if np.isfinite(size)), key=lambda key: -sizes[key])
     informative = [key for key in known if sizes[key] > _TELLING]
     return (informative if len(informative) >= _FEWEST_PANELS else known[:_FEWEST_PANELS])[:_PANELS]
 
 
-def _band(own: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
+def _band(table: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
     """Return the band of 95 % of the noise, as a shape of a panel (from 1)."""
-    noise = _BAND * root_mean_square(own["noise"])
+    noise = _BAND * root_mean_square(table["noise"])
     if not noise > 0.0:
         return []
     number = "" if panel == 1 else str(panel)
@@ -238,51 +238,51 @@ def _band(own: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
     return [{"type": "rect", **place, "fillcolor": GREY, "opacity": 0.2, "line": {"width": 0}, "layer": "below"}]
 
 
-def _between_runs(own: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
+def _between_runs(table: pd.DataFrame, panel: int) -> list[dict[str, Any]]:
     """Return lines between runs, as shapes of a panel, because separate calls of plotly are slow."""
     line, number = {"color": GREY, "width": 0.5, "dash": "dot"}, "" if panel == 1 else str(panel)
     place = {"type": "line", "xref": f"x{number}", "yref": f"y{number} domain", "y0": 0.0, "y1": 1.0, "line": line}
-    return [{**place, "x0": x, "x1": x} for x in (_first_of_runs(own)[1:] - 0.5).tolist()]
+    return [{**place, "x0": x, "x1": x} for x in (_first_of_runs(table)[1:] - 0.5).tolist()]
 
 
-def _first_of_runs(own: pd.DataFrame) -> NDArray[np.int64]:
+def _first_of_runs(table: pd.DataFrame) -> NDArray[np.int64]:
     """Return the rows in which a run begins."""
-    return np.flatnonzero(own["run"].ne(own["run"].shift()).to_numpy())
+    return np.flatnonzero(table["run"].ne(table["run"].shift()).to_numpy())
 
 
-def _channel_misfit(own: pd.DataFrame, axis: str, *, several: bool) -> float:
+def _channel_misfit(table: pd.DataFrame, axis: str, *, several: bool) -> float:
     """Return the misfit of a channel over noise; under several loads in a run, of the part correlated with this one."""
-    size = _error_to_noise_ratio(own, "before")
+    size = _error_to_noise_ratio(table, "before")
     if not several:
         return size
-    load = own[axis].to_numpy(dtype=float)
+    load = table[axis].to_numpy(dtype=float)
     shapes = np.stack([load, np.abs(load)])
     shapes = shapes[shapes.std(axis=1) > 0.0]
-    missed = own["before"].to_numpy(dtype=float)
+    missed = table["before"].to_numpy(dtype=float)
     if not len(shapes) or missed.std() == 0.0:
         return 0.0
     return size * float(np.abs(np.corrcoef(np.vstack([missed, shapes]))[0, 1:]).max())
 
 
-def _texts(own: pd.DataFrame, unit: str, when: str) -> list[str]:
+def _texts(table: pd.DataFrame, unit: str, when: str) -> list[str]:
     return [
         f"run {label(run)}, step {step}: {plain(missed)} {unit}"
-        for run, step, missed in zip(own["run"], own["step"], own[when], strict=True)
+        for run, step, missed in zip(table["run"], table["step"], table[when], strict=True)
     ]
 
 
-def _run_axis(own: pd.DataFrame) -> dict[str, Any]:
+def _run_axis(table: pd.DataFrame) -> dict[str, Any]:
     """Return the names of the runs where there is space for them."""
-    first = _first_of_runs(own)
-    middles = 0.5 * (first + np.append(first[1:], len(own)) - 1.0)
+    first = _first_of_runs(table)
+    middles = 0.5 * (first + np.append(first[1:], len(table)) - 1.0)
     shown = range(0, len(first), max(1, -(-len(first) // _RUNS_NAMED)))
-    names = [_run_words(own[own["run"] == own["run"].iloc[first[k]]]) for k in shown]
+    names = [_run_words(table[table["run"] == table["run"].iloc[first[k]]]) for k in shown]
     return {
         "tickvals": [middles[k] for k in shown],
         "ticktext": names,
         "showgrid": False,
         "zeroline": False,
-        "range": [-1, len(own)],
+        "range": [-1, len(table)],
     }
 
 

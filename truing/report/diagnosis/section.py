@@ -48,24 +48,24 @@ def diagnosis(tables: Tables) -> ReportSection | None:
     if not rows:
         why = why_no_diagnosis(tables)
         return ReportSection("diagnosis", _TITLE, why[:1].upper() + why[1:])
-    found = accepted_of(rows)
+    accepted = accepted_of(rows)
     rivals = [row for row in rows if row.verdict == RIVAL]
-    reported = [_accepted(row, tables) for row in found]
+    reported = [_accepted(row, tables) for row in accepted]
     reported += [("warn", f"Equally good explanation: {lower(_finding(row, tables))}") for row in rivals]
-    listings = tuple(listing for listing in (_words([*found, *rivals]),) if listing.rows)
-    parts = tuple(part for part in (adequacy(tables), *_parts(rows, found, tables)) if part is not None)
+    listings = tuple(listing for listing in (_words([*accepted, *rivals]),) if listing.rows)
+    parts = tuple(part for part in (adequacy(tables), *_parts(rows, accepted, tables)) if part is not None)
     return ReportSection(
         "diagnosis", _TITLE, counted(rows, tables), (), listings, statements=tuple(reported), parts=parts
     )
 
 
-def _parts(rows: list[AssessedCause], found: list[AssessedCause], tables: Tables) -> list[ReportSection | None]:
+def _parts(rows: list[AssessedCause], causes: list[AssessedCause], tables: Tables) -> list[ReportSection | None]:
     return [
         evidence(rows),
         gain_section(rows, tables),
-        sizes(found, tables) if found else None,
+        sizes(causes, tables) if causes else None,
         pulls(tables),
-        _absorption_link(tables) if any(row.cause.startswith("platform-deformation") for row in found) else None,
+        _absorption_link(tables) if any(row.cause.startswith("platform-deformation") for row in causes) else None,
         unwritten_loads(rows, tables),
         hidden(rows, tables),
         requested_measurements(rows, tables),
@@ -107,13 +107,13 @@ def _absorption_link(tables: Tables) -> ReportSection | None:
     return ReportSection("swallowed", "Bias of the parameters if the deformation is ignored", text, see=see)
 
 
-def sizes(found: list[AssessedCause], tables: Tables) -> ReportSection:
+def sizes(causes: list[AssessedCause], tables: Tables) -> ReportSection:
     """Return the parameters of all findings, and the combinations that are determined where no single one is."""
-    drawn = [picture for row in found for picture in _pictures(row)]
-    listings = tuple(_parameters(row) for row in found if row.sizes)
-    numbers = sum(size.number is not None for row in found for size in row.sizes)
+    drawn = [picture for row in causes for picture in _pictures(row)]
+    listings = tuple(_parameters(row) for row in causes if row.sizes)
+    numbers = sum(size.number is not None for row in causes for size in row.sizes)
     lead = f"{count(numbers, 'parameter')} of the accepted causes, ± one standard deviation."
-    combined = [(row, own) for row in found if len(own := _combinations(row, tables))]
+    combined = [(row, own) for row in causes if len(own := _combinations(row, tables))]
     text = " ".join([lead, *(_combined_words(row, own) for row, own in combined)])
     tables_of_combinations = tuple(_combined(row, own) for row, own in combined)
     return ReportSection("sizes", "How large", text, tuple(drawn), (*tables_of_combinations, *listings))
@@ -127,16 +127,16 @@ def _combinations(row: AssessedCause, tables: Tables) -> pd.DataFrame:
     return table[(table["cause"] == row.cause) & (table["subject"].fillna("") == row.subject)]
 
 
-def _combined_words(row: AssessedCause, own: pd.DataFrame) -> str:
-    determined = count(len(own), "combination")
+def _combined_words(row: AssessedCause, table: pd.DataFrame) -> str:
+    determined = count(len(table), "combination")
     return (
         f"{row.name[:1].upper()}{row.name[1:]}: the data determine {determined} of the {len(row.sizes)} parameters; no "
         "single parameter differs significantly from zero."
     )
 
 
-def _combined(row: AssessedCause, own: pd.DataFrame) -> Listing:
-    reported = own[["determined", "combined_value", "combined_sigma", "unit"]].itertuples(index=False)
+def _combined(row: AssessedCause, table: pd.DataFrame) -> Listing:
+    reported = table[["determined", "combined_value", "combined_sigma", "unit"]].itertuples(index=False)
     cells = []
     for text, value, sigma, unit in reported:
         factor, handy = handy_unit(stem(row.sizes[0].name), cell(unit), abs(value))

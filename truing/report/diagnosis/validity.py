@@ -21,9 +21,9 @@ _REGIONS = {"pose": "regions of the workspace", "run": "ranges of the loads", "r
 _MOST = 6.0  # largest power of ten of odds that is given
 
 
-def held_out_sentences(found: Iterable[AssessedCause], of: PartNames) -> list[str]:
+def held_out_sentences(findings: Iterable[AssessedCause], of: PartNames) -> list[str]:
     """Return the sentences on blocks left out, and on findings without informative blocks."""
-    rows = [row for row in found if row.left_out_by]
+    rows = [row for row in findings if row.left_out_by]
     texts = _of_blocks([row for row in rows if row.left_out_gain is not None], of)
     if lone := dict.fromkeys(row.name for row in rows if row.left_out_by == ONE_BLOCK):
         texts.append(
@@ -72,7 +72,7 @@ def _to_measure(of: PartNames) -> str:
     return f"To test it, measure at least four {of.single}s on each of three days, or in each quarter of the workspace."
 
 
-def not_elsewhere(found: Iterable[AssessedCause], of: PartNames) -> tuple[tuple[str, str], ...]:
+def not_elsewhere(findings: Iterable[AssessedCause], of: PartNames) -> tuple[tuple[str, str], ...]:
     """Return the section with measurements that would test findings without informative blocks."""
-    untested = not of.is_of_readings and any(row.left_out_by == NONE for row in found)
+    untested = not of.is_of_readings and any(row.left_out_by == NONE for row in findings)
     return (("next", "What to measure next"),) if untested else ()

@@ -58,15 +58,15 @@ def diagnosis_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) -> S
         apart = "belonging" in before and before["belonging"].state == RelationState.FAILS
         code = ReasonCode.WITHHELD if apart else ReasonCode.NOT_EVALUATED
         return _diagnosed(RelationState.NOT_TESTED, code, f"Diagnosis not evaluated: {lower(why_no_diagnosis(tables))}")
-    found = accepted_of(rows)
-    effects = [row for row in found if not row.is_noise]
+    accepted = accepted_of(rows)
+    effects = [row for row in accepted if not row.is_noise]
     if effects:
         doubted = any(row.verdict == SUSPECTED for row in effects)
         code = ReasonCode.SUSPECTED if doubted else ReasonCode.FOUND
-        return _diagnosed(RelationState.ATTENTION, code, _found_words(found, tables), len(effects))
-    if found:
-        text = f"{clause(found[0], tables)}; otherwise {_nothing_found(rows)}."
-        code = ReasonCode.NOTHING_FOUND if found[0].is_remainder else ReasonCode.NOISE
+        return _diagnosed(RelationState.ATTENTION, code, _found_words(accepted, tables), len(effects))
+    if accepted:
+        text = f"{clause(accepted[0], tables)}; otherwise {_nothing_found(rows)}."
+        code = ReasonCode.NOTHING_FOUND if accepted[0].is_remainder else ReasonCode.NOISE
         return _diagnosed(RelationState.ATTENTION, code, text)
     if not _testable(rows):
         text = f"{_upper(tested_words(rows))}: not tested, because {_nothing_found(rows)}."
@@ -99,24 +99,24 @@ def simulation_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Secti
 
 
 def _bodies_words(rows: list[AssessedCause]) -> str:
-    found = accepted_of(rows)
-    return f"Tested: {tested_words(rows)}; {'see Diagnosis' if found else _nothing_found(rows)}."
+    accepted = accepted_of(rows)
+    return f"Tested: {tested_words(rows)}; {'see Diagnosis' if accepted else _nothing_found(rows)}."
 
 
 def diagnosis_details(tables: Tables) -> list[Verdict]:
     """Return the details behind the diagnosis at the head of the page: rivals, next step."""
     rows = assessed_causes(tables)
-    found = accepted_of(rows)
+    accepted = accepted_of(rows)
     if not rows:
         return []
-    reported = [*_rivals(found, rows, tables), *_most_urgent_step(rows, tables)]
+    reported = [*_rivals(accepted, rows, tables), *_most_urgent_step(rows, tables)]
     return [line for line in reported if line[1]]
 
 
-def _found_words(found: list[AssessedCause], tables: Tables) -> str:
+def _found_words(causes: list[AssessedCause], tables: Tables) -> str:
     """Return the findings, and the gain by modelling them."""
-    effects, noise = [row for row in found if not row.is_noise], [row for row in found if row.is_noise]
-    brings = gain(found, tables)
+    effects, noise = [row for row in causes if not row.is_noise], [row for row in causes if row.is_noise]
+    brings = gain(causes, tables)
     sure = [row for row in [*effects, *noise] if row.verdict != SUSPECTED]
     doubted = [row for row in effects if row.verdict == SUSPECTED]
     texts = [_listed([clause(row, tables) for row in sure[:_TOLD]], len(sure)) + _more_findings(sure)] if sure else []
@@ -196,21 +196,21 @@ def _hidden_sizes(table: pd.DataFrame | None) -> list[str]:
     return [f"{cause_words(c)} {_worst(known[known['cause'] == c])}" for c in dict.fromkeys(order)][:_SIZES]
 
 
-def _worst(own: pd.DataFrame) -> str:
+def _worst(table: pd.DataFrame) -> str:
     """Return the largest size of a cause's parameters, unit by unit: ``0.8 um/h or 0.3 arcsec/h``."""
-    largest = own.loc[own.groupby("unit", sort=False, dropna=False)["size"].idxmax()]
+    largest = table.loc[table.groupby("unit", sort=False, dropna=False)["size"].idxmax()]
     reported = (plain_size(str(r.parameter), float(r.size), cell(r.unit)) for r in largest.itertuples())
     return " or ".join(dict.fromkeys(reported))
 
 
-def _rivals(found: list[AssessedCause], rows: list[AssessedCause], tables: Tables) -> list[Verdict]:
+def _rivals(causes: list[AssessedCause], rows: list[AssessedCause], tables: Tables) -> list[Verdict]:
     """Return in words the causes that the data cannot distinguish from the findings."""
     rivals = [row for row in rows if row.verdict == RIVAL]
-    if not rivals or not found:
+    if not rivals or not causes:
         return []
     texts = [lower(clause(row, tables)) for row in rivals[:_TOLD]]
     more = f", or one of {len(rivals) - _TOLD} more" if len(rivals) > _TOLD else ""
-    which = "this finding" if len(found) == 1 else "one of these findings"
+    which = "this finding" if len(causes) == 1 else "one of these findings"
     words = f"Equally good explanation of {which}: {', or '.join(texts)}{more}. This campaign cannot distinguish them."
     return [("warn", words)]
 

@@ -40,13 +40,13 @@ def network_picture(points: pd.DataFrame, images: pd.DataFrame, cameras: pd.Data
     bodies = {body: _COLOURS[k % len(_COLOURS)] for k, body in enumerate(points["body"].unique())}
     figure, owner = go.Figure(), []
     for number, pose in enumerate(poses):
-        own = _traces(
+        traces = _traces(
             _shown_points(points[points["pose"] == pose]), images[images["pose"] == pose], cameras, gain, bodies
         )
-        for trace in own:
+        for trace in traces:
             trace.visible = number == 0
             figure.add_trace(trace)
-        owner += [number] * len(own)
+        owner += [number] * len(traces)
     sigma = float(np.median(points[SIGMA].max(axis=1)))
     more = "" if len(poses) == points["pose"].nunique() else f" {len(poses)} of {points['pose'].nunique()} poses."
     if (points["pose"].value_counts() > _MOST_POINTS).any():
@@ -119,12 +119,12 @@ def _traces(
     ]
     shape = _ellipsoids(points, gain)
     for body, colour in bodies.items():
-        own = (points["body"] == body).to_numpy()
-        if not own.any():
+        values = (points["body"] == body).to_numpy()
+        if not values.any():
             continue
         name = str(body) or "without a body"
-        drawn.append(_dots((place[own] - middle) @ view.T, _point_words(points[own]), name, colour, 2.0))
-        outlines = (shape[own] + place[own][:, None] - middle).reshape(-1, 3) @ view.T
+        drawn.append(_dots((place[values] - middle) @ view.T, _point_words(points[values]), name, colour, 2.0))
+        outlines = (shape[values] + place[values][:, None] - middle).reshape(-1, 3) @ view.T
         drawn.append(_lines(outlines, f"{name}, uncertainty", colour, 1.5, legend=False))
     return drawn
 
@@ -212,15 +212,15 @@ def residual_picture(residuals: pd.DataFrame, cameras: pd.DataFrame) -> go.Figur
     """
     formats = cameras.groupby("camera", sort=False)[["width_px", "height_px"]].first()
     reported = residuals[residuals["vx_px"].notna()]
-    kept = reported[~reported["rejected"]]
+    rows = reported[~reported["rejected"]]
     width = float(formats["width_px"].max())
-    usual = float(np.median(np.hypot(kept["vx_px"], kept["vy_px"]))) if len(kept) else 1.0
+    usual = float(np.median(np.hypot(rows["vx_px"], rows["vy_px"]))) if len(rows) else 1.0
     gain = round_gain(_LENGTH * width / max(usual, 1e-9))
     images = _shown_images(reported)
     figure, steps = go.Figure(), []
-    for camera in [name for name in formats.index if (kept["camera"] == name).any()]:
+    for camera in [name for name in formats.index if (rows["camera"] == name).any()]:
         steps.append(
-            (f"{camera}, all images: means of cells", _cell_means(kept[kept["camera"] == camera], formats, gain))
+            (f"{camera}, all images: means of cells", _cell_means(rows[rows["camera"] == camera], formats, gain))
         )
     for pose, image in images:
         own = reported[(reported["pose"] == pose) & (reported["image"] == image)]
@@ -264,12 +264,12 @@ def _shown_images(residuals: pd.DataFrame) -> list[tuple[Any, Any]]:
     return [key for key in rms.index if key in chosen]
 
 
-def _cell_means(own: pd.DataFrame, formats: pd.DataFrame, gain: float) -> list[Any]:
+def _cell_means(table: pd.DataFrame, formats: pd.DataFrame, gain: float) -> list[Any]:
     """Return mean residuals in the cells of one camera's format, over all its images."""
-    cell = float(formats.loc[own["camera"].iloc[0]].max()) / _CELLS
-    column, row = (np.floor(own[f"{a}_px"] / cell).astype(int) for a in "xy")
-    means = own.groupby([row, column])[["x_px", "y_px", "vx_px", "vy_px"]].mean()
-    counts = own.groupby([row, column]).size()
+    cell = float(formats.loc[table["camera"].iloc[0]].max()) / _CELLS
+    column, row = (np.floor(table[f"{a}_px"] / cell).astype(int) for a in "xy")
+    means = table.groupby([row, column])[["x_px", "y_px", "vx_px", "vy_px"]].mean()
+    counts = table.groupby([row, column]).size()
     means, counts = means[counts >= _FEWEST], counts[counts >= _FEWEST]
     words = [
         f"{counted(n, 'ray')}, mean ({r.vx_px:+.3f}, {r.vy_px:+.3f}) px"
@@ -278,8 +278,8 @@ def _cell_means(own: pd.DataFrame, formats: pd.DataFrame, gain: float) -> list[A
     return [*_vectors(means, gain, BLUE, "mean of a cell"), _ray_ends(means, words, BLUE, "middle of its rays")]
 
 
-def _of_image(own: pd.DataFrame, gain: float) -> list[Any]:
-    good, wrong = own[~own["rejected"]], own[own["rejected"]]
+def _of_image(table: pd.DataFrame, gain: float) -> list[Any]:
+    good, wrong = table[~table["rejected"]], table[table["rejected"]]
     drawn = [*_vectors(good, gain, BLUE, "residual"), _ray_ends(good, _words(good), BLUE, "ray")]
     if len(wrong):
         drawn.append(

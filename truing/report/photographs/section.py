@@ -78,8 +78,8 @@ def _opening_sentences(points: pd.DataFrame, residuals: pd.DataFrame, images: pd
     text += (
         f" A coordinate is known to {quantity(float(np.sqrt(np.mean(sigma**2))), 'mm')} (rms), a ray was measured to "
     )
-    kept = residuals[~residuals["rejected"]]
-    text += f"{float(np.median(kept['sigma_x_px'])):.3f} px. Left out: {counted(len(residuals) - used, 'ray')}."
+    rows = residuals[~residuals["rejected"]]
+    text += f"{float(np.median(rows['sigma_x_px'])):.3f} px. Left out: {counted(len(residuals) - used, 'ray')}."
     checks = table_or_none(tables, "qa")
     scale = [] if checks is None else checks.loc[checks["check"] == "scale", "message"].tolist()
     return " ".join([text, *scale])

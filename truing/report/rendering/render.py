@@ -203,8 +203,8 @@ def _figure_data(figure: go.Figure, template: object) -> tuple[dict[str, Any], l
     figure; and plotly's slider, which no keyboard reaches. A control of the page chooses the steps. A 3-D view is given
     as its scene, of which the page's script draws the reader's choice.
     """
-    whole = figure.to_plotly_json()
-    layout = dict(whole["layout"])
+    figure_json = figure.to_plotly_json()
+    layout = dict(figure_json["layout"])
     if layout.get("template") == template:
         del layout["template"]
     if layout.pop("title", None):
@@ -215,8 +215,8 @@ def _figure_data(figure: go.Figure, template: object) -> tuple[dict[str, Any], l
     labels = [step["label"] for step in steps]
     scene = layout.pop("meta", {}).get("scene")
     if scene:  # its script computes what the steps hold
-        return {"data": _without_points(whole["data"]), "layout": layout, "steps": labels, "scene": scene}, labels
-    return {"data": whole["data"], "layout": layout, **({"steps": steps} if steps else {})}, labels
+        return {"data": _without_points(figure_json["data"]), "layout": layout, "steps": labels, "scene": scene}, labels
+    return {"data": figure_json["data"], "layout": layout, **({"steps": steps} if steps else {})}, labels
 
 
 def _without_points(traces: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -51,9 +51,9 @@ def _shifts(shifts: pd.DataFrame) -> list[tuple]:
     return rows
 
 
-def _numbers(own: pd.DataFrame) -> list[tuple]:
+def _numbers(table: pd.DataFrame) -> list[tuple]:
     rows: list[tuple] = []
-    for r in own.itertuples():
+    for r in table.itertuples():
         factor, unit = print_unit(r.parameter, r.unit)
         named = kind_of(r.parameter, r.leg)
         value = with_uncertainty(factor * r.identified, factor * r.sigma, unit)

@@ -85,8 +85,8 @@ def failing_names(tables: Tables) -> Named:
     failed = checks[checks["verdict"].eq("fail") & ~accepted_verdicts(checks)]
     words = [cell(subject) for subject in failed["subject"]]
     if relations is not None:
-        own = relations[relations["state"].eq("fails") & relations["relation"].isin(failed["check"])]
-        slips = [slip for text in own["slips"] for slip in json.loads(cell(text) or "[]")]
+        rows = relations[relations["state"].eq("fails") & relations["relation"].isin(failed["check"])]
+        slips = [slip for text in rows["slips"] for slip in json.loads(cell(text) or "[]")]
         words += [subject for slip in slips for subject in slip["subjects"]]
     text = " ".join(words)
     legs = frozenset(int(number) for number in re.findall(_LEG, text))
@@ -112,9 +112,9 @@ def _machine(tables: Tables, named: Named) -> _Shape | None:
     return shape
 
 
-def _frame(own: pd.DataFrame) -> tuple[_Points, _Points]:
+def _frame(table: pd.DataFrame) -> tuple[_Points, _Points]:
     """Return origin (3,) and axes in columns (3, 3) of a frame's rows."""
-    return own[XYZ].to_numpy(float)[0], own[["along_x", "along_y", "along_z"]].to_numpy(float).T
+    return table[XYZ].to_numpy(float)[0], table[["along_x", "along_y", "along_z"]].to_numpy(float).T
 
 
 def _add_legs(shape: _Shape, lower: _Points, upper: _Points, named: Named) -> None:

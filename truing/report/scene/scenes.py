@@ -81,8 +81,8 @@ def _leg_of(body: str) -> float:
     return float(found[1]) if found else float("nan")
 
 
-def _with_legs(own: pd.DataFrame, legs: pd.DataFrame) -> pd.DataFrame:
-    return pd.concat([own, legs], ignore_index=True) if len(legs) else own
+def _with_legs(table: pd.DataFrame, legs: pd.DataFrame) -> pd.DataFrame:
+    return pd.concat([table, legs], ignore_index=True) if len(legs) else table
 
 
 def _slider_poses(residuals: pd.DataFrame, points: int) -> list[Any]:
@@ -140,8 +140,8 @@ def _joints(
     fitted = table_or_none(tables, "calibration")
     if fitted is None or body != _PLATFORM or body not in motion:
         return _attachments(tables, body), None, None
-    own = rows_of(fitted, displayed_calibration(tables, fitted)).dropna(subset=["leg"])
-    wide = own.pivot_table(index="leg", columns="parameter", values="identified")
+    known = rows_of(fitted, displayed_calibration(tables, fitted)).dropna(subset=["leg"])
+    wide = known.pivot_table(index="leg", columns="parameter", values="identified")
     names = [[f"{joint}_{axis}" for axis in "xyz"] for joint in "ab"]
     if not {*names[0], *names[1]} <= set(wide.columns):
         return _attachments(tables, body), None, None
@@ -195,9 +195,9 @@ def _pose_captions(tables: Tables, poses: list[Any], legs: tuple[int, ...]) -> t
     shifts = table_or_none(tables, "deformation")
     if shifts is None or not legs:
         return ()
-    own = shifts.set_index(["pose", "leg"])
-    own = own[~own.index.duplicated()]
-    return tuple(tuple(_of_leg(own, pose, leg) for leg in legs) for pose in poses)
+    indexed = shifts.set_index(["pose", "leg"])
+    indexed = indexed[~indexed.index.duplicated()]
+    return tuple(tuple(_of_leg(indexed, pose, leg) for leg in legs) for pose in poses)
 
 
 def _of_leg(shifts: pd.DataFrame, pose: Any, leg: int) -> str:

@@ -88,8 +88,8 @@ def calibration_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
         text = f"The calibration {chosen} fits: {'; '.join(test.question for test in evaluated)}."
         return SectionVerdict("calibration", RelationState.OK, ReasonCode.FITS, text)
     text = f"The calibration {chosen} fails the test whether {failed[0].question}. {failed[0].statement}"
-    own = choice[choice["model"] == chosen].drop_duplicates("figure").set_index("figure")["value"]
-    ratio = max(filter(None, (_ratio(own, what) for what in ("heldout", "verification"))))
+    value = choice[choice["model"] == chosen].drop_duplicates("figure").set_index("figure")["value"]
+    ratio = max(filter(None, (_ratio(value, what) for what in ("heldout", "verification"))))
     state = RelationState.FAILS if ratio > BY_A_FACTOR else RelationState.ATTENTION
     return SectionVerdict("calibration", state, ReasonCode.HELD_OUT_MISSED, text, ratio, "1", _AT_NOISE)
 
@@ -100,8 +100,8 @@ def _tests(choice: pd.DataFrame | None) -> list[ModelTest]:
     verified = "errors in the verification runs agree with the noise"
     if choice is None:
         return [ModelTest(asked, None, "G_B was not evaluated.") for asked in (held, verified)]
-    own = choice[choice["model"] == _chosen_model(choice)]
-    facts = own.drop_duplicates("figure").set_index("figure")["value"]
+    rows = choice[choice["model"] == _chosen_model(choice)]
+    facts = rows.drop_duplicates("figure").set_index("figure")["value"]
     return [
         _misfit_test(held, facts, "heldout", "Nothing was held out."),
         _misfit_test(verified, facts, "verification", "No run has role verification, or its noise is not known."),
@@ -146,34 +146,34 @@ def _opening_sentences(
         why = tables["sensor_matrix"].attrs.get(WHY_NOT) or "no signals"
         return f"G from nominal dimensions only. G_B is not evaluated: {why}."
     chosen = _chosen_model(choice)
-    own = choice[choice["model"] == chosen]
-    held = own[own["figure"] == "heldout_rms"].set_index("subject")["value"]
-    share = {load: 100.0 * float(held[load]) / largest[load] for load in largest if load in held}
+    rows = choice[choice["model"] == chosen]
+    value = rows[rows["figure"] == "heldout_rms"].set_index("subject")["value"]
+    share = {load: 100.0 * float(value[load]) / largest[load] for load in largest if load in value}
     worst = max(share, key=lambda load: share[load])
     texts = [
         f"Chosen calibration (estimator, direction, zero, terms): {chosen}. "
         f"The rms error on held-out loads is {plain(min(share.values()))} to {plain(share[worst])} % "
-        f"of the largest load; it is largest for {worst}, {plain(held[worst])} {LOAD_UNITS[worst]}."
+        f"of the largest load; it is largest for {worst}, {plain(value[worst])} {LOAD_UNITS[worst]}."
     ]
     printed = choice[(choice["model"] == _AS_PRINTED) & (choice["figure"] == "heldout_rms")]
     if len(printed) and chosen != printed["model"].iloc[0]:
         other = 100.0 * float(printed.set_index("subject")["value"][worst]) / largest[worst]
         if other > 1.5 * share[worst]:
             texts.append(f"Least squares without a zero gives {plain(other)} % for {worst}.")
-    texts += _verified(own)
+    texts += _verified(rows)
     texts += filter(None, [data_words(tables)])
     equal = choice[(choice["figure"] == "indistinguishable") & (choice["value"] == 1.0)]["model"]
     if len(equal):
         texts.append(f"Equally good by these data: {', '.join(equal)}; the simplest is chosen.")
-    if (own["figure"] == "tared").any() and float(own.loc[own["figure"] == "tared", "value"].iloc[0]):
+    if (rows["figure"] == "tared").any() and float(rows.loc[rows["figure"] == "tared", "value"].iloc[0]):
         texts.append(
             "Unloaded signals differ between runs by more than noise, so signals are relative to each run's zero."
         )
     return " ".join(texts)
 
 
-def _verified(own: pd.DataFrame) -> list[str]:
-    checked = own[own["figure"] == "verification_rms"]
+def _verified(table: pd.DataFrame) -> list[str]:
+    checked = table[table["figure"] == "verification_rms"]
     if not len(checked):
         return []
     named = ", ".join(f"{r.subject} {plain(r.value)} {LOAD_UNITS[r.subject]}" for r in checked.itertuples())
@@ -219,10 +219,10 @@ def _choices(choice: pd.DataFrame, largest: dict[str, float]) -> Listing:
             rows.append((model, *[""] * (len(largest) + 3), cell(own["reason"].iloc[0])))
             marks.append("none")
             continue
-        held = own[own["figure"] == "heldout_rms"].set_index("subject")["value"]
+        value = own[own["figure"] == "heldout_rms"].set_index("subject")["value"]
         ratio = float(np.sqrt(facts["heldout_chi_square"] / facts["heldout_freedom"]))
         text = "chosen" if model == chosen else "equal" if facts.get("indistinguishable") == 1.0 else ""
-        sizes = [plain(float(held[load])) for load in largest]
+        sizes = [plain(float(value[load])) for load in largest]
         rows.append(
             (model, *sizes, plain(ratio), plain(facts.get("heldout_log_density")), plain(facts.get("parameters")), text)
         )
@@ -347,19 +347,19 @@ def _without_types(merit: pd.DataFrame) -> list[Listing]:
 
 def held_out_errors(choice: pd.DataFrame, largest: dict[str, float]) -> go.Figure:
     """Return the rms error of every component under held-out loads, by model, in per cent of the largest load."""
-    held = choice[choice["figure"] == "heldout_rms"]
+    rows = choice[choice["figure"] == "heldout_rms"]
     chosen = set(choice.loc[(choice["figure"] == "chosen") & (choice["value"] == 1.0), "model"])
-    models = list(dict.fromkeys(held["model"]))
+    models = list(dict.fromkeys(rows["model"]))
     names = {model: f"{_name(model)}{'  ◀ chosen' if model in chosen else ''}" for model in models}
     figure, every = go.Figure(), []
     for load in [load for load in LOADS if load in largest]:
-        own = held[held["subject"] == load]
-        share = 100.0 * own["value"].to_numpy() / largest[load]
+        selected = rows[rows["subject"] == load]
+        share = 100.0 * selected["value"].to_numpy() / largest[load]
         every += share.tolist()
         figure.add_trace(
             go.Scatter(
                 x=share,
-                y=[names[model] for model in own["model"]],
+                y=[names[model] for model in selected["model"]],
                 mode="markers",
                 name=load,
                 marker={"color": _COLOURS[load], "size": 9},

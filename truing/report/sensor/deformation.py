@@ -114,9 +114,9 @@ def _curves(tables: Tables) -> Drawn:
     curves = table_or_none(tables, "axis_curves")
     if curves is None:
         return []
-    own = curves["load"].map(dict(zip(LOADS, CHANNELS, strict=True))) == curves["channel"]
+    mask = curves["load"].map(dict(zip(LOADS, CHANNELS, strict=True))) == curves["channel"]
     drawn: Drawn = []
-    if own.any():
+    if mask.any():
         drawn.append(
             (
                 _own_axes(curves, tables),
@@ -351,21 +351,21 @@ def _measurement(part: pd.DataFrame, values: pd.Series, shown: set[str], size: i
     """Return the points of each branch, in separate styles."""
     traces = []
     for branch, (symbol, colour) in _BRANCHES.items():
-        own = (part["branch"] == branch).to_numpy()
-        if not own.any():
+        array = (part["branch"] == branch).to_numpy()
+        if not array.any():
             continue
-        bars: dict[str, Any] = {"type": "data", "array": BAR * part["sigma"][own], "thickness": 1, "width": 0}
+        bars: dict[str, Any] = {"type": "data", "array": BAR * part["sigma"][array], "thickness": 1, "width": 0}
         traces.append(
             go.Scatter(
-                x=1e-3 * part["applied"][own],
-                y=values[own],
+                x=1e-3 * part["applied"][array],
+                y=values[array],
                 mode="markers",
                 name=f"measured, {branch}",
                 legendgroup=branch,
                 showlegend=branch not in shown,
                 marker={"symbol": symbol, "color": colour, "size": size},
                 error_y=bars if len(part) <= _MANY else None,
-                text=[f"case {case}" for case in part["case"][own]],
+                text=[f"case {case}" for case in part["case"][array]],
                 hovertemplate="%{text}: %{x:.4g} → %{y:.4g}<extra></extra>",
             )
         )

@@ -61,10 +61,10 @@ def _complete_cases(cases: pd.DataFrame) -> Listing | None:
     loads = cases[list(LOADS.values())].to_numpy()
     rows, marks = [], []
     for a, load in enumerate(LOADS):
-        own = (loads[:, a] != 0.0) & (np.delete(loads, a, axis=1) == 0.0).all(axis=1)
-        if own.any():
-            seen = [int(cases.loc[own, column].notna().sum()) for column in _COMPONENTS.values()]
-            rows.append((load, f"{int(own.sum()):,}", *(f"{n:,}" if n else "not measured" for n in seen)))
+        mask = (loads[:, a] != 0.0) & (np.delete(loads, a, axis=1) == 0.0).all(axis=1)
+        if mask.any():
+            seen = [int(cases.loc[mask, column].notna().sum()) for column in _COMPONENTS.values()]
+            rows.append((load, f"{int(mask.sum()):,}", *(f"{n:,}" if n else "not measured" for n in seen)))
             marks.append("" if all(seen) else "none")
     several = (loads != 0.0).sum(axis=1) > 1
     if several.any():

@@ -38,9 +38,9 @@ def neglected(tables: Tables) -> ReportSection | None:
     )
 
 
-def _sentence(name: str, own: pd.DataFrame) -> str:
+def _sentence(name: str, table: pd.DataFrame) -> str:
     """True if neglect of an effect matters, with the entry that it changes most."""
-    known = own[own["effect_over_sigma"].notna()]
+    known = table[table["effect_over_sigma"].notna()]
     if not len(known):
         return f"{name.capitalize()}: not assessed, because the compliance has no uncertainty."
     worst = known.loc[known["effect_over_sigma"].idxmax()]

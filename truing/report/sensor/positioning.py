@@ -100,21 +100,21 @@ def positioning_verdict(tables: Tables, _: Mapping[str, SectionVerdict]) -> Sect
         return None
     axis = rows[rows["subject"].isna() & rows["figure"].isin(list(_TOLD))]
     worst = axis[axis["figure"].eq("A")].nlargest(1, "value")["run"]
-    own = axis[axis["run"].isin(worst)].set_index("figure")
-    if not len(own):
+    figures = axis[axis["run"].isin(worst)].set_index("figure")
+    if not len(figures):
         return None
-    sigma = own["sigma"] if "sigma" in own else own["value"] * math.nan
+    sigma = figures["sigma"] if "sigma" in figures else figures["value"] * math.nan
     texts = [
-        f"{words} {in_suitable_unit(float(own.loc[name, 'value']), float(sigma[name]), str(own.loc[name, 'unit']))}"
+        f"{words} {in_suitable_unit(float(figures.value[name]), float(sigma[name]), str(figures.unit[name]))}"
         for name, words in _TOLD.items()
-        if name in own.index
+        if name in figures.index
     ]
     several = rows["run"].nunique()
     withheld = len(not_stated(tables))
     also = f" Not evaluated: {count(withheld, 'further run')} (see Positioning)." if withheld else ""
     which = f"the worst of {several} runs, {worst.iloc[0]}" if several > 1 else str(worst.iloc[0])
     text = printed(f"By ISO 230-2, {which}: {', '.join(texts)}, each with one standard deviation.{also}")
-    size, unit = float(own.loc["A", "value"]), str(own.loc["A", "unit"])
+    size, unit = float(figures.loc["A", "value"]), str(figures.loc["A", "unit"])
     return SectionVerdict("positioning", RelationState.OK, ReasonCode.MEASURED, text, size, unit)
 
 

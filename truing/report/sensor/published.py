@@ -30,9 +30,9 @@ def published_traces(tables: Tables, load: str, channel: str, shown: set[str]) -
     table = table_or_none(tables, "published_compared")
     if table is None:
         return
-    own = table[(table["load"] == load) & (table["channel"] == channel)]
+    rows = table[(table["load"] == load) & (table["channel"] == channel)]
     for source, name in _LOOKS.items():
-        part = own[own["source"] == source]
+        part = rows[rows["source"] == source]
         if not len(part):
             continue
         x, y = (1e-3 * part["applied"]).tolist(), part["published"].tolist()

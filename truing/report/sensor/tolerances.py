@@ -73,8 +73,8 @@ def tolerance_words(errors: pd.DataFrame) -> list[str]:
     """Return the main results in sentences, from tolerance_errors."""
     said = []
     for part in _SAMPLES:
-        own = errors[errors["pose_part"] == part]
-        row, each = own[own["error_source"] == _ALL].iloc[0], own[own["error_source"] != _ALL]
+        rows = errors[errors["pose_part"] == part]
+        row, each = rows[rows["error_source"] == _ALL].iloc[0], rows[rows["error_source"] != _ALL]
         largest = each.nlargest(1, "variance_share").iloc[0]
         unit = sign(str(row["unit"]))
         text = f"All tolerances together: rms {part} error {plain(row['first_order'])} {unit}, "
@@ -190,10 +190,10 @@ def _degrees(value: float) -> str:
 def tolerance_head(campaign: str, errors: pd.DataFrame) -> PageHead:
     """Return the head of a page on the tolerances alone."""
     words = tolerance_words(errors)
-    whole = errors[errors["error_source"] == _ALL]
+    rows = errors[errors["error_source"] == _ALL]
     tiles = tuple(
         (f"rms {row.pose_part} error", f"{plain(float(row.first_order))} {sign(str(row.unit))}")
-        for row in whole.itertuples()
+        for row in rows.itertuples()
     )
     return PageHead(f"{campaign}: errors by tolerances", tuple(("", text) for text in words), tiles)
 

@@ -44,12 +44,12 @@ def _verb(claim: Claim, one: str, many: str) -> str:
 
 
 def _up_to(claim: Claim) -> str:
-    found = claim.reach
-    if found is None:
+    reach = claim.reach
+    if reach is None:
         return ""
     # Strongly correlated parameters, treated as uncorrelated, would give far too large a sigma of the shift.
-    known = found.sigma is not None and 0.0 < found.sigma < found.largest / _TELLING
-    far = with_uncertainty(found.largest, found.sigma, "um") if known else f"{rough(found.largest)} um"
+    known = reach.sigma is not None and 0.0 < reach.sigma < reach.largest / _TELLING
+    far = with_uncertainty(reach.largest, reach.sigma, "um") if known else f"{rough(reach.largest)} um"
     return f", by up to {far}"
 
 
@@ -59,8 +59,8 @@ def _deforms(claim: Claim) -> str:
     out = " nonlinearly with" if claim.cause == "platform-deformation-nonlinear" else " with"
     along = "" if claim.sizes else " along its z"
     if where:
-        own = _verb(claim, "its own actuator", "their own actuators")
-        return f"the platform deforms{along} at {where}{out} {own}{_up_to(claim)}"
+        verb = _verb(claim, "its own actuator", "their own actuators")
+        return f"the platform deforms{along} at {where}{out} {verb}{_up_to(claim)}"
     most = f", most at leg {claim.reach.legs[0]}" if claim.reach is not None else ""
     return f"the platform deforms{along} at each leg{out} that leg's actuator{most}{_up_to(claim)}"
 
@@ -76,8 +76,8 @@ def _deforms_with_all(claim: Claim) -> str:
 
 def _in_plane(claim: Claim) -> str:
     """Return the clause that attachments shift across the platform's z with their own actuators."""
-    where, own = subject_words(claim.subject), _verb(claim, "its own actuator", "their own actuators")
-    text = f"the platform deforms in its plane at {where or 'each leg'} with {own if where else 'its own actuator'}"
+    where, verb = subject_words(claim.subject), _verb(claim, "its own actuator", "their own actuators")
+    text = f"the platform deforms in its plane at {where or 'each leg'} with {verb if where else 'its verb actuator'}"
     size = largest((*claim.sizes_of("kappa_x"), *claim.sizes_of("kappa_y")))
     if size is None:
         return text
@@ -279,14 +279,14 @@ def _body(claim: Claim) -> str:
 
 
 def _body_deforms(claim: Claim) -> str:
-    terms, whole = claim.fact("terms") or (), claim.fact("whole")
+    terms, fact = claim.fact("terms") or (), claim.fact("whole")
     if not terms:
         return with_sizes(f"{_body(claim)} deforms", claim)
     if terms[0].startswith(_CAME_FROM):
         column = own_name(terms[0].removeprefix(_CAME_FROM))
-        what = "position" if whole else "shape"
+        what = "position" if fact else "shape"
         text = f"the {what} of {_body(claim)} depends on whether {column} went up or down before (hysteresis)"
-    elif whole:
+    elif fact:
         text = f"{_body(claim)}, declared still, moves as a whole with {_terms(claim)}"
     else:
         or_time = ", or with time, which changed together with it" if claim.fact("with_time") else ""
@@ -314,9 +314,9 @@ def _single_change_advice(claim: Claim) -> str:
 
 
 def _drifts(claim: Claim) -> str:
-    whole = claim.fact("whole")
+    fact = claim.fact("whole")
     if _from_pose_words(claim):
-        said = f"{_body(claim)}, declared still, is displaced" if whole else f"the shape of {_body(claim)} changed"
+        said = f"{_body(claim)}, declared still, is displaced" if fact else f"the shape of {_body(claim)} changed"
         return with_sizes(f"{said}{_from_pose_words(claim)}", claim)
     of_time = claim.fact("column") in (None, "time_s")
     how = (
@@ -326,7 +326,7 @@ def _drifts(claim: Claim) -> str:
         start = claim.fact("start")
         how = f", from {start:.0f} s on" if of_time else f", from number {start:.0f} on"
     over = f"{'time' if of_time else 'the order of the poses'}{how}"
-    if whole:
+    if fact:
         return with_sizes(f"{_body(claim)}, declared still, moves as a whole with {over}", claim)
     return with_sizes(f"the shape of {_body(claim)} drifts with {over}", claim)
 
@@ -340,10 +340,10 @@ def _wait(claim: Claim) -> str:
 
 def _gravity_clause(claim: Claim) -> str:
     """Return the clause on shifts with the direction of gravity, with their size."""
-    one, body = claim.fact("one"), claim.fact("body") or claim.subject or "a body"
-    if one:
-        size = claim.size(f"{one}_sag")
-        return f"target {one} on {body} sags with gravity{by_words(size_in_words(size)) if size is not None else ''}"
+    fact, body = claim.fact("one"), claim.fact("body") or claim.subject or "a body"
+    if fact:
+        size = claim.size(f"{fact}_sag")
+        return f"target {fact} on {body} sags with gravity{by_words(size_in_words(size)) if size is not None else ''}"
     if claim.fact("form") == "free":
         return with_sizes(f"the targets on {body} shift with the direction of gravity in its frame", claim)
     size = largest(tuple(size for size in claim.sizes if size.name.endswith("_sag")))
