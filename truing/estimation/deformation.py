@@ -366,19 +366,19 @@ class BodyShifts:
         return self.shift.reshape(len(self.shift), -1)
 
 
-def body_shifts(body: str, found: FittedPoints) -> BodyShifts:
+def body_shifts(body: str, fitted_points: FittedPoints) -> BodyShifts:
     """Return the shifts of a body's targets with the covariance of independent points and of the frame."""
-    points, shift = found.points, found.residual
+    points, shift = fitted_points.points, fitted_points.residual
     seen = np.isfinite(shift[:, :, 2])
-    place = _mean_shape(points.points, points.seen & seen, found.rotation, shift)
-    covariance = residual_covariance(place, found.noise, found.used & seen, seen)
+    place = _mean_shape(points.points, points.seen & seen, fitted_points.rotation, shift)
+    covariance = residual_covariance(place, fitted_points.noise, fitted_points.used & seen, seen)
     return BodyShifts(body, points.poses, points.targets, shift, covariance)
 
 
-def with_common_errors(found: BodyShifts, every: tuple[int | str, ...], noise: Array, there: Mask) -> BodyShifts:
+def with_common_errors(shifts: BodyShifts, every: tuple[int | str, ...], noise: Array, there: Mask) -> BodyShifts:
     """Return the shifts with the covariance of correlated points, in poses with a joint fit of the bodies."""
-    rows = np.array([every.index(pose) for pose in found.poses])
-    return replace(found, noise=np.where(there[rows, None, None], noise[rows], found.noise))
+    rows = np.array([every.index(pose) for pose in shifts.poses])
+    return replace(shifts, noise=np.where(there[rows, None, None], noise[rows], shifts.noise))
 
 
 def _mean_shape(points: Array, seen: Mask, rotation: Array, shift: Array) -> Array:
@@ -388,13 +388,13 @@ def _mean_shape(points: Array, seen: Mask, rotation: Array, shift: Array) -> Arr
     local = np.einsum("bji,btj->bti", rotation, points) - np.nan_to_num(shift)
     centre = (local * weight[..., None]).sum(axis=1) / np.maximum(weight.sum(axis=1), 1.0)[:, None]
     centred = (local - centre[:, None]) * weight[..., None]
-    whole = weight.min(axis=1) > 0.0
-    chosen = whole if whole.any() else np.ones(len(whole), bool)
+    mask = weight.min(axis=1) > 0.0
+    chosen = mask if mask.any() else np.ones(len(mask), bool)
     return centred[chosen].sum(axis=0) / np.maximum(weight[chosen].sum(axis=0), 1.0)[:, None]
 
 
-def target_models(found: BodyShifts, u: Array, fitted: Mask) -> dict[str, ResponseFit]:
+def target_models(shifts: BodyShifts, u: Array, fitted: Mask) -> dict[str, ResponseFit]:
     """Return the models of a body's shifts by drives u (B, D), none and matrix, over the poses fitted (B,)."""
-    y, cov = found.flat[fitted], found.noise[fitted]
-    kept = consistent_responses(u[fitted], y, cov)
-    return fit_models(u[fitted], np.where(kept, y, np.nan), cov, ("none", "matrix"))
+    y, cov = shifts.flat[fitted], shifts.noise[fitted]
+    responses = consistent_responses(u[fitted], y, cov)
+    return fit_models(u[fitted], np.where(responses, y, np.nan), cov, ("none", "matrix"))

@@ -169,17 +169,17 @@ def product(matrix: IntervalArray, other: IntervalArray) -> IntervalArray:
     return total
 
 
-def dot(one: IntervalArray, other: IntervalArray) -> IntervalArray:
+def dot(interval_array: IntervalArray, other: IntervalArray) -> IntervalArray:
     """Return the scalar products (...) of vectors (..., n)."""
-    return (one * other).sum(-1)
+    return (interval_array * other).sum(-1)
 
 
-def cross(one: IntervalArray, other: IntervalArray) -> IntervalArray:
+def cross(interval_array: IntervalArray, other: IntervalArray) -> IntervalArray:
     """Return the vector products (..., 3)."""
     parts = []
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
-        parts.append(one[..., i] * other[..., j] - one[..., j] * other[..., i])
+        parts.append(interval_array[..., i] * other[..., j] - interval_array[..., j] * other[..., i])
     return stack(parts)
 
 

@@ -39,9 +39,9 @@ def _inverse(covariance: Array) -> tuple[Array, int]:
         return covariance, 0
     scale = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    kept = values > _ROUNDING * len(values)
-    unscaled = vectors[:, kept] / scale[:, None]
-    return np.asarray((unscaled / values[kept]) @ unscaled.T), int(kept.sum())
+    mask = values > _ROUNDING * len(values)
+    unscaled = vectors[:, mask] / scale[:, None]
+    return np.asarray((unscaled / values[mask]) @ unscaled.T), int(mask.sum())
 
 
 @dataclass(frozen=True)
@@ -81,12 +81,12 @@ def compare_matrices(
     """
     rows, width = np.flatnonzero(determined), measured.shape[1]
     at = (rows[:, None] * width + np.arange(width)).ravel()
-    own, model = measured[rows].ravel(), simulated[rows].ravel()
+    flat, model = measured[rows].ravel(), simulated[rows].ravel()
     of_own, of_model = covariance[np.ix_(at, at)], np.diag(simulated_sigma[rows].ravel() ** 2)
     bent = np.kron(_apart_from_a_plane(points[rows]), np.eye(width))
-    total, apart = of_own + of_model, own - model
-    factor, factor_sigma = _common_factor(own, of_own, model, of_model)
-    scaled = joint_test(own - factor * model, of_own + factor**2 * of_model) if np.isfinite(factor) else _NO_TEST
+    total, apart = of_own + of_model, flat - model
+    factor, factor_sigma = _common_factor(flat, of_own, model, of_model)
+    scaled = joint_test(flat - factor * model, of_own + factor**2 * of_model) if np.isfinite(factor) else _NO_TEST
     if scaled.dof > 1:
         scaled = _with_dof(scaled, scaled.dof - 1)
     free = joint_test(bent @ apart, bent @ total @ bent.T) if len(rows) >= _LEAST_OF_A_PLANE else None
@@ -99,7 +99,7 @@ def compare_matrices(
     sizes = (np.sqrt(np.maximum(np.diag(of), 0.0)) for of in (of_own, of_model, total))
     own_sigma, model_sigma, sigma = (spread(size) for size in sizes)
     return MatrixComparison(
-        *(spread(own), own_sigma, spread(model), model_sigma, spread(apart), sigma),
+        *(spread(flat), own_sigma, spread(model), model_sigma, spread(apart), sigma),
         *(joint_test(apart, total), factor, factor_sigma, scaled, free),
     )
 

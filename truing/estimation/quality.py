@@ -56,10 +56,10 @@ def residual_scatter(residuals: Array, sigma: Array, redundancy: Array, covariat
     redundancy (B, T, 3) of the pose fits, zero if unused; covariates (B, C). Regression on drives, time or temperature
     removes deformation, target by target. Degrees of freedom: redundancy left by the regressions.
     """
-    kept = redundancy > 0.0
+    mask = redundancy > 0.0
     design = np.column_stack([np.ones(len(covariates)), covariates])
-    weight = kept / np.where(kept, sigma, 1.0) ** 2
-    left, share = _regression_residuals(np.where(kept, residuals, 0.0), weight, design)
+    weight = mask / np.where(mask, sigma, 1.0) ** 2
+    left, share = _regression_residuals(np.where(mask, residuals, 0.0), weight, design)
     return Scatter((weight * left**2).sum(axis=(0, 1)), (redundancy * share).sum(axis=(0, 1)))
 
 
@@ -104,11 +104,11 @@ def find_steps(values: Array, sigma: Array, kept: Mask, shortest: int = 3) -> Ta
         chi_square = np.where(enough, (difference**2 / variance).sum(axis=2), -1.0)
     best = chi_square.argmax(axis=0)
     target = np.arange(values.shape[1])
-    found = chi_square[best, target] >= 0.0
+    mask = chi_square[best, target] >= 0.0
     single = chdtrc(3, np.maximum(chi_square[best, target], 0.0))
-    p = np.where(found, np.minimum(1.0, enough.sum(axis=0) * single), 1.0)
-    pick = np.where(found[:, None], difference[best, target], 0.0)
-    return TargetStep(best + 1, pick, np.sqrt(np.where(found[:, None], variance[best, target], 0.0)), p)
+    p = np.where(mask, np.minimum(1.0, enough.sum(axis=0) * single), 1.0)
+    pick = np.where(mask[:, None], difference[best, target], 0.0)
+    return TargetStep(best + 1, pick, np.sqrt(np.where(mask[:, None], variance[best, target], 0.0)), p)
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class Drift:
     span: Array
 
 
-def find_drift(positions: Array, kept: Mask) -> Drift:
+def find_drift(positions: Array, mask: Mask) -> Drift:
     """True if positions (B, T, 3), in time order, drift: von Neumann's ratio of successive differences, pooled.
 
     The span is that of a running median over a twentieth of the poses (at least five); the largest over a target's axes
@@ -127,11 +127,11 @@ def find_drift(positions: Array, kept: Mask) -> Drift:
     """
     from scipy.special import ndtr
 
-    complete = kept.all(axis=1)
-    series = positions[complete].reshape(int(complete.sum()), 3 * kept.shape[1])
+    complete = mask.all(axis=1)
+    series = positions[complete].reshape(int(complete.sum()), 3 * mask.shape[1])
     n = len(series)
     if n < 8:
-        return Drift(1.0, np.zeros(kept.shape[1]))
+        return Drift(1.0, np.zeros(mask.shape[1]))
     centred = series - series.mean(axis=0)
     variance = (centred**2).mean(axis=0)
     moving = variance > 0.0
@@ -162,15 +162,15 @@ def exchanged_pairs(fitted_from: Array, measured: Array, gross: Mask, limit: Arr
     fitted_from (B, T, 3): survey moved by each pose; measured (B, T, 3); gross (B, T): targets away from their place;
     limit (B, T) in m: distance within which a point is at another target's place.
     """
-    found = []
+    result = []
     for pose in np.nonzero(gross.sum(axis=1) >= 2)[0]:
         off = np.nonzero(gross[pose])[0]
         distance = np.linalg.norm(measured[pose][off][:, None] - fitted_from[pose][off][None], axis=2)
         near = distance < limit[pose, off][None]
         for a, b in zip(*np.nonzero(near & near.T & ~np.eye(len(off), dtype=bool)), strict=True):
             if a < b:
-                found.append((int(pose), int(off[a]), int(off[b])))
-    return found
+                result.append((int(pose), int(off[a]), int(off[b])))
+    return result
 
 
 @dataclass(frozen=True)
@@ -221,23 +221,23 @@ def _neighbours(settings: Array, tolerance: Array) -> tuple[Index, Index, Index]
     return min(found, key=lambda own: int(np.sum(own[2] - own[1])))
 
 
-def successive_sigma(values: Array, kept: Mask) -> Array:
+def successive_sigma(values: Array, mask: Mask) -> Array:
     """Return the robust scatter (T, 3) of each target's values (B, T, 3) from successive differences, which ignores
     steps and slow drift."""
     sigma = np.zeros(values.shape[1:])
     for target in range(values.shape[1]):
-        series = values[kept[:, target], target]
+        series = values[mask[:, target], target]
         if len(series) > 3:
             sigma[target] = 1.4826 * np.median(np.abs(np.diff(series, axis=0)), axis=0) / np.sqrt(2.0)
     return sigma
 
 
-def isolated_values(values: Array, sigma: Array, kept: Mask, limit: float = 10.0) -> Mask:
+def isolated_values(values: Array, sigma: Array, mask: Mask, limit: float = 10.0) -> Mask:
     """Return the mask (B, T) of values further than ``limit`` deviations from the running median of five neighbours in
     time."""
-    far = np.zeros(kept.shape, bool)
+    far = np.zeros(mask.shape, bool)
     for target in range(values.shape[1]):
-        rows = np.nonzero(kept[:, target])[0]
+        rows = np.nonzero(mask[:, target])[0]
         if len(rows) >= 5:
             series = values[rows, target]
             middle = running_median(np.concatenate([series[:2][::-1], series, series[-2:][::-1]]), 5)

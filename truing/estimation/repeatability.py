@@ -189,8 +189,8 @@ def position_sigma(points: Array) -> Figure:
 
     N of at least 2. The interval assumes normal errors of equal size in all directions.
     """
-    found = within_groups(points.reshape(-1, 3) - points.mean(axis=0), [np.arange(len(points))])
-    return _interval(float(found.square.sum()), 3.0 * (len(points) - 1.0), 1.0)
+    groups = within_groups(points.reshape(-1, 3) - points.mean(axis=0), [np.arange(len(points))])
+    return _interval(float(groups.square.sum()), 3.0 * (len(points) - 1.0), 1.0)
 
 
 def position_repeatability(points: Array, rng: np.random.Generator) -> Figure:

@@ -64,9 +64,9 @@ class ResponseFit:
         rows, columns = np.nonzero(self.free)
         found = 2.0 * u @ self.offset_covariance[:, :-1].T + self.offset_covariance[:, -1]
         for k in range(len(self.free)):
-            own = rows == k
-            drive = u[:, columns[own]]
-            found[:, k] += np.einsum("np,pq,nq->n", drive, self.covariance[np.ix_(own, own)], drive)
+            mask = rows == k
+            drive = u[:, columns[mask]]
+            found[:, k] += np.einsum("np,pq,nq->n", drive, self.covariance[np.ix_(mask, mask)], drive)
         return np.maximum(found, 0.0)
 
 
@@ -167,8 +167,8 @@ def _precision(cov: Array, seen: Mask) -> Array:
     if masked.shape[1] == 1:
         return np.divide(1.0, masked, out=np.zeros_like(masked), where=masked > 0.0)
     values, vectors = np.linalg.eigh(masked)
-    kept = values > _RANK_CUTOFF * values[:, -1:]
-    inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
+    mask = values > _RANK_CUTOFF * values[:, -1:]
+    inverse = np.where(mask, 1.0 / np.where(mask, values, 1.0), 0.0)
     return np.einsum("nik,nk,njk->nij", vectors, inverse, vectors)
 
 
@@ -228,16 +228,16 @@ def _scaled_inverse(normal: Array, size: Array) -> tuple[Array, int]:
     taken, with lengths measured by the size (P,) of each parameter's effect on a unit response."""
     scale = np.sqrt(np.where(np.diag(normal) > 0.0, np.diag(normal), 1.0))
     values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
-    kept = values > _RANK_CUTOFF * max(values[-1], 1e-300)
-    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T / np.outer(scale, scale)
-    if kept.all():
+    mask = values > _RANK_CUTOFF * max(values[-1], 1e-300)
+    inverse = (vectors[:, mask] / values[mask]) @ vectors[:, mask].T / np.outer(scale, scale)
+    if mask.all():
         return inverse, 0
     size = np.where(size > 0.0, size, 1.0)  # a drive that never moved has no effect to scale by
-    open_directions = vectors[:, ~kept] * (size / scale)[:, None]
+    open_directions = vectors[:, ~mask] * (size / scale)[:, None]
     basis = np.linalg.qr(open_directions)[0]
     shortest = np.eye(len(size)) - (basis / size[:, None]) @ (basis * size[:, None]).T
     shortest[np.diag(normal) == 0.0] = 0.0  # exactly zero for parameters without data, instead of a ratio of roundings
-    return shortest @ inverse @ shortest.T, int((~kept).sum())
+    return shortest @ inverse @ shortest.T, int((~mask).sum())
 
 
 def _leave_one_out(design: Array, covariance: Array, weight: Array, residuals: Array) -> Array:
@@ -272,14 +272,14 @@ def consistent_responses(
     basis = seen if fitted is None else seen & fitted[:, None]
     start = _standardised_l1(u, np.where(basis, y, np.nan), y, cov, offset_cov)
     limit *= max(1.0, float(np.median(start[basis])) / _NORMAL_MEDIAN) if basis.any() else 1.0
-    kept = seen & (start < 1.5 * limit)
+    mask = seen & (start < 1.5 * limit)
     for _ in range(20):
-        fit = fit_response(u, np.where(kept & basis, y, np.nan), cov, offset_cov=offset_cov)
+        fit = fit_response(u, np.where(mask & basis, y, np.nan), cov, offset_cov=offset_cov)
         again = seen & (_standardised(fit, u, y, cov) < limit)
-        if (again == kept).all():
+        if (again == mask).all():
             break
-        kept = again
-    return kept
+        mask = again
+    return mask
 
 
 def _standardised(fit: ResponseFit, u: Array, y: Array, cov: Array) -> Array:

@@ -25,9 +25,9 @@ _ATANC = (1.0, -1 / 3, 1 / 5, -1 / 7, 1 / 9, -1 / 11, 1 / 13, -1 / 15)
 def skew(v: NDArray) -> NDArray:
     """Return the matrix ``[v]x`` (..., 3, 3) with ``[v]x w = v x w`` of vectors v (..., 3)."""
     v = np.asarray(v)
-    found = np.zeros((*v.shape, 3), v.dtype)
-    _put_skew(v, found)
-    return found
+    result = np.zeros((*v.shape, 3), v.dtype)
+    _put_skew(v, result)
+    return result
 
 
 def _put_skew(v: NDArray, found: NDArray) -> None:
@@ -40,9 +40,9 @@ def _put_skew(v: NDArray, found: NDArray) -> None:
 def rigid_motions(points: NDArray) -> NDArray:
     """Return the derivative (..., 3, 6) of points (..., 3) by a small motion (t, theta) of their body about the
     origin."""
-    found = np.zeros((*points.shape, 6), np.result_type(points, float))
-    put_rigid_motions(points, found)
-    return found
+    result = np.zeros((*points.shape, 6), np.result_type(points, float))
+    put_rigid_motions(points, result)
+    return result
 
 
 def put_rigid_motions(points: NDArray, found: NDArray) -> None:

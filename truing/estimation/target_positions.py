@@ -64,15 +64,15 @@ def changes_of_place(
     """Return (pose, target) from which on a target certainly has another position: three points agree on either
     side."""
     spreads = spread_in_time(places, known, order, sigma) * np.broadcast_to(loose, known.shape)
-    found = []
+    result = []
     for target, rows in _in_time(known, order):
         values, spread = places[rows, target], spreads[rows, target]
         agree = _runs(values, _SAME * spread)
         far = np.linalg.norm(np.diff(values, axis=0), axis=-1) > _CERTAIN * np.maximum(spread[1:], spread[:-1])
         first = np.arange(RUN, len(rows) - RUN + 1)
         changed = first[far[first - 1] & agree[first - RUN] & agree[first]] if len(first) else first
-        found += [(int(rows[at]), target) for at in changed]
-    return found
+        result += [(int(rows[at]), target) for at in changed]
+    return result
 
 
 def stray_places(

@@ -125,14 +125,14 @@ def _inverse(precision: NDArray) -> NDArray:
     return np.linalg.inv(precision / np.outer(scale, scale)) / np.outer(scale, scale)
 
 
-def beyond_declared(covariances: Covariances, noisy: Source, ratio: float, found: Source) -> dict[Source, NDArray]:
+def beyond_declared(covariances: Covariances, noisy: Source, ratio: float, source: Source) -> dict[Source, NDArray]:
     """Return covariances with the contribution of ``noisy``, at ``ratio`` times its declared noise, split in two.
 
-    The declared noise keeps its contribution; the excess scatter belongs to the source ``found``.
+    The declared noise keeps its contribution; the excess scatter belongs to the source ``source``.
     """
     declared = 1.0 / max(ratio, 1.0) ** 2
     whole = covariances[noisy]
-    return {**covariances, noisy: declared * whole, found: (1.0 - declared) * whole}
+    return {**covariances, noisy: declared * whole, source: (1.0 - declared) * whole}
 
 
 def budget(covariances: Covariances, by_values: NDArray | None = None) -> Budget:

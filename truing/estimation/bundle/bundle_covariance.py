@@ -149,19 +149,39 @@ class BundleCovariance:
                 found[rows] = self._computed(own, rows, *where)
         return found
 
-    def _computed(self, own: PoseCovariance, rows: Index, image: Index, point: Index) -> Array:
+    def _computed(self, pose_covariance: PoseCovariance, rows: Index, image: Index, point: Index) -> Array:
         """Return the covariance (n, 2, 2) of computed image points of one pose; these do not depend on the datum."""
         from truing.estimation.bundle.ray_kernels import computed_covariances
 
-        network, state, c, own = self.observed.network, self.state, len(self.common), own.for_rays()
-        i, p, found = len(own.images), len(own.points_by_common) // 3, np.empty((len(rows), 2, 2))
+        network, state, c, pose_covariance = (
+            self.observed.network,
+            self.state,
+            len(self.common),
+            pose_covariance.for_rays(),
+        )
+        i, p, result = (
+            len(pose_covariance.images),
+            len(pose_covariance.points_by_common) // 3,
+            np.empty((len(rows), 2, 2)),
+        )
         computed_covariances(
             *(network.rays.image[rows], network.rays.point[rows], network.image_camera),
             *(state.interior, self.observed.formats[1], state.R, state.centre, state.points, self._layout.interior),
-            *(image, point, own.images, own.blocks(), own.with_points(image, point)),
-            *(own.images_by_common.reshape(i, 6, c), own.points_by_common.reshape(p, 3, c), self.common, found),
+            *(
+                image,
+                point,
+                pose_covariance.images,
+                pose_covariance.blocks(),
+                pose_covariance.with_points(image, point),
+            ),
+            *(
+                pose_covariance.images_by_common.reshape(i, 6, c),
+                pose_covariance.points_by_common.reshape(p, 3, c),
+                self.common,
+                result,
+            ),
         )
-        return found
+        return result
 
     def redundancy_numbers(self) -> Array:
         """Return the redundancy numbers (N, 2) of the rays' coordinates, the diagonal of Q_vv P; NaN for unused rays.
@@ -236,21 +256,21 @@ def covariance(
     return replace(draft, distance_redundancy=_redundancy_of_distances(draft, reduced))
 
 
-def _redundancy_of_distances(found: BundleCovariance, reduced: Reduced) -> Array:
+def _redundancy_of_distances(bundle_covariance: BundleCovariance, reduced: Reduced) -> Array:
     """Return the redundancy numbers (q,) of distances. With the block -q of a multiplier in the inverse, 1 - a Q a^T /
     s^2 = (1 + r t) t q - r t, which stays accurate for small s."""
     weight = reduced.weight
-    observed = found.observed
+    observed = bundle_covariance.observed
     variance = tie_variances(observed, weight)
-    _, misclosure = found.distance_variances()
+    _, misclosure = bundle_covariance.distance_variances()
     with np.errstate(divide="ignore", invalid="ignore"):
         numbers = 1 - misclosure / observed.distance_variance
     for pose, one in enumerate(reduced.poses):
-        rows = np.flatnonzero(found.observed.layout.distance_pose == pose)
+        rows = np.flatnonzero(bundle_covariance.observed.layout.distance_pose == pose)
         by_multiplier = np.isfinite(variance[rows])
         if one is not None and by_multiplier.any():
             follow = one.multipliers[by_multiplier, :-1]
-            block = np.diagonal(np.linalg.inv(one.pinned) - follow @ found.common @ follow.T)
+            block = np.diagonal(np.linalg.inv(one.pinned) - follow @ bundle_covariance.common @ follow.T)
             chosen = rows[by_multiplier]
             t = variance[chosen]
             numbers[chosen] = (1 + weight[chosen] * t) * t * block - weight[chosen] * t
@@ -293,11 +313,11 @@ def _check_pivots(layout: EquationLayout, reduced: Reduced, least: float = _SING
         raise UndeterminedNetworkError(text, images=loose_images, points=loose_points)
 
 
-def _pivots(one: EliminatedPose) -> tuple[Array, Index]:
+def _pivots(eliminated_pose: EliminatedPose) -> tuple[Array, Index]:
     """Return each unknown's share of information that the earlier unknowns of its pose leave, and its place."""
-    blocks = one.blocks
-    own = np.diagonal(one.root, axis1=1, axis2=2) ** -2.0 / np.diagonal(blocks.own, axis1=1, axis2=2)
-    kept = np.diagonal(one.factor) ** 2 / one.kept_diagonal
+    blocks = eliminated_pose.blocks
+    own = np.diagonal(eliminated_pose.root, axis1=1, axis2=2) ** -2.0 / np.diagonal(blocks.own, axis1=1, axis2=2)
+    kept = np.diagonal(eliminated_pose.factor) ** 2 / eliminated_pose.kept_diagonal
     return np.concatenate([own.ravel(), kept]), np.concatenate([blocks.own_places, blocks.kept_places])
 
 

@@ -97,8 +97,8 @@ def adjust_robustly(
     doubtful = np.zeros(network.rays.count, bool) if agrees is None else ~agrees
     while True:
         try:
-            found = _screened(network, start, datum, possible, possible & ~doubtful, alpha, with_components)
-            return replace(found, held=held)
+            screened = _screened(network, start, datum, possible, possible & ~doubtful, alpha, with_components)
+            return replace(screened, held=held)
         except UndeterminedNetworkError as error:
             network, possible, more = relaxed(network, possible, error)
             held = (*held, *more)

@@ -108,17 +108,17 @@ class Entries:
         """Return the products (p, 3, w) with values (k, w) of the kept unknowns."""
         from truing.estimation.bundle.ray_kernels import times_kept
 
-        found = np.zeros((len(self.start), 3, values.shape[1]))
-        times_kept(*self.places, np.ascontiguousarray(values), found)
-        return found
+        result = np.zeros((len(self.start), 3, values.shape[1]))
+        times_kept(*self.places, np.ascontiguousarray(values), result)
+        return result
 
     def transposed_times(self, values: Array) -> Array:
         """Return the products (k, w) of the transposed blocks with values (p, 3, w) of the points."""
         from truing.estimation.bundle.ray_kernels import times_points
 
-        found = np.zeros((self.kept, values.shape[-1]))
-        times_points(*self.places, np.ascontiguousarray(values), found)
-        return found
+        result = np.zeros((self.kept, values.shape[-1]))
+        times_points(*self.places, np.ascontiguousarray(values), result)
+        return result
 
     def dense(self, points: Index) -> Array:
         """Return the dense rows (3 n, k) of points (n,)."""
@@ -163,5 +163,5 @@ class ReducedRays:
     def times(self, values: Array) -> Array:
         """Return the products (3 b, w), or (3 b,), of the rows with values (k, w) or (k,)."""
         width = values.shape[1] if values.ndim > 1 else 1
-        found = self.entries.times(values.reshape(self.entries.kept, width))
-        return found.reshape(3 * len(found), *values.shape[1:])
+        times = self.entries.times(values.reshape(self.entries.kept, width))
+        return times.reshape(3 * len(times), *values.shape[1:])

@@ -184,38 +184,38 @@ def refined(network: Network, now: Grown) -> Grown:
     return now if done is None else refreshed_pose(network, now, done.state)
 
 
-def refined_together(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown]) -> list[Grown]:
+def refined_together(network: Network, poses: Sequence[PoseNetwork], grown_poses: Sequence[Grown]) -> list[Grown]:
     """Return all poses after one joint adjustment with common cameras, starting with the interior of the first pose."""
-    used, state = np.zeros(network.rays.count, bool), joined_poses(network, poses, found)
-    for pose, now in zip(poses, found, strict=True):
+    used, state = np.zeros(network.rays.count, bool), joined_poses(network, poses, grown_poses)
+    for pose, now in zip(poses, grown_poses, strict=True):
         used[pose.ray] = now.agrees
     done = _adjusted(network, state, used)
     state = state if done is None else done.state
-    return [refreshed_pose(p.network, now, p.part_of(state)) for p, now in zip(poses, found, strict=True)]
+    return [refreshed_pose(p.network, now, p.part_of(state)) for p, now in zip(poses, grown_poses, strict=True)]
 
 
-def joined_poses(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown]) -> NetworkState:
+def joined_poses(network: Network, poses: Sequence[PoseNetwork], grown_poses: Sequence[Grown]) -> NetworkState:
     """Return all poses as one state of the whole network."""
     images, points = len(network.image_pose), len(network.point_pose)
     R, centre, X = np.full((images, 3, 3), np.nan), np.full((images, 3), np.nan), np.full((points, 3), np.nan)
-    for pose, now in zip(poses, found, strict=True):
+    for pose, now in zip(poses, grown_poses, strict=True):
         R[pose.image], centre[pose.image], X[pose.point] = now.rays.R, now.rays.centre, now.X
-    return NetworkState(found[0].interior, R, centre, X, np.empty(0))
+    return NetworkState(grown_poses[0].interior, R, centre, X, np.empty(0))
 
 
 def refreshed_pose(network: Network, now: Grown, state: NetworkState) -> Grown:
     """Return the pose with the values of a state and with agreeing rays selected again."""
-    own = with_interior(network, now, state.interior)
+    interior = with_interior(network, now, state.interior)
     mine = now.oriented
     R, centre = now.rays.R.copy(), now.rays.centre.copy()
     R[mine], centre[mine] = state.R[mine], state.centre[mine]
     X = np.where(np.isfinite(now.X), state.points, np.nan)
-    rays = replace(own.rays, R=R, centre=centre)
+    rays = replace(interior.rays, R=R, centre=centre)
     off = np.linalg.norm(rays.ray_distances(X)[0], axis=1)
     spread = 1.4826 * float(np.median(off[now.agrees])) / 1.1774 if now.agrees.any() else np.inf
     side = _side(network)
     tolerance = float(np.clip(_TOLERANCE_SPREADS * spread, _LEAST_TOLERANCE * side, now.tolerance_px))
-    return replace(own, rays=rays, X=X, tolerance_px=tolerance, agrees=rays.agreeing_rays(X, tolerance))
+    return replace(interior, rays=rays, X=X, tolerance_px=tolerance, agrees=rays.agreeing_rays(X, tolerance))
 
 
 def _adjusted(network: Network, state: NetworkState, used: Mask) -> Adjustment | None:

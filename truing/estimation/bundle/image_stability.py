@@ -64,8 +64,8 @@ def image_stability(adjusted: Adjustment, variance_factor: Array) -> list[ImageS
     return stable
 
 
-def _camera_part(own: Distances, chosen: Mask) -> Distances:
-    images, values, covariance = own
+def _camera_part(distances: Distances, chosen: Mask) -> Distances:
+    images, values, covariance = distances
     mine = chosen[images]
     return images[mine], values[mine], covariance[np.ix_(mine, mine)]
 
@@ -190,21 +190,21 @@ def _tests(values: Array, P: Array, inside: Mask) -> tuple[Array, float]:
     return T, float(found[0])
 
 
-def moved_by_settings(found: AdjustedNetwork, stable: list[ImageStability]) -> Iterator[tuple[int, float]]:
+def moved_by_settings(adjusted_network: AdjustedNetwork, stable: list[ImageStability]) -> Iterator[tuple[int, float]]:
     """Yield (pose, largest movement of its points over its sigma) if images with another setting get their own
     camera."""
-    apart = _adjusted_by_setting(found, stable)
+    apart = _adjusted_by_setting(adjusted_network, stable)
     if apart is None:
         return
-    for pose in range(len(found.named.poses)):
-        numbers = found.adjustment.covariance.point_numbers(pose)
+    for pose in range(len(adjusted_network.named.poses)):
+        numbers = adjusted_network.adjustment.covariance.point_numbers(pose)
         if len(numbers) > _FRAMING:
-            yield pose, _over_sigma(found, apart, pose, numbers)
+            yield pose, _over_sigma(adjusted_network, apart, pose, numbers)
 
 
-def _adjusted_by_setting(found: AdjustedNetwork, stable: list[ImageStability]) -> Adjustment | None:
+def _adjusted_by_setting(adjusted_network: AdjustedNetwork, stable: list[ImageStability]) -> Adjustment | None:
     """Return the network adjusted with one camera per setting; None if all agree or the adjustment fails."""
-    adjusted = found.adjustment
+    adjusted = adjusted_network.adjustment
     network, state = adjusted.network, adjusted.state
     cameras, image_camera = list(network.cameras), network.image_camera.copy()
     interior = [*state.interior]
@@ -221,29 +221,29 @@ def _adjusted_by_setting(found: AdjustedNetwork, stable: list[ImageStability]) -
         return None
     split = replace(network, cameras=tuple(cameras), image_camera=image_camera)
     begin = replace(state, interior=np.array(interior))
-    factor = found.screened.components.of_rays()
+    factor = adjusted_network.screened.components.of_rays()
     try:
         return adjust(split, begin, adjusted.datum, used=adjusted.used, variance_factor=factor)
     except UndeterminedNetworkError:
         return None
 
 
-def _over_sigma(found: AdjustedNetwork, apart: Adjustment, pose: int, numbers: Index) -> float:
+def _over_sigma(adjusted_network: AdjustedNetwork, apart: Adjustment, pose: int, numbers: Index) -> float:
     """Return the largest movement of the points of a pose over its sigma: of all points (rms), or of a body relative to
     the others."""
-    adjusted = found.adjustment
+    adjusted = adjusted_network.adjustment
     before, after = adjusted.state.points[numbers], apart.state.points[numbers]
     fit = umeyama(before, after, with_scale=bool(adjusted.defect[pose] == _SIMILARITY))
     shift = after - (fit.scale * before @ fit.R.T + fit.t)
-    factor = found.screened.covariance_factor
+    factor = adjusted_network.screened.covariance_factor
     factor = factor if np.isfinite(factor) else 1.0
     variance = np.einsum("nii->n", adjusted.covariance.point_blocks()[numbers]) * factor
     found_sizes = [float(np.sqrt(np.mean(np.sum(shift**2, -1) / np.maximum(variance, 1e-300))))]
-    bodies = found.named.bodies[numbers]
+    bodies = adjusted_network.named.bodies[numbers]
     names = [name for name in dict.fromkeys(bodies.tolist()) if name and (bodies == name).sum() >= _FRAMING]
     for name in names if len(names) > 1 else []:
-        own = bodies == name
-        means = np.einsum("n,ij->inj", own / own.sum(), np.eye(3)).reshape(3, -1)
-        mean, cov = shift[own].mean(0), adjusted.covariance.combined(pose, means) * factor
+        mask = bodies == name
+        means = np.einsum("n,ij->inj", mask / mask.sum(), np.eye(3)).reshape(3, -1)
+        mean, cov = shift[mask].mean(0), adjusted.covariance.combined(pose, means) * factor
         found_sizes.append(float(np.sqrt(mean @ np.linalg.solve(cov, mean) / 3.0)))
     return max(found_sizes)

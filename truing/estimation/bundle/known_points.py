@@ -101,8 +101,8 @@ def _is_ambiguous(points: Array, covariance: Array, known: Array, known_cov: Arr
         for other in np.flatnonzero(inside).tolist()[:_SWAPPED]:
             swapped = inside.copy()
             swapped[[wrong, other]] = True, False
-            found = _tested(points, covariance, known, known_cov, swapped)
-            if found.freedom and chdtrc(found.freedom, found.chi2) >= LEVEL:
+            tested = _tested(points, covariance, known, known_cov, swapped)
+            if tested.freedom and chdtrc(tested.freedom, tested.chi2) >= LEVEL:
                 return True
     return False
 

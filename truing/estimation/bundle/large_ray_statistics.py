@@ -42,8 +42,8 @@ def shared_sides(
 ) -> SharedSides:
     """Return the equations; rays at the state, their residuals (n, 2) in px and derivatives (n, 2, T)."""
     layout, width = observed.layout, by_numbers.shape[-1] + 1
-    found = normal_equations(observed, state, ArrayPool())
-    images, points = np.zeros((len(layout.images), 6, width)), found.point_sides[..., -1:]
+    equations = normal_equations(observed, state, ArrayPool())
+    images, points = np.zeros((len(layout.images), 6, width)), equations.point_sides[..., -1:]
     # Known points add to the right side only; the part of the rays is replaced.
     points = np.concatenate([np.zeros((len(points), 3, width - 1)), points - _of_rays(observed, at, residuals)], -1)
     whole = np.zeros((layout.poses, width - 1, width))
@@ -57,7 +57,7 @@ def shared_sides(
         for number in np.unique(pose[own]):
             here = pose[own] == number
             whole[number] += np.tensordot(both[here, :, :-1], weighed[here], axes=([0, 1], [0, 1]))
-    return SharedSides(replace(found, image_sides=images, point_sides=points), whole)
+    return SharedSides(replace(equations, image_sides=images, point_sides=points), whole)
 
 
 def _of_rays(observed: Observed, at: LinearisedRays, residuals: Array) -> Array:
@@ -72,10 +72,10 @@ def information_of_pose(
     """Return information (T, T), score (T,) and derivatives of the points (p, 3, T) of a large pose, before the datum;
     ties: its distances by the shared numbers."""
     blocks = blocks_of(sides.equations, observed.layout, pose, free, ties, ArrayPool())
-    one = EliminatedPose(blocks, ties, 0.0, np.empty(blocks.own_rows.shape))
-    assert isinstance(one.reduced, ReducedRays)
-    left = sides.whole[pose] + one.common
-    moved = unknowns_by_common(one, one.reduced)[6 * len(free.images) :]
+    eliminated_pose = EliminatedPose(blocks, ties, 0.0, np.empty(blocks.own_rows.shape))
+    assert isinstance(eliminated_pose.reduced, ReducedRays)
+    left = sides.whole[pose] + eliminated_pose.common
+    moved = unknowns_by_common(eliminated_pose, eliminated_pose.reduced)[6 * len(free.images) :]
     return (left[:, :-1] + left[:, :-1].T) / 2, left[:, -1], moved.reshape(len(free.points), 3, -1)
 
 

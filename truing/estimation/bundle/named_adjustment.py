@@ -135,22 +135,24 @@ def known_elsewhere(named: NamedNetwork, state: NetworkState) -> list[KnownPoint
     Rays locate points to far less than a hundredth of the object, so these coordinates belong to another object, frame
     or naming.
     """
-    known, found = named.network.known, []
+    known, known_point_mismatches = named.network.known, []
     pose = named.network.point_pose[known.point]
     for number, name in enumerate(named.poses):
-        own = np.flatnonzero((pose == number) & np.isfinite(state.points[known.point, 0]))
-        if len(own) < _FEWEST_KNOWN:
+        index = np.flatnonzero((pose == number) & np.isfinite(state.points[known.point, 0]))
+        if len(index) < _FEWEST_KNOWN:
             continue
-        xyz = known.xyz_m[own]
+        xyz = known.xyz_m[index]
         extent = float(np.sqrt(((xyz - xyz.mean(axis=0)) ** 2).sum(axis=1).mean()))
-        off = np.linalg.norm(state.points[known.point[own]] - xyz, axis=1)
-        sigma = np.sqrt(np.einsum("nii->n", known.cov_m2[own]))
+        off = np.linalg.norm(state.points[known.point[index]] - xyz, axis=1)
+        sigma = np.sqrt(np.einsum("nii->n", known.cov_m2[index]))
         elsewhere = off > np.maximum(_MISMATCH * extent, _BEYOND_SIGMA * sigma)
         if elsewhere.mean() > _MANY_MISMATCHES:
             worst = int(np.argmax(off))
-            furthest = str(named.points[known.point[own[worst]]])
-            found.append(KnownPointMismatch(name, int(elsewhere.sum()), len(own), furthest, float(off[worst])))
-    return found
+            furthest = str(named.points[known.point[index[worst]]])
+            known_point_mismatches.append(
+                KnownPointMismatch(name, int(elsewhere.sum()), len(index), furthest, float(off[worst]))
+            )
+    return known_point_mismatches
 
 
 def _against_known(network: Network, start: Start, choices: Choices) -> tuple[KnownTested, Mask, NetworkState]:

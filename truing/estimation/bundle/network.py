@@ -146,13 +146,13 @@ class PoseNetwork:
 def pose_networks(network: Network) -> list[PoseNetwork]:
     """Return one network per pose."""
     rays, known = network.rays, network.known
-    found = []
+    networks = []
     for pose in range(network.poses):
         image, point = np.flatnonzero(network.image_pose == pose), np.flatnonzero(network.point_pose == pose)
         to_image, to_point = np.full(len(network.image_pose), -1), np.full(len(network.point_pose), -1)
         to_image[image], to_point[point] = np.arange(len(image)), np.arange(len(point))
         ray = np.flatnonzero((to_image[rays.image] >= 0) & (to_point[rays.point] >= 0))
-        held = np.flatnonzero(to_point[known.point] >= 0)
+        index = np.flatnonzero(to_point[known.point] >= 0)
         alone = Network(
             network.cameras,
             network.image_camera[image],
@@ -162,10 +162,10 @@ def pose_networks(network: Network) -> list[PoseNetwork]:
                 to_image[rays.image[ray]], to_point[rays.point[ray]], rays.xy_px[ray], rays.cov_px2[ray], rays.kind[ray]
             ),
             Bars.none(),
-            KnownPoints(to_point[known.point[held]], known.xyz_m[held], known.cov_m2[held]),
+            KnownPoints(to_point[known.point[index]], known.xyz_m[index], known.cov_m2[index]),
         )
-        found.append(PoseNetwork(pose, alone, image, point, ray))
-    return found
+        networks.append(PoseNetwork(pose, alone, image, point, ray))
+    return networks
 
 
 @dataclass(frozen=True)

@@ -131,10 +131,10 @@ def residual_regions(network: Network, residuals_px: Array, cofactor_px2: Array,
     number = camera * per_side**2 + cell
     every = len(network.cameras) * per_side**2
     rays = np.bincount(number, minlength=every)
-    kept = np.flatnonzero(rays)
-    mean = sums(number, residuals_px[used], every)[kept] / rays[kept, None]
-    cov = sums(number, cofactor_px2[used], every)[kept] / rays[kept, None, None] ** 2
+    index = np.flatnonzero(rays)
+    mean = sums(number, residuals_px[used], every)[index] / rays[index, None]
+    cov = sums(number, cofactor_px2[used], every)[index] / rays[index, None, None] ** 2
     chi2 = np.einsum("gi,gi->g", mean, np.linalg.solve(cov, mean[..., None])[..., 0])
-    of_camera, cell = np.divmod(kept, per_side**2)
+    of_camera, cell = np.divmod(index, per_side**2)
     p_value = holm_adjusted(chdtrc(2, chi2))
-    return ResidualRegions(of_camera, cell // per_side, cell % per_side, rays[kept], mean, chi2, p_value)
+    return ResidualRegions(of_camera, cell // per_side, cell % per_side, rays[index], mean, chi2, p_value)

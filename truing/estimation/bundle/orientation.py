@@ -275,12 +275,12 @@ def relative_orientations(first: Array, second: Array, limit: float) -> list[Ima
         pair for R, t in _motions(first, second, limit) if (pair := _supporting_points(R, t, first, second, limit))
     ]
     found.sort(key=lambda pair: -pair.agreeing)
-    kept: list[ImagePair] = []
+    image_pairs: list[ImagePair] = []
     for pair in found:
         strong = pair.agreeing >= max(FEWEST_COMMON, _RIVAL * found[0].agreeing)
-        if strong and all(np.abs(pair.R - other.R).max() > 0.02 for other in kept):
-            kept.append(pair)
-    return kept
+        if strong and all(np.abs(pair.R - image_pair.R).max() > 0.02 for image_pair in image_pairs):
+            image_pairs.append(pair)
+    return image_pairs
 
 
 def _motions(first: Array, second: Array, limit: float) -> list[tuple[Array, Array]]:

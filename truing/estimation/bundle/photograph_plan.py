@@ -150,12 +150,12 @@ def _restricted(planned: PlannedNetwork, some: Index) -> PlannedNetwork:
     place = np.full(len(own.points), -1)
     place[some] = np.arange(len(some))
     bars = planned.bars
-    kept = (place[bars.first] >= 0) & (place[bars.second] >= 0)
+    mask = (place[bars.first] >= 0) & (place[bars.second] >= 0)
     fewer = Bars(
-        bars.bar[kept],
-        place[bars.first[kept]],
-        place[bars.second[kept]],
-        bars.repeat_sigma_m[kept],
+        bars.bar[mask],
+        place[bars.first[mask]],
+        place[bars.second[mask]],
+        bars.repeat_sigma_m[mask],
         bars.length_m,
         bars.sigma_m,
     )

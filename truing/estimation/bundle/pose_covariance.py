@@ -86,53 +86,65 @@ class DensePoseCovariance:
         return np.asarray(rows @ self.points @ rows.T)
 
 
-def kept_covariance(one: EliminatedPose) -> Array:
+def kept_covariance(eliminated_pose: EliminatedPose) -> Array:
     """Return the covariance (k, k) of the kept unknowns given the common ones."""
     from truing.estimation.bundle.kernels import mirror
 
-    kept = np.asarray(dpotri(one.factor, lower=1)[0].T)
+    kept = np.asarray(dpotri(eliminated_pose.factor, lower=1)[0].T)
     mirror(kept)
-    if len(one.pinned):
-        kept -= one.by_rows @ np.linalg.solve(one.pinned, one.by_rows.T)
+    if len(eliminated_pose.pinned):
+        kept -= eliminated_pose.by_rows @ np.linalg.solve(eliminated_pose.pinned, eliminated_pose.by_rows.T)
     return kept
 
 
-def given_common(layout: EquationLayout, pose: int, one: EliminatedPose, free: Freedom, held: Array) -> PoseCovariance:
+def given_common(
+    layout: EquationLayout, pose: int, eliminated_pose: EliminatedPose, free: Freedom, held: Array
+) -> PoseCovariance:
     """Return the covariance of a pose given the common unknowns, in the datum of the conditions `held`."""
-    if isinstance(one.reduced, ReducedRays):
-        return by_rays(one, one.reduced, kept_covariance(one), free, Datum.of(free, held))
-    blocks, reduced = one.blocks, one.reduced.array
+    if isinstance(eliminated_pose.reduced, ReducedRays):
+        return by_rays(
+            eliminated_pose, eliminated_pose.reduced, kept_covariance(eliminated_pose), free, Datum.of(free, held)
+        )
+    blocks, reduced = eliminated_pose.blocks, eliminated_pose.reduced.array
     b, d, _ = blocks.own.shape
     k = len(blocks.kept_places)
-    kept = kept_covariance(one)
-    kept_by_common = -one.kept[:, :-1]
+    covariance = kept_covariance(eliminated_pose)
+    kept_by_common = -eliminated_pose.kept[:, :-1]
     if d == 6:
         datum = Datum.of(free, held)
-        kept, kept_by_common = datum.points(kept), datum.by_common(kept_by_common)
-    turned = -one.root.transpose(0, 2, 1)
+        covariance, kept_by_common = datum.points(covariance), datum.by_common(kept_by_common)
+    turned = -eliminated_pose.root.transpose(0, 2, 1)
     follow = (turned @ reduced.reshape(b, d, k)).reshape(b * d, k)
-    own_by_common = one.reduced_sides[:, :-1] + reduced @ kept_by_common
+    own_by_common = eliminated_pose.reduced_sides[:, :-1] + reduced @ kept_by_common
     c = own_by_common.shape[1]
     own_by_common = (turned @ own_by_common.reshape(b, d, c)).reshape(b * d, c)
-    cross = follow @ kept
-    alone = turned @ one.root
+    cross = follow @ covariance
+    alone = turned @ eliminated_pose.root
     if d == 6:
         images = cross.reshape(b, 6, k) @ follow.reshape(b, 6, k).transpose(0, 2, 1) - alone
-        return DensePoseCovariance(kept, cross, images, kept_by_common, own_by_common)
+        return DensePoseCovariance(covariance, cross, images, kept_by_common, own_by_common)
     own = cross @ follow.T
     own.reshape(b, 3, b, 3)[np.arange(b), :, np.arange(b), :] -= alone
     by_common = np.empty((len(own) + k, own_by_common.shape[1]))
     by_common[blocks.kept_places], by_common[blocks.own_places] = kept_by_common, own_by_common
-    return _in_datum(_ordered(layout, pose, one, kept, cross, own, by_common), free, Datum.of(free, held))
+    return _in_datum(
+        _ordered(layout, pose, eliminated_pose, covariance, cross, own, by_common), free, Datum.of(free, held)
+    )
 
 
 def _ordered(
-    layout: EquationLayout, pose: int, one: EliminatedPose, kept: Array, cross: Array, own: Array, by_common: Array
+    layout: EquationLayout,
+    pose: int,
+    eliminated_pose: EliminatedPose,
+    kept: Array,
+    cross: Array,
+    own: Array,
+    by_common: Array,
 ) -> DensePoseCovariance:
     """Return the covariance of a pose with its points sorted, if the points were eliminated."""
     m = 6 * int(layout.image_start[pose + 1] - layout.image_start[pose])
     n = len(by_common) - m
-    loose, tied = one.blocks.own_places - m, one.blocks.kept_places[m:] - m
+    loose, tied = eliminated_pose.blocks.own_places - m, eliminated_pose.blocks.kept_places[m:] - m
     points, image_points = np.empty((n, n)), np.empty((m, n))
     points[np.ix_(loose, loose)] = own
     points[np.ix_(tied, tied)] = kept[m:, m:]
@@ -145,21 +157,26 @@ def _ordered(
     return DensePoseCovariance(points, image_points, images, by_common[m:], by_common[:m])
 
 
-def _in_datum(one: DensePoseCovariance, free: Freedom, datum: Datum) -> DensePoseCovariance:
+def _in_datum(pose_covariance: DensePoseCovariance, free: Freedom, datum: Datum) -> DensePoseCovariance:
     """Return the covariance of a pose in the datum: images move with their own part of the freedoms."""
-    of_images = free.images.reshape(len(one.image_points), free.count)
-    across = datum.back @ one.image_points.T
-    drawn = datum.back @ one.points
+    of_images = free.images.reshape(len(pose_covariance.image_points), free.count)
+    across = datum.back @ pose_covariance.image_points.T
+    drawn = datum.back @ pose_covariance.points
     spread = drawn @ datum.back.T
-    image_points = one.image_points - of_images @ drawn
+    image_points = pose_covariance.image_points - of_images @ drawn
     image_points -= (across.T - of_images @ spread) @ datum.freedoms.T
     image_points[:, datum.certain] = 0.0
     mixed = np.einsum("nia,anj->nij", free.images, across.reshape(free.count, len(free.images), 6))
-    images = one.images - mixed - mixed.transpose(0, 2, 1) + free.images @ spread @ free.images.transpose(0, 2, 1)
+    images = (
+        pose_covariance.images
+        - mixed
+        - mixed.transpose(0, 2, 1)
+        + free.images @ spread @ free.images.transpose(0, 2, 1)
+    )
     return DensePoseCovariance(
-        datum.points(one.points),
+        datum.points(pose_covariance.points),
         image_points,
         images,
-        datum.by_common(one.points_by_common),
-        one.images_by_common - of_images @ (datum.back @ one.points_by_common),
+        datum.by_common(pose_covariance.points_by_common),
+        pose_covariance.images_by_common - of_images @ (datum.back @ pose_covariance.points_by_common),
     )

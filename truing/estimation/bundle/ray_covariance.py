@@ -166,16 +166,18 @@ class RayPoseCovariance:
         return np.asarray(by_kept.T @ self.kept @ by_kept + own)
 
 
-def by_rays(one: EliminatedPose, reduced: ReducedRays, kept: Array, free: Freedom, datum: Datum) -> RayPoseCovariance:
+def by_rays(
+    eliminated_pose: EliminatedPose, reduced: ReducedRays, kept: Array, free: Freedom, datum: Datum
+) -> RayPoseCovariance:
     """Return the covariance of a pose whose points were eliminated ray by ray; kept (k, k): that of its kept unknowns
     given the common ones."""
-    rays = one.blocks.own_rows.rays  # type: ignore[union-attr]
-    turned = -one.root.transpose(0, 2, 1)
-    entries, own = _all_points(rays, turned, one.root, reduced)
+    rays = eliminated_pose.blocks.own_rows.rays  # type: ignore[union-attr]
+    turned = -eliminated_pose.root.transpose(0, 2, 1)
+    entries, own = _all_points(rays, turned, eliminated_pose.root, reduced)
     k, i, p, d = rays.kept, rays.images, len(own), free.count
     padded = np.zeros((entries.kept, entries.kept))
     padded[:k, :k] = kept
-    by_common = unknowns_by_common(one, reduced)
+    by_common = unknowns_by_common(eliminated_pose, reduced)
     given = padded, entries, own
     sides = by_common[6 * i :], by_common[: 6 * i]
     # Before the datum, the freedoms are held by the ties of the elimination.
@@ -200,11 +202,11 @@ def _all_points(rays: PointRays, turned: Array, root: Array, reduced: ReducedRay
     return Entries(blocks, place, start, stop, rays.kept + _ENTRY), own
 
 
-def unknowns_by_common(one: EliminatedPose, reduced: ReducedRays) -> Array:
+def unknowns_by_common(eliminated_pose: EliminatedPose, reduced: ReducedRays) -> Array:
     """Return the derivatives (6 i + 3 p, c) of images and points by the common unknowns, before the datum."""
-    turned, kept = -one.root.transpose(0, 2, 1), -one.kept[:, :-1]
-    own = one.reduced_sides[:, :-1] + reduced.times(kept)
+    turned, kept = -eliminated_pose.root.transpose(0, 2, 1), -eliminated_pose.kept[:, :-1]
+    own = eliminated_pose.reduced_sides[:, :-1] + reduced.times(kept)
     found = np.empty((len(own) + len(kept), own.shape[1]))
-    found[one.blocks.kept_places] = kept
-    found[one.blocks.own_places] = (turned @ own.reshape(len(turned), 3, own.shape[1])).reshape(own.shape)
+    found[eliminated_pose.blocks.kept_places] = kept
+    found[eliminated_pose.blocks.own_places] = (turned @ own.reshape(len(turned), 3, own.shape[1])).reshape(own.shape)
     return found

@@ -90,15 +90,15 @@ def ray_statistics(observed: Observed, state: NetworkState) -> RayStatistics:
     is_large = [one is not None for one in layout.rows.by_point]
     sides = shared_sides(observed, state, at, rows.left, rows.by_numbers) if any(is_large) else None
     for pose in range(layout.poses):
-        own = np.flatnonzero(pose_of_ray == pose)
-        if len(own):
+        index = np.flatnonzero(pose_of_ray == pose)
+        if len(index):
             points = layout.points[layout.point_start[pose] : layout.point_start[pose + 1]]
             if sides is not None and is_large[pose]:
                 blocks = sides.equations.points[layout.point_start[pose] : layout.point_start[pose + 1]]
                 ties = distances_as_ties(observed, pose, distances, by_bars, blocks, _RIGID)
                 found = information_of_pose(sides, observed, pose, free[pose], ties)
             else:
-                found = _of_pose(observed, state, numbers, rows, own, pose, distances, free[pose], by_bars)
+                found = _of_pose(observed, state, numbers, rows, index, pose, distances, free[pose], by_bars)
             information[pose], score[pose], moved = found
             by_point[points] = _in_own_datum(moved, free[pose])
     return RayStatistics(numbers, information, score, by_point)
@@ -207,8 +207,8 @@ def _of_pose(
 def _in_own_datum(moved: Array, free: Freedom) -> Array:
     """Return derivatives of points (p, 3, T) without shifts, rotations and scale of all points that the observations
     leave free."""
-    flat, held = moved.reshape(3 * len(moved), moved.shape[-1]), _flattened(free.points)
-    return (flat - held @ (held.T @ flat)).reshape(moved.shape)
+    flat, flattened = moved.reshape(3 * len(moved), moved.shape[-1]), _flattened(free.points)
+    return (flat - flattened @ (flattened.T @ flat)).reshape(moved.shape)
 
 
 def _distances_by_numbers(observed: Observed, numbers: tuple[SharedNumber, ...]) -> Array:
@@ -247,14 +247,14 @@ def _add_distances(
     added = np.zeros((by_bars.shape[1], by_bars.shape[1] + 1))
     for row in np.flatnonzero(layout.distance_pose == pose):
         ends = np.array([layout.first[row], layout.second[row]]) - start
-        own = (first + 3 * ends[:, None] + np.arange(3)).ravel()
+        flat = (first + 3 * ends[:, None] + np.arange(3)).ravel()
         along = np.concatenate([-distances.direction[row], distances.direction[row]])
-        most = _RIGID * float(np.sum(np.diagonal(normal)[own])) / len(own)
+        most = _RIGID * float(np.sum(np.diagonal(normal)[flat])) / len(flat)
         weight = min(1 / max(float(observed.distance_variance[row]), 1e-300), most)
         # The observation is zero: the distance minus the bar's length.
         both = np.append(by_bars[row], distances.misclosure[row])
-        normal[np.ix_(own, own)] += weight * np.outer(along, along)
-        sides[own] += weight * np.outer(along, both)
+        normal[np.ix_(flat, flat)] += weight * np.outer(along, along)
+        sides[flat] += weight * np.outer(along, both)
         added += weight * np.outer(both[:-1], both)
     return added
 
@@ -273,12 +273,12 @@ def by_curvature(points: Array, centres: Array, origin: Array) -> Array:
     away = centres - points
     length = np.linalg.norm(away, axis=-1, keepdims=True)
     moment = (points - origin) * length**2 / 2 + away * length**2 / 3
-    found = np.zeros((*points.shape, len(PLACES)))
+    result = np.zeros((*points.shape, len(PLACES)))
     for number, (i, j) in enumerate(PLACES):
-        found[:, i, number] -= moment[:, j]
+        result[:, i, number] -= moment[:, j]
         if i != j:
-            found[:, j, number] -= moment[:, i]
-    return found
+            result[:, j, number] -= moment[:, i]
+    return result
 
 
 def by_thickness(seen: Array) -> Array:

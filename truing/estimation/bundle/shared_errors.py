@@ -67,5 +67,5 @@ def independent_errors(by_shared: Array) -> Array:
     """Return the independent combinations (N, 3, Q), m, of common errors (N, 3, G) that move points enough."""
     rows = by_shared.reshape(-1, by_shared.shape[-1])
     values, vectors = np.linalg.eigh(rows.T @ rows)
-    kept = values > _LEAST_EFFECT**2 * max(len(rows), 1)
-    return np.asarray(by_shared @ vectors[:, kept])
+    mask = values > _LEAST_EFFECT**2 * max(len(rows), 1)
+    return np.asarray(by_shared @ vectors[:, mask])

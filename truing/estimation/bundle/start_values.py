@@ -80,29 +80,31 @@ def find_start(network: Network, interior: Array, markers: Markers | None = None
     markers = Markers.none() if markers is None else markers
     poses = pose_networks(network)
     poses.sort(key=lambda pose: -len(pose.ray))
-    found: list[Grown] = []
+    grown_poses: list[Grown] = []
     values = interior.copy()
     for pose in poses:
         own = np.isin(markers.corners, pose.point).all(axis=1)  # markers with all corners in the pose
         corners = np.searchsorted(pose.point, markers.corners[own])
-        found.append(oriented_pose(pose.network, values, corners, markers.size_m[own]))
-        used = np.unique(pose.network.image_camera[found[-1].oriented])
-        values[used] = found[-1].interior[used]
+        grown_poses.append(oriented_pose(pose.network, values, corners, markers.size_m[own]))
+        used = np.unique(pose.network.image_camera[grown_poses[-1].oriented])
+        values[used] = grown_poses[-1].interior[used]
     values[:, 0] = np.where(np.isnan(values[:, 0]), usual_distance(network), values[:, 0])
-    found = _finished(network, poses, [replace(now, interior=values) for now in found])
-    whole = joined_poses(network, poses, found)
+    grown_poses = _finished(network, poses, [replace(now, interior=values) for now in grown_poses])
+    whole = joined_poses(network, poses, grown_poses)
     state, frame, scale = in_frame(network, whole, markers.corners, markers.size_m)
     agrees = np.zeros(network.rays.count, bool)
-    for pose, now in zip(poses, found, strict=True):
+    for pose, now in zip(poses, grown_poses, strict=True):
         agrees[pose.ray] = now.agrees
     oriented, placed = np.isfinite(state.centre[:, 0]), np.isfinite(state.points[:, 0])
     return Start(state, oriented, placed, agrees, tuple(frame), tuple(scale))
 
 
-def _finished(network: Network, poses: Sequence[PoseNetwork], found: Sequence[Grown]) -> list[Grown]:
+def _finished(network: Network, poses: Sequence[PoseNetwork], grown_poses: Sequence[Grown]) -> list[Grown]:
     """Return all poses after a joint adjustment with the first tolerance, another attempt at failed images, and a
     second adjustment."""
-    together = refined_together(network, poses, [reopened(p.network, now) for p, now in zip(poses, found, strict=True)])
+    together = refined_together(
+        network, poses, [reopened(p.network, now) for p, now in zip(poses, grown_poses, strict=True)]
+    )
     again = []
     for pose, now in zip(poses, together, strict=True):
         rng = np.random.default_rng(0)

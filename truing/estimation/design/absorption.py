@@ -109,9 +109,9 @@ def absorb_in_full(
         prior = np.broadcast_to(weight, (len(x), *weight.shape))
         return value, np.concatenate([np.stack(slopes), prior], axis=1)
 
-    found = least_squares(residuals, np.zeros(size))
-    shift = found.x[0]
-    return FullAbsorption(shift, signature + model(shift)[0], SolverStatus(found.status[0]))
+    squares = least_squares(residuals, np.zeros(size))
+    shift = squares.x[0]
+    return FullAbsorption(shift, signature + model(shift)[0], SolverStatus(squares.status[0]))
 
 
 def _root(N: NDArray, labels: Sequence[str], tolerance: NDArray | None) -> NDArray:

@@ -223,12 +223,12 @@ def _simplified(
 
 def pivots(rows: NDArray) -> list[int]:
     """Return the k columns that QR with column pivoting takes first from rows (k, P)."""
-    left, found = np.array(rows), []
+    left, result = np.array(rows), []
     for _ in range(len(rows)):
-        found.append(int(np.argmax(np.sum(left**2, axis=0))))
-        unit = left[:, found[-1]] / np.linalg.norm(left[:, found[-1]])
+        result.append(int(np.argmax(np.sum(left**2, axis=0))))
+        unit = left[:, result[-1]] / np.linalg.norm(left[:, result[-1]])
         left = left - np.outer(unit, unit @ left)
-    return found
+    return result
 
 
 def _shortest(observability: Observability, direction: NDArray, pivot: int, own: list[int], least: float) -> NDArray:
@@ -307,8 +307,8 @@ def _rounded(observability: Observability, change: NDArray) -> NDArray:
     for j in np.flatnonzero(out):
         trials = np.repeat(out[:, None], _MOST_DIGITS, axis=1)
         trials[j] = [float(f"{out[j]:.{digits}g}") for digits in range(1, _MOST_DIGITS + 1)]
-        kept = observability.sensitivity(trials / observability.scales[:, None]) <= least
-        out = trials[:, np.argmax(kept)] if kept.any() else out
+        mask = observability.sensitivity(trials / observability.scales[:, None]) <= least
+        out = trials[:, np.argmax(mask)] if mask.any() else out
     return out
 
 
@@ -414,8 +414,8 @@ def _side(columns: NDArray) -> float:
     return float(np.exp(np.mean(np.log(np.maximum(lengths, np.finfo(float).tiny)))))
 
 
-def _smallest_singular_value(whole: Observability, columns: Sequence[int]) -> float:
-    return float(np.linalg.svd(whole.triangle[:, list(columns)], compute_uv=False)[-1])
+def _smallest_singular_value(observability: Observability, columns: Sequence[int]) -> float:
+    return float(np.linalg.svd(observability.triangle[:, list(columns)], compute_uv=False)[-1])
 
 
 def _orthogonal_to(left: NDArray, taken: NDArray) -> NDArray:

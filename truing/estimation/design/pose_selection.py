@@ -322,15 +322,17 @@ def ioops(rows: NDArray, start: NDArray, given: NDArray | None = None, max_itera
 def _without_worst(rows: NDArray, chosen: NDArray, given: NDArray | None) -> NDArray:
     """Return the chosen candidates without the one whose loss costs least."""
     inverse = np.linalg.inv(information_of(rows[chosen], given))
-    own = _measurements(rows[chosen])
-    left = np.eye(own.shape[2]) - own @ inverse @ np.swapaxes(own, 2, 3)
+    measurements = _measurements(rows[chosen])
+    left = np.eye(measurements.shape[2]) - measurements @ inverse @ np.swapaxes(measurements, 2, 3)
     return np.delete(chosen, int(np.argmax(np.sum(np.log(np.maximum(np.linalg.det(left), 1e-300)), -1))))
 
 
 def _gains(rows: NDArray, information: NDArray) -> NDArray:
     """Return the gain (C,) of the log determinant by each candidate."""
-    own, inverse = _measurements(rows), np.linalg.pinv(information, hermitian=True)
-    return np.linalg.slogdet(np.eye(own.shape[2]) + own @ inverse @ np.swapaxes(own, 2, 3))[1].sum(-1)
+    measurements, inverse = _measurements(rows), np.linalg.pinv(information, hermitian=True)
+    return np.linalg.slogdet(np.eye(measurements.shape[2]) + measurements @ inverse @ np.swapaxes(measurements, 2, 3))[
+        1
+    ].sum(-1)
 
 
 def _determined(rows: NDArray, given: NDArray | None) -> NDArray:

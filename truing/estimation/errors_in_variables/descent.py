@@ -98,14 +98,14 @@ def linearise(measured: ImplicitModel, values: NDArray, pull: NDArray) -> Elimin
     Raises LinAlgError if an equation of a pose contains no measurement with an error.
     """
     deviation = times(measured.covariance, pull)
-    found = measured.constrain(values, deviation)
-    A = found.by_deviation
+    constrained = measured.constrain(values, deviation)
+    A = constrained.by_deviation
     factor = np.linalg.inv(np.linalg.cholesky(A @ measured.covariance @ np.swapaxes(A, 1, 2)))
     rows = factor @ A
-    residual = times(factor, found.value - times(A, deviation))
+    residual = times(factor, constrained.value - times(A, deviation))
     change = _closing(rows, residual) - pull
     distance_to_convergence = np.einsum("bi,bi->b", change, times(measured.covariance, change))
-    return Eliminated(values, pull, rows, residual, factor @ found.by_values, distance_to_convergence)
+    return Eliminated(values, pull, rows, residual, factor @ constrained.by_values, distance_to_convergence)
 
 
 def project(measured: ImplicitModel, values: NDArray, pull: NDArray, weight: NDArray, allowed: float) -> Eliminated:
@@ -169,10 +169,10 @@ class Objective:
         """Return the objective after a step, or None if it has no reliable value."""
         allowed = max(_JUDGED * promise, _STILL)
         try:
-            found = self.point(start.at.values + step, start.at.pull_after(step), allowed)
+            point = self.point(start.at.values + step, start.at.pull_after(step), allowed)
         except np.linalg.LinAlgError:
             return None
-        return found if np.isfinite(found.cost) and found.distance_to_convergence <= max(allowed, NEAR) else None
+        return point if np.isfinite(point.cost) and point.distance_to_convergence <= max(allowed, NEAR) else None
 
 
 @dataclass(frozen=True)

@@ -168,14 +168,14 @@ def _p_values(surprise: NDArray, tested: NDArray, kept: NDArray, chi_square: flo
 
 def agreeing_poses(problem: LinearPoses) -> NDArray:
     """Return the mask (B,) of agreeing poses."""
-    kept = _nearest_half(problem)
-    for k in range(2 * _FREE_ROUNDS + len(kept)):
-        passes = problem.fit(kept.astype(float)).leave_one_out().passes
-        found = passes if k < _FREE_ROUNDS else passes & kept
-        if np.array_equal(found, kept):
+    nearest_half = _nearest_half(problem)
+    for k in range(2 * _FREE_ROUNDS + len(nearest_half)):
+        passes = problem.fit(nearest_half.astype(float)).leave_one_out().passes
+        mask = passes if k < _FREE_ROUNDS else passes & nearest_half
+        if np.array_equal(mask, nearest_half):
             break
-        kept = found
-    return kept
+        nearest_half = mask
+    return nearest_half
 
 
 def _nearest_half(problem: LinearPoses) -> NDArray:
@@ -305,19 +305,19 @@ def fit_errors_in_variables(
 def _fit(measured: ImplicitModel, at: Eliminated, prior: Prior, robust: bool) -> ErrorsInVariablesFit:
     """Return the fit to the agreeing poses, which are selected again after each fit until the set is stable. The first
     selection precedes the first fit, since gross errors would move that fit out of the linear range."""
-    kept, iterations = _agreeing_poses(at, prior) if robust else np.ones(len(at.residual), bool), 0
+    poses, iterations = _agreeing_poses(at, prior) if robust else np.ones(len(at.residual), bool), 0
     for selection in range(_SELECTIONS):
-        found = descend(Objective(measured, prior, kept.astype(float)), at)
-        at, iterations = _with_converged_deviations(measured, found.at, kept), iterations + found.iterations
-        agree = _agreeing_poses(at, prior) if robust else kept
+        found = descend(Objective(measured, prior, poses.astype(float)), at)
+        at, iterations = _with_converged_deviations(measured, found.at, poses), iterations + found.iterations
+        agree = _agreeing_poses(at, prior) if robust else poses
         # late in the search no pose may return, so that it ends
-        agree = agree & kept if 2 * selection > _SELECTIONS else agree
-        if np.array_equal(agree, kept):
+        agree = agree & poses if 2 * selection > _SELECTIONS else agree
+        if np.array_equal(agree, poses):
             break
-        used, kept = kept, agree
+        used, poses = poses, agree
     else:
-        found, kept = replace(found, status=SolverStatus.ITERATION_LIMIT), used
-    return _result(measured, replace(found, at=at, iterations=iterations), prior, kept)
+        found, poses = replace(found, status=SolverStatus.ITERATION_LIMIT), used
+    return _result(measured, replace(found, at=at, iterations=iterations), prior, poses)
 
 
 def _with_converged_deviations(measured: ImplicitModel, at: Eliminated, kept: NDArray) -> Eliminated:
@@ -340,12 +340,12 @@ def _agreeing_poses(at: Eliminated, prior: Prior) -> NDArray:
     return agreeing_poses(LinearPoses(at.residual, at.jacobian / scale, known, prior.pull(at.values) / scale))
 
 
-def _result(measured: ImplicitModel, found: Descent, prior: Prior, kept: NDArray) -> ErrorsInVariablesFit:
-    at = found.at
+def _result(measured: ImplicitModel, descent: Descent, prior: Prior, kept: NDArray) -> ErrorsInVariablesFit:
+    at = descent.at
     rows = at.jacobian[kept].reshape(-1, len(at.values))
     information = rows.T @ rows
     covariance = _covariance(information + prior.information)
-    deficient = found.status == SolverStatus.CONVERGED and bool(np.isnan(covariance).any())
+    deficient = descent.status == SolverStatus.CONVERGED and bool(np.isnan(covariance).any())
     return ErrorsInVariablesFit(
         values=at.values,
         deviations=times(measured.covariance, at.closing_pull),
@@ -356,9 +356,9 @@ def _result(measured: ImplicitModel, found: Descent, prior: Prior, kept: NDArray
         information=information,
         covariance=covariance,
         prior=prior,
-        cost=found.cost,
-        iterations=found.iterations,
-        status=SolverStatus.RANK_DEFICIENT if deficient else found.status,
+        cost=descent.cost,
+        iterations=descent.iterations,
+        status=SolverStatus.RANK_DEFICIENT if deficient else descent.status,
     )
 
 

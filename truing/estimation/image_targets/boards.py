@@ -76,8 +76,8 @@ def measure_board(grey: NDArray, plan: BoardPlan, noise: ImageNoise | None = Non
     spacing = np.minimum(np.linalg.norm(first, axis=1), np.linalg.norm(second, axis=1))
     # Nothing else is within half a square, or within the white border of a marker.
     clear = 0.5 * spacing if plan.kind == "chessboard" else 0.6 * (1.0 - plan.marker_share) * spacing
-    found = refine_saddles(grey, start, first, second, clear, noise or estimate_noise(grey))
-    xy, covariance, contrast, refused = found.xy, found.covariance, found.contrast, found.refused
+    corners = refine_saddles(grey, start, first, second, clear, noise or estimate_noise(grey))
+    xy, covariance, contrast, refused = corners.xy, corners.covariance, corners.contrast, corners.refused
     if plan.kind == "chessboard":
         row, column = np.divmod(number, plan.columns)
         outer = np.sum(np.where(refused == "", np.sign(contrast), 0.0) * (1.0 - 2.0 * ((row + column) % 2)))
@@ -180,8 +180,8 @@ def refine_saddles(
         for chosen in np.array_split(good, -(-len(good) // _CHUNK)) if len(good) else ():
             fit, level = _fit(grey, xy[chosen], first[chosen], second[chosen], radius[chosen], noise)
             refused[chosen] = _refused(fit, level, radius[chosen])
-            kept = refused[chosen] == ""
-            xy[chosen[kept]] += fit.values[kept, :2]
+            mask = refused[chosen] == ""
+            xy[chosen[mask]] += fit.values[mask, :2]
             contrast[chosen] = 2.0 * fit.values[:, _CONTRAST]
             covariance[chosen] = fit.covariance[:, :2, :2] * (fit.covariance_factor * noise.correlation)[:, None, None]
     moved = np.linalg.norm(xy - start, axis=1)

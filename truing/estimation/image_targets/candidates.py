@@ -62,9 +62,9 @@ def find_candidates(
         difference = cv2.subtract(smooth, mean) if lighter else cv2.subtract(mean, smooth)
         mask = cv2.compare(difference, step, cv2.CMP_GT)
         outlines, levels = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-        found = _measured(outlines, levels, size_px, rejected)
-        shapes.append(found)
-        white.append(np.full(len(found), lighter))
+        measured = _measured(outlines, levels, size_px, rejected)
+        shapes.append(measured)
+        white.append(np.full(len(measured), lighter))
     shape = np.concatenate(shapes)
     lighter_of = np.concatenate(white)
     reasons = _reasons(shape, grey.shape, size_px, least_ratio)
@@ -89,11 +89,11 @@ def _measured(outlines: Any, levels: NDArray | None, size_px: tuple[float, float
     short, long = length < 4.4 * (size_px[0] - _OUTLINE_INSIDE), length > 6.3 * (size_px[1] + 2)
     rejected["too small"] += int((outer & short).sum())
     rejected["too large"] += int((outer & long).sum())
-    kept = np.flatnonzero(outer & ~short & ~long)
-    if not len(kept):
+    index = np.flatnonzero(outer & ~short & ~long)
+    if not len(index):
         return np.empty((0, SHAPE))
-    points, shape = np.concatenate([outlines[k] for k in kept])[:, 0, :], np.empty((len(kept), SHAPE))
-    starts = np.concatenate([[0], np.cumsum(length[kept])])
+    points, shape = np.concatenate([outlines[k] for k in index])[:, 0, :], np.empty((len(index), SHAPE))
+    starts = np.concatenate([[0], np.cumsum(length[index])])
     _measure(np.ascontiguousarray(points, np.int32), np.ascontiguousarray(starts, np.int64), shape)
     return shape
 

@@ -106,9 +106,9 @@ def measure_circles(grey: NDArray, plan: CirclePlan, noise: ImageNoise | None = 
     least = plan.least_contrast * float(np.ptp(grey[::4, ::4]))
     sigma = float(np.sqrt(noise.variance(np.array(float(grey.max(initial=0))))))
     size = (plan.smallest_px, plan.largest_px)
-    found = find_candidates(grey, plan.polarities, size, plan.least_axis_ratio, least, sigma)
-    rejected = Counter(found.rejected)
-    start = _with_clear_sides(grey, found, least, rejected)
+    candidates = find_candidates(grey, plan.polarities, size, plan.least_axis_ratio, least, sigma)
+    rejected = Counter(candidates.rejected)
+    start = _with_clear_sides(grey, candidates, least, rejected)
     first = _fitted(grey, start, noise, np.full(len(start), _NEAR), None, _HELD)
     first = first[_accepted_candidates(_faults(first, plan, noise, least, _top(grey)), rejected)]
     reading, outer = _surroundings(grey, first, plan)
@@ -119,21 +119,30 @@ def measure_circles(grey: NDArray, plan: CirclePlan, noise: ImageNoise | None = 
     return _targets(last[good], _subset(reading, good), rejected, noise, plan)
 
 
-def _with_clear_sides(grey: NDArray, found: EllipseCandidates, least: float, rejected: Counter[str]) -> Array:
+def _with_clear_sides(
+    grey: NDArray, ellipse_candidates: EllipseCandidates, least: float, rejected: Counter[str]
+) -> Array:
     """Return start values (N, 10) for candidates with an even inside and free surroundings."""
-    A = unit_matrices(found.semi_axes_px, found.axis_angle_rad)
-    inside = sample_ellipses(grey, found.centre_px, A, _INSIDE, 24).reshape(len(A), 24 * len(_INSIDE))
-    beside = sample_ellipses(grey, found.centre_px, A, _BESIDE, 24).mean(1)
+    A = unit_matrices(ellipse_candidates.semi_axes_px, ellipse_candidates.axis_angle_rad)
+    inside = sample_ellipses(grey, ellipse_candidates.centre_px, A, _INSIDE, 24).reshape(len(A), 24 * len(_INSIDE))
+    beside = sample_ellipses(grey, ellipse_candidates.centre_px, A, _BESIDE, 24).mean(1)
     level, ground = np.median(inside, axis=1), np.median(beside, axis=1)
     contrast = level - ground
     safe = np.where(contrast == 0, 1.0, contrast)[:, None]
     uneven = ((inside - ground[:, None]) / safe < 0.5).mean(1) > _UNEVEN
     blocked = ((beside - ground[:, None]) / safe > 0.5).mean(1) > _UNEVEN
-    weak = np.where(found.white, contrast, -contrast) < 0.6 * least
+    weak = np.where(ellipse_candidates.white, contrast, -contrast) < 0.6 * least
     good = _accepted_candidates(
         np.select([weak, uneven, blocked], ["weak contrast", "uneven inside", "no clear ground"], ""), rejected
     )
-    columns = (found.centre_px, A[:, 0, :], A[:, 1, 1:], np.ones((len(A), 1)), ground[:, None], contrast[:, None])
+    columns = (
+        ellipse_candidates.centre_px,
+        A[:, 0, :],
+        A[:, 1, 1:],
+        np.ones((len(A), 1)),
+        ground[:, None],
+        contrast[:, None],
+    )
     return np.concatenate([*columns, np.zeros((len(A), 2))], 1)[good]
 
 
@@ -203,10 +212,10 @@ def _surroundings(grey: NDArray, fit: Array, plan: CirclePlan) -> tuple[RingRead
     reading = read_rings(ring, plan.codes, soft)
     beyond = np.abs(levels(_BEYOND, whole_light))
     # a ring stands on clear ground; an object covering part of it rarely ends there
-    whole, ground = (beyond < _GROUND).mean(1) > 1 - _COVERED, np.median(beyond, axis=1) < _GROUND
+    mask, ground = (beyond < _GROUND).mean(1) > 1 - _COVERED, np.median(beyond, axis=1) < _GROUND
     if (reading.number >= 0).any():
-        whole &= are_open(np.stack([levels((rim,), whole_light) for rim in _RIMS], 1), reading.ring)
-    broken = (reading.number >= 0) & ~whole
+        mask &= are_open(np.stack([levels((rim,), whole_light) for rim in _RIMS], 1), reading.ring)
+    broken = (reading.number >= 0) & ~mask
     reading = replace(
         reading,
         number=np.where(broken, -1, reading.number),

@@ -135,8 +135,8 @@ def _cell_greys(
     most = _MOST_ROWS // len(at)
     for first in range(0, len(corners), most):
         x, y = _of_unit_square(corners[first : first + most], at)
-        found = cv2.remap(plain, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        grey[first : first + most] = found.reshape(-1, len(at), len(at))
+        sampled = cv2.remap(plain, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        grey[first : first + most] = sampled.reshape(-1, len(at), len(at))
     flat = grey.reshape(len(corners), len(at) ** 2)
     flat -= flat.mean(1, keepdims=True)
     variance = np.einsum("qn,qn->q", flat, flat) / np.float32(flat.shape[1])

@@ -89,9 +89,9 @@ def _circles(grey: NDArray, plan: TargetPlan, noise: ImageNoise) -> PhotographTa
     wanted = CirclePlan(codes, plan.uncoded, plan.polarity, plan.smallest_px, plan.largest_px)
     seen = measure_circles(grey, wanted, noise)
     ellipse = np.column_stack([seen.semi_axes_px, seen.axis_angle_rad])
-    found = _part(seen.names, seen.kinds, seen.centre_px, seen.cov_px2, seen.contrast, noise, ellipse)
-    found.rejected.update({("circle", reason): count for reason, count in seen.rejected.items()})
-    return found
+    part = _part(seen.names, seen.kinds, seen.centre_px, seen.cov_px2, seen.contrast, noise, ellipse)
+    part.rejected.update({("circle", reason): count for reason, count in seen.rejected.items()})
+    return part
 
 
 def _markers(grey: NDArray, families: tuple[str, ...], noise: ImageNoise) -> PhotographTargets:
@@ -99,15 +99,15 @@ def _markers(grey: NDArray, families: tuple[str, ...], noise: ImageNoise) -> Pho
     kind = ["apriltag" if family.startswith("apriltag") else "aruco" for family in families]
     numbers = zip(seen.family.tolist(), seen.code.tolist(), seen.corner.tolist(), strict=True)
     names = [f"{families[family]}-{code}.{corner}" for family, code, corner in numbers]
-    found = _part(names, [kind[k] for k in seen.family], seen.xy_px, seen.cov_px2, seen.contrast, noise)
+    part = _part(names, [kind[k] for k in seen.family], seen.xy_px, seen.cov_px2, seen.contrast, noise)
     for (family, reason), count in seen.rejected.items():
-        found.rejected[kind[family], reason] += count
-    return found
+        part.rejected[kind[family], reason] += count
+    return part
 
 
 def _board(grey: NDArray, board: BoardPlan, noise: ImageNoise) -> PhotographTargets:
     seen = measure_board(grey, board, noise)
     names = [f"{board.name}-{number}" for number in seen.number.tolist()]
-    found = _part(names, [board.kind] * len(names), seen.xy_px, seen.cov_px2, seen.contrast, noise)
-    found.rejected.update({(board.kind, reason): count for reason, count in seen.rejected.items()})
-    return found
+    part = _part(names, [board.kind] * len(names), seen.xy_px, seen.cov_px2, seen.contrast, noise)
+    part.rejected.update({(board.kind, reason): count for reason, count in seen.rejected.items()})
+    return part

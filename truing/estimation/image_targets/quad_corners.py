@@ -145,11 +145,11 @@ def _fit_edges(grey: NDArray, edges: _Edges, blur: Array, noise: ImageNoise) -> 
     length = np.linalg.norm(edges.end - edges.start, axis=1)
     order = np.argsort(length)
     extremes = float(grey.min()), float(grey.max())
-    found: list[PatchFit] = []
+    patch_fits: list[PatchFit] = []
     for first in range(0, len(order), _CHUNK):
-        found.append(_fit_chunk(grey, extremes, edges, order[first : first + _CHUNK], blur, noise))
+        patch_fits.append(_fit_chunk(grey, extremes, edges, order[first : first + _CHUNK], blur, noise))
     back = np.argsort(order)
-    parts = [np.concatenate([getattr(fit, name) for fit in found])[back] for name in PatchFit.__dataclass_fields__]
+    parts = [np.concatenate([getattr(fit, name) for fit in patch_fits])[back] for name in PatchFit.__dataclass_fields__]
     return PatchFit(*parts)
 
 

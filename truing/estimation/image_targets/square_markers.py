@@ -55,19 +55,19 @@ def measure_markers(grey: NDArray, families: tuple[str, ...], noise: ImageNoise 
         return MarkerCorners(numbers, numbers, numbers, np.empty((0, 2)), np.empty((0, 2, 2)), empty, rejected)
     cells = np.array([cells_across(name) for name in families])[family]
     module = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).min(1) / cells
-    found = refine_quads(grey, corners, module, noise or estimate_noise(grey))
-    for number, reason in zip(family.tolist(), found.refused.tolist(), strict=True):
+    quads = refine_quads(grey, corners, module, noise or estimate_noise(grey))
+    for number, reason in zip(family.tolist(), quads.refused.tolist(), strict=True):
         if reason:
             rejected[(number, reason)] += 1
-    good = found.refused == ""
+    good = quads.refused == ""
     count = int(good.sum())
     return MarkerCorners(
         np.repeat(family[good], 4),
         np.repeat(code[good], 4),
         np.tile(np.arange(4), count),
-        found.xy[good].reshape(-1, 2),
-        found.covariance[good].reshape(-1, 2, 2),
-        np.repeat(found.contrast[good], 4),
+        quads.xy[good].reshape(-1, 2),
+        quads.covariance[good].reshape(-1, 2, 2),
+        np.repeat(quads.contrast[good], 4),
         rejected,
     )
 
@@ -115,7 +115,7 @@ def _at_full_size(grey: NDArray, corners: Array) -> Array:
     """Return corners (Q, 4, 2), found at half size, refined to a fraction of a pixel in the full image."""
     import cv2
 
-    whole = eight_bits(grey)
+    bits = eight_bits(grey)
     cell = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).min(1) / _MOST_CELLS
     window = np.clip(np.round(cell), 2, 5).astype(int)
     found = corners.astype(np.float32)
@@ -123,7 +123,7 @@ def _at_full_size(grey: NDArray, corners: Array) -> Array:
     for size in np.unique(window).tolist():
         own = np.flatnonzero(window == size)
         points = np.ascontiguousarray(found[own].reshape(-1, 1, 2))
-        found[own] = cv2.cornerSubPix(whole, points, (size, size), (-1, -1), stop).reshape(-1, 4, 2)
+        found[own] = cv2.cornerSubPix(bits, points, (size, size), (-1, -1), stop).reshape(-1, 4, 2)
     return found.astype(float)
 
 
@@ -216,9 +216,9 @@ def where_edges_meet(corners: Array, outlines: list[NDArray[np.int32]]) -> Array
     # Lines through three or four pixels are unreliable: such corners keep their position.
     meet = np.abs(crossing) > 1e-3
     fitted = np.stack([c * q - b * r, a * r - c * p], 2) / np.where(meet, crossing, 1.0)[..., None] + middle[:, None]
-    found = np.empty_like(corners)
-    np.put_along_axis(found, order[..., None], np.where(meet[..., None], fitted, met), axis=1)
-    return found
+    result = np.empty_like(corners)
+    np.put_along_axis(result, order[..., None], np.where(meet[..., None], fitted, met), axis=1)
+    return result
 
 
 def _corner_indices(points: NDArray[np.int32], quad: NDArray[np.intp], corners: Array) -> NDArray[np.intp]:

@@ -123,12 +123,12 @@ def _by_others(u: Array, y: Array, variance: Array, run: Index) -> Array:
     size = np.sqrt(np.einsum("dd->d", normal.sum(0)))
     size = np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(rest / np.outer(size, size))
-    kept = values > _LARGEST_OPEN_SHARE
-    inverse = np.einsum("rde,re,rfe->rdf", vectors, kept / np.where(kept, values, 1.0), vectors)
+    mask = values > _LARGEST_OPEN_SHARE
+    inverse = np.einsum("rde,re,rfe->rdf", vectors, mask / np.where(mask, values, 1.0), vectors)
     entries = np.einsum("rdf,rf->rd", inverse, target / size) / size
     # load directions of the run that the others do not have
     asked = own_u / size / np.maximum(np.linalg.norm(own_u / size, axis=1, keepdims=True), 1e-300)
-    missed = np.einsum("nd,nde->ne", asked, np.where(kept[:, None, :], 0.0, vectors)[number])
+    missed = np.einsum("nd,nde->ne", asked, np.where(mask[:, None, :], 0.0, vectors)[number])
     blind = np.zeros(len(runs), bool)
     np.logical_or.at(blind, number, np.sum(missed**2, axis=1) > np.sqrt(_LARGEST_OPEN_SHARE))
     return np.where(blind[number], np.nan, own_y - np.einsum("nd,nd->n", own_u, entries[number]))
@@ -163,8 +163,8 @@ def compare(
         z = np.where(assessed & (spread > 0.0), difference / spread, np.nan)
         ratio = np.where(assessed, measured.entries / model, np.nan)
     at = np.flatnonzero(np.isfinite(z))
-    found = joint_test(difference.ravel()[at], total[np.ix_(at, at)])
-    return ComplianceComparison(difference, z, ratio, found.chi_square, found.dof, found.p_value)
+    test = joint_test(difference.ravel()[at], total[np.ix_(at, at)])
+    return ComplianceComparison(difference, z, ratio, test.chi_square, test.dof, test.p_value)
 
 
 @dataclass(frozen=True)
@@ -281,11 +281,11 @@ def geometry_spread(load: Array, added_sigma: Array) -> Array:
     return np.sqrt(np.maximum(squares.T, 0.0))
 
 
-def with_spread(found: Compliance, spread: Array) -> Compliance:
+def with_spread(compliance: Compliance, spread: Array) -> Compliance:
     """Return a compliance with standard deviations of at least a spread (6, 6)."""
-    own = np.where(found.known & np.isfinite(found.sigma) & found.fit.free[:, :6], spread, 0.0)
-    covariance = found.covariance + np.diag(own.ravel() ** 2)
-    return replace(found, sigma=np.hypot(found.sigma, own), covariance=covariance)
+    own = np.where(compliance.known & np.isfinite(compliance.sigma) & compliance.fit.free[:, :6], spread, 0.0)
+    covariance = compliance.covariance + np.diag(own.ravel() ** 2)
+    return replace(compliance, sigma=np.hypot(compliance.sigma, own), covariance=covariance)
 
 
 def from_own_zero(residual: Array, run: Index) -> Array:
@@ -312,35 +312,35 @@ def compliance_budgets(loaded: Loaded, declared: bool) -> list[Budget] | None:
     declared: whether the noise of readings was declared, not estimated from their scatter. In the model every load may
     act on every component. Raises LinAlgError if a component is not determined by its own readings.
     """
-    one = fitted_compliance(loaded, "matrix")
-    if not one.known.all():
+    compliance = fitted_compliance(loaded, "matrix")
+    if not compliance.known.all():
         return None
-    ratio, dof = birge(one.fit), float(one.fit.dof)
+    ratio, dof = birge(compliance.fit), float(compliance.fit.dof)
     readings = Source("noise of the readings", "B") if declared else Source("noise of the readings", "A", dof)
     beyond = Source("scatter of the readings beyond that", "A", dof)
     rows = loaded.fitted
-    found = []
+    budgets = []
     for k in range(len(CHANNELS)):
-        own = rows & np.isfinite(loaded.reading[:, k])
-        run = np.unique(loaded.steps.run[own], return_inverse=True)[1]
-        columns = np.concatenate([loaded.steps.load[own], np.eye(run.max() + 1)[run]], 1)
-        loads = np.full(own.sum(), loaded.by_loads[k])
-        noise = {readings: loaded.variance[own, k] - loads, BY_LOADS: loads}
+        mask = rows & np.isfinite(loaded.reading[:, k])
+        run = np.unique(loaded.steps.run[mask], return_inverse=True)[1]
+        columns = np.concatenate([loaded.steps.load[mask], np.eye(run.max() + 1)[run]], 1)
+        loads = np.full(mask.sum(), loaded.by_loads[k])
+        noise = {readings: loaded.variance[mask, k] - loads, BY_LOADS: loads}
         sized = {source: ratio**2 * variance[:, None, None] for source, variance in noise.items()}
         parts = linear_estimate(columns[:, None], sized)
         total = np.zeros_like(parts[readings])
         for source in noise if ratio > 1.0 else ():
             split = beyond_declared({source: parts[source]}, source, ratio, beyond)
             parts[source], total = split[source], total + split[beyond]
-        found.append(budget({**parts, beyond: total}, np.eye(len(LOADS), columns.shape[1])))
-    return found
+        budgets.append(budget({**parts, beyond: total}, np.eye(len(LOADS), columns.shape[1])))
+    return budgets
 
 
-def budget_of_entries(found: list[Budget], loaded: Loaded, places: list[tuple[int, int]]) -> Budget:
+def budget_of_entries(budgets: list[Budget], loaded: Loaded, places: list[tuple[int, int]]) -> Budget:
     """Return the joint budget of some entries (response, load), including the part of beam geometry."""
-    sources = tuple(dict.fromkeys(source for one in found for source in one.sources))
+    sources = tuple(dict.fromkeys(source for one in budgets for source in one.sources))
     table = np.zeros((len(sources), len(places)))
     for n, (i, j) in enumerate(places):
-        for source, contribution in zip(found[i].sources, found[i].contributions, strict=True):
+        for source, contribution in zip(budgets[i].sources, budgets[i].contributions, strict=True):
             table[sources.index(source), n] = contribution[j]
     return Budget(sources, table).with_source(GEOMETRY, np.array([loaded.spread[place] for place in places])).filled()

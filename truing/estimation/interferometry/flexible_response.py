@@ -136,15 +136,15 @@ def fit_channel(
         taken[worst] = True
         step = (np.arange(len(run)) >= jumps.row[worst]) & (run == worst)
         shared = np.column_stack([shared, step.astype(float)])
-    kept = np.abs(residual) <= _GROSS * scale * noise
+    mask = np.abs(residual) <= _GROSS * scale * noise
     for _ in range(_ROUNDS):
-        fit = fit_within_runs(frame, shared, reading, noise, kept)
-        noise = np.where(np.isfinite(sigma), np.hypot(sigma, of_loads), _scale(fit.residual, kept, fit.dof))
+        fit = fit_within_runs(frame, shared, reading, noise, mask)
+        noise = np.where(np.isfinite(sigma), np.hypot(sigma, of_loads), _scale(fit.residual, mask, fit.dof))
         inflation = len(reading) / max(fit.dof, 1)
-        kept = np.abs(fit.residual) <= _GROSS * np.maximum(noise, _spread(fit.residual, inflation))
-    fit = fit_within_runs(frame, shared, reading, noise, kept)
+        mask = np.abs(fit.residual) <= _GROSS * np.maximum(noise, _spread(fit.residual, inflation))
+    fit = fit_within_runs(frame, shared, reading, noise, mask)
     return ChannelFit(
-        fit.residual, noise, kept, fit.dof, fit.drift, fit.drift_sigma, jumps.row, jumps.size, jumps.p_value
+        fit.residual, noise, mask, fit.dof, fit.drift, fit.drift_sigma, jumps.row, jumps.size, jumps.p_value
     )
 
 
@@ -170,9 +170,9 @@ def _robust(frame: RunFrame, shared: Array, reading: Array, noise: Array) -> tup
     return fit.residual, max(scale, 1.0)
 
 
-def _scale(residual: Array, kept: Mask, dof: int) -> float:
+def _scale(residual: Array, mask: Mask, dof: int) -> float:
     """Return the noise of the residuals, if none is declared."""
-    own = float(np.sqrt(np.sum(residual[kept] ** 2) / max(dof, 1)))
+    own = float(np.sqrt(np.sum(residual[mask] ** 2) / max(dof, 1)))
     return own if own > 0.0 else 1.0
 
 
@@ -209,13 +209,13 @@ class _Jumps(NamedTuple):
     p_value: Array
 
 
-def _jumps(frame: RunFrame, shared: Array, reading: Array, noise: Array, kept: Mask) -> _Jumps:
+def _jumps(frame: RunFrame, shared: Array, reading: Array, noise: Array, mask: Mask) -> _Jumps:
     """Return the likeliest jumps; row -1 if a run is too short. A step at every row is tested by its gain in the joint
     fit of all runs. If excluding a single reading gains nearly as much, it is no jump."""
     from scipy.special import chdtrc
 
-    residual = fit_within_runs(frame, shared, reading, noise, kept).residual
-    root = kept / noise
+    residual = fit_within_runs(frame, shared, reading, noise, mask).residual
+    root = mask / noise
     runs = np.split(np.arange(len(reading)), frame.starts[1:])
     bases = [
         np.linalg.qr(root[rows, None] * np.column_stack([np.ones(len(rows)), frame.way[rows]]))[0] for rows in runs
@@ -234,8 +234,8 @@ def _jumps(frame: RunFrame, shared: Array, reading: Array, noise: Array, kept: M
         parts = (steps**2, left * steps, basis * steps[:, None], white * steps[:, None])
         whole, along, own, beside = (np.cumsum(part[::-1], axis=0)[::-1][1:] for part in parts)
         gain = _chi_square_gain(whole - np.sum(own**2, axis=1), along, beside, inverse)
-        before = np.cumsum(kept[rows])[:-1]
-        gain = np.where((before >= _FEWEST) & (kept[rows].sum() - before >= _FEWEST), gain, 0.0)
+        before = np.cumsum(mask[rows])[:-1]
+        gain = np.where((before >= _FEWEST) & (mask[rows].sum() - before >= _FEWEST), gain, 0.0)
         best = int(gain.argmax())
         found.row[here], found.gain[here] = rows[best + 1], gain[best]
         found.size[here] = gain[best] / along[best] if gain[best] > 0.0 else 0.0
@@ -294,12 +294,12 @@ def run_frame(run: Index, time_s: Array) -> RunFrame:
     return RunFrame(starts, run, way)
 
 
-def fit_within_runs(frame: RunFrame, shared: Array, reading: Array, noise: Array, kept: Mask) -> WithinRuns:
+def fit_within_runs(frame: RunFrame, shared: Array, reading: Array, noise: Array, mask: Mask) -> WithinRuns:
     """Return the fit of readings (N,) by a zero and a drift per run and columns (N, P) shared by all runs; noise (N,).
 
     Linearly dependent columns are left out.
     """
-    weight = kept / noise**2
+    weight = mask / noise**2
     mass = frame.sums(weight)
     middle = frame.sums(weight * frame.way) / np.where(mass > 0.0, mass, 1.0)
     way = frame.way - middle[frame.run]
@@ -328,6 +328,6 @@ def fit_within_runs(frame: RunFrame, shared: Array, reading: Array, noise: Array
     variance = 1.0 / safe_spread + np.einsum("rp,pq,rq->r", along, inverse, along)
     lost = np.abs(along @ vectors[:, ~good]).max(axis=1, initial=0.0) > _LOST * np.abs(along).max(initial=0.0)
     sigma = np.where(moving, np.where(lost, np.inf, np.sqrt(variance)), np.nan)
-    freedom = int(kept.sum() - good.sum() - np.sum(mass > 0.0) - moving.sum())
+    freedom = int(mask.sum() - good.sum() - np.sum(mass > 0.0) - moving.sum())
     drifts = np.where(moving, drift - along @ theta, np.nan)
     return WithinRuns(left - columns @ (theta / size), freedom, drifts, sigma)

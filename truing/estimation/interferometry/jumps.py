@@ -52,14 +52,14 @@ def find_jump(values: Array, sigma: ArrayLike, design: Array, shortest: int = 2)
     gain = np.where(open_, along**2 / np.where(open_, energy, 1.0), -1.0)
     best = gain.argmax(1)
     row = np.arange(count)
-    found = gain[row, best] >= 0.0
-    size_at = np.where(found, along[row, best] / np.where(found, energy[row, best], 1.0), 0.0)
-    spread = np.where(found, 1.0 / np.sqrt(np.where(found, energy[row, best], 1.0)), np.inf)
+    mask = gain[row, best] >= 0.0
+    size_at = np.where(mask, along[row, best] / np.where(mask, energy[row, best], 1.0), 0.0)
+    spread = np.where(mask, 1.0 / np.sqrt(np.where(mask, energy[row, best], 1.0)), np.inf)
     p_value = np.minimum(1.0, open_.sum(1) * chdtrc(1, np.maximum(gain[row, best], 0.0)))
     left = residual - size_at[:, None] * steps[row, :, best]
     with np.errstate(divide="ignore", invalid="ignore"):
         left = np.where(seen, left / weight, np.nan)
-    return Jump(best + 1, size_at, spread, np.where(found, p_value, 1.0), left)
+    return Jump(best + 1, size_at, spread, np.where(mask, p_value, 1.0), left)
 
 
 @dataclass(frozen=True)

@@ -209,9 +209,9 @@ def fit_run(reading: ArrayLike, sigma: ArrayLike, columns: Array, terms: tuple[T
     size = np.linalg.norm(design, axis=0)
     scaled = design / np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
-    kept = values > _OPEN
-    inverse = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
-    lost = np.sqrt(np.sum(vectors[:, ~kept] ** 2, axis=1))
+    mask = values > _OPEN
+    inverse = (vectors[:, mask] / values[mask]) @ vectors[:, mask].T
+    lost = np.sqrt(np.sum(vectors[:, ~mask] ** 2, axis=1))
     determined = (lost < np.sqrt(_OPEN)) & (size > 0.0)
     scale = np.where(size > 0.0, size, 1.0)
     white = weight * np.where(seen, y, 0.0)
@@ -229,7 +229,7 @@ def fit_run(reading: ArrayLike, sigma: ArrayLike, columns: Array, terms: tuple[T
         tuple(term for term, known in zip(terms, determined, strict=True) if not known),
         residuals,
         float(left @ left),
-        int(seen.sum() - kept.sum()),
+        int(seen.sum() - mask.sum()),
     )
 
 

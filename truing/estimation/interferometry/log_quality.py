@@ -206,9 +206,9 @@ def jumps(reading: Array, sigma: ArrayLike, columns: Array, false_alarm: float =
 
     false_alarm: for all runs together.
     """
-    found: Jump = find_jump(reading, sigma, columns)
-    at = np.flatnonzero(found.p_value <= false_alarm / max(len(found.p_value), 1))
-    return JumpFound(at, found.onset[at], found.size[at], found.sigma[at], found.p_value[at])
+    jump: Jump = find_jump(reading, sigma, columns)
+    at = np.flatnonzero(jump.p_value <= false_alarm / max(len(jump.p_value), 1))
+    return JumpFound(at, jump.onset[at], jump.size[at], jump.sigma[at], jump.p_value[at])
 
 
 def drifting(fits: list[RunFit], duration_s: ArrayLike, false_alarm: float = 0.01) -> LogFaults:

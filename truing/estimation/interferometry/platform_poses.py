@@ -127,11 +127,11 @@ def _inverse_where_known(information: Array) -> tuple[Array, Mask, Index]:
     size = np.sqrt(np.einsum("kii->ki", information))
     scale = np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(information / (scale[:, :, None] * scale[:, None, :]))
-    kept = values > _RELATIVE
-    inverse = np.einsum("kie,ke,kje->kij", vectors, kept / np.where(kept, values, 1.0), vectors)
-    lost = np.einsum("kie,ke->ki", vectors**2, ~kept)
+    mask = values > _RELATIVE
+    inverse = np.einsum("kie,ke,kje->kij", vectors, mask / np.where(mask, values, 1.0), vectors)
+    lost = np.einsum("kie,ke->ki", vectors**2, ~mask)
     known = (lost < _RELATIVE) & (size > 0.0)
-    return inverse / (scale[:, :, None] * scale[:, None, :]), known, kept.sum(1)
+    return inverse / (scale[:, :, None] * scale[:, None, :]), known, mask.sum(1)
 
 
 @dataclass(frozen=True)
@@ -172,15 +172,15 @@ class PlatformPoses:
     geometry: EstimatedMotion | None = None
 
 
-def find_poses(steps: RecordedSteps, beams: DeclaredBeams | None, kept: Mask) -> PlatformPoses:
+def find_poses(steps: RecordedSteps, beams: DeclaredBeams | None, mask: Mask) -> PlatformPoses:
     """Return displacements from readings, each channel separately: their errors are independent.
 
-    Readings are components of the platform's motion, unless the geometry of their beams is declared. ``kept`` (B, 6):
+    Readings are components of the platform's motion, unless the geometry of their beams is declared. ``mask`` (B, 6):
     readings that a person marked as valid.
     """
     cases = load_cases(steps)
     curves = run_curves(steps.load, steps.time_s, steps.run, steps.reading, steps.sigma)
-    curves = replace(curves, rejected=curves.rejected & ~kept)
+    curves = replace(curves, rejected=curves.rejected & ~mask)
     origin = _origins(steps, curves)
     counted = replace(steps, reading=steps.reading - origin[steps.run])
     count, runs = len(cases.load), len(steps.runs)
@@ -196,11 +196,11 @@ def find_poses(steps: RecordedSteps, beams: DeclaredBeams | None, kept: Mask) ->
         sigma = np.sqrt(np.diag(one.shared_covariance))
         terms[0, met, k], terms[1, met, k] = origin[met, k] + one.shared[: len(met)], sigma[: len(met)]
         terms[2, met[drifting], k], terms[3, met[drifting], k] = one.shared[len(met) :], sigma[len(met) :]
-    found = PlatformPoses(steps, cases, curves, value, covariance, *terms)
+    platform_poses = PlatformPoses(steps, cases, curves, value, covariance, *terms)
     if beams is None:
-        return found
+        return platform_poses
     seen = beams.solved(cases.load, value, covariance)
-    return replace(found, value=seen.value, covariance=seen.covariance, geometry=seen)
+    return replace(platform_poses, value=seen.value, covariance=seen.covariance, geometry=seen)
 
 
 def _origins(steps: RecordedSteps, curves: RunCurves) -> Array:
@@ -226,14 +226,16 @@ def _from_channel(
     shared = np.concatenate([zeros, drifts[:, drifting] / scale], axis=1)
     known = np.concatenate([first, np.full(int(drifting.sum()), np.inf)])
     along = np.broadcast_to(np.eye(6)[k], (len(rows), 6))
-    found = platform_displacement(along, steps.reading[rows, k], sigma, case, shared, known)
+    displacement = platform_displacement(along, steps.reading[rows, k], sigma, case, shared, known)
     per_second = np.concatenate([np.ones(len(met)), 1.0 / scale])
-    return _rescaled(found, per_second), met, drifting
+    return _rescaled(displacement, per_second), met, drifting
 
 
-def _rescaled(found: PlatformDisplacement, factor: Array) -> PlatformDisplacement:
-    covariance = found.shared_covariance * np.outer(factor, factor)
-    return replace(found, shared=found.shared * factor, shared_covariance=covariance, gain=found.gain / factor)
+def _rescaled(displacement: PlatformDisplacement, factor: Array) -> PlatformDisplacement:
+    covariance = displacement.shared_covariance * np.outer(factor, factor)
+    return replace(
+        displacement, shared=displacement.shared * factor, shared_covariance=covariance, gain=displacement.gain / factor
+    )
 
 
 def _revisits_a_case(case: Index, time: Array) -> bool:

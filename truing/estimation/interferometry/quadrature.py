@@ -205,8 +205,8 @@ def ellipse_start(signals: Array, weight: Array) -> Array:
     size = np.sqrt(np.einsum("bn,bnk->bk", weight, (signals - centre[:, None]) ** 2) / total)
     size = np.where(size > 0.0, size, 1.0)
     conic = _conic((signals - centre[:, None]) / size[:, None], weight)
-    found = _shape(conic)
-    return np.column_stack([centre + size * found[:, :2], size * found[:, 2:4], found[:, 4]])
+    shape = _shape(conic)
+    return np.column_stack([centre + size * shape[:, :2], size * shape[:, 2:4], shape[:, 4]])
 
 
 def _conic(z: Array, weight: Array) -> Array:

@@ -160,10 +160,10 @@ def _noise(batch: _Batch, reading: Array, sigma: Array) -> Array:
     scatter = batch.scatter(batch.robust(np.broadcast_to(unit[:, None], batch.y.shape))) * unit
     for k in range(reading.shape[1]):
         own = scatter[(batch.channel == k) & batch.has_curve]
-        found = float(np.median(own)) if len(own) else np.nan
-        if not found > 0.0:
-            found = float(np.nanstd(reading[:, k])) or 1.0
-        noise[open_channels[:, k], k] = found
+        sigma_of_channel = float(np.median(own)) if len(own) else np.nan
+        if not sigma_of_channel > 0.0:
+            sigma_of_channel = float(np.nanstd(reading[:, k])) or 1.0
+        noise[open_channels[:, k], k] = sigma_of_channel
     return noise
 
 
@@ -171,9 +171,9 @@ def _with_estimated_noise(
     batch: _Batch, left: Array, rejected: Mask, reading: Array, sigma: Array, first: Array
 ) -> Array:
     """Return the noise, with undeclared values estimated from all runs of a channel without gross errors."""
-    noise, kept = np.array(first), batch.seen & ~rejected & batch.has_curve[:, None]
-    spare = np.where(batch.has_curve, np.maximum(kept.sum(1) - batch.terms, 0), 0)
-    squares = np.sum(np.where(kept, left, 0.0) ** 2, axis=1)
+    noise, mask = np.array(first), batch.seen & ~rejected & batch.has_curve[:, None]
+    spare = np.where(batch.has_curve, np.maximum(mask.sum(1) - batch.terms, 0), 0)
+    squares = np.sum(np.where(mask, left, 0.0) ** 2, axis=1)
     for k in range(reading.shape[1]):
         own = (batch.channel == k) & (spare > 0)
         if squares[own].sum() > 0.0:
@@ -224,15 +224,15 @@ def _with_a_jump(batch: _Batch, sigma: Array, piece: int) -> float:
     return float(left @ left - gain.max())
 
 
-def _weighted_residual(batch: _Batch, kept: Mask, sigma: Array) -> Array:
-    return batch.solved(np.where(kept, 1.0 / sigma**2, 0.0))[0]
+def _weighted_residual(batch: _Batch, mask: Mask, sigma: Array) -> Array:
+    return batch.solved(np.where(mask, 1.0 / sigma**2, 0.0))[0]
 
 
-def _rejection_limit(batch: _Batch, left: Array, sigma: Array, kept: Mask, limit: float) -> Array:
+def _rejection_limit(batch: _Batch, left: Array, sigma: Array, mask: Mask, limit: float) -> Array:
     """Return the limit (M, 1) in sigmas, larger if the kept residuals scatter more than their noise."""
-    far = np.where(kept, np.abs(left) / sigma, np.inf)
-    spare = np.maximum(kept.sum(1) - batch.terms, 1)
-    middle = np.clip(batch.terms + spare // 2, 0, np.maximum(kept.sum(1) - 1, 0))
+    far = np.where(mask, np.abs(left) / sigma, np.inf)
+    spare = np.maximum(mask.sum(1) - batch.terms, 1)
+    middle = np.clip(batch.terms + spare // 2, 0, np.maximum(mask.sum(1) - 1, 0))
     scatter = np.take_along_axis(np.sort(far, axis=1), middle[:, None], axis=1)[:, 0] / _NORMAL_MEDIAN
     return np.asarray(limit * np.maximum(1.0, np.where(np.isfinite(scatter), scatter, 1.0)))[:, None]
 
@@ -240,13 +240,13 @@ def _rejection_limit(batch: _Batch, left: Array, sigma: Array, kept: Mask, limit
 def _from_robust_start(batch: _Batch, sigma: Array, limit: float, assessed: Mask) -> Mask:
     start = batch.robust(sigma)
     wide = (limit * np.maximum(1.0, batch.scatter(start)))[:, None]
-    kept = assessed & (start < 1.5 * wide)
+    mask = assessed & (start < 1.5 * wide)
     for _ in range(_FIXPOINT_ROUNDS):
-        again = assessed & (_standardised(batch, kept, sigma) < wide)
-        if (again == kept).all():
+        again = assessed & (_standardised(batch, mask, sigma) < wide)
+        if (again == mask).all():
             break
-        kept = again
-    return kept
+        mask = again
+    return mask
 
 
 def _one_by_one(batch: _Batch, sigma: Array, limit: float, assessed: Mask) -> Mask:
@@ -264,11 +264,11 @@ def _one_by_one(batch: _Batch, sigma: Array, limit: float, assessed: Mask) -> Ma
     return kept
 
 
-def _standardised(batch: _Batch, kept: Mask, sigma: Array) -> Array:
+def _standardised(batch: _Batch, mask: Mask, sigma: Array) -> Array:
     """Return residuals (M, N) over their own standard deviation, for readings inside and outside the fit."""
-    left, reach = batch.solved(np.where(kept, 1.0 / sigma**2, 0.0))
+    left, reach = batch.solved(np.where(mask, 1.0 / sigma**2, 0.0))
     own = reach / sigma**2
-    return np.abs(left) / (sigma * np.sqrt(np.where(kept, np.maximum(1.0 - own, 1e-3), 1.0 + own)))
+    return np.abs(left) / (sigma * np.sqrt(np.where(mask, np.maximum(1.0 - own, 1e-3), 1.0 + own)))
 
 
 def _neighbour_median(left: Array) -> Array:
@@ -284,7 +284,7 @@ def _neighbour_median(left: Array) -> Array:
 
 def _in_long_runs(side: Array) -> Mask:
     """Return the mask of signs (M, N) in a series of several equal ones other than 0."""
-    found = np.zeros(side.shape, bool)
+    mask = np.zeros(side.shape, bool)
     for shift in range(_LASTS):
         first = np.roll(side, shift, axis=1)
         same = side != 0.0
@@ -293,5 +293,5 @@ def _in_long_runs(side: Array) -> Mask:
             same &= moved == side
             inside = np.arange(side.shape[1]) - shift + step
             same &= (inside >= 0) & (inside < side.shape[1])
-        found |= same
-    return found
+        mask |= same
+    return mask

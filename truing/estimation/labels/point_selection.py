@@ -24,13 +24,13 @@ class PointSelection:
     exchanges: list[Exchange]
 
 
-def select_points(residuals: PointResiduals, found: PosePoints, shape: NDArray, order: NDArray) -> PointSelection:
+def select_points(residuals: PointResiduals, pose_points: PosePoints, shape: NDArray, order: NDArray) -> PointSelection:
     """Return the selection of a body's points (B, T) from their residuals; shape (T, 3) m, order (B,): rank of the
     poses in time."""
-    seen = found.seen & ~residuals.excluded
-    sigma = _typical_sigma(found, residuals.values, seen)
-    swapped = exchanges(residuals.values, found.points, seen, shape, sigma)
-    values, anew = residuals_after_exchange(residuals.values, found.points, seen, shape, swapped)
+    seen = pose_points.seen & ~residuals.excluded
+    sigma = _typical_sigma(pose_points, residuals.values, seen)
+    swapped = exchanges(residuals.values, pose_points.points, seen, shape, sigma)
+    values, anew = residuals_after_exchange(residuals.values, pose_points.points, seen, shape, swapped)
     rejected = residuals.rejected.copy()
     rejected[anew] = False
     for one in swapped:
@@ -40,9 +40,9 @@ def select_points(residuals: PointResiduals, found: PosePoints, shape: NDArray, 
     return PointSelection(seen & ~alone & ~unknown, swapped)
 
 
-def _typical_sigma(found: PosePoints, values: NDArray, seen: NDArray) -> float:
+def _typical_sigma(pose_points: PosePoints, values: NDArray, seen: NDArray) -> float:
     """Return the standard deviation of a point, m: as declared, or that of most residuals if larger."""
-    declared = np.sqrt(np.median(np.trace(found.cov[seen], axis1=-2, axis2=-1)) / 3) if seen.any() else 0.0
+    declared = np.sqrt(np.median(np.trace(pose_points.cov[seen], axis1=-2, axis2=-1)) / 3) if seen.any() else 0.0
     length = np.sqrt(np.sum(values[seen & np.isfinite(values).all(-1)] ** 2, -1))
     scatter = np.median(length) / 1.538 if len(length) else 0.0  # the median length of three unit normals
     return float(max(np.nan_to_num(declared), scatter, 1e-9))

@@ -369,10 +369,10 @@ def _accept(
     rows = np.flatnonzero(useful)
     linear = linearise(residual[rows], jacobian[rows], walk.linear.scale[rows])
     falling = linear.offset < _STILL_FALLING * walk.linear.offset[rows]
-    kept = falling | ~fine[rows]
-    rows = rows[kept]
+    mask = falling | ~fine[rows]
+    rows = rows[mask]
     walk.x[rows], walk.cost[rows] = trial[rows], cost[rows]
-    walk.linear.put(rows, linear[kept])
+    walk.linear.put(rows, linear[mask])
     return np.isin(np.arange(len(useful)), rows)
 
 

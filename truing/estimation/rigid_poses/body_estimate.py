@@ -128,13 +128,13 @@ class BodyEstimate:
         there = (points.seen & common.known)[..., None]
         residual = np.where(there, fit.residuals(place, points.points), np.nan)
         why = reasons(fit, residual, common.known, common.frame, used, rejected)
-        kept, excluded = used & keep.chosen, out.chosen & points.seen
-        why = np.where(kept, keep.words, np.where(excluded, out.words, why))
+        mask, excluded = used & keep.chosen, out.chosen & points.seen
+        why = np.where(mask, keep.words, np.where(excluded, out.words, why))
         left = {method: usable.sum(axis=1) - f.n_used + excluded.sum(axis=1) for method, f in fits.items()}
         left[default] = rejected.sum(axis=1)
         return BodyPoses(
             *(self.name, points, fits, default, residual, used, rejected, left, why, common.noise_ratio),
-            *(place, np.nan_to_num(common.cov_source), common.frame, kept, excluded),
+            *(place, np.nan_to_num(common.cov_source), common.frame, mask, excluded),
             weights=weights,
         )
 
@@ -194,14 +194,14 @@ def estimate_body(
     along the line to each point.
     """
     allowed = points.seen if out is None else points.seen & ~out.chosen
-    kept = np.zeros((1, 1), bool) if keep is None else keep.chosen
+    mask = np.zeros((1, 1), bool) if keep is None else keep.chosen
     if survey.targets:
-        return BodyEstimate(body, points, _by_survey(points, survey, allowed, kept), out, keep)
+        return BodyEstimate(body, points, _by_survey(points, survey, allowed, mask), out, keep)
     each: Points = points
     if own is not None:
-        whole = points.block(slice(None))
-        each = replace(whole, cov=np.where(whole.seen[..., None, None], own, whole.cov))
-    return BodyEstimate(body, points, _by_itself(each, allowed, kept), out, keep)
+        block = points.block(slice(None))
+        each = replace(block, cov=np.where(block.seen[..., None, None], own, block.cov))
+    return BodyEstimate(body, points, _by_itself(each, allowed, mask), out, keep)
 
 
 def _by_survey(points: Points, survey: SurveyPoints, allowed: Mask, keep: Mask) -> CommonPart:

@@ -178,30 +178,30 @@ def _scatter(residual: Array, used: Mask, R: Array, points: PosePoints) -> tuple
     larger than by chance. Errors of the survey are the same in all poses, and are removed with the means."""
     from scipy.special import chdtrc
 
-    kept = used & np.isfinite(residual).all(-1)
-    count = kept.sum(0)
-    mean = np.where(kept[..., None], residual, 0.0).sum(0) / np.maximum(count, 1)[:, None]
-    apart = np.einsum("bij,bnj->bni", R, np.where(kept[..., None], residual - mean, 0.0))
-    cov = np.where(kept[..., None, None], points.cov, np.eye(3))
+    mask = used & np.isfinite(residual).all(-1)
+    count = mask.sum(0)
+    mean = np.where(mask[..., None], residual, 0.0).sum(0) / np.maximum(count, 1)[:, None]
+    apart = np.einsum("bij,bnj->bni", R, np.where(mask[..., None], residual - mean, 0.0))
+    cov = np.where(mask[..., None, None], points.cov, np.eye(3))
     squares = float(np.einsum("bni,bni->", apart, np.linalg.solve(cov, apart[..., None])[..., 0]))
-    poses = int(kept.any(1).sum())
-    dof = float(3 * kept.sum() - 6 * poses - max(3 * int((count > 0).sum()) - 6, 0))
+    poses = int(mask.any(1).sum())
+    dof = float(3 * mask.sum() - 6 * poses - max(3 * int((count > 0).sum()) - 6, 0))
     if dof <= 0 or chdtrc(dof, squares) > _BY_CHANCE:
         return 1.0, max(dof, 0.0)
     return float(np.sqrt(squares / dof)), dof
 
 
-def body_parts(name: str, survey: SurveyPoints, found: FittedPoints) -> dict[Source, Array] | None:
+def body_parts(name: str, survey: SurveyPoints, fitted_points: FittedPoints) -> dict[Source, Array] | None:
     """Return covariances (B, 6, 6) of a body's poses due to its points, its survey, and excess scatter.
 
     Only surveyed targets count. None if no point was used, or if the noise of one is not declared.
     """
-    points, ok = found.points, np.asarray(np.isfinite(found.R).all((1, 2)))
-    used = found.used & ok[:, None]
+    points, ok = fitted_points.points, np.asarray(np.isfinite(fitted_points.R).all((1, 2)))
+    used = fitted_points.used & ok[:, None]
     declared = np.trace(points.cov, axis1=-2, axis2=-1) > 0.0
     if not used.any() or not declared[used].all() or not np.isfinite(points.cov[used]).all():
         return None
-    turn, source_cov = found.rotation, np.nan_to_num(survey.cov)
+    turn, source_cov = fitted_points.rotation, np.nan_to_num(survey.cov)
     target_cov = np.where(used[..., None, None], points.cov, np.eye(3))
     turned = turn[:, None] @ source_cov @ np.swapaxes(turn, 1, 2)[:, None]
     noise = target_cov + np.where(used[..., None, None], turned, 0.0)
@@ -213,7 +213,7 @@ def body_parts(name: str, survey: SurveyPoints, found: FittedPoints) -> dict[Sou
         Source(f"points of {name}, as declared", "B"): by_points,
         Source(f"survey of {name}, as declared", "B"): by_survey,
     }
-    ratio, dof = _scatter(found.residual, used, turn, points)
+    ratio, dof = _scatter(fitted_points.residual, used, turn, points)
     if ratio > 1.0:
         parts[Source(f"scatter of the points of {name} beyond that", "A", dof)] = (ratio**2 - 1.0) * by_points
     return parts

@@ -68,11 +68,11 @@ def compare_surveys(
     if status != FitStatus.OK:
         return _without_result(len(x), str(status))
     for _ in range(_ROUNDS):
-        found = _comparison_with_others(x, Vx, y, Vy, kept, alarm, text)
-        if found.status != FitStatus.OK or (~found.moved == kept).all():
+        comparison = _comparison_with_others(x, Vx, y, Vy, kept, alarm, text)
+        if comparison.status != FitStatus.OK or (~comparison.moved == kept).all():
             break
-        kept = ~found.moved
-    return found
+        kept = ~comparison.moved
+    return comparison
 
 
 def _largest_set(x: Array, y: Array, usable: Mask, sigma: Array) -> tuple[Mask, str]:
@@ -93,30 +93,30 @@ _SHAPES = ((3, 3), 3, (6, 6))
 
 
 def _comparison_with_others(
-    x: Array, Vx: Array, y: Array, Vy: Array, kept: Mask, alarm: float, is_stated: Mask
+    x: Array, Vx: Array, y: Array, Vy: Array, mask: Mask, alarm: float, is_stated: Mask
 ) -> SurveyComparison:
     """Return the comparison of every target with the motion of the kept ones other than itself."""
-    fit = umeyama(x[None], y[None], kept[None] / np.trace(Vx + Vy, axis1=1, axis2=2)[None])
+    fit = umeyama(x[None], y[None], mask[None] / np.trace(Vx + Vy, axis1=1, axis2=2)[None])
     if not fit.ok[0]:
         return _without_result(len(x), str(fit.status[0]))
     R, t = fit.R[0], fit.t[0]
     off = (y - t) @ R - x
     V = Vx + R.T @ Vy @ R
-    arm, weight = rigid_motions(x), np.linalg.inv(V) * kept[:, None, None]
+    arm, weight = rigid_motions(x), np.linalg.inv(V) * mask[:, None, None]
     frame = np.linalg.inv(np.einsum("tia,tij,tjb->ab", arm, weight, arm))
     moved_frame = frame @ np.einsum("tia,tij,tj->a", arm, weight, off)
     left = off - arm @ moved_frame
     of_frame = arm @ frame @ np.swapaxes(arm, 1, 2)
-    own = V * (1.0 + _FLOOR) + np.where(kept, -1.0, 1.0)[:, None, None] * of_frame
+    own = V * (1.0 + _FLOOR) + np.where(mask, -1.0, 1.0)[:, None, None] * of_frame
     inverse = np.linalg.inv(own)
     square = np.einsum("ti,tij,tj->t", left, inverse, left)
     chi_square = float(np.einsum("ti,tij,tj->", left, weight, left))
-    freedom = 3 * int(kept.sum()) - 6
-    p = _p_values(square, chi_square - np.where(kept, square, 0.0), freedom - 3 * kept)
+    freedom = 3 * int(mask.sum()) - 6
+    p = _p_values(square, chi_square - np.where(mask, square, 0.0), freedom - 3 * mask)
     # the prediction of a kept target must not use it: restore its own part of the residual
-    restored = np.where(kept[:, None, None], V @ inverse, np.eye(3))
+    restored = np.where(mask[:, None, None], V @ inverse, np.eye(3))
     shift = (restored @ left[..., None])[..., 0]
-    cov = np.where(kept[:, None, None], V @ inverse @ V, own)
+    cov = np.where(mask[:, None, None], V @ inverse @ V, own)
     moved = is_stated.copy()
     moved[~is_stated] = holm_adjusted(p[~is_stated]) <= alarm
     small = moved_frame[3:]

@@ -58,8 +58,8 @@ def common_shape(points: NDArray, mask: NDArray, sigma: float) -> NDArray:
     starts = richest[np.unique(np.linspace(0, min(len(richest), _ALIKE) - 1, _STARTS).astype(int))]
     best: _Agreeing | None = None
     for first in starts:  # a gross error in the first pose would make all others disagree
-        found = _agreeing_from(int(first), points, mask, sigma)
-        best = found if best is None or found.agreed.sum() > best.agreed.sum() else best
+        agreeing = _agreeing_from(int(first), points, mask, sigma)
+        best = agreeing if best is None or agreeing.agreed.sum() > best.agreed.sum() else best
         if 2 * best.agreed.any(axis=1).sum() > len(possible):
             break
     assert best is not None

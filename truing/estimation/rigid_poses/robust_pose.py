@@ -153,15 +153,15 @@ def fit_robustly(body: RobustBody) -> tuple[RigidFit, NDArray, float]:
     """Return the results of `robust_poses`."""
     ratio = 1.0
     for _ in range(_ROUNDS):
-        found = _in_blocks(body, body.blocks(), ratio)
-        renewed = _noise_ratio(found, body)
+        blocks = _in_blocks(body, body.blocks(), ratio)
+        renewed = _noise_ratio(blocks, body)
         if renewed < _WORTH_ANOTHER_ROUND * ratio:
             break
         ratio = renewed
-    wider = _ratio_that_most_poses_need(found.fit, body, ratio)
+    wider = _ratio_that_most_poses_need(blocks.fit, body, ratio)
     if wider != ratio:
-        found = _in_blocks(body, body.blocks(), wider)
-    return found.fit, found.kept, wider
+        blocks = _in_blocks(body, body.blocks(), wider)
+    return blocks.fit, blocks.kept, wider
 
 
 def _in_blocks(body: RobustBody, blocks: Sequence[slice | NDArray], ratio: float) -> RobustFit:
@@ -195,17 +195,17 @@ def _ratio_that_most_poses_need(fit: RigidFit, body: RobustBody, ratio: float) -
     return ratio
 
 
-def _noise_ratio(found: RobustFit, body: RobustBody) -> float:
+def _noise_ratio(robust_fit: RobustFit, body: RobustBody) -> float:
     """Return the scatter in units of the noise, at least 1, from the poses in which most points agree. If most poses
     have no consensus, it comes from the distances between points."""
-    fit, mask = found.fit, body.mask
+    fit, mask = robust_fit.fit, body.mask
     usable = mask.sum(-1) >= 3
     if not usable.any():
         return 1.0
-    majority = fit.ok & (2 * found.kept.sum(-1) > mask.sum(-1))
+    majority = fit.ok & (2 * robust_fit.kept.sum(-1) > mask.sum(-1))
     if 2 * np.sum(fit.ok & usable) < usable.sum():
         return max(sigma_of_some_poses(body) / float(np.median(body.sigma()[mask])), 1.0)
-    return float(max(np.median(found.scatter[majority]), 1.0)) if majority.any() else 1.0
+    return float(max(np.median(robust_fit.scatter[majority]), 1.0)) if majority.any() else 1.0
 
 
 def target_scatter(fit: RigidFit, source: NDArray, target: NDArray, cov_target: NDArray, mask: NDArray) -> NDArray:

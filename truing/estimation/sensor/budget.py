@@ -80,19 +80,19 @@ def coefficient_parts(fit: Calibration, table: LoadTable, signals: Source) -> di
     return parts
 
 
-def recalibrated(found: RecordedLoads, name: str, declared: bool) -> Calibrated:
+def recalibrated(recorded_loads: RecordedLoads, name: str, declared: bool) -> Calibrated:
     """Return the calibration by the model of a name, with the contribution of each source.
 
     declared: whether the noise of signals was declared. Raises UndeterminedCalibrationError as
     `contenders.calibrations`.
     """
-    model = next(model for model in contenders(found) if model.name == name)
-    table, _ = by_cases(found, ~found.steps.held_out)
+    model = next(model for model in contenders(recorded_loads) if model.name == name)
+    table, _ = by_cases(recorded_loads, ~recorded_loads.steps.held_out)
     fit = fit_calibration(table, model)
     spare = float(max(len(table.signals) - fit.matrix.shape[1], 1))
     signals = Source("noise of the signals", "B") if declared else Source("noise of the signals", "A", spare)
     parts = coefficient_parts(fit, table, signals)
-    return Calibrated(found, table, fit, parts, covariance_by_case(table, model), signals)
+    return Calibrated(recorded_loads, table, fit, parts, covariance_by_case(table, model), signals)
 
 
 def budget_of_matrix(made: Calibrated) -> tuple[Array, Budget]:

@@ -163,12 +163,12 @@ def fit_calibration(table: LoadTable, model: CalibrationModel | None = None) -> 
         cov = _declared_covariance(problem, 0)
         if np.linalg.eigvalsh(cov).min() <= 0:
             raise ValueError("found a response that is exactly known, expected an error of each, or errors in both")
-        found = weighted_fit(problem.columns, problem.y, cov, prior)
+        fit = weighted_fit(problem.columns, problem.y, cov, prior)
     elif prior is not None:
-        found = weighted_fit(problem.columns, problem.y, _first_noise(problem), prior)
+        fit = weighted_fit(problem.columns, problem.y, _first_noise(problem), prior)
     else:
-        found = least_squares_fit(problem.columns, problem.y)
-    return _result(problem, found)
+        fit = least_squares_fit(problem.columns, problem.y)
+    return _result(problem, fit)
 
 
 def _check(problem: _CalibrationTable) -> None:
@@ -212,19 +212,21 @@ def _first_noise(problem: _CalibrationTable) -> NDArray:
     return np.asarray(residual.T @ residual / max(len(columns) - int(rank), 1))
 
 
-def _result(problem: _CalibrationTable, found: LinearFit, status: SolverStatus = SolverStatus.CONVERGED) -> Calibration:
+def _result(
+    problem: _CalibrationTable, linear_fit: LinearFit, status: SolverStatus = SolverStatus.CONVERGED
+) -> Calibration:
     terms = len(problem.terms.labels)
     return Calibration(
         model=problem.model,
         terms=problem.terms,
         response_names=problem.response_names,
-        matrix=found.matrix[:, :terms],
-        zeros=found.matrix[:, terms:],
-        covariance=found.covariance,
-        residuals=problem.y - problem.columns @ found.matrix.T,
-        noise=found.noise,
-        chi_square=found.chi_square,
-        dof=found.dof,
+        matrix=linear_fit.matrix[:, :terms],
+        zeros=linear_fit.matrix[:, terms:],
+        covariance=linear_fit.covariance,
+        residuals=problem.y - problem.columns @ linear_fit.matrix.T,
+        noise=linear_fit.noise,
+        chi_square=linear_fit.chi_square,
+        dof=linear_fit.dof,
         status=status,
     )
 
@@ -232,13 +234,13 @@ def _result(problem: _CalibrationTable, found: LinearFit, status: SolverStatus =
 def _fit_with_both_errors(problem: _CalibrationTable) -> Calibration:
     """Return the maximum-likelihood fit with errors in response and inputs, starting from the weighted one."""
     rows, width, count = len(problem.y), problem.y.shape[1], problem.x.shape[1]
-    own, other = _declared_covariance(problem, 0), _declared_covariance(problem, 1)
+    declared_covariance, other = _declared_covariance(problem, 0), _declared_covariance(problem, 1)
     cov = np.zeros((rows, width + count, width + count))
-    cov[:, :width, :width], cov[:, width:, width:] = own, other
+    cov[:, :width, :width], cov[:, width:, width:] = declared_covariance, other
     prior = problem.prior()
-    spread = np.linalg.eigvalsh(own).min() > 0  # exactly known loads have no weighted fit as a start
+    spread = np.linalg.eigvalsh(declared_covariance).min() > 0  # exactly known loads have no weighted fit as a start
     columns, y = problem.columns, problem.y
-    start = weighted_fit(columns, y, own, prior) if spread else least_squares_fit(columns, y)
+    start = weighted_fit(columns, y, declared_covariance, prior) if spread else least_squares_fit(columns, y)
     equations = TermEquations(problem.terms, problem.y, problem.x, problem.table.covariates, problem.zeros)
     fit = fit_errors_in_variables(equations.constrain, cov, start.matrix.ravel(), prior, robust=False)
     matrix = fit.values.reshape(width, -1)
@@ -355,5 +357,5 @@ def weighted_fit(columns: NDArray, response: NDArray, cov: NDArray, prior: Prior
 def _root(information: NDArray) -> NDArray:
     """Return rows (r, P) whose products add up to an information (P, P) that may be singular."""
     strength, axes = np.linalg.eigh(information)
-    kept = strength > 1e-14 * max(strength[-1], 0.0)
-    return np.sqrt(strength[kept])[:, None] * axes[:, kept].T
+    mask = strength > 1e-14 * max(strength[-1], 0.0)
+    return np.sqrt(strength[mask])[:, None] * axes[:, mask].T

@@ -125,20 +125,22 @@ class CalibratedSensor:
 
 
 def calibrated_sensor(
-    held: HeldOutPredictions, table: LoadTable, reference_c: float, is_tared: bool
+    held_out_predictions: HeldOutPredictions, table: LoadTable, reference_c: float, is_tared: bool
 ) -> CalibratedSensor:
     """Return the sensor of a fit to a table of calibration loads; raises ValueError if every case has its own zero."""
-    fit = held.fit
+    fit = held_out_predictions.fit
     if fit.model.zero == "case":
         raise ValueError("found a calibration with a zero for every load case, expected one for all")
     if not (fit.model.drift or fit.model.gain):
         fit = replace(fit, terms=replace(fit.terms, covariates=()))
     count = table.signals.shape[1]
-    own = fit.noise if fit.model.direction == "forward" else np.zeros((count, count))
-    cov = own if table.signal_cov is None else table.signal_cov
+    noise = fit.noise if fit.model.direction == "forward" else np.zeros((count, count))
+    cov = noise if table.signal_cov is None else table.signal_cov
     reference = np.full(len(fit.terms.covariates), reference_c)
     largest = np.abs(table.loads).max(axis=0)
-    return CalibratedSensor(fit, table.load_names, table.signal_names, cov, reference, largest, is_tared, held.rms)
+    return CalibratedSensor(
+        fit, table.load_names, table.signal_names, cov, reference, largest, is_tared, held_out_predictions.rms
+    )
 
 
 def sensor_text(sensor: CalibratedSensor, context: Mapping[str, str]) -> str:

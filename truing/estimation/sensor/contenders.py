@@ -87,9 +87,9 @@ def hold_out(table: LoadTable, model: CalibrationModel) -> HeldOutPredictions:
     for place, case in enumerate(table.cases):
         out = table.case == case
         fit = _calibration_without_case(table.rows(~out), model, case)
-        found = predicted_loads(fit, table.rows(out))
-        miss = found.value - table.loads[out]
-        spread = _spread(fit, found, table.rows(out))
+        predicted = predicted_loads(fit, table.rows(out))
+        miss = predicted.value - table.loads[out]
+        spread = _spread(fit, predicted, table.rows(out))
         squares[place], freedom[place], density = _misfit(miss, spread, model.zero == "case")
         log_density += density
         errors[out] = miss - miss.mean(0) if model.zero == "case" else miss
@@ -106,10 +106,10 @@ def covariance_by_case(table: LoadTable, model: CalibrationModel) -> MatrixEstim
     for case in table.cases:
         rest = table.rows(table.case != case)
         values.append(calibration_matrix(_calibration_without_case(rest, model, case), table.signal_cov).value.ravel())
-    whole = calibration_matrix(fit_calibration(table, model), table.signal_cov)
+    matrix = calibration_matrix(fit_calibration(table, model), table.signal_cov)
     apart = np.array(values) - np.mean(values, axis=0)
     count = len(values)
-    return MatrixEstimate(whole.value, (count - 1) / count * apart.T @ apart)
+    return MatrixEstimate(matrix.value, (count - 1) / count * apart.T @ apart)
 
 
 def predicted_loads(fit: Calibration, table: LoadTable) -> Wrenches:
@@ -237,10 +237,10 @@ def _misfit(miss: NDArray, spread: _Spread, own_zero: bool) -> tuple[float, floa
     return squares, freedom, -0.5 * (squares + log_det + freedom * float(np.log(2 * np.pi)))
 
 
-def _smallest(held: Sequence[HeldOutPredictions]) -> NDArray:
+def _smallest(held_out_predictions: Sequence[HeldOutPredictions]) -> NDArray:
     """Return the error covariance (W, W) of the contender with the smallest error volume. Only models with enough rows
     to estimate their noise count: errors of the others lie in few directions, and have zero volume."""
-    reported = [one for one in held if np.isfinite(one.log_density)]
+    reported = [prediction for prediction in held_out_predictions if np.isfinite(prediction.log_density)]
     if not reported:
         raise ValueError("found no model with fewer terms than rows, expected one, to estimate the noise")
     spreads = [one.errors.T @ one.errors / len(one.errors) for one in reported]
@@ -280,59 +280,59 @@ class SensorCalibrations:
         return self.matrices[self.choice.choice.chosen]
 
 
-def calibrations(found: RecordedLoads) -> SensorCalibrations:
+def calibrations(recorded_loads: RecordedLoads) -> SensorCalibrations:
     """Return the fits and tests of all contenders; raises UndeterminedCalibrationError, naming missing data."""
-    rows = ~found.steps.held_out
-    table, words = by_cases(found, rows)
-    choice = choose_calibration(table, contenders(found))
+    rows = ~recorded_loads.steps.held_out
+    table, words = by_cases(recorded_loads, rows)
+    choice = choose_calibration(table, contenders(recorded_loads))
     matrices = tuple(calibration_matrix(contender.fit, table.signal_cov) for contender in choice.contenders)
     by_case = covariance_by_case(table, choice.chosen.fit.model)
-    return SensorCalibrations(table, choice, words, matrices, by_case, _verified(found, choice.chosen.fit))
+    return SensorCalibrations(table, choice, words, matrices, by_case, _verified(recorded_loads, choice.chosen.fit))
 
 
-def contenders(found: RecordedLoads) -> list[CalibrationModel]:
+def contenders(recorded_loads: RecordedLoads) -> list[CalibrationModel]:
     """Return the candidate models: the printed formula, estimators that use noise, and terms that must improve
     predictions."""
-    zero: Zero = "none" if found.tared else "common"
-    noisy_loads = bool((found.load_sigma > 0.0).all())
+    zero: Zero = "none" if recorded_loads.tared else "common"
+    noisy_loads = bool((recorded_loads.load_sigma > 0.0).all())
     plain = CalibrationModel("weighted", "forward", zero=zero)
     models = [AS_PRINTED, CalibrationModel(zero=zero)]
     # with dependent channels a prior gives good predictions but an undetermined matrix
-    models += [CalibrationModel(zero=zero, ridge=_RIDGE)] if found.signal.shape[1] <= len(LOADS) else []
+    models += [CalibrationModel(zero=zero, ridge=_RIDGE)] if recorded_loads.signal.shape[1] <= len(LOADS) else []
     models.append(plain)
     if noisy_loads:
         models += [replace(plain, direction="direct"), replace(plain, estimator="errors in both")]
-    if found.covariate_names:
+    if recorded_loads.covariate_names:
         models += [replace(plain, drift=True), replace(plain, drift=True, gain=True)]
     models += [replace(plain, powers="squares"), CalibrationModel(zero=zero, powers="squares")]
     return list(dict.fromkeys([*models, CalibrationModel(zero=zero, powers="products")]))
 
 
-def by_cases(found: RecordedLoads, rows: Mask) -> tuple[LoadTable, str]:
+def by_cases(recorded_loads: RecordedLoads, rows: Mask) -> tuple[LoadTable, str]:
     """Return the table grouped into the largest load cases that can be held out, and the kind of group.
 
     In order: runs; one sign of the load in a run; all readings of one load.
     """
-    steps = found.steps
+    steps = recorded_loads.steps
     sign = np.sign(steps.load[np.arange(len(steps.run)), np.abs(steps.load).argmax(axis=1)]).astype(np.int64)
-    runs = _named_runs(found)
+    runs = _named_runs(recorded_loads)
     halves = np.array([f"{run}, {_SIGNS[way]}" for run, way in zip(runs, sign, strict=True)])
-    table = found.table(rows, runs)
+    table = recorded_loads.table(rows, runs)
     _check(table)
-    forward = CalibrationModel("weighted", "forward", zero="none" if found.tared else "common")
+    forward = CalibrationModel("weighted", "forward", zero="none" if recorded_loads.tared else "common")
     loads = np.unique(steps.load, axis=0, return_inverse=True)[1].ravel()
     for cases, words in ((runs, WHOLE_RUNS), (halves, HALF_RUNS)):
         try:
-            hold_out(found.table(rows, cases), forward)
+            hold_out(recorded_loads.table(rows, cases), forward)
         except UndeterminedCalibrationError:
             continue
-        return found.table(rows, cases), words
-    return found.table(rows, np.array([f"load {number}" for number in loads])), ONE_LOADS
+        return recorded_loads.table(rows, cases), words
+    return recorded_loads.table(rows, np.array([f"load {number}" for number in loads])), ONE_LOADS
 
 
-def _named_runs(found: RecordedLoads) -> NDArray:
+def _named_runs(recorded_loads: RecordedLoads) -> NDArray:
     """Return the run (B,) of every step by name; several runs together if there are very many."""
-    steps, met = found.steps, np.unique(found.steps.run)
+    steps, met = recorded_loads.steps, np.unique(recorded_loads.steps.run)
     if len(met) <= _MOST_CASES:
         return np.array([f"run {steps.runs[number]}" for number in steps.run])
     group = np.searchsorted(met, steps.run) % _MOST_CASES
@@ -357,26 +357,26 @@ def _check(table: LoadTable) -> None:
             raise
 
 
-def errors_by_run(found: RecordedLoads, fitted: SensorCalibrations) -> Array:
+def errors_by_run(recorded_loads: RecordedLoads, fitted: SensorCalibrations) -> Array:
     """Return the rms error (R, W) of every run that the chosen calibration was not fitted to, N and N m.
 
     These are the verification runs; without any, those of the calibration, each step by a fit without its case. Errors
     of one run share its zero, its mounting and often the direction of its load, so that a run counts once.
     """
-    rows = found.steps.held_out
+    rows = recorded_loads.steps.held_out
     if rows.any():
-        table = found.table(rows, found.steps.run)
+        table = recorded_loads.table(rows, recorded_loads.steps.run)
         errors = predicted_loads(fitted.chosen, table).value - table.loads
     else:
         rows, errors = ~rows, fitted.choice.chosen.errors
-    run = found.steps.run[rows]
+    run = recorded_loads.steps.run[rows]
     return np.array([np.sqrt(np.mean(errors[run == one] ** 2, axis=0)) for one in np.unique(run)])
 
 
-def _verified(found: RecordedLoads, fit: Calibration) -> Array:
+def _verified(recorded_loads: RecordedLoads, fit: Calibration) -> Array:
     """Return the root mean square error (W,) of the loads of verification runs."""
-    rows = found.steps.held_out
+    rows = recorded_loads.steps.held_out
     if not rows.any():
-        return np.full(found.steps.load.shape[1], np.nan)
-    table = found.table(rows, found.steps.run)
+        return np.full(recorded_loads.steps.load.shape[1], np.nan)
+    table = recorded_loads.table(rows, recorded_loads.steps.run)
     return np.sqrt(np.mean((predicted_loads(fit, table).value - table.loads) ** 2, axis=0))

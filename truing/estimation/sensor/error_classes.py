@@ -75,11 +75,11 @@ class AxisSeries:
         """
         rows = np.eye(len(self.load))
         for cycle in np.unique(self.cycle):
-            own = self.cycle == cycle
-            zeros = np.flatnonzero(own & self.unloaded)
+            mask = self.cycle == cycle
+            zeros = np.flatnonzero(mask & self.unloaded)
             if not len(zeros):
                 raise ValueError(f"cycle {cycle}: found no unloaded reading, expected one to count from")
-            rows[own, zeros[0]] -= 1.0
+            rows[mask, zeros[0]] -= 1.0
         return rows
 
 
@@ -106,17 +106,17 @@ def error_classes(series: AxisSeries) -> list[ErrorClass]:
 
     Classes without readings for them (no unloading, a single cycle) are omitted.
     """
-    own = series.axis
-    scale = series.full_scale[own]
+    axis = series.axis
+    scale = series.full_scale[axis]
     found = [
-        _largest("nonlinearity", series, own, *_curve(series, 1, absolute=True), scale),
-        _largest("interpolation", series, own, *_curve(series, 3, absolute=False), 1.0),
-        _largest("hysteresis", series, own, *_branches(series), scale),
-        _largest("repeatability", series, own, *_repeats(series), scale),
-        _largest("zero return", series, own, *_returns(series), scale),
+        _largest("nonlinearity", series, axis, *_curve(series, 1, absolute=True), scale),
+        _largest("interpolation", series, axis, *_curve(series, 3, absolute=False), 1.0),
+        _largest("hysteresis", series, axis, *_branches(series), scale),
+        _largest("repeatability", series, axis, *_repeats(series), scale),
+        _largest("zero return", series, axis, *_returns(series), scale),
     ]
     combinations, loads = _largest_load_means(series)
-    for other in np.flatnonzero(np.arange(series.reading.shape[1]) != own):
+    for other in np.flatnonzero(np.arange(series.reading.shape[1]) != axis):
         found.append(_largest("crosstalk", series, int(other), combinations, loads, series.full_scale[other]))
     return [one for one in found if one is not None]
 
@@ -245,26 +245,28 @@ def _two_sided(deviation: NDArray) -> float:
 
 
 def axis_errors(
-    found: RecordedLoads, indicated: Array, sigma: Array, ranges: Array, axis: int
+    recorded_loads: RecordedLoads, indicated: Array, sigma: Array, ranges: Array, axis: int
 ) -> list[ErrorClass] | None:
     """Return the error classes of one axis; None without a run that loaded only this axis and has unloaded readings.
 
     indicated (B, 6): loads from a calibration, N and N m; sigma (6,): from the noise of signals; ranges (6,): NaN for
     an axis without range.
     """
-    series = _series(found, indicated, sigma, ranges, axis)
-    return None if series is None else [*_classes_of(series), *_creeps(found, indicated, sigma, ranges, axis)]
+    series = _series(recorded_loads, indicated, sigma, ranges, axis)
+    return None if series is None else [*_classes_of(series), *_creeps(recorded_loads, indicated, sigma, ranges, axis)]
 
 
 def _classes_of(series: AxisSeries) -> list[ErrorClass]:
     """Return the classes of a series; components without a range have no crosstalk."""
-    found = error_classes(series) if len(series.levels) else []
-    return [one for one in found if np.isfinite(one.value)]
+    classes = error_classes(series) if len(series.levels) else []
+    return [one for one in classes if np.isfinite(one.value)]
 
 
-def _series(found: RecordedLoads, indicated: Array, sigma: Array, ranges: Array, axis: int) -> AxisSeries | None:
+def _series(
+    recorded_loads: RecordedLoads, indicated: Array, sigma: Array, ranges: Array, axis: int
+) -> AxisSeries | None:
     """Return the runs that loaded one axis alone, each as a cycle; None without any that has unloaded readings."""
-    steps = found.steps
+    steps = recorded_loads.steps
     other = np.delete(steps.load, axis, axis=1) != 0.0
     runs = [
         run
@@ -280,13 +282,15 @@ def _series(found: RecordedLoads, indicated: Array, sigma: Array, ranges: Array,
     return AxisSeries(steps.load[rows, axis], indicated[rows], axis, steps.run[rows], sigma, ranges)
 
 
-def _creeps(found: RecordedLoads, indicated: Array, sigma: Array, ranges: Array, axis: int) -> list[ErrorClass]:
+def _creeps(
+    recorded_loads: RecordedLoads, indicated: Array, sigma: Array, ranges: Array, axis: int
+) -> list[ErrorClass]:
     """Return the largest creep of loads along the axis that were held long enough; a load starts after the previous
     step."""
-    steps = found.steps
+    steps = recorded_loads.steps
     same = (np.diff(steps.load, axis=0) == 0.0).all(axis=1) & (np.diff(steps.run) == 0)
     parts = np.split(np.arange(len(steps.run)), np.flatnonzero(~same) + 1)
-    held = []
+    creeps = []
     for part in parts:
         first = part[0]
         if not steps.load[first, axis] or not first or steps.run[first - 1] != steps.run[first]:
@@ -294,5 +298,5 @@ def _creeps(found: RecordedLoads, indicated: Array, sigma: Array, ranges: Array,
         age = steps.time_s[part] - steps.time_s[first - 1]
         if age[0] <= CREEP_S[0] and age[-1] >= CREEP_S[1]:
             one = creep(age, indicated[part, axis], float(sigma[axis]), float(ranges[axis]), *CREEP_S)
-            held.append(replace(one, axis=axis, component=axis, load=float(steps.load[first, axis])))
-    return [max(held, key=lambda one: abs(one.value))] if held else []
+            creeps.append(replace(one, axis=axis, component=axis, load=float(steps.load[first, axis])))
+    return [max(creeps, key=lambda one: abs(one.value))] if creeps else []

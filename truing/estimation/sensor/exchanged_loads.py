@@ -176,9 +176,11 @@ def stray_loads(table: LoadTable, exchanged: Collection[int] = ()) -> list[Stray
     ]
 
 
-def _exchange(loads: NDArray, one: RowExchange) -> None:
-    places = list(one.components)
-    loads[np.ix_([one.first, one.second], places)] = loads[np.ix_([one.second, one.first], places)]
+def _exchange(loads: NDArray, row_exchange: RowExchange) -> None:
+    places = list(row_exchange.components)
+    loads[np.ix_([row_exchange.first, row_exchange.second], places)] = loads[
+        np.ix_([row_exchange.second, row_exchange.first], places)
+    ]
 
 
 def _zeros(table: LoadTable, loads: NDArray) -> _Zeros:
@@ -304,7 +306,7 @@ def _best(
     nearer = valid & (case[first] == case[second]) & (np.isin(first, rows) | np.isin(second, rows))
     if nearer.any():
         best = int(np.argmax(np.where(nearer, total, -np.inf)))
-    one = RowExchange(
+    row_exchange = RowExchange(
         int(first[best]),
         int(second[best]),
         tuple(np.flatnonzero(taken[best]).tolist()),
@@ -312,7 +314,7 @@ def _best(
         float(np.sqrt(left[best] / (2 * count[best]))),
         float(p_value[best]),
     )
-    return one, unseen
+    return row_exchange, unseen
 
 
 @dataclass(frozen=True)
