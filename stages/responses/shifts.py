@@ -22,7 +22,7 @@ from truing.estimation.deformation import (
     target_models,
     with_common_errors,
 )
-from truing.estimation.following_shift import following_shift
+from truing.estimation.driven_shift import driven_shift
 from truing.estimation.measured_numbers import shift_number
 from truing.estimation.response import (
     FALSE_ALARM,
@@ -300,7 +300,7 @@ def _leg_error_rows(found: AttachmentModels, shifts: LegShifts, drive: Array) ->
     if found.in_plane:
         _in_plane_rows(rows, **found.in_plane)
         for name, fit in (("matrix", found.fits["matrix"]), (IN_PLANE, found.in_plane["matrix"])):
-            size = following_shift(fit, drive[found.fitted])
+            size = driven_shift(fit, drive[found.fitted])
             figures = {"rms_following": size.rms, "rms_following_upper": size.upper, "rms_detectable": size.detectable}
             for figure, value in figures.items():
                 if np.isfinite(value):

@@ -14,7 +14,6 @@ from tests.report.bench_tables import bench_tables
 from tests.report.campaign_tables import campaign_tables
 from tests.report.diagnosis_tables import diagnosis_tables
 from tests.report.test_page import ATTACKS, Reader, render, sections_of
-from truing.report.alike_section import alike
 from truing.report.comments import with_comments
 from truing.report.diagnosis.assessed_causes import assessed_causes, modelled_of
 from truing.report.diagnosis.next_steps import next_steps
@@ -27,7 +26,8 @@ from truing.report.rendering.render import render_page
 from truing.report.scene.machine_drawing import machine_drawing
 from truing.report.section_verdict import verdict_rows
 from truing.report.sections import build_sections, section_names
-from truing.report.stop_section import stop
+from truing.report.similar_numbers_section import alike
+from truing.report.stopping_section import stop
 from truing.report.verdict import with_verdict
 from truing.schemas.needs import Need
 

@@ -19,7 +19,7 @@ from tests.blind.generator.schedule import random_moves
 from tests.faults import assert_fault
 from tests.stages.line import run_line
 from truing.estimation.repeatability import Squares
-from truing.report.during_section import during
+from truing.report.events_section import during
 from truing.report.exclusion_section import excluded
 from truing.report.measured_section import measured
 from truing.schemas.faults import CampaignFaults

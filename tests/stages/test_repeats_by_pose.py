@@ -13,7 +13,7 @@ from tests.tolerance import assert_between, assert_close
 from truing.estimation.rotation import exp_so3
 from truing.pipeline.command_line import app
 from truing.pipeline.in_memory import StageLine, stage_line
-from truing.report.during_section import during
+from truing.report.events_section import during
 from truing.report.page import ReportSection
 
 TOML = """

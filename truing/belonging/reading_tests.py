@@ -330,7 +330,7 @@ class _Found:
 
 
 def _search(motion: MeasuredMotion, *, of_joints: bool = False) -> _Found:
-    """Return what was found among the mechanism as described and its slips; ``of_joints``: also those of few joints."""
+    """Return the result for the mechanism as described and its slips; ``of_joints``: also those of few joints."""
     step = -(-len(motion.p) // _MOST_POSES)
     thin, tried = motion.every_nth(step), 0
     scored: list[tuple[Written, Description]] = []

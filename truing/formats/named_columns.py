@@ -252,7 +252,7 @@ def is_one_motion(values: Array) -> bool:
 
 
 def are_motions(matrices: Array) -> bool:
-    """Return whether matrices (N, 3 or 4, 4) are rigid motions."""
+    """Return True if matrices (N, 3 or 4, 4) are rigid motions."""
     R = matrices[:, :3, :3]
     off = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3)).max()
     closed = matrices.shape[1] == 3 or np.abs(matrices[:, 3] - [0.0, 0.0, 0.0, 1.0]).max() < _ORTHONORMAL

@@ -20,9 +20,9 @@ from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.blocks import FEWEST_BLOCKS, regions
 from truing.inference.fitted_model import FittedModel
 from truing.inference.group_means import EpochResiduals, epoch_residuals, means_against_scatter
-from truing.inference.like_places import has_neighbours, like_places
 from truing.inference.model import CauseT
 from truing.inference.noise import NOISE_PRIOR_FREEDOM, NoiseLevel
+from truing.inference.spatial_correlation import has_neighbours, spatial_correlation
 
 _PERMUTATIONS = 499
 _NEIGHBOURS = 2
@@ -184,7 +184,7 @@ def by_region(residuals: EpochResiduals, inputs: Mapping[str, Array]) -> Iterato
 def by_place(final: FittedModel[CauseT], rng: np.random.Generator) -> Iterator[AdequacyTest]:
     """Yield the correlation of residuals of neighbouring places of a group within epochs, if there are such places."""
     places, groups = np.asarray(final.scene.shape, float), final.model.channel_groups
-    neighbours = like_places(final.fit.whitened, final.measured.values.shape, places, groups, rng)
+    neighbours = spatial_correlation(final.fit.whitened, final.measured.values.shape, places, groups, rng)
     if neighbours is not None:
         yield AdequacyTest(MisfitKind.LIKE_PLACES, "", neighbours.correlation, neighbours.p_value)
 

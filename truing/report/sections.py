@@ -41,7 +41,7 @@ class PageSection:
 
 SECTIONS = (
     PageSection("diagnosis", ("truing.report.diagnosis.section",), "Diagnosis"),
-    PageSection("stop", ("truing.report.stop_section",)),
+    PageSection("stop", ("truing.report.stopping_section",)),
     PageSection("axis", ("truing.report.axis_page",)),
     PageSection(
         "chain",
@@ -66,9 +66,9 @@ SECTIONS = (
     PageSection("knowledge", ("truing.report.knowledge_section",)),
     PageSection("transfer", ("truing.report.transfer_section",), reads=("second_campaign_errors",)),
     PageSection("requirements", ("truing.report.calibration.requirements",), "Requirements"),
-    PageSection("alike", ("truing.report.alike_section",)),
+    PageSection("alike", ("truing.report.similar_numbers_section",)),
     PageSection("uncertainty", ("truing.report.uncertainty_section",)),
-    PageSection("during", ("truing.report.during_section",)),
+    PageSection("during", ("truing.report.events_section",)),
     PageSection("excluded", ("truing.report.exclusion_section",)),
 )
 # Tables that the page is made from, in the order in which it lists their origin.

@@ -60,7 +60,7 @@ def requirements(tables: Tables) -> ReportSection | None:
 
 
 def assessed_noun(requirements: pd.DataFrame) -> str:
-    """Return what the errors of requirements are those of: poses, or the runs of a force sensor."""
+    """Return the noun for one error of a requirement: a pose, or a run of a force sensor."""
     return "run" if requirements["component"].isin(_LOADS).any() else "pose"
 
 
@@ -150,7 +150,7 @@ def _of_other_loads(tables: Tables) -> str:
 
 
 def _why_not_by(calibration: SectionVerdict | None) -> str:
-    """Return what is wrong with a calibration, with the remedy, as a predicate; empty for one that fits."""
+    """Return the misfit of a calibration with its remedy, as a predicate; empty for one that fits."""
     if calibration is None:
         return ""
     if calibration.reason_code == ReasonCode.CAUSE_LEFT_OUT:

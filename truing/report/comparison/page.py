@@ -112,7 +112,7 @@ def _change_verdicts(comparison: RunComparison) -> list[Verdict]:
 
 
 def _assessed(comparison: RunComparison, steps: Sequence[int]) -> str:
-    """Return how many numbers the steps compare: ``90 numbers``, ``80 to 90 numbers``."""
+    """Return the count of numbers that the steps compare: ``90 numbers``, ``80 to 90 numbers``."""
     assessed = [len(comparison.assessed(step)) for step in steps]
     return count(assessed[0], "number") if len(set(assessed)) == 1 else f"{min(assessed)} to {max(assessed)} numbers"
 

@@ -78,7 +78,7 @@ class Named:
 
 
 def failing_names(tables: Tables) -> Named:
-    """Return what failed checks that nobody accepted name, and the slips that explain them."""
+    """Return the things named by failed checks that nobody accepted, and the slips that explain them."""
     checks, relations = table_or_none(tables, "qa"), table_or_none(tables, "belonging")
     if checks is None:
         return Named()

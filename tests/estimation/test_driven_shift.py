@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.estimation.following_shift import FollowingShift, following_shift
+from truing.estimation.driven_shift import DrivenShift, driven_shift
 from truing.estimation.response import fit_response, gain_p_value
 
 _ROWS, _DRIVES, _RESPONSES, _DRAWS = 40, 6, 4, 300
@@ -14,13 +14,13 @@ _U = 1.3e-3 * np.sign(np.random.default_rng(0).normal(size=(_ROWS, _DRIVES)))
 _COV = np.broadcast_to(_SIGMA**2 * (0.7 * np.eye(_RESPONSES) + 0.3), (_ROWS, _RESPONSES, _RESPONSES))
 
 
-def _drawn(rng: np.random.Generator, rms: float) -> tuple[FollowingShift, float, float]:
+def _drawn(rng: np.random.Generator, rms: float) -> tuple[DrivenShift, float, float]:
     """What is found at a drawn K of this rms motion, the true rms, and the p-value of the test."""
     moved = _U @ rng.normal(size=(_DRIVES, _RESPONSES))
     moved *= rms / np.sqrt((moved**2).mean())
     y = moved + rng.normal(size=(_ROWS, _RESPONSES)) @ np.linalg.cholesky(_COV[0]).T
     none, matrix = (fit_response(_U, y, _COV, form=form) for form in ("none", "matrix"))
-    return following_shift(matrix, _U), float(np.sqrt((moved**2).mean())), gain_p_value(none, matrix)
+    return driven_shift(matrix, _U), float(np.sqrt((moved**2).mean())), gain_p_value(none, matrix)
 
 
 @pytest.mark.parametrize("rms", [0.0, 2e-6, 20e-6])
@@ -51,13 +51,13 @@ def test_directions_that_are_known_far_better_than_others_leave_a_size() -> None
     rng = np.random.default_rng(5)
     u = 1.3e-3 * rng.normal(size=(40, 6)) * [1e4, 1.0, 1.0, 1.0, 1.0, 1.0]  # one drive moves much farther
     cov = np.broadcast_to(_SIGMA**2 * np.diag([1e-8, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1e-8]), (40, 8, 8))
-    found = following_shift(fit_response(u, rng.normal(size=(40, 8)) * np.sqrt(np.diag(cov[0])), cov), u)
+    found = driven_shift(fit_response(u, rng.normal(size=(40, 8)) * np.sqrt(np.diag(cov[0])), cov), u)
     assert np.isfinite([found.rms, found.upper, found.detectable]).all()
 
 
 def test_sizes_scale_with_the_unit_of_the_response() -> None:
     rng = np.random.default_rng(4)
     y = _U @ rng.normal(0.0, 1e-2, (_DRIVES, _RESPONSES)) + _SIGMA * rng.normal(size=(_ROWS, _RESPONSES))
-    one = following_shift(fit_response(_U, y, _COV), _U)
-    other = following_shift(fit_response(_U, 1e6 * y, 1e12 * _COV), _U)
+    one = driven_shift(fit_response(_U, y, _COV), _U)
+    other = driven_shift(fit_response(_U, 1e6 * y, 1e12 * _COV), _U)
     assert np.allclose(1e6 * np.array([one.rms, one.upper, one.detectable]), [other.rms, other.upper, other.detectable])

@@ -26,7 +26,7 @@ _LEAST_P = 1e-12
 
 
 @dataclass(frozen=True)
-class LikePlaces:
+class SpatialCorrelation:
     """Mean correlation of residuals of neighbouring places, weighted by nearness, and its p-value."""
 
     correlation: float
@@ -38,9 +38,9 @@ def has_neighbours(groups: Integers) -> bool:
     return bool((np.unique(groups, return_counts=True)[1] >= _FEWEST_PLACES).any())
 
 
-def like_places(
+def spatial_correlation(
     whitened: Whitened, shape: tuple[int, int, int], places: Array, groups: Integers, rng: np.random.Generator
-) -> LikePlaces | None:
+) -> SpatialCorrelation | None:
     """Return the correlation of residuals between neighbouring places of a group, within epochs.
 
     ``shape``: epochs, places and axes (B, K, d) of the observations; ``places`` (K, D); ``groups`` (K,): number of each
@@ -68,7 +68,7 @@ def like_places(
     if not variance > 0.0:
         return None
     p_value = 0.5 * math.erfc(excess / math.sqrt(2.0 * variance))
-    return LikePlaces(excess / weight, max(p_value, _LEAST_P))
+    return SpatialCorrelation(excess / weight, max(p_value, _LEAST_P))
 
 
 def _nearness(places: Array, groups: Integers) -> Array:

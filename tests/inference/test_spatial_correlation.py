@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truing.inference.like_places import LikePlaces, has_neighbours, like_places
 from truing.inference.linear_problem import LinearisedModel, Whitened, whiten
+from truing.inference.spatial_correlation import SpatialCorrelation, has_neighbours, spatial_correlation
 
 EPOCHS, PLACES = 30, 32
 BODIES = np.repeat([0, 1], [24, 8])
@@ -42,8 +42,8 @@ def _fit(errors: np.ndarray, places: np.ndarray) -> Whitened:
     )
 
 
-def _tested(errors: np.ndarray, places: np.ndarray, seed: int = 0) -> LikePlaces:
-    found = like_places(_fit(errors, places), errors.shape, places, BODIES, np.random.default_rng(seed))
+def _tested(errors: np.ndarray, places: np.ndarray, seed: int = 0) -> SpatialCorrelation:
+    found = spatial_correlation(_fit(errors, places), errors.shape, places, BODIES, np.random.default_rng(seed))
     assert found is not None
     return found
 
@@ -103,5 +103,5 @@ def test_numbers_and_single_targets_have_no_neighbours() -> None:
     single = np.arange(PLACES)
     assert not has_neighbours(single)
     assert has_neighbours(BODIES)
-    assert like_places(whitened, (EPOCHS, PLACES, 3), places, single, rng) is None
-    assert like_places(whitened, (EPOCHS, 3 * PLACES, 1), places, BODIES, rng) is None
+    assert spatial_correlation(whitened, (EPOCHS, PLACES, 3), places, single, rng) is None
+    assert spatial_correlation(whitened, (EPOCHS, 3 * PLACES, 1), places, BODIES, rng) is None

@@ -16,7 +16,7 @@ _NORMAL = 1.6448536269514722  # one-sided 95 % of a normal error
 
 
 @dataclass(frozen=True)
-class FollowingShift:
+class DrivenShift:
     """Root mean square of K u over rows and components, in the unit of the response.
 
     rms: without the part that noise of K adds, zero if noise explains all; upper: one-sided 95 % limit; detectable: the
@@ -28,7 +28,7 @@ class FollowingShift:
     detectable: float
 
 
-def following_shift(fit: ResponseFit, u: Array) -> FollowingShift:
+def driven_shift(fit: ResponseFit, u: Array) -> DrivenShift:
     """Return the size of the motion that follows the drives u (N, D) of a matrix fit; NaN without degrees of freedom.
 
     With Q the mean square of K u, Q less its expectation by noise has variance 2 tr (A C)^2 + 4 K' A C A K, where Q =
@@ -40,13 +40,13 @@ def following_shift(fit: ResponseFit, u: Array) -> FollowingShift:
     spread = A @ covariance
     noise, square = float(np.trace(spread)), float(np.einsum("ij,ji->", spread, spread))
     if not noise > 0.0 or fit.dof <= 0:
-        return FollowingShift(*(float("nan"),) * 3)
+        return DrivenShift(*(float("nan"),) * 3)
     K = fit.coefficients[fit.free]
     size = max(float(K @ A @ K) - noise, 0.0)
     # upper - size = z sqrt(2 square + 4 (square / noise) upper)
     middle = size + 2.0 * _NORMAL**2 * square / noise
     upper = middle + np.sqrt(middle**2 - size**2 + 2.0 * _NORMAL**2 * square)
-    return FollowingShift(float(np.sqrt(size)), float(np.sqrt(upper)), _detectable(fit, covariance, A))
+    return DrivenShift(float(np.sqrt(size)), float(np.sqrt(upper)), _detectable(fit, covariance, A))
 
 
 def _detectable(fit: ResponseFit, covariance: Array, A: Array) -> float:
