@@ -114,7 +114,7 @@ def with_leg_signals(found: CollectedRows, settings: Any, log: FaultLog) -> Coll
         expected = f"either the signals of the legs, or all of {', '.join(SHOWN)}"
         log.add(Fault(found.first_file, expected, value=", ".join([*signals, *(n for n in SHOWN if n in names)])))
     if settings.mechanism.type != "6-upur":
-        expected = '[mechanism] type = "6-upur": what a sensor shows is told of its legs by their geometry'
+        expected = '[mechanism] type = "6-upur": the geometry of the legs turns the shown wrench into their forces'
         log.add(Fault("campaign.toml", expected, column="mechanism.type", value=settings.mechanism.type))
     if log:
         return found

@@ -224,7 +224,7 @@ def test_an_entry_that_leads_to_no_photograph(tmp_path):
     for entry, words in (
         ({"path": "table.csv"}, "a photograph (.jpg"),
         ({"path": "none/*.jpg"}, "an existing file"),
-        ({"path": "a.png", "from_name": r"x(?P<pose>\d)"}, "tells the pose"),
+        ({"path": "a.png", "from_name": r"x(?P<pose>\d)"}, "gives the pose"),
         ({"path": "a.png", "constants": {"pose": 1, "body": "b"}}, "one of camera, image, pose"),
         ({"path": "a.png", "constants": {"pose": 1}, "separator": ";"}, "one of constants, from_name"),
     ):

@@ -338,7 +338,7 @@ class MappingPlan:
                 "but the first line holds numbers: set header = false and give columns by position, or name the format"
             )
         elif self.entry.comment is None and self.names[0].startswith("#"):
-            hint = 'but the first line begins with #: set comment = "#" where it is none of names, or name the format'
+            hint = 'but the first line begins with #: set comment = "#" if it holds no names, or name the format'
         elif reference in _OFTEN_IMPLICIT and not close:
             hint += "; what no column says, from_name, number_rows or constants may"
         text = f"a column {reference}" if reference == name else f"a column {reference} (it is to be {name})"

@@ -96,7 +96,7 @@ def _files(source: CampaignFiles, pattern: str, collected: PhotographFiles, log:
     if not files:
         log.add(Fault("campaign.toml", source.why_nothing(pattern), column=f"{_COLUMN}.path", value=pattern))
     elif not photographs:
-        log.add(Fault(files[0].name, f"a photograph ({_KINDS}), as nothing else is found there", value=pattern))
+        log.add(Fault(files[0].name, f"a photograph ({_KINDS}): no other file is there", value=pattern))
     stems = {os.path.splitext(raw.name)[0] for raw in photographs}
     for raw in sorted(set(files) - set(photographs), key=lambda raw: raw.name):
         _note_unread(why_not_read(raw.path, raw.name, stems), collected, log)
@@ -112,7 +112,7 @@ def _photograph(
         log.add(Fault("campaign.toml", error.expected, column=f"{_COLUMN}.{error.key}", value=error.text))
         return None
     if reported.get("pose") is None:
-        wanted = _WANTED if entry.from_name is None else f"a name that matches {entry.from_name} and tells the pose"
+        wanted = _WANTED if entry.from_name is None else f"a name that matches {entry.from_name} and gives the pose"
         log.add(Fault(raw.name, wanted))
     try:
         head = read_head(raw.path, sensor_width_mm)

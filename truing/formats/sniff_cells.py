@@ -162,7 +162,7 @@ def _by_notation(
 ) -> Guess:
     """Return a proposal for records whose numbers are written in a notation."""
     if any(len(name) > _LONGEST_NAME for name in records[0]):
-        return Guess(mapping, notes=(f"a name of more than {_LONGEST_NAME} characters is none of a column",))
+        return Guess(mapping, notes=(f"a name of more than {_LONGEST_NAME} characters names no column",))
     heading = heading_of(records, lambda cell: _is_number(cell, notation), about.comments)
     names, data = heading.names, records[heading.rows :]
     has_header = heading.is_row or heading.names[0] != "1"
