@@ -18,30 +18,30 @@ def readings() -> np.ndarray:
     return 1.001 * COMMAND + 2.9 + 1e-3 * np.random.default_rng(8).normal(size=COUNT)
 
 
-def found(reading: np.ndarray) -> AxisRowSlip | None:
+def slip_of(reading: np.ndarray) -> AxisRowSlip | None:
     return slip_of_rows(COMMAND, reading, 1.0, UNITS)
 
 
 def test_an_axis_with_small_errors_has_no_slip() -> None:
-    assert found(readings()) is None
+    assert slip_of(readings()) is None
 
 
 @pytest.mark.parametrize("shift", [0.5, 7.0, -90.0])
 def test_a_shifted_zero_is_no_slip(shift: float) -> None:
-    assert found(readings() + shift * LATE) is None
+    assert slip_of(readings() + shift * LATE) is None
 
 
 def test_exchanged_rows_are_named() -> None:
     own = readings()
     own[[8, 17]] = own[[17, 8]]
-    slip = found(own)
+    slip = slip_of(own)
     assert slip is not None
     assert (slip.kind, slip.rows.tolist()) == (RowSlipKind.EXCHANGED, [8, 17])
 
 
 @pytest.mark.parametrize(("factor", "name"), [(np.pi / 180.0, "radians"), (-1.0, "deg with the opposite sign")])
 def test_a_part_in_another_unit_is_named(factor: float, name: str) -> None:
-    slip = found(np.where(LATE, factor * readings(), readings()))
+    slip = slip_of(np.where(LATE, factor * readings(), readings()))
     assert slip is not None
     assert (slip.kind, slip.name) == (RowSlipKind.UNIT, name)
     assert LATE[slip.rows].all()
@@ -50,7 +50,7 @@ def test_a_part_in_another_unit_is_named(factor: float, name: str) -> None:
 def test_a_lost_row_shifts_later_ones() -> None:
     own = readings()
     own[25:-1] = own[26:].copy()
-    slip = found(own)
+    slip = slip_of(own)
     assert slip is not None
     assert (slip.kind, slip.name) == (RowSlipKind.SHIFTED, "-1")
 
@@ -58,13 +58,13 @@ def test_a_lost_row_shifts_later_ones() -> None:
 def test_copied_rows_are_told_from_a_misread_digit() -> None:
     own = readings()
     own[20:26] = own[10:16]
-    assert found(own).kind is RowSlipKind.COPIED  # type: ignore[union-attr]
+    assert slip_of(own).kind is RowSlipKind.COPIED  # type: ignore[union-attr]
     own = readings()
     own[4] += 30.0
-    slip = found(own)
+    slip = slip_of(own)
     assert slip is not None
     assert (slip.kind, slip.rows.tolist()) == (RowSlipKind.STRAY, [4])
 
 
 def test_no_slip_is_named_where_most_rows_disagree() -> None:
-    assert found(np.random.default_rng(9).permutation(readings())) is None
+    assert slip_of(np.random.default_rng(9).permutation(readings())) is None

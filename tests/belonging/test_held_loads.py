@@ -20,7 +20,7 @@ LATE = np.repeat(np.arange(COUNT) >= 33, TIMES)
 Change = Callable[[np.ndarray, np.ndarray], None]
 
 
-def found(change: Change = lambda load, signal: None, curved: float = 0.0) -> RelationTest | None:
+def response_test(change: Change = lambda load, signal: None, curved: float = 0.0) -> RelationTest | None:
     """Test of 60 held loads, three samples each, after a change of loads (180, 6) and signals (180, 6)."""
     rng = np.random.default_rng(7)
     load = rng.uniform(-1.0, 1.0, (COUNT, 6)) * [100.0, 100.0, 200.0, 5.0, 5.0, 5.0]
@@ -35,7 +35,7 @@ def found(change: Change = lambda load, signal: None, curved: float = 0.0) -> Re
 
 
 def test_loads_and_signals_that_belong_together_agree() -> None:
-    tested = found()
+    tested = response_test()
     assert tested is not None
     assert (tested.state, tested.slips) == (RelationState.OK, ())
     of_mean, span = NOISE / np.sqrt(TIMES), 4.5e-3  # V
@@ -43,7 +43,7 @@ def test_loads_and_signals_that_belong_together_agree() -> None:
 
 
 def test_a_response_that_is_not_linear_is_not_tested() -> None:
-    assert found(curved=1.0) is None
+    assert response_test(curved=1.0) is None
 
 
 def test_too_few_loads_are_not_tested() -> None:
@@ -77,7 +77,7 @@ def late_axes(load: np.ndarray, signal: np.ndarray) -> None:
     ],
 )
 def test_a_slip_in_some_runs_is_named_with_them(change: Change, kind: SlipKind, subjects: tuple[str, ...]) -> None:
-    tested = found(change)
+    tested = response_test(change)
     assert tested is not None
     assert tested.state is RelationState.FAILS
     (slip,) = tested.slips
@@ -86,7 +86,7 @@ def test_a_slip_in_some_runs_is_named_with_them(change: Change, kind: SlipKind, 
 
 
 def test_the_unit_of_some_loads_has_its_factor() -> None:
-    tested = found(late_kgf)
+    tested = response_test(late_kgf)
     assert tested is not None
     assert (tested.slips[0].quantity, tested.slips[0].factor) == ("force", pytest.approx(9.80665))
 
@@ -95,7 +95,7 @@ def test_loads_of_other_runs_are_a_shift_of_rows() -> None:
     def change(load: np.ndarray, signal: np.ndarray) -> None:
         load[:] = np.roll(load, TIMES, axis=0)
 
-    tested = found(change)
+    tested = response_test(change)
     assert tested is not None
     assert (tested.slips[0].kind, tested.slips[0].shift) == (SlipKind.ROWS_SHIFTED, 1)
 
@@ -104,7 +104,7 @@ def test_a_signal_that_stays_the_same_at_other_loads_is_frozen() -> None:
     def frozen(load: np.ndarray, signal: np.ndarray) -> None:
         signal[LATE, 1] = signal[120, 1]
 
-    tested = found(frozen)
+    tested = response_test(frozen)
     assert tested is not None
     assert tested.state is RelationState.FAILS
     (slip,) = tested.slips

@@ -197,19 +197,22 @@ def test_a_copied_part_is_told_with_its_rows_wherever_it_stands_and_coarse_numbe
     value = (load[:, :1] * np.arange(1.0, columns + 1.0) + 0.01 * rng.standard_normal((144, columns))).round(4)
     noise = np.full(columns, 0.01)
 
-    def told(signals: np.ndarray) -> list[tuple[RelationState, str, float | None, tuple[int, ...]]]:
+    def reported_slips(signals: np.ndarray) -> list[tuple[RelationState, str, float | None, tuple[int, ...]]]:
         tested = copied_runs(run, names, load, [Values("signals", signals, noise)])
         return [(one.state, one.subject, one.misfit, one.slips[0].rows if one.slips else ()) for one in tested]
 
-    assert told(value) == [(RelationState.OK, "", None, ())]
+    assert reported_slips(value) == [(RelationState.OK, "", None, ())]
     tail, moved = value.copy(), value.copy()
     tail[58:96] = value[10:48]
     moved[65:85] = value[3:23]
     for written, rows in ((tail, range(11, 49)), (moved, range(4, 24))):
-        assert told(written) == [
+        assert reported_slips(written) == [
             (RelationState.FAILS, "run 1, run 2", pytest.approx(100.0 * len(rows) / 48), tuple(rows))
         ]
-    assert told(value.round(1)) in ([(RelationState.OK, "", None, ())], [(RelationState.NOT_TESTED, "", None, ())])
+    assert reported_slips(value.round(1)) in (
+        [(RelationState.OK, "", None, ())],
+        [(RelationState.NOT_TESTED, "", None, ())],
+    )
 
 
 @pytest.mark.parametrize(

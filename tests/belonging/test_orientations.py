@@ -17,24 +17,24 @@ BASE, TOOL = Rotation.random(2, random_state=2)
 MEASURED = BASE * LINKS * TOOL * Rotation.from_rotvec(1e-3 * RNG.normal(size=(40, 3)))
 
 
-def found(read: Array | Rotation, euler: str | None = None) -> TurningMisfit:
+def misfit_of(read: Array | Rotation, euler: str | None = None) -> TurningMisfit:
     matrices = read.as_matrix() if isinstance(read, Rotation) else read
     return turning_misfit(LINKS.as_matrix(), matrices, euler)
 
 
-def told(misfit: TurningMisfit) -> set[str]:
+def slip_subjects(misfit: TurningMisfit) -> set[str]:
     return {" ".join(slip.subjects) or slip.kind.value for slip in misfit.slips}
 
 
 def test_orientations_under_an_unknown_base_and_tool_belong() -> None:
-    misfit = found(MEASURED)
+    misfit = misfit_of(MEASURED)
     assert not misfit.slips
     assert 1e-3 < misfit.before < 2.5e-3 < misfit.limit
 
 
 def test_a_zero_off_by_some_degrees_is_no_slip() -> None:
     bent = BASE * LINKS * Rotation.from_rotvec([0.0, 0.08, 0.0]) * Rotation.from_rotvec(0.1 * np.eye(3)[0]) * TOOL
-    assert found(bent).before < 1e-6
+    assert misfit_of(bent).before < 1e-6
     wrist = Rotation.from_rotvec(np.outer(RNG.uniform(-1.0, 1.0, 40), [0.0, 0.0, 1.0]))
     off = BASE * LINKS * Rotation.from_rotvec([0.0, 0.08, 0.0]) * wrist * TOOL
     misfit = turning_misfit((LINKS * wrist).as_matrix(), off.as_matrix(), None)
@@ -53,20 +53,20 @@ def test_a_zero_off_by_some_degrees_is_no_slip() -> None:
     ],
 )
 def test_what_an_unknown_base_and_tool_make_equal_is_one_slip(changed: Callable[[Rotation], Rotation]) -> None:
-    misfit = found(changed(MEASURED))
-    assert told(misfit) == {"inversion"}
+    misfit = misfit_of(changed(MEASURED))
+    assert slip_subjects(misfit) == {"inversion"}
     assert misfit.after < 3e-3 < 0.1 * misfit.before
 
 
 def test_a_mirrored_frame_cannot_be_seen_in_orientations_alone() -> None:
     mirror = np.diag([1.0, -1.0, 1.0])
-    misfit = found(mirror @ MEASURED.as_matrix() @ mirror)
+    misfit = misfit_of(mirror @ MEASURED.as_matrix() @ mirror)
     assert not misfit.slips
     assert misfit.before < 2.5e-3
 
 
 def test_inverses_of_euler_angles_are_told_alone() -> None:
-    assert "inverse" in told(found(MEASURED.inv(), "ZYX"))
+    assert "inverse" in slip_subjects(misfit_of(MEASURED.inv(), "ZYX"))
 
 
 @pytest.mark.parametrize("order", ["xyz", "ZYX"])
@@ -75,17 +75,17 @@ def test_euler_angles_read_as_rotation_vectors_are_told_where_turns_are_small(or
     noise = Rotation.from_rotvec(1e-4 * RNG.normal(size=(60, 3)))
     read = Rotation.from_rotvec((small * noise).as_euler(order))
     misfit = turning_misfit(small.as_matrix(), read.as_matrix(), None)
-    assert order in told(misfit)
+    assert order in slip_subjects(misfit)
     assert order != "xyz" or misfit.before < np.deg2rad(3.0)
 
 
 def test_euler_angles_in_another_order_are_told_with_that_order() -> None:
     read = Rotation.from_euler("XYZ", MEASURED.as_euler("ZYX"))
-    assert "ZYX" in told(found(read, "XYZ"))
+    assert "ZYX" in slip_subjects(misfit_of(read, "XYZ"))
 
 
 def test_orientations_of_another_link_have_no_slip_that_explains_them() -> None:
-    misfit = found(Rotation.random(40, random_state=9))
+    misfit = misfit_of(Rotation.random(40, random_state=9))
     assert misfit.before > misfit.limit
     assert not misfit.slips
 
@@ -93,7 +93,7 @@ def test_orientations_of_another_link_have_no_slip_that_explains_them() -> None:
 def test_single_orientations_far_from_the_others_are_told_and_do_not_count() -> None:
     wrong = MEASURED.as_matrix().copy()
     wrong[[6, 21]] = wrong[[6, 21]] @ Rotation.from_rotvec([0.0, 1.0, 0.0]).as_matrix()
-    misfit = found(wrong)
+    misfit = misfit_of(wrong)
     assert np.flatnonzero(misfit.stray).tolist() == [6, 21]
     assert misfit.before < 2.5e-3
     assert not misfit.slips

@@ -93,7 +93,9 @@ def test_theory_is_that_of_the_design() -> None:
     assert_between(float(theory(np.array(8.7), 36, 2000)), 0.93, 0.98, what="power of 36")
 
 
-def judged(hidden: list[dict[str, Any]], findings: list[tuple[str, str, str, str]], strength: float = 7.0) -> Judged:
+def judged_campaign(
+    hidden: list[dict[str, Any]], findings: list[tuple[str, str, str, str]], strength: float = 7.0
+) -> Judged:
     """A campaign with effects (as the truth has them) and rows (cause, verdict, subject, follows)."""
     figures = dict.fromkeys(
         ("rms_before", "rms_after", "heldout_rms_before", "heldout_rms_after", "noise_floor", "log_evidence")
@@ -112,24 +114,26 @@ HUMID = {"cause": "unexplained", "subject": "", "parameters": {}, "kind": "Humid
 
 def test_what_is_called_alike_counts_as_named_and_as_nothing_invented() -> None:
     rows = [("leg-thermal", "found", "", ""), ("actuator-gain", "indistinguishable", "leg2", "")]
-    alike = judged([GAIN], rows)
+    alike = judged_campaign([GAIN], rows)
     assert not alike.missed
     assert not alike.invented
     assert not alike.misplaced(alike.hidden[0])
-    assert judged([GAIN], rows[:1]).missed == {"actuator-gain"}
-    assert judged([GAIN], [("actuator-gain", "found", "leg2", ""), rows[0]]).invented == ["leg-thermal"]
+    assert judged_campaign([GAIN], rows[:1]).missed == {"actuator-gain"}
+    assert judged_campaign([GAIN], [("actuator-gain", "found", "leg2", ""), rows[0]]).invented == ["leg-thermal"]
 
 
 def test_legs_are_compared_as_sets_and_all_of_them_are_the_whole() -> None:
-    assert judged([GAIN], [("actuator-gain", "found", "leg3", "")]).misplaced(judged([GAIN], []).hidden[0])
+    assert judged_campaign([GAIN], [("actuator-gain", "found", "leg3", "")]).misplaced(
+        judged_campaign([GAIN], []).hidden[0]
+    )
     whole = GAIN | {"subject": ""}
-    every = judged([whole], [("actuator-gain", "found", " ".join(f"leg{leg}" for leg in range(1, 7)), "")])
+    every = judged_campaign([whole], [("actuator-gain", "found", " ".join(f"leg{leg}" for leg in range(1, 7)), "")])
     assert not every.misplaced(every.hidden[0])
 
 
 def test_an_effect_of_no_catalogue_must_be_told_with_all_that_it_follows() -> None:
-    right = judged([HUMID], [("unexplained", "found", "", "humidity_pct time_s")])
-    other = judged([HUMID], [("unexplained", "found", "", "time_s"), ("leg-drift", "found", "", "")])
+    right = judged_campaign([HUMID], [("unexplained", "found", "", "humidity_pct time_s")])
+    other = judged_campaign([HUMID], [("unexplained", "found", "", "time_s"), ("leg-drift", "found", "", "")])
     assert right.follows_right(right.hidden[0])
     assert not right.misnamed
     assert not other.follows_right(other.hidden[0])
@@ -137,7 +141,7 @@ def test_an_effect_of_no_catalogue_must_be_told_with_all_that_it_follows() -> No
 
 
 def test_an_input_may_be_missed_whose_own_part_is_below_what_is_asked() -> None:
-    one = judged([HUMID | {"follows": "humidity_pct time_s"}], [("unexplained", "found", "", "time_s")], 20.0)
+    one = judged_campaign([HUMID | {"follows": "humidity_pct time_s"}], [("unexplained", "found", "", "time_s")], 20.0)
     (effect,) = one.hidden
     parts = replace(effect, of_drivers={"humidity_pct": 9.0, "time_s": 18.0})
     assert parts.clear_drivers(10.0) == {"time_s"}
@@ -147,7 +151,7 @@ def test_an_input_may_be_missed_whose_own_part_is_below_what_is_asked() -> None:
 
 
 def test_only_what_is_strong_enough_is_clear() -> None:
-    assert rates.is_clear(judged([GAIN], [], 6.0))
-    assert not rates.is_clear(judged([GAIN], [], 5.0))
-    assert not rates.is_clear(judged([GAIN, GAIN], [], 7.0))
-    assert not rates.is_clear(judged([GAIN | {"cause": "platform-deformation-matrix"}], [], 8.0))
+    assert rates.is_clear(judged_campaign([GAIN], [], 6.0))
+    assert not rates.is_clear(judged_campaign([GAIN], [], 5.0))
+    assert not rates.is_clear(judged_campaign([GAIN, GAIN], [], 7.0))
+    assert not rates.is_clear(judged_campaign([GAIN | {"cause": "platform-deformation-matrix"}], [], 8.0))

@@ -89,7 +89,7 @@ def diagnosed(campaign: Path, installed: Any) -> dict[str, Any]:
     return run_line(campaign, *LINE)[0]
 
 
-def _found(tables: dict[str, Any]) -> list[dict[str, Any]]:
+def _found_rows(tables: dict[str, Any]) -> list[dict[str, Any]]:
     return [row for row in tables["diagnosis"].to_pylist() if row["verdict"] == "found"]
 
 
@@ -103,7 +103,7 @@ def test_its_derivative_is_exact_by_the_check_of_the_page() -> None:
 
 
 def test_it_is_found_and_named_with_its_size(diagnosed: dict[str, Any]) -> None:
-    rows = _found(diagnosed)
+    rows = _found_rows(diagnosed)
     assert [row["cause"] for row in rows] == ["leg-swelling"]
     told = json.loads(rows[0]["parameters"])["swelling"]
     assert told["unit"] == "1/%"
@@ -115,7 +115,7 @@ def test_it_is_found_and_named_with_its_size(diagnosed: dict[str, Any]) -> None:
 
 def test_the_page_shows_what_is_found(diagnosed: dict[str, Any]) -> None:
     """To a unit of the last digit shown, and of the next to last where the search's draws come in."""
-    row, page = _found(diagnosed)[0], shown(PAGE, "found")
+    row, page = _found_rows(diagnosed)[0], shown(PAGE, "found")
     told = json.loads(row["parameters"])["swelling"]
     value, sigma = re.search(r"swelling = \((\d\.\d) ± (\d\.\d)\)e-06 1/%", page).groups()
     assert float(value) == pytest.approx(told["value"] * 1e6, abs=0.06)
@@ -134,7 +134,7 @@ def test_it_is_in_the_model_and_predictions_follow_the_humidity(diagnosed: dict[
     column = damp.schema.get_field_index("humidity_pct")
     damper = damp.set_column(column, "humidity_pct", [np.asarray(damp["humidity_pct"]) + 10.0])
     lifted = np.asarray(predict(diagnosed["model"], damper)["pz_mm"]) - np.asarray(poses["pz_mm"])
-    longer = json.loads(_found(diagnosed)[0]["parameters"])["swelling"]["value"] * 10.0 * 500.0
+    longer = json.loads(_found_rows(diagnosed)[0]["parameters"])["swelling"]["value"] * 10.0 * 500.0
     # Legs that lean lift the platform by more than they grow, by one over the cosine.
     assert_between(float(lifted.mean()) / longer, 1.0, 1.3, what="rise of the platform over growth of a leg")
     with pytest.raises(CampaignFaults, match="humidity_pct"):
@@ -147,6 +147,6 @@ def test_without_the_package_what_it_follows_is_all_that_is_said(
     monkeypatch.setattr(sys, "path", [place for place in sys.path if place != installed])
     monkeypatch.delitem(sys.modules, "leg_swelling", raising=False)
     importlib.invalidate_caches()
-    rows = _found(run_line(campaign, *LINE)[0])
+    rows = _found_rows(run_line(campaign, *LINE)[0])
     assert [row["cause"] for row in rows] == ["unexplained"]
     assert rows[0]["follows"] == "humidity_pct"

@@ -49,7 +49,7 @@ def listed(folder, log=None, sensor_width_mm=None, **entry):
     return list_photographs(CampaignFiles(folder, campaign), sensor_width_mm, FaultLog() if log is None else log)
 
 
-def told(folder, **entry):
+def listed_photographs(folder, **entry):
     log = FaultLog()
     return [(one.image, one.pose, one.camera) for one in listed(folder, log, **entry).found], log.faults()
 
@@ -57,7 +57,7 @@ def told(folder, **entry):
 def test_poses_and_cameras_by_folder_or_name(tmp_path):
     for name in ("images/10_2.jpg", "images/9_1.png", "images/7/left/a.tif", "images/7/right/a.tif", "images/8/B.JPG"):
         saved(tmp_path / name)
-    found, faults = told(tmp_path)
+    found, faults = listed_photographs(tmp_path)
     assert not faults
     assert sorted(found) == [
         ("10_2", "10", "camera"),
@@ -73,7 +73,7 @@ def test_poses_by_a_pattern_with_what_else_lies_there_counted(tmp_path):
         saved(tmp_path / name)
     (tmp_path / "raw/DSC_p07_c2_0013.NEF").write_bytes(b"raw")
     entry = {"path": "raw/*", "from_name": r"_p(?P<pose>\d+)_c(?P<camera>\d)", "offset": {"pose": 100}}
-    found, faults = told(tmp_path, **entry)
+    found, faults = listed_photographs(tmp_path, **entry)
     assert not faults
     assert found == [("raw/DSC_p07_c2_0013", "107", "2"), ("raw/DSC_p08_c2_0014", "108", "2")]
     assert listed(tmp_path, **entry).left_out == {("raw", "no photograph (.nef)"): 1}
@@ -84,13 +84,13 @@ def test_a_folder_stands_for_the_pictures_in_it(tmp_path):
     for name in ("photos/1/a.jpg", "photos/2_7.JPG", "photos/3/left/b.tif"):
         saved(tmp_path / name)
     (tmp_path / "photos/notes.txt").write_text("warm")
-    found, faults = told(tmp_path, path="photos")
+    found, faults = listed_photographs(tmp_path, path="photos")
     assert not faults
     assert sorted(pose for _, pose, _ in found) == ["1", "2", "3"]
     mapped = {"files": {"images": {"path": "photos/"}}}
     assert len(raw_files(tmp_path, mapped)) == 3
     (tmp_path / "none").mkdir()
-    assert [fault.value for fault in told(tmp_path, path="none")[1]] == ["none"]
+    assert [fault.value for fault in listed_photographs(tmp_path, path="none")[1]] == ["none"]
 
 
 def test_pictures_beside_points_make_no_campaign_of_photographs(tmp_path):
@@ -184,7 +184,7 @@ def test_a_copy_in_a_pose_counts_once_and_in_another_pose_is_a_fault(tmp_path):
     assert [one.image for one in found.found] == ["1/a", "1/b", "2/a"]
     assert found.left_out == {("images/1/c.png", "a copy of another photograph of its pose"): 1}
     shutil.copy(tmp_path / "images/1/b.png", tmp_path / "images/2/b.png")
-    (fault,) = told(tmp_path)[1]
+    (fault,) = listed_photographs(tmp_path)[1]
     assert (fault.file, fault.value) == ("images/2/b.png", "2")
     assert_says(fault.expected, "photograph", "images/1/b.png", "pose 1", "same")
 
@@ -200,7 +200,7 @@ def test_everything_that_is_wrong_is_told_at_once(tmp_path):
     (folder / "bomb.png").write_bytes(bomb(60_000, 60_000))
     (folder / "damaged.tif").write_bytes(b"II*\0\x08\0\0\0\xff\xff")
     Image.fromarray(GREY.astype(np.float32)).save(folder / "deep.tif")
-    _, faults = told(tmp_path)
+    _, faults = listed_photographs(tmp_path)
     found = {str(fault).split(": ", 1)[0]: str(fault).split(": ", 1)[1] for fault in faults}
     assert {name: [word for word in words if word in found[name]] for name, words in EXPECTED.items()} == EXPECTED
     assert found.keys() == EXPECTED.keys()
@@ -228,7 +228,7 @@ def test_an_entry_that_leads_to_no_photograph(tmp_path):
         ({"path": "a.png", "constants": {"pose": 1, "body": "b"}}, "one of camera, image, pose"),
         ({"path": "a.png", "constants": {"pose": 1}, "separator": ";"}, "one of constants, from_name"),
     ):
-        _, faults = told(tmp_path, **entry)
+        _, faults = listed_photographs(tmp_path, **entry)
         assert len(faults) == 1
         assert words in str(faults[0])
 
@@ -275,7 +275,7 @@ def test_damage_anywhere_is_a_fault_or_none_and_nothing_is_said_aside(tmp_path, 
 def test_a_picture_in_another_format_in_the_place_of_a_photograph_is_a_fault(tmp_path, ending, entry):
     saved(tmp_path / "images/1/a.jpg")
     (tmp_path / f"images/2.{ending}" if not entry else tmp_path / f"images/1/b.{ending}").write_bytes(b"picture")
-    faults = told(tmp_path, **entry)[1]
+    faults = listed_photographs(tmp_path, **entry)[1]
     assert len(faults) == 1
     assert f"export it from .{ending.lower()}" in faults[0].expected
     assert_says(faults[0].expected, "JPEG, PNG", "TIFF")
@@ -314,7 +314,7 @@ def test_photographs_that_no_pattern_reaches_are_told(tmp_path):
     saved(tmp_path / "images/1/a.jpg")
     saved(tmp_path / "images/1/left/day2/a.jpg")
     saved(tmp_path / "images/2/a.jpg").rename(tmp_path / "images/2/a.Jpg")
-    assert [(fault.file, says(fault.expected, "two folders down")) for fault in told(tmp_path)[1]] == [
+    assert [(fault.file, says(fault.expected, "two folders down")) for fault in listed_photographs(tmp_path)[1]] == [
         ("images/1/left/day2/a.jpg", True),
         ("images/2/a.Jpg", False),
     ]

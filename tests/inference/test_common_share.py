@@ -37,7 +37,7 @@ def drawn(jacobian: np.ndarray, share: float, rng: np.random.Generator) -> np.nd
     return jacobian @ (widths(share) * rng.normal(size=len(COMMON))) + rng.normal(size=ROWS)
 
 
-def judged(jacobian: np.ndarray, rows: np.ndarray, share: float) -> Pulls:
+def pulls_of(jacobian: np.ndarray, rows: np.ndarray, share: float) -> Pulls:
     shift, covariance = fit(jacobian, rows, share)
     return pulls(shift, np.eye(len(shift)), covariance)
 
@@ -49,7 +49,7 @@ def test_pulls_are_in_their_band_as_often_as_it_says(jacobian: np.ndarray) -> No
         rows = drawn(jacobian, np.cos(angle) ** 2, rng)
         learned = estimated_share(*fit(jacobian, rows, HALF), COMMON, HALF)
         for name, share in (("learned", learned), ("half", HALF)):
-            one = judged(jacobian, rows, share)
+            one = pulls_of(jacobian, rows, share)
             inside[name].append(one.lower <= one.chi_square <= one.upper)
     spread = np.sqrt(0.95 * 0.05 / DRAWS)
     assert abs(np.mean(inside["learned"]) - 0.95) < 3.3 * spread

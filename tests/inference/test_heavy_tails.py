@@ -26,21 +26,21 @@ def _noisiest(rest: NDArray) -> NDArray:
     return np.broadcast_to((_runs() == int(np.argmax(size)))[:, None], rest.shape[:2])
 
 
-def _said(draws: list[NDArray]) -> int:
+def _named_places(draws: list[NDArray]) -> int:
     return sum(is_of_place(rest, _noisiest(rest), STEPS // RUN) for rest in draws)
 
 
 def test_a_run_that_is_noisier_is_named() -> None:
     rng = np.random.default_rng(1)
     own = np.where(_runs() == 3, 2.0, 1.0)[:, None, None]
-    assert_between(_said([_noise(rng) * own for _ in range(CAMPAIGNS)]), CAMPAIGNS - 2, CAMPAIGNS, what="named")
+    assert_between(_named_places([_noise(rng) * own for _ in range(CAMPAIGNS)]), CAMPAIGNS - 2, CAMPAIGNS, what="named")
 
 
 def test_loads_with_heavy_tails_are_no_noisy_run() -> None:
     rng = np.random.default_rng(2)
     pattern = rng.normal(size=(CHANNELS, 1))
     draws = [_noise(rng) + 2.0 * rng.standard_t(1.8, (STEPS, 1, 1)) * pattern for _ in range(CAMPAIGNS)]
-    assert_between(_said(draws), 0, 2, what="named")
+    assert_between(_named_places(draws), 0, 2, what="named")
 
 
 def test_outliers_of_single_channels_are_no_noisy_run() -> None:
@@ -49,7 +49,7 @@ def test_outliers_of_single_channels_are_no_noisy_run() -> None:
         _noise(rng) + 8.0 * rng.normal(size=(STEPS, CHANNELS, 1)) * (rng.random((STEPS, CHANNELS, 1)) < 0.03)
         for _ in range(CAMPAIGNS)
     ]
-    assert_between(_said(draws), 0, 2, what="named")
+    assert_between(_named_places(draws), 0, 2, what="named")
 
 
 def test_a_place_that_was_chosen_pays_for_the_choice() -> None:

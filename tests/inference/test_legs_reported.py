@@ -23,7 +23,7 @@ _SHARED = 0.3 * (np.eye(6)[:, [1, 0, 3, 2, 5, 4]] + np.roll(np.eye(6), 1, 0))
 GRAM = 12.0**2 * (np.eye(6) + (_SHARED + _SHARED.T) / 2)
 
 
-def _told(scores: NDArray) -> tuple[int, ...]:
+def _reported_legs(scores: NDArray) -> tuple[int, ...]:
     """The most probable choice of legs, counted from 1; empty for all."""
     return max(choices(6), key=lambda legs: np.log(choice_share(len(legs), 6)) + _evidence(scores, legs))
 
@@ -49,5 +49,5 @@ def test_legs_that_err_are_told(count: int, signal: float, least: int) -> None:
         signs = rng.choice([-1, 1], 6) if rng.random() < 0.5 else np.ones(6)
         amounts = np.where(truth, signs * rng.uniform(0.7, 1.3, 6), 0.0)
         scores = GRAM @ amounts * (signal / np.sqrt(amounts @ GRAM @ amounts)) + root @ rng.normal(size=6)
-        right += _told(scores) == (() if count == 6 else tuple((np.flatnonzero(truth) + 1).tolist()))
+        right += _reported_legs(scores) == (() if count == 6 else tuple((np.flatnonzero(truth) + 1).tolist()))
     assert_between(right, least, 30, what=f"right choices of {count} legs, of 30")

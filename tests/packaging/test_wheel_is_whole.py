@@ -25,7 +25,7 @@ _WHEEL = f"truing-{truing.__version__}-py3-none-any.whl"
 _CALL = "import truing; assert 'installed' in truing.__file__; from truing.pipeline.entry import main; main()"
 
 
-def _kept(room: Path) -> list[Path]:
+def _packaged_files(room: Path) -> list[Path]:
     return [path for path in room.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
 
 
@@ -56,7 +56,7 @@ def test_every_folder_of_a_room_is_a_package() -> None:
 
 
 def test_every_data_file_is_named_by_a_pattern() -> None:
-    data = [path for room in ROOMS for path in _kept(PROJECT / room) if path.suffix != ".py"]
+    data = [path for room in ROOMS for path in _packaged_files(PROJECT / room) if path.suffix != ".py"]
     assert data
     assert [path for path in data if not any(fnmatch(path.name, pattern) for pattern in PATTERNS)] == []
 
@@ -64,7 +64,7 @@ def test_every_data_file_is_named_by_a_pattern() -> None:
 def test_the_wheel_holds_the_rooms_and_nothing_else(built: Path) -> None:
     with zipfile.ZipFile(built / _WHEEL) as wheel:
         names = wheel.namelist()
-    rooms = {_installed(path) for room in ROOMS for path in _kept(PROJECT / room)}
+    rooms = {_installed(path) for room in ROOMS for path in _packaged_files(PROJECT / room)}
     about = {name for name in names if name.startswith(f"truing-{truing.__version__}.dist-info/")}
     assert set(names) - about == rooms
     assert "truing/py.typed" in names

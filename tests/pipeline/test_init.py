@@ -213,7 +213,7 @@ def proposed(folder: Path, names: tuple[str, ...], text: str) -> Any:
     return next(iter(written(folder)["files"].values()))
 
 
-def told(entry: dict[str, Any], names: tuple[str, ...]) -> list[dict[str, str]]:
+def groups_in_names(entry: dict[str, Any], names: tuple[str, ...]) -> list[dict[str, str]]:
     return [match.groupdict() for name in names if (match := re.search(entry["from_name"], name))]
 
 
@@ -231,27 +231,27 @@ def test_files_that_are_read_alike_are_one_entry_and_their_names_the_poses(
     tmp_path: Path, names: tuple[str, ...], poses: list[str]
 ) -> None:
     entry = proposed(tmp_path / "raw", names, VSTARS)
-    assert [one["pose"] for one in told(entry, names)] == poses
+    assert [one["pose"] for one in groups_in_names(entry, names)] == poses
     assert sorted(path.name for path in (tmp_path / "raw").glob(entry["path"])) == sorted(names)
 
 
 def test_a_trackers_lists_of_one_target_each_tell_body_and_target_by_their_names(tmp_path: Path) -> None:
     entry = proposed(tmp_path / "raw", TRACKER, HEAD)
-    assert [(one["body"], one["target"]) for one in told(entry, TRACKER)] == [
+    assert [(one["body"], one["target"]) for one in groups_in_names(entry, TRACKER)] == [
         ("M2", "Lower_Left"),
         ("M2", "Lower_Right"),
         ("M2", "Upper_Left"),
     ]
     both = (*TRACKER, "LATR_1_step_5deg.txt", "LATR_2_step_5deg.txt")
     entry = proposed(tmp_path / "both", both, HEAD)
-    assert [(one["body"], one["target"]) for one in told(entry, both)[3:]] == [("LATR", "1"), ("LATR", "2")]
+    assert [(one["body"], one["target"]) for one in groups_in_names(entry, both)[3:]] == [("LATR", "1"), ("LATR", "2")]
 
 
 def test_a_few_long_files_of_bare_coordinates_are_targets_and_their_rows_poses(tmp_path: Path) -> None:
     rows = "".join(f"{2641.5 + k} {162.2 - k} {-7.8 * k}\n" for k in range(60))
     entry = proposed(tmp_path / "raw", ROBOT, rows)
     assert entry["number_rows"] == {"pose": 1}
-    assert [(one["body"], one["target"]) for one in told(entry, ROBOT)[2:4]] == [("SMR", "3"), ("base", "1")]
+    assert [(one["body"], one["target"]) for one in groups_in_names(entry, ROBOT)[2:4]] == [("SMR", "3"), ("base", "1")]
     text = (tmp_path / "raw" / "campaign.toml").read_text()
     (tmp_path / "raw" / "campaign.toml").write_text(text.replace("# point_mm", "point_mm"))
     done = CliRunner().invoke(app, ["check", str(tmp_path / "raw")])

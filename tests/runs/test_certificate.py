@@ -187,7 +187,7 @@ def test_results_that_are_off_by_a_cause_they_do_not_hold_are_not_certified(run:
     assert "platform in base" in "".join(_read(run).itertext())
 
 
-def _judged(run: truing.Run, section: str, state: str, code: str) -> truing.Run:
+def _with_verdict(run: truing.Run, section: str, state: str, code: str) -> truing.Run:
     """The run with another verdict on one section."""
 
     def change(rows: pd.DataFrame) -> pd.DataFrame:
@@ -212,13 +212,14 @@ def _judged(run: truing.Run, section: str, state: str, code: str) -> truing.Run:
     ],
 )
 def test_no_number_of_a_model_that_fails_is_certified(run: truing.Run, section: str, state: str, code: str) -> None:
-    said = "".join(_read(_judged(run, section, state, code)).itertext())
+    said = "".join(_read(_with_verdict(run, section, state, code)).itertext())
     explanation = run["verdict"].set_index("section").loc[section, "explanation"]
     assert f"{section}: {state} ({code}, value 2.60, limit 2). {' '.join(explanation.split())}" in " ".join(
         said.split()
     )
     kinds = {
-        row.findtext("dcc:name/dcc:content", "", _NAMES) for row in _measurements(_judged(run, section, state, code))
+        row.findtext("dcc:name/dcc:content", "", _NAMES)
+        for row in _measurements(_with_verdict(run, section, state, code))
     }
     assert kinds == {"Poses"}
     assert {"Poses", "Numbers of the mechanism"} <= {
@@ -236,7 +237,7 @@ def _measurements(run: truing.Run) -> list[ElementTree.Element]:
 def test_harmless_verdicts_leave_all_measurements_certified(
     run: truing.Run, section: str, state: str, code: str
 ) -> None:
-    assert len(_measurements(_judged(run, section, state, code))) == len(_measurements(run))
+    assert len(_measurements(_with_verdict(run, section, state, code))) == len(_measurements(run))
 
 
 def test_poses_of_bodies_that_their_survey_does_not_explain_are_not_certified(
@@ -244,7 +245,7 @@ def test_poses_of_bodies_that_their_survey_does_not_explain_are_not_certified(
 ) -> None:
     bodies = _with(run, "diagnosis", lambda rows: rows.assign(relation="bodies-survey"))
     assert len(_measurements(bodies)) == len(_measurements(run))
-    failing = _judged(bodies, "adequacy", "fails", "beyond-noise")
+    failing = _with_verdict(bodies, "adequacy", "fails", "beyond-noise")
     monkeypatch.setattr(recorded_runs, "opened_run", lambda folder: failing)
     done = _call(run.folder, "--to", "dcc", "--campaign", campaign, "--out", campaign / "out")
     assert done.exit_code == ExitCode.FAILED_CHECK
@@ -256,7 +257,9 @@ def test_poses_of_bodies_that_their_survey_does_not_explain_are_not_certified(
 def test_the_command_says_what_was_not_certified(
     run: truing.Run, campaign: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(recorded_runs, "opened_run", lambda folder: _judged(run, "pulls", "fails", "beyond-tolerance"))
+    monkeypatch.setattr(
+        recorded_runs, "opened_run", lambda folder: _with_verdict(run, "pulls", "fails", "beyond-tolerance")
+    )
     done = _call(run.folder, "--to", "dcc", "--campaign", campaign, "--out", campaign / "out")
     assert done.exit_code == ExitCode.DONE
     assert "not certified: Numbers of the mechanism" in " ".join(done.output.split())
@@ -265,7 +268,7 @@ def test_the_command_says_what_was_not_certified(
 def test_data_that_do_not_belong_together_are_not_certified(
     run: truing.Run, campaign: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    failing = _judged(run, "belonging", "fails", "do-not-belong")
+    failing = _with_verdict(run, "belonging", "fails", "do-not-belong")
     monkeypatch.setattr(recorded_runs, "opened_run", lambda folder: failing)
     done = _call(run.folder, "--to", "dcc", "--campaign", campaign, "--out", campaign / "out")
     assert done.exit_code == ExitCode.FAILED_CHECK

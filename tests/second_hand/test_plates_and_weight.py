@@ -121,7 +121,7 @@ def _change(added: np.ndarray) -> np.ndarray:
     return softer.compliance - machine.compliance
 
 
-def _told(tables: dict[str, pd.DataFrame], effect: str) -> np.ndarray:
+def _reported_change(tables: dict[str, pd.DataFrame], effect: str) -> np.ndarray:
     rows = tables["neglected"].query("effect == @effect")
     return rows.pivot(index="response", columns="load", values="effect_change").loc[RESPONSES, LOADS].to_numpy()
 
@@ -133,7 +133,7 @@ def test_a_plate_changes_the_compliance_as_finite_elements_say(
     own = _change(_felt(plate, _joints()[which]))
     size = np.sqrt(np.outer(np.diag(own), np.diag(own)))  # of entries in their own units
     # 150 elements of even width: off by the square of a slice over the radius, some 1e-5
-    assert np.all(np.abs(_told(tables, effect) - own) < 1e-3 * size)
+    assert np.all(np.abs(_reported_change(tables, effect) - own) < 1e-3 * size)
 
 
 def test_the_weight_and_what_it_does(tables: dict[str, pd.DataFrame]) -> None:

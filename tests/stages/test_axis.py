@@ -291,16 +291,16 @@ def test_overflows_of_a_counter_are_no_errors_but_other_jumps_are() -> None:
     off = np.random.default_rng(1).normal(0.0, 2.0, len(command))
     columns = AxisColumns("linear", "mm", "motor", "command_mm", {"load": "load_counts"}, 1000.0)
 
-    def found(counts: np.ndarray) -> np.ndarray:
+    def deviations_um(counts: np.ndarray) -> np.ndarray:
         table = pa.table({"command_mm": command, "load_counts": counts})
         return columns.deviations(table)[:, 0] * 1e6  # counts are um
 
     truth = np.round(1000.0 * command + off)
-    assert_close(found(truth % 2**16), truth - 1000.0 * command, atol=1e-6)
+    assert_close(deviations_um(truth % 2**16), truth - 1000.0 * command, atol=1e-6)
     signed = (truth + 2**15) % 2**16 - 2**15
-    assert_close(np.ptp(found(signed) - off), 0.0, atol=1.0)
+    assert_close(np.ptp(deviations_um(signed) - off), 0.0, atol=1.0)
     jump = np.where(command > 40.0, 30000.0, 0.0)
-    assert_close(found(truth % 2**16 * 0.0 + truth + jump), truth + jump - 1000.0 * command, atol=1e-6)
+    assert_close(deviations_um(truth % 2**16 * 0.0 + truth + jump), truth + jump - 1000.0 * command, atol=1e-6)
 
 
 def test_commands_within_a_turn_go_on_where_an_encoder_counts_turns() -> None:

@@ -23,7 +23,7 @@ from truing.simulation.cause import Cause
 from truing.stages.common.declared_optics import declared_optics
 
 
-def _found(
+def _found_verdicts(
     seed: int,
     cause: Cause | None = None,
     values: Sequence[float] = (),
@@ -50,11 +50,11 @@ def _found(
 
 def test_next_to_nothing_is_found_where_nothing_is() -> None:
     """Of three campaigns one at most is falsely accused: two are in one of a hundred tries at 5 % each."""
-    assert sum(bool(_found(seed)) for seed in (1, 2, 3)) <= 1
+    assert sum(bool(_found_verdicts(seed)) for seed in (1, 2, 3)) <= 1
 
 
 def test_an_eccentric_load_is_found_with_its_offsets() -> None:
-    (only,) = _found(3, LoadEccentricity("fz"), [0.003, -0.002])
+    (only,) = _found_verdicts(3, LoadEccentricity("fz"), [0.003, -0.002])
     assert (only.cause.id, only.cause.subject) == ("load-eccentricity", "load fz")
     told = only.cause.reported(only.values, only.covariance, 6)
     for one, value in zip(told, (3.0, -2.0), strict=True):
@@ -73,7 +73,7 @@ def test_an_eccentric_load_is_found_with_its_offsets() -> None:
 def test_the_share_of_declared_units_is_found(axis, arm, components, values, share) -> None:
     """Hidden as parasitic loads that differ between push and pull, found as the share of the first unit."""
     hidden = LoadImbalance(axis, components, ("_asymmetry",))
-    (only,) = _found(6, hidden, values, arms={axis: arm})
+    (only,) = _found_verdicts(6, hidden, values, arms={axis: arm})
     assert (only.cause.id, only.cause.subject) == ("load-imbalance", f"load {axis}")
     told = {one.name: one for one in only.cause.reported(only.values, only.covariance, 6)}
     found = told["share_asymmetry"]
@@ -87,13 +87,13 @@ def test_the_share_of_declared_units_is_found(axis, arm, components, values, sha
 
 def test_a_parasitic_load_that_the_units_cannot_bring_keeps_its_own_name() -> None:
     """Units on y share a moment about x; a moment about y is no share of theirs."""
-    (only,) = _found(7, LoadImbalance("fz", ("y",), ("_asymmetry",)), [0.002], arms={"fz": (0.0, 0.5, 0.0)})
+    (only,) = _found_verdicts(7, LoadImbalance("fz", ("y",), ("_asymmetry",)), [0.002], arms={"fz": (0.0, 0.5, 0.0)})
     assert only.cause.id == "load-imbalance"
     assert [p.name for p in only.cause.parameters(6)] == ["moment_y_asymmetry"]
 
 
 def test_a_tilted_beam_is_no_stiffness() -> None:
-    (only,) = _found(4, CosineError("rz"), [0.02, 0.01])
+    (only,) = _found_verdicts(4, CosineError("rz"), [0.02, 0.01])
     assert (only.cause.id, only.cause.subject) == ("cosine-error", "channel rz")
     told = {one.name: one for one in only.cause.reported(only.values, only.covariance, 6)}
     angle = told["angle"]
@@ -107,11 +107,11 @@ def test_of_a_declared_arm_what_is_left_is_found_unless_it_is_as_uncertain() -> 
         declared_optics(Interferometer.model_validate({"beams": {"dz": {**beam, "arm_sigma_mm": sigma}}}))
         for sigma in (0.0, 5.0)
     )
-    (only,) = _found(5, AbbeOffset("dz"), [0.02, -0.01], exact)
+    (only,) = _found_verdicts(5, AbbeOffset("dz"), [0.02, -0.01], exact)
     assert (only.cause.id, only.cause.subject) == ("abbe-offset", "channel dz")
     arms = {one.name: one for one in only.cause.reported(only.values, only.covariance, 6)}
     assert abs(float(arms["arm_x"].value) - 5.0) < 3.0 * (arms["arm_x"].sigma or 0.0) < 2.0
-    assert not _found(5, AbbeOffset("dz"), [0.02, -0.01], unsure)
+    assert not _found_verdicts(5, AbbeOffset("dz"), [0.02, -0.01], unsure)
 
 
 SETTLES = NonparametricReadingEffect((SO_FAR + "mx_nm",), (0.0,), (5000.0,), channel="ry", scale=ARCSEC)
@@ -136,6 +136,6 @@ WARMS = NonparametricReadingEffect(("fy_n", AIR), (0.0, 20.0), (1e4, 0.5), GAIN,
 def test_what_no_cause_explains_is_unexplained(
     cause: NonparametricReadingEffect, values: list[float], follows: str
 ) -> None:
-    (only,) = _found(5, cause, values)
+    (only,) = _found_verdicts(5, cause, values)
     assert (only.cause.id, only.cause.subject) == ("unexplained", f"channel {cause.channel}")
     assert " ".join(only.cause.inputs(6)) == follows

@@ -112,7 +112,7 @@ def test_several_at_a_time_leave_the_same_rays_in_the_same_order(folder, monkeyp
         assert found.artifacts[name].equals(alone.tables[name])
 
 
-def told(folder):
+def fault_of(folder):
     with pytest.raises(CampaignFaults) as caught:
         measured(folder)
     with pytest.raises(CampaignFaults) as checked:
@@ -129,7 +129,7 @@ def test_all_that_is_wrong_with_photographs_and_codes_is_told_at_once(folder):
     (folder / "image_targets.csv").write_text(
         "family,code,body,target\nring12,1,b,T1\nring12,1,b,T2\nring13,4,b,T3\nring8,999,b,T4\naruco4x4_50,50,b,T5\n"
     )
-    words = told(folder)
+    words = fault_of(folder)
     for expected in (
         "images/1/p1.png: found ",
         "images/1/p2.png: expected a photograph; this file is empty",

@@ -39,12 +39,12 @@ def streamed(campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):  # noqa
             patch.setattr(body_poses, "pose_blocks", partial(pose_blocks, points=70))
             outcome = pose.run(tables, settings(bodies={"reference": "base"}, **sections), lambda *_: None)
             assert isinstance(outcome.artifacts["poses"], pa.RecordBatchReader)
-            return {name: plain_texts(_whole(found)) for name, found in outcome.artifacts.items()}, outcome
+            return {name: plain_texts(_as_table(found)) for name, found in outcome.artifacts.items()}, outcome
 
     return run
 
 
-def _whole(found: pa.Table | pa.RecordBatchReader) -> pa.Table:
+def _as_table(found: pa.Table | pa.RecordBatchReader) -> pa.Table:
     return found.read_all() if isinstance(found, pa.RecordBatchReader) else found
 
 
@@ -70,7 +70,7 @@ def test_names_of_poses_may_be_texts(campaign, tmp_path: Path) -> None:  # noqa:
     stored = StoredTable(path, ARTIFACTS["observations"])
     found = pose.run({"observations": stored}, settings(bodies={"reference": "base"}), lambda *_: None)
     numbered = pose.run({"observations": table}, settings(bodies={"reference": "base"}), lambda *_: None)
-    rows = plain_texts(_whole(found.artifacts["poses"])).to_pylist()
+    rows = plain_texts(_as_table(found.artifacts["poses"])).to_pylist()
     as_texts = [row | {"pose": str(row["pose"])} for row in numbered.artifacts["poses"].to_pylist()]
     order = ("pose", "body", "method")
     rows, as_texts = (sorted(own, key=lambda row: [row[name] for name in order]) for own in (rows, as_texts))

@@ -39,7 +39,7 @@ def adjusted(made: Photographed) -> Adjustment:
     return adjust(network, start)
 
 
-def told(found: Adjustment) -> tuple[RayStatistics, list[str]]:
+def statistics_of(found: Adjustment) -> tuple[RayStatistics, list[str]]:
     statistics = ray_statistics(found.observed, found.state)
     return statistics, [f"{number.kind} {number.name}" for number in statistics.numbers]
 
@@ -47,7 +47,7 @@ def told(found: Adjustment) -> tuple[RayStatistics, list[str]]:
 def test_scores_are_what_a_change_in_one_pose_makes_of_them() -> None:
     made = photographed(UnstableCamera("c", jump_px=0.002, from_pose=MOVES[2][0]))
     found = adjusted(made)
-    statistics, names = told(found)
+    statistics, names = statistics_of(found)
     off = np.zeros((len(MOVES), len(names)))
     lens = made.shooting.lenses[0]
     places = [names.index(f"camera {name}") for name in PARAMETERS]
@@ -64,14 +64,14 @@ def test_scores_are_what_a_change_in_one_pose_makes_of_them() -> None:
 
 
 def test_scores_sum_to_nothing_for_what_was_estimated() -> None:
-    statistics, names = told(adjusted(photographed(noisy=True)))
+    statistics, names = statistics_of(adjusted(photographed(noisy=True)))
     total, sigma = statistics.score.sum(0), np.sqrt(np.diagonal(statistics.information.sum(0)))
     free = [names.index(f"camera {name}") for name in ("c", "x0", "y0", "A1", "A2", "B1", "B2", "C1", "C2")]
     assert_close(total[free] / sigma[free], np.zeros(len(free)), atol=1e-4)
 
 
 def test_channels_hold_noise_of_one_and_all_that_was_told() -> None:
-    statistics, _ = told(adjusted(photographed(noisy=True)))
+    statistics, _ = statistics_of(adjusted(photographed(noisy=True)))
     channels = ray_channels(statistics.information, statistics.score)
     again = np.swapaxes(channels.root, 1, 2) @ channels.root
     scale = np.sqrt(np.diagonal(statistics.information, axis1=1, axis2=2))
@@ -92,7 +92,7 @@ def test_an_even_gradient_of_the_air_leaves_nothing_in_any_image() -> None:
 
 
 def test_a_pane_before_the_camera_is_as_thick_as_it_is() -> None:
-    statistics, names = told(adjusted(photographed(Window(thickness_mm=1.0))))
+    statistics, names = statistics_of(adjusted(photographed(Window(thickness_mm=1.0))))
     information, score = statistics.information.sum(0), statistics.score.sum(0)
     pane = names.index("window thickness")
     own = [pane, *(place for place, name in enumerate(names) if name.startswith("camera") and name[-2:] != "A3")]
@@ -105,7 +105,7 @@ def test_points_follow_a_number_as_an_adjustment_with_another_one_moves_them() -
     network, start = network_of(made)
     held = replace(network, cameras=tuple(replace(camera, free=()) for camera in network.cameras))
     plain, longer = (_adjusted_with(held, start.interior, made, dc) for dc in (0.0, 0.01))
-    statistics, names = told(plain)
+    statistics, names = statistics_of(plain)
     expected = statistics.by_point[..., names.index("camera c")] * 0.01
     assert np.abs(expected).max() > 1e-8
     assert_close(longer.state.points - plain.state.points, expected, atol=2e-3 * np.abs(expected).max())
@@ -133,7 +133,7 @@ def test_rays_bent_by_a_layer_of_air_tell_its_curvature() -> None:
     seeming = replace(start, points=point + moved)
     xy = project(network, seeming, rays.image, np.arange(rays.count))
     bent = replace(network, rays=replace(rays, xy_px=xy))
-    statistics, names = told(adjust(bent, start))
+    statistics, names = statistics_of(adjust(bent, start))
     information, score = statistics.information.sum(0), statistics.score.sum(0)
     own = [
         names.index("air zz"),

@@ -19,7 +19,7 @@ def measured() -> np.ndarray:
     return SHAPE + SIGMA * np.random.default_rng(3).normal(size=(POSES, *SHAPE.shape))
 
 
-def _judged(points: np.ndarray, excluded: tuple[int, int] | None = None):
+def _selection(points: np.ndarray, excluded: tuple[int, int] | None = None):
     seen = np.ones(points.shape[:2], bool)
     cov = np.broadcast_to(np.eye(3) * SIGMA**2, (*points.shape, 3))
     values = points - SHAPE
@@ -33,25 +33,25 @@ def _judged(points: np.ndarray, excluded: tuple[int, int] | None = None):
 
 def test_a_point_that_is_off_alone_is_a_gross_error(measured: np.ndarray) -> None:
     measured[6, 2] += 0.01
-    judged = _judged(measured)
+    judged = _selection(measured)
     assert np.argwhere(~judged.kept).tolist() == [[6, 2]]
     assert judged.exchanges == []
 
 
 def test_exchanged_labels_are_told_and_their_points_kept(measured: np.ndarray) -> None:
     measured[5, [1, 4]] = measured[5, [4, 1]]
-    judged = _judged(measured)
+    judged = _selection(measured)
     assert judged.kept.all()
     assert [(one.pose, {one.first, one.second}) for one in judged.exchanges] == [(5, {1, 4})]
 
 
 def test_a_target_that_was_moved_is_kept_where_it_went(measured: np.ndarray) -> None:
     measured[8:, 3] += [0.002, 0.0, 0.001]
-    assert _judged(measured).kept.all()
+    assert _selection(measured).kept.all()
 
 
 def test_what_a_person_excluded_is_not_kept(measured: np.ndarray) -> None:
-    assert np.argwhere(~_judged(measured, (2, 1)).kept).tolist() == [[2, 1]]
+    assert np.argwhere(~_selection(measured, (2, 1)).kept).tolist() == [[2, 1]]
 
 
 def test_a_declared_noise_stands_where_a_point_carries_none() -> None:

@@ -44,7 +44,7 @@ def search(off: np.ndarray, seed: int = 3) -> CauseDiagnosis:
     return CauseSelection(RayModel.of(RAYS), poses, None, Settings(0.05, 200, 1)).run(KINDS)
 
 
-def found(diagnosis: CauseDiagnosis) -> list[tuple[str, str]]:
+def found_causes(diagnosis: CauseDiagnosis) -> list[tuple[str, str]]:
     return [(v.cause.id, v.cause.subject) for v in diagnosis.verdicts if v.verdict == "found"]
 
 
@@ -57,12 +57,12 @@ def off_by(name: str, course: np.ndarray) -> np.ndarray:
 def test_nothing_is_found_where_all_poses_share_what_they_should() -> None:
     common = np.zeros((POSES, len(NUMBERS)))
     common[:, [place("camera left c"), place("camera left x0")]] = 0.4, -0.3
-    assert found(search(common)) == []
+    assert found_causes(search(common)) == []
 
 
 def test_a_camera_that_jumps_is_told_with_the_pose_and_by_how_much() -> None:
     diagnosis = search(off_by("camera left c", 0.5 * (np.arange(POSES) >= 10)))
-    assert found(diagnosis) == [("camera-instability", "camera left")]
+    assert found_causes(diagnosis) == [("camera-instability", "camera left")]
     verdict = diagnosis.verdicts[0]
     told_of = {one.name: one for one in verdict.cause.reported(verdict.values, verdict.covariance, 0)}
     assert told_of["from_pose"].value == 11
@@ -71,7 +71,7 @@ def test_a_camera_that_jumps_is_told_with_the_pose_and_by_how_much() -> None:
 
 def test_a_camera_that_follows_the_temperature_is_told_per_kelvin() -> None:
     diagnosis = search(off_by("camera left y0", 0.5 * RAYS.heat))
-    assert found(diagnosis) == [("camera-instability", "camera left")]
+    assert found_causes(diagnosis) == [("camera-instability", "camera left")]
     assert isinstance(diagnosis.verdicts[0].cause, CameraInstability)
     assert diagnosis.verdicts[0].cause.form == "temperature"
 
@@ -79,7 +79,7 @@ def test_a_camera_that_follows_the_temperature_is_told_per_kelvin() -> None:
 def test_a_camera_that_differs_from_pose_to_pose_is_told_by_its_scatter() -> None:
     loose = np.random.default_rng(7).normal(0.0, 0.6, POSES)
     diagnosis = search(off_by("camera left c", loose))
-    assert found(diagnosis) == [("camera-instability", "camera left")]
+    assert found_causes(diagnosis) == [("camera-instability", "camera left")]
     verdict = diagnosis.verdicts[0]
     told_of = {one.name: one for one in verdict.cause.reported(verdict.values, verdict.covariance, 0)}
     assert abs(told_of["c_scatter"].value - np.std(loose, ddof=1)) < 0.2
@@ -115,5 +115,7 @@ def test_an_effect_of_an_unassigned_column_is_reported_as_unexplained() -> None:
 
 
 def test_layers_of_air_and_panes_are_told_though_they_are_the_same_in_all_poses() -> None:
-    assert found(search(off_by("air zz", np.full(POSES, 6.0)))) == [("refraction", "")]
-    assert found(search(off_by("window left thickness", np.full(POSES, 12.0)))) == [("refraction", "camera left")]
+    assert found_causes(search(off_by("air zz", np.full(POSES, 6.0)))) == [("refraction", "")]
+    assert found_causes(search(off_by("window left thickness", np.full(POSES, 12.0)))) == [
+        ("refraction", "camera left")
+    ]

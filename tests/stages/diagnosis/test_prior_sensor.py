@@ -61,7 +61,7 @@ def measured(home: Path, seed: int, effects: Sequence[Effect], earlier: str | No
     return folder
 
 
-def found(tables: dict[str, Any]) -> list[tuple[str, str]]:
+def found_causes(tables: dict[str, Any]) -> list[tuple[str, str]]:
     rows = tables["diagnosis"].to_pylist()
     return [(row["cause"], row["subject"]) for row in rows if row["verdict"] == "found"]
 
@@ -84,8 +84,8 @@ def second(home: Path, first: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_what_the_first_found_is_not_found_again_and_goes_on(first: dict[str, Any], second: dict[str, Any]) -> None:
-    assert found(first) == [("load-eccentricity", "load fz")]
-    assert found(second) == []
+    assert found_causes(first) == [("load-eccentricity", "load fz")]
+    assert found_causes(second) == []
     before, now = read_sensor(first["model"]), read_sensor(second["model"])
     assert [cause.key for cause in now.causes] == [cause.key for cause in before.causes] == [FZ.key]
     sigmas = [np.sqrt(np.diag(model.covariance)) for model in (before, now)]

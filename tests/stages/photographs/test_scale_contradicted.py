@@ -51,7 +51,7 @@ def test_one_bar_against_the_survey_fails_without_a_name(plain: Path, tmp_path: 
     assert "One of them is wrong" in row.message
 
 
-def _found(**ratios: float) -> Contradiction | None:
+def _contradiction(**ratios: float) -> Contradiction | None:
     rows = [
         {"figure": figure, "subject": name.replace("_", " "), "value": value if figure == LENGTH else 1e-5}
         for name, value in ratios.items()
@@ -61,12 +61,12 @@ def _found(**ratios: float) -> Contradiction | None:
 
 
 def test_lengths_that_agree_contradict_nothing() -> None:
-    assert _found(bar_S=1.0, bar_T=1.0003, survey_of_base=0.9998, survey_of_platform=1.0001) is None
-    assert _found(bar_S=1.0) is None
+    assert _contradiction(bar_S=1.0, bar_T=1.0003, survey_of_base=0.9998, survey_of_platform=1.0001) is None
+    assert _contradiction(bar_S=1.0) is None
 
 
 def test_bodies_of_a_survey_are_one_statement() -> None:
-    found = _found(bar_S=1.002, bar_T=1.002, survey_of_base=1.0, survey_of_platform=1.0, survey_of_leg1=1.0)
+    found = _contradiction(bar_S=1.002, bar_T=1.002, survey_of_base=1.0, survey_of_platform=1.0, survey_of_leg1=1.0)
     assert found is not None
     assert found.odd == ("the survey",)
     assert found.by == pytest.approx(-TOO_LONG, rel=0.01)

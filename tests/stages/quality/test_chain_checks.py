@@ -297,11 +297,11 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def test_a_zero_far_off_is_a_finding_with_its_size(runs: dict[str, Path]) -> None:
-    def found(home: Path) -> dict[tuple[str, str], str]:
+    def found_parameters(home: Path) -> dict[tuple[str, str], str]:
         rows = pq.read_table(home / "run" / "diagnosis.parquet").to_pylist()
         return {(row["cause"], row["subject"]): row["parameters"] for row in rows if row["verdict"] == "found"}
 
-    right, off = found(runs["right"]), found(runs["off"])
+    right, off = found_parameters(runs["right"]), found_parameters(runs["off"])
     size = json.loads(off.pop(("joint-offset", "joint elbow")))["offset"]
     assert np.degrees(size["value"]) == pytest.approx(-90.0, abs=0.5)
     assert set(off) == set(right)

@@ -25,7 +25,7 @@ Tables = tuple[pd.DataFrame, pd.DataFrame]
 Change = Callable[[pd.DataFrame, pd.DataFrame], Tables | None]
 
 
-def judged(
+def quality_of(
     folder: Path, change: Change | None = None, seed: int = 3, toml: str | None = None, **how: object
 ) -> pd.DataFrame:
     readings, signals = measured(np.random.default_rng(seed), **how)  # type: ignore[arg-type]
@@ -34,7 +34,7 @@ def judged(
     return run_line(folder / "c", "ingest", "qa")[0]["qa"].to_pandas()
 
 
-def told(qa: pd.DataFrame, verdict: str) -> dict[str, str]:
+def messages(qa: pd.DataFrame, verdict: str) -> dict[str, str]:
     """Messages of the rows with a verdict, by check and subject."""
     rows = qa[qa["verdict"] == verdict]
     return {f"{r.check} {r.subject}".strip(): r.message for r in rows.itertuples()}
@@ -44,9 +44,9 @@ def told(qa: pd.DataFrame, verdict: str) -> dict[str, str]:
 def test_a_good_campaign_passes(tmp_path, own_channel):
     for seed in range(2):
         (tmp_path / str(seed)).mkdir()
-        qa = judged(tmp_path / str(seed), seed=seed, own_channel=own_channel, repeats=2)
-        assert not told(qa, "fail")
-        assert not told(qa, "warn")
+        qa = quality_of(tmp_path / str(seed), seed=seed, own_channel=own_channel, repeats=2)
+        assert not messages(qa, "fail")
+        assert not messages(qa, "warn")
         assert set(qa["check"]) <= set(OF_LOADS)
         assert (qa["verdict"] == "pass").sum() > 40
 
@@ -68,7 +68,7 @@ def test_readings_whose_times_only_count_tell_no_drift_unless_one_is_seen(tmp_pa
     def counted(readings, signals):
         readings["time_s"] = readings.groupby("run")["step"].transform(lambda step: step - step.min()).astype(float)
 
-    drift = judged(tmp_path, counted).set_index("check").loc["drift"]
+    drift = quality_of(tmp_path, counted).set_index("check").loc["drift"]
     assert (drift["verdict"] == "not evaluated").all()
 
 
@@ -84,7 +84,7 @@ def test_a_correction_that_is_less_well_known_than_its_channel_reads_is_told(tmp
         places = [of_step[key] for key in zip(readings["run"], readings["step"], strict=True)]
         return readings.assign(material_temperature_c=warm[places]), signals
 
-    qa = judged(tmp_path, measured_warm, toml=toml)
+    qa = quality_of(tmp_path, measured_warm, toml=toml)
     rows = qa[qa["check"] == "corrections"].set_index("subject")
     assert dict(rows["verdict"]) == {"channel dz material": "warn", "channel dx material": "pass"}
     assert_close(rows["value"], [0.0976, 0.976], atol=1e-3)
@@ -227,7 +227,7 @@ def moment_with_force(readings, signals):
 )
 def test_every_defect_is_found_and_told_where_it_is(tmp_path, change, verdict, row, message):
     repeats = 2 if change in (noisy, jumped, gross) else 1  # one run per axis leaves little that nothing else explains
-    found = told(judged(tmp_path, change, repeats=repeats), verdict)
+    found = messages(quality_of(tmp_path, change, repeats=repeats), verdict)
     assert row in found, found
     assert message in found[row]
 
@@ -240,7 +240,7 @@ def test_wrong_steps_are_found_without_a_simulation(tmp_path):
         readings.loc[at(readings, 11, channel="rx"), "reading"] *= -1.0
         return readings, None
 
-    failed = told(judged(tmp_path, change, toml=toml, repeats=3), "fail")
+    failed = messages(quality_of(tmp_path, change, toml=toml, repeats=3), "fail")
     assert {"units run 8 dz", "signs run 11 rx"} <= set(failed)
 
 
@@ -260,10 +260,10 @@ def test_signals_alone_are_judged_and_the_rest_is_told_as_not_evaluated(tmp_path
         signals.loc[signals["run"] == 7, "load"] *= -1.0
         return None, signals
 
-    qa = judged(tmp_path, change, repeats=3)
-    assert list(told(qa, "fail")) == ["signals-against-loads run 7", "signs run 7 v1 v2 v3 v4 v5 v6"]
-    assert "no readings" in told(qa, "not evaluated")["completeness"]
-    assert "loads-span" in told(qa, "pass")
+    qa = quality_of(tmp_path, change, repeats=3)
+    assert list(messages(qa, "fail")) == ["signals-against-loads run 7", "signs run 7 v1 v2 v3 v4 v5 v6"]
+    assert "no readings" in messages(qa, "not evaluated")["completeness"]
+    assert "loads-span" in messages(qa, "pass")
 
 
 def test_a_single_run_per_axis_does_not_confirm_signs_and_axes(tmp_path):
@@ -272,12 +272,12 @@ def test_a_single_run_per_axis_does_not_confirm_signs_and_axes(tmp_path):
     def change(readings, signals):
         return None, signals
 
-    qa = judged(tmp_path, change, repeats=1)
-    assert "another run under the same axis" in told(qa, "not evaluated")["signs signals"]
-    assert "in whole runs cannot be detected" in told(qa, "pass")["exchanged-rows"]
+    qa = quality_of(tmp_path, change, repeats=1)
+    assert "another run under the same axis" in messages(qa, "not evaluated")["signs signals"]
+    assert "in whole runs cannot be detected" in messages(qa, "pass")["exchanged-rows"]
     (tmp_path / "2").mkdir()
-    qa = judged(tmp_path / "2", change, repeats=2)
-    assert "runs and channels have the same sign as each other" in told(qa, "pass")["signs signals"]
+    qa = quality_of(tmp_path / "2", change, repeats=2)
+    assert "runs and channels have the same sign as each other" in messages(qa, "pass")["signs signals"]
 
 
 def test_noise_at_the_bound_fails_as_rarely_as_stated():
@@ -306,7 +306,7 @@ def test_a_programme_of_loads_that_repeats_worse_than_the_others_is_named(tmp_pa
         own = readings["run"].isin([7, 8]) & (readings["channel"] == "dx")
         readings.loc[own, "reading"] += np.random.default_rng(5).normal(0.0, 2.5, int(own.sum()))
 
-    qa = judged(tmp_path, worse, repeats=2)
+    qa = quality_of(tmp_path, worse, repeats=2)
     rows = qa[qa["check"] == "repeatability"].set_index("subject")
     row = rows.loc["channel dx"]
     assert row["verdict"] == "warn"

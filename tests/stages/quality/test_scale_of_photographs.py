@@ -32,7 +32,7 @@ def lengths(bars: list[tuple[str, str]], serves: str = "scale", off_um: float = 
     return pa.Table.from_pylist(rows)
 
 
-def said(*bars: pa.Table, surveyed: bool = False, known: tuple[tuple[str, str, float], ...] = ()) -> Check:
+def scale_check(*bars: pa.Table, surveyed: bool = False, known: tuple[tuple[str, str, float], ...] = ()) -> Check:
     told = figures(("scale from scale bars", "pose 1", 1.0), ("scale from scale bars", "pose 2", 1.0), *known)
     (check,) = scale(told, pa.concat_tables(bars), surveyed=surveyed)
     return check
@@ -40,7 +40,7 @@ def said(*bars: pa.Table, surveyed: bool = False, known: tuple[tuple[str, str, f
 
 def test_a_scale_that_nothing_checks_is_told_as_such() -> None:
     for bars, what in ((SURVEY, "3 distances of the survey"), ([("S", "s/1")], "scale bar S")):
-        message = said(lengths(bars), surveyed=bars is SURVEY).message
+        message = scale_check(lengths(bars), surveyed=bars is SURVEY).message
         assert_says(message, "2 poses", "scale", f"{what} alone")
         assert_says(message, "Nothing checks")
 
@@ -48,14 +48,14 @@ def test_a_scale_that_nothing_checks_is_told_as_such() -> None:
 @pytest.mark.parametrize(
     ("check", "words"),
     [
-        (said(lengths([("S", "s"), ("T", "t")])), "from scale bars S, T, checked by each other."),
-        (said(lengths([("S", "s")]), surveyed=True), "from scale bar S, checked by the survey."),
+        (scale_check(lengths([("S", "s"), ("T", "t")])), "from scale bars S, T, checked by each other."),
+        (scale_check(lengths([("S", "s")]), surveyed=True), "from scale bar S, checked by the survey."),
         (
-            said(lengths([("S", "s")]), lengths([("C", "c")], "check")),
+            scale_check(lengths([("S", "s")]), lengths([("C", "c")], "check")),
             "from scale bar S, checked by reference length C.",
         ),
         (
-            said(lengths(SURVEY), surveyed=True, known=(("size over stated", "circles", 1.01),)),
+            scale_check(lengths(SURVEY), surveyed=True, known=(("size over stated", "circles", 1.01),)),
             "from 3 distances of the survey, checked by the width of circles.",
         ),
     ],

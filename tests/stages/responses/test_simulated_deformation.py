@@ -34,7 +34,7 @@ def _campaign(folder: Path, simulated: np.ndarray, platform: int = 8) -> Path:
     return made
 
 
-def _found(folder: Path, simulated: np.ndarray, platform: int = 8) -> tuple[dict[str, pd.DataFrame], str]:
+def _deformation_of(folder: Path, simulated: np.ndarray, platform: int = 8) -> tuple[dict[str, pd.DataFrame], str]:
     tables, outcomes = run_line(_campaign(folder / "c", simulated, platform), "ingest", "pose", "deformation")
     frames = {name: table.to_pandas() for name, table in tables.items() if hasattr(table, "to_pandas")}
     return frames, outcomes["deformation"].figure
@@ -47,7 +47,7 @@ def _figures(tables: dict[str, pd.DataFrame], model: str = "matrix") -> dict[str
 
 
 def test_the_true_matrix_agrees(tmp_path: Path) -> None:
-    tables, words = _found(tmp_path, _K)
+    tables, words = _deformation_of(tmp_path, _K)
     entries = tables["simulated_deformation"]
     low, high = (float(chi2.ppf(q, 36)) for q in (1e-3, 1 - 1e-3))
     assert low < _figures(tables)["agreement_chi_square"] < high
@@ -61,7 +61,7 @@ def test_the_true_matrix_agrees(tmp_path: Path) -> None:
 def test_a_wrong_entry_differs_and_no_other(tmp_path: Path) -> None:
     wrong = _K.copy()
     wrong[3, 2] += 0.012
-    tables, _ = _found(tmp_path, wrong)
+    tables, _ = _deformation_of(tmp_path, wrong)
     entries = tables["simulated_deformation"].set_index(["leg", "column"])
     assert list(entries.index[entries["verdict"] == "differs"]) == [(4, 3)]
     row = entries.loc[4, 3]
@@ -74,7 +74,7 @@ def test_a_wrong_entry_differs_and_no_other(tmp_path: Path) -> None:
 
 
 def test_a_platform_softer_than_simulated_is_told_by_its_factor(tmp_path: Path) -> None:
-    tables, _ = _found(tmp_path, _K / 12.0)
+    tables, _ = _deformation_of(tmp_path, _K / 12.0)
     figures = _figures(tables)
     assert abs(figures["measured_over_simulated"] - 12.0) < 4.0 * figures["measured_over_simulated_sigma"]
     assert figures["agreement_p_value"] < 1e-20
@@ -85,7 +85,7 @@ def test_a_platform_softer_than_simulated_is_told_by_its_factor(tmp_path: Path) 
 
 
 def test_a_matrix_known_modulo_a_plane_is_not_compared(tmp_path: Path) -> None:
-    tables, words = _found(tmp_path, _K, platform=0)
+    tables, words = _deformation_of(tmp_path, _K, platform=0)
     assert _figures(tables)["modulo_plane"] == 1.0
     assert "agreement_p_value" not in _figures(tables)
     assert len(tables["simulated_deformation"]) == 0
@@ -96,7 +96,7 @@ def test_a_matrix_known_modulo_a_plane_is_not_compared(tmp_path: Path) -> None:
 
 
 def test_a_rigid_platform_that_was_simulated_to_bend_asks_for_attention(tmp_path: Path) -> None:
-    tables, _ = _found(tmp_path, _K)
+    tables, _ = _deformation_of(tmp_path, _K)
     errors = tables["deformation_errors"]
     rigid = errors["figure"].isin(["p_value_over_none", "p_value_over_linear"])
     tables["deformation_errors"] = errors.assign(value=errors["value"].where(~rigid, 0.5))
