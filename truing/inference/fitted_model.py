@@ -298,14 +298,14 @@ class Fitter(Generic[CauseT]):
 
     def screen(self, fitted: FittedModel[CauseT]) -> bool:
         """Exclude gross errors of a fit, on held-out epochs too; return True if there were any."""
-        seen, rest = self.calibration.measured.seen, _own_residuals(fitted.fit, self.calibration.measured)
+        seen, residuals = self.calibration.measured.seen, _own_residuals(fitted.fit, self.calibration.measured)
         axes = self.calibration.measured.whitener @ fitted.fit.frames.R[:, None]
         axes = axes @ fitted.model.rotations(fitted.fit.shared, fitted.fit.local)
         order = fitted.scene.covariates.get("order")
-        wrong = gross_errors(rest, seen, axes, order, fitted.model.zero_groups)
+        wrong = gross_errors(residuals, seen, axes, order, fitted.model.zero_groups)
         wrong = self.calibration.removable(wrong)
         self.calibration = self.calibration.without(wrong)
-        screened = _screened(wrong, rest, held_out=False)
+        screened = _screened(wrong, residuals, held_out=False)
         if self.held_out is not None and fitted.held_out is not None:
             unseen = gross_errors(
                 fitted.held_out.whitened, self.held_out.measured.seen, zero_groups=fitted.held_out.model.zero_groups
@@ -323,46 +323,54 @@ class Fitter(Generic[CauseT]):
         The fit did not use them, and predicts them far better than the fit that excluded them: they only show an effect
         more than others do. Neither its prediction nor, for calibration epochs, a fit to them leaves gross errors.
         """
-        own = self._explained_in_fit(fitted)
-        unseen = self._explained_in_prediction(fitted)
-        self.calibration = self.calibration.with_kept(own)
+        explained = self._explained_in_fit(fitted)
+        predicted = self._explained_in_prediction(fitted)
+        self.calibration = self.calibration.with_kept(explained)
         if self.held_out is not None:
-            self.held_out = self.held_out.with_kept(unseen)
-        self.screened = [one for one in self.screened if not (unseen if one.held_out else own)[one.row, one.channel]]
-        return bool(own.any() or unseen.any())
+            self.held_out = self.held_out.with_kept(predicted)
+        self.screened = [
+            value
+            for value in self.screened
+            if not (predicted if value.held_out else explained)[value.row, value.channel]
+        ]
+        return bool(explained.any() or predicted.any())
 
     def _explained_in_fit(self, fitted: FittedModel[CauseT]) -> Mask:
         """Return the excluded observations (B, K) of calibration epochs that a fit explains."""
         measured, fit = fitted.measured, fitted.fit
-        out = self._recorded[0] & ~self.calibration.measured.seen
-        if not out.any():
-            return out
-        predicted = prediction_error(fitted.model, measured.with_seen(measured.seen | out), fit.frames, fit.shared)
-        near = out & (_lengths(predicted.whitened) < _FAR_BETTER * self._screened_lengths(out.shape, held_out=False))
+        excluded = self._recorded[0] & ~self.calibration.measured.seen
+        if not excluded.any():
+            return excluded
+        predicted = prediction_error(fitted.model, measured.with_seen(measured.seen | excluded), fit.frames, fit.shared)
+        near = excluded & (
+            _lengths(predicted.whitened) < _FAR_BETTER * self._screened_lengths(excluded.shape, held_out=False)
+        )
         if not near.any():
             return near
-        more = measured.with_seen(measured.seen | near)
-        rest = _own_residuals(fit_model(fitted.model.predict, more, fit.frames, fit.shared, fit.local), more)
-        return near & ~gross_errors(rest, more.seen, zero_groups=fitted.model.zero_groups)
+        enlarged = measured.with_seen(measured.seen | near)
+        residuals = _own_residuals(
+            fit_model(fitted.model.predict, enlarged, fit.frames, fit.shared, fit.local), enlarged
+        )
+        return near & ~gross_errors(residuals, enlarged.seen, zero_groups=fitted.model.zero_groups)
 
     def _explained_in_prediction(self, fitted: FittedModel[CauseT]) -> Mask:
         """Return the excluded observations (B, K) of held-out epochs that a fit predicts."""
         if self.held_out is None or fitted.held_out is None or self._recorded[1] is None:
             return np.zeros((0, 0), bool)
-        held, out = self.held_out, self._recorded[1] & ~self.held_out.measured.seen
-        if not out.any():
-            return out
-        model, measured = fitted.held_out.model, held.measured.with_seen(self._recorded[1])
-        rest = prediction_error(model, measured, held.frames, fitted.fit.shared).whitened
-        near = out & (_lengths(rest) < _FAR_BETTER * self._screened_lengths(out.shape, held_out=True))
-        return near & ~gross_errors(rest, measured.seen, zero_groups=model.zero_groups)
+        epochs, excluded = self.held_out, self._recorded[1] & ~self.held_out.measured.seen
+        if not excluded.any():
+            return excluded
+        model, measured = fitted.held_out.model, epochs.measured.with_seen(self._recorded[1])
+        residuals = prediction_error(model, measured, epochs.frames, fitted.fit.shared).whitened
+        near = excluded & (_lengths(residuals) < _FAR_BETTER * self._screened_lengths(excluded.shape, held_out=True))
+        return near & ~gross_errors(residuals, measured.seen, zero_groups=model.zero_groups)
 
     def _screened_lengths(self, shape: tuple[int, ...], *, held_out: bool) -> Array:
         """Return the lengths of whitened residuals for which observations were excluded, zero for all others."""
         length = np.zeros(shape)
-        for own in self.screened:
-            if own.held_out is held_out:
-                length[own.row, own.channel] = own.length
+        for value in self.screened:
+            if value.held_out is held_out:
+                length[value.row, value.channel] = value.length
         return length
 
     def learn_noise(self, fitted: FittedModel[CauseT]) -> bool:
@@ -540,15 +548,15 @@ def _height(measured: Observations) -> int:
     return int(measured.seen.shape[1]) * measured.size
 
 
-def _lengths(rest: Array) -> Array:
-    return np.asarray(np.sqrt(np.sum(rest**2, -1)))
+def _lengths(residuals: Array) -> Array:
+    return np.asarray(np.sqrt(np.sum(residuals**2, -1)))
 
 
 def _own_residuals(fit: Fit, measured: Observations) -> Array:
     """Return the whitened residuals (B, K, d) of the observations of a fit, without those of its inputs."""
-    epochs, own = len(measured.seen), _height(measured)
-    height = own + fit.whitened.problem.local_value.shape[1]
-    rows = fit.whitened.rest[: epochs * height].reshape(epochs, height)[:, :own]
+    epochs, height_observed = len(measured.seen), _height(measured)
+    height = height_observed + fit.whitened.problem.local_value.shape[1]
+    rows = fit.whitened.rest[: epochs * height].reshape(epochs, height)[:, :height_observed]
     return rows.reshape(*measured.seen.shape, -1)
 
 
