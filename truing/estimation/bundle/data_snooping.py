@@ -105,7 +105,7 @@ def adjust_robustly(
 
 
 @dataclass(frozen=True)
-class _Snooped:
+class _ScreeningEnd:
     """State at the end of data snooping: adjustment of the used rays (N,), tests of all, and their noise components.
 
     ``active`` (N,): rays not rejected; ``returns`` (N,): how often each has returned; ``latest``: components estimated
@@ -133,7 +133,7 @@ def _screened(
 ) -> ScreenedNetwork:
     """Return the network adjusted with the possible rays (N,) that pass, starting from the active ones (N,)."""
     loose = _with_loose_bars(network)
-    end = _snooped(loose, start, datum, possible, active, alpha, with_components)
+    end = _screening_end(loose, start, datum, possible, active, alpha, with_components)
     adjusted, tests, used = end.adjusted, end.tests, end.used
     if loose is not network:
         adjusted = adjust(network, adjusted.state, datum, used=used, variance_factor=end.components.of_rays())
@@ -160,7 +160,7 @@ def _screened(
     )
 
 
-def _snooped(
+def _screening_end(
     network: Network,
     start: NetworkState,
     datum: Datum,
@@ -168,7 +168,7 @@ def _snooped(
     active: Mask,
     alpha: float,
     with_components: bool,
-) -> _Snooped:
+) -> _ScreeningEnd:
     """Return the end of data snooping: rays fail and return in turn until all agree, or after `_MOST_ROUNDS`."""
     state, active, components = robust_start(network, start, datum, active)
     if not with_components:
@@ -188,7 +188,7 @@ def _snooped(
         passed = converged and not fails.any() and not passes.any()
         if passed or rounds >= _MOST_ROUNDS:
             if adjusted.converged or not within:
-                return _Snooped(adjusted, tests, components, latest, used, active, returns, rounds)
+                return _ScreeningEnd(adjusted, tests, components, latest, used, active, returns, rounds)
             within = 0.0  # what passes after one step is adjusted to the end, and tested once more
             continue
         rounds, within = rounds + 1, _WITHIN
