@@ -1,7 +1,7 @@
 """Names of covariates, kept apart from all other names of a run.
 
-A covariate may have any name that is not a column of its own table. If tables are joined, or the program uses the name
-itself (as for the order of the poses), the covariate is stored under `column_alias` of its name; texts show
+A covariate may have any name that is not a column of its own table. In joined tables, or if the program uses the name
+itself (such as the order of the poses), the covariate is stored under `column_alias` of its name; texts show
 `own_name`.
 """
 

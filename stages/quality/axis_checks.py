@@ -106,7 +106,7 @@ def encoders_in_place(columns: AxisColumns, deviations: Mapping[str, Array]) -> 
 
     ``deviations`` (N,) of each encoder from the command, rad or m. Both comparisons are Pitman's test of correlated
     variances (Biometrika 31 (1939) 9). If the instrument agrees with the motor, and the other encoder follows the
-    command, the columns are exchanged, or the loop is another one and the load encoder errs.
+    command, the columns are exchanged, or the load encoder errs in another loop.
     """
     unit = columns.reported_unit
     if missing := [each for each in ENCODERS if each not in deviations]:

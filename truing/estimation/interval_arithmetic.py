@@ -192,9 +192,9 @@ def tangent_of_half(angle_high: float) -> float:
 def is_regular(matrices: IntervalArray) -> NDArray:
     """True if every matrix in intervals (..., m, n), m >= n, has rank n: True (...) where this is proven.
 
-    With C an inverse of the middle, computed in floating point, C A is within I + E. If a positive vector d has
-    |E| d < d, row by row, C A is regular (Neumaier, Interval Methods, 1990, section 4.1), and so no vector is in the
-    kernel of A.
+    With C an inverse of the middle, computed in floating point, C A is within I + E. If a positive vector d has |E| d
+    < d, row by row, C A is regular (Neumaier, Interval Methods, 1990, section 4.1). So no vector is in the kernel of
+    A.
     """
     usable = np.isfinite(matrices.low).all((-2, -1)) & np.isfinite(matrices.high).all((-2, -1))
     rows, size = matrices.shape[-2:]

@@ -1,7 +1,7 @@
 """Time and memory that the adjustment of a network will take, from its size alone.
 
-Processor time is that of the steps and covariances of a usual run, from start values to the last test of the rays, on
-one core of 2024; gross errors take more rounds of tests and up to twice as long. Measured by
+Processor time is that of a usual run, from start values to the last test of the rays, on one core of 2024; gross
+errors take more rounds of tests and up to twice as long. Measured by
 `python -m benchmarks.large_network` and on a public network (romabundledemo of DBAT).
 """
 

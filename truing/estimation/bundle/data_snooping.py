@@ -239,8 +239,8 @@ def _worst_failures(network: Network, used: Mask, tests: RayTests, fails: Mask) 
 def relaxed(
     network: Network, possible: Mask, error: UndeterminedNetworkError
 ) -> tuple[Network, Mask, tuple[tuple[str, str], ...]]:
-    """Return the network with one undetermined interior element held fixed, the rays (N,) without images and points in
-    free directions, and the elements held now: (camera, element) or none.
+    """Return the network with one undetermined interior element held fixed. Also: the rays (N,) without images and
+    points in free directions, and the elements held now, (camera, element) or none.
 
     Raises the error again if neither helps.
     """
@@ -317,7 +317,7 @@ def _inverse(M: Array) -> Array:
 
 
 def _two_directions(C: Array, A: Array, v: Array, used: Mask) -> tuple[Array, Index]:
-    """Return T (n,) and its degrees of freedom (n,), summed over the two directions in which the covariances C of
+    """Return T (n,) and its degrees of freedom (n,). It sums over the two directions in which the covariances C of
     measured and A of computed image points (n, 2, 2) are both diagonal; v (n, 2): residuals."""
     l11 = np.sqrt(C[:, 0, 0])
     l21 = C[:, 1, 0] / l11

@@ -1,7 +1,7 @@
 """Information of the rays of each pose about numbers that all poses share: cameras, bars, air.
 
-With residuals v of a pose's observations, weights W, derivatives A by the pose's own unknowns (points, orientations of
-images) and B by the shared numbers theta, the sufficient statistics of theta in the pose are
+A pose has residuals v of its observations, weights W, derivatives A by its own unknowns (points, orientations of
+images), and B by the shared numbers theta. The sufficient statistics of theta are
 
     information N = B^T Q B,   score n = B^T Q v,   Q = W - W A (A^T W A)^-1 A^T W,
 

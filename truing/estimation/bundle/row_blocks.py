@@ -1,7 +1,7 @@
 """Layout of the normal equations' image-by-point blocks: whole rows in small poses, a block per ray in large ones.
 
-In a pose of many points, the rows of all images over all points would need most of the memory, and nearly all of it
-would be zero. There only the block of each ray is stored, and points are eliminated ray by ray.
+In a pose of many points, the rows of all images over all points would need most of the memory. Nearly all of it would
+be zero. There only the block of each ray is stored, and points are eliminated ray by ray.
 """
 
 from __future__ import annotations

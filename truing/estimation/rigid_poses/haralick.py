@@ -1,8 +1,8 @@
 """Robust pose of corresponding points by iteratively reweighted least squares, with noise on both point sets.
 
 Haralick, Joo, Lee, Zhuang, Vaidya and Kim, "Pose estimation from corresponding point data", IEEE Trans. Systems, Man
-and Cybernetics 19 (1989) 1426: weighted singular value decomposition of the 3D-3D problem, with weights from the
-residuals by Tukey's biweight (Beaton and Tukey, Technometrics 16 (1974) 147), iterated to convergence. The constant of
+and Cybernetics 19 (1989) 1426: weighted singular value decomposition of the 3D-3D problem, iterated to convergence.
+Weights follow from the residuals by Tukey's biweight (Beaton and Tukey, Technometrics 16 (1974) 147). The constant of
 the biweight and the scale of the residuals are chosen for three dimensions.
 """
 
@@ -55,8 +55,8 @@ def haralick(
 def reweighted_fit(
     source: ArrayLike, target: ArrayLike, sigma: ArrayLike, weight: ArrayLike | None, tuning: float = TUNING
 ) -> tuple[RigidFit, NDArray, NDArray]:
-    """Return the fit and the weights of `haralick`, and the factor (B,) by which its covariance exceeds that of the
-    plain fit to the points kept.
+    """Return the fit and the weights of `haralick`, and the ratio (B,) of its covariance to that of a plain fit to the
+    points kept.
 
     sigma: noise of both clouds together, in m.
     """

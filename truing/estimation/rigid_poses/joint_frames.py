@@ -138,8 +138,8 @@ def _shape_roots(body: FramedBody) -> Array:
 
 
 def survey_gain(p: int, bodies: Sequence[FramedBody], frame: JointFrame) -> Array:
-    """Return the derivative (6b, T, 3) of the motions (t, theta) of the bodies of a pose by the survey errors of all
-    targets of all bodies, as in `by_survey`."""
+    """Return the derivative (6b, T, 3) of the motions (t, theta) of a pose's bodies by the survey errors of all their
+    targets, as in `by_survey`."""
     first = np.cumsum([0, *(len(body.targets) for body in bodies)])
     gain = np.zeros((len(frame.gain), first[-1], 3))
     gain[:, first[frame.body] + frame.target] = frame.gain.reshape(len(gain), -1, 3)

@@ -173,8 +173,8 @@ def weighted_square(points: NDArray, w: NDArray) -> NDArray:
 
 
 def _status(w: NDArray, is_one_place: NDArray, s: NDArray, handed: NDArray) -> NDArray:
-    """Return a status (B,) from weights (B, N), a mask (B,) of clouds in one place, and the singular values s (B, 3) of
-    the product of the centred clouds."""
+    """Return a status (B,) from weights (B, N), a mask (B,) of coincident clouds, and singular values s (B, 3) of the
+    product of centred clouds."""
     gap, on_line = s[:, 1] + handed * s[:, 2], s[:, 1] <= _SINGULAR * s[:, 0]
     conditions = [np.count_nonzero(w, axis=-1) < 3, is_one_place, on_line, gap <= _SINGULAR * s[:, 0]]
     choices = [FitStatus.TOO_FEW_POINTS, FitStatus.COINCIDENT, FitStatus.COLLINEAR, FitStatus.AMBIGUOUS]

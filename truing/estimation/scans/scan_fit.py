@@ -1,8 +1,8 @@
 """Least-squares fit of a scan to a reference surface, with covariance: last step of a registration.
 
-Chen and Medioni, Image and Vision Computing 10 (1992) 145, with paraboloids instead of tangent planes: the distance
-between a curved surface and its tangent plane exceeds the remaining noise of a dense scan, that of a paraboloid through
-the neighbours does not. The paraboloid fit is a linear smoother, so the weight of each neighbour in a height is known.
+Chen and Medioni, Image and Vision Computing 10 (1992) 145, with paraboloids instead of tangent planes: a curved
+surface departs from its tangent plane by more than the remaining noise of a dense scan, but not from a paraboloid
+through the neighbours. The paraboloid fit is a linear smoother, so the weight of each neighbour in a height is known.
 The noise of both clouds is independent from point to point. Its propagation through the smoothing is exact, including
 the correlation of neighbouring heights, which share neighbours.
 """

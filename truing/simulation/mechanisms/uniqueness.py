@@ -5,8 +5,9 @@ gives, exactly,
 
     (m - c + K S b) . (p_X - p_Y) + (S b x (m - c)) . w = 0    for every leg,
 
-with the midpoint m of the positions, the rotation S halfway, w along the axis of the rotation between them, and K
-within 1 - cos of half its angle of the identity. So the readings determine the pose if these rows, over all m and S of
+with the midpoint m of the positions and the rotation S halfway. w is along the axis of the rotation between them, and
+K within 1 - cos of half its angle of the identity. So the readings determine the pose if these rows, over all m and S
+of
 the range, have no common kernel. With K = I they are the rows of the machine's Jacobian: where the pose is unique, no
 pose is singular. Ranges are boxes of positions and of Cayley's parameters g = tan(angle / 2) axis; the halfway rotation
 lies in the same box, because its g is a weighted mean of the two. Boxes that are not decided are halved.
@@ -110,7 +111,7 @@ class _Rows:
     def decide(self, low: NDArray, high: NDArray, *, one_pose: bool = False) -> NDArray:
         """True where boxes low, high (N, 6) hold no midpoint of two poses with equal readings of the range.
 
-        The vector g of a leg at the midpoint is the mean of those at the two poses, so it is no longer than they are.
+        The vector g of a leg at the midpoint is the mean of those at the two poses, hence no longer.
         one_pose: whether they hold no singular pose, where g is as long as the leg.
         """
         g, moment = self._parts(low, high, one_pose)

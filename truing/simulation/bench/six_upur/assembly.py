@@ -1,8 +1,9 @@
 """Assembly errors of a 6-UPUR sensor to first order: pose of its platform (force-sensor paper, eq. 5-15).
 
-One leg is a Denavit-Hartenberg chain with imaginary prismatic joints, seven links from the base to the platform. Link j
-shifts by a_(j-1)j along the common normal, turns by alpha_(j-1)j about it, shifts by S_j along the axis and turns by
-theta_j about that. The two radii are shifts of imaginary prismatic joints in directions of their own, because the
+One leg is a Denavit-Hartenberg chain with imaginary prismatic joints, seven links from the base to the platform. Link
+j shifts by a_(j-1)j along the common normal and turns by alpha_(j-1)j about it. Then it shifts by S_j along the axis
+and turns by theta_j about that. The two radii are shifts of imaginary prismatic joints in directions of their own,
+because the
 paper's axes are not normal to them. As printed, the sums of eq. 8-9 start at S_1; here they include a_01, without which
 the base's radius would have no influence. Arrays may have leading batch axes, and may be complex.
 

@@ -44,7 +44,8 @@ class Machine:
     """A mechanism with all numbers that a model of its structure may use; arrays may have leading batch axes.
 
     deformation: K (..., L, L), shift of the attachments along z of the platform per displacement of the actuators
-    (telescope report, eq. 2), diagonal if each depends on its own actuator only (eq. 1); flexure_length: (..., L) m, if
+    (telescope report, eq. 2). It is diagonal if each depends on its own actuator only (eq. 1); flexure_length: (...,
+    L) m, if
     the joints are flexures; beta: (..., L), the flexures' design parameter (eq. 15), None for 1/4; flexure, tube: their
     sections, if known; load: wrench (..., 6) on the platform at its origin, base axes, N and N m; in_plane: shift of
     attachment i along x and y of the platform per displacement of actuator j, (L, 2, L), which only the kinematic model
