@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
@@ -26,6 +27,7 @@ from truing.estimation.rotation import log_so3
 from truing.report.numbers import count as counted
 from truing.report.numbers import listed
 from truing.schemas.artifacts import ARTIFACTS
+from truing.simulation.cause import Step
 from truing.simulation.mechanisms.legs.kinematics import inverse, reaches
 from truing.simulation.mechanisms.structures.catalogue import structures
 from truing.stages.calibration.component_requirements import with_component_requirements
@@ -87,11 +89,9 @@ def calibrate_mechanism(tables: Mapping[str, pa.Table], settings: Campaign, prog
 
 def wrong_poses(tables: Mapping[str, pa.Table]) -> str:
     """Reason why the recorded poses judge no calibration by them: a found cause makes all of them wrong; else empty."""
-    from truing.simulation.catalogue import changes_all_points
-
     rows = tables["diagnosis"].to_pylist() if "diagnosis" in tables else []
-    found = [(row["cause"], row["subject"] or "") for row in rows if row["verdict"] == "found"]
-    names = [cause for cause, subject in found if changes_all_points(cause, subject)]
+    found = [row for row in rows if row["verdict"] == "found" and row.get("in_model", True) and not row["subject"]]
+    names = [row["cause"] for row in found if json.loads(row["settings"] or "{}").get("step") == Step.INSTRUMENT]
     if not names:
         return ""
     return (

@@ -126,9 +126,14 @@ def test_a_misfit_that_a_found_cause_explains_is_not_a_failure_of_the_campaign()
     assert campaign(beyond).state == RelationState.FAILS
 
 
-@pytest.mark.parametrize(("cause", "hidden"), [("measurement-scale", True), ("actuator-gain", False)])
-def test_held_out_poses_that_share_the_error_of_the_fitted_ones_test_no_requirement(cause: str, hidden: bool) -> None:
-    tables = of({**FOUND, "cause": cause, "subject": ""}, *rejected()) | misfit(1.0)
+@pytest.mark.parametrize(
+    ("cause", "step", "hidden"), [("measurement-scale", "instrument", True), ("actuator-gain", "drive", False)]
+)
+def test_held_out_poses_that_share_the_error_of_the_fitted_ones_test_no_requirement(
+    cause: str, step: str, hidden: bool
+) -> None:
+    settings = json.dumps({"step": step})
+    tables = of({**FOUND, "cause": cause, "subject": "", "settings": settings}, *rejected()) | misfit(1.0)
     verdicts = section_verdicts(tables)
     assert (verdicts["calibration"].reason_code == ReasonCode.CAUSE_LEFT_OUT) is hidden
     assert (verdicts["requirements"].state == RelationState.NOT_TESTED) is hidden

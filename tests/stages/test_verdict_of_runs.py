@@ -99,18 +99,18 @@ def test_a_calibration_knows_of_a_picture_that_fails(rms: float, fails: bool) ->
 
 
 @pytest.mark.parametrize(
-    ("cause", "subject", "verdict", "wrong"),
+    ("cause", "step", "subject", "verdict", "wrong"),
     [
-        ("measurement-scale", "", "found", True),
-        ("measurement-scale", "", "rejected", False),
-        ("targets-swapped", "targets P1 and P2", "found", False),
-        ("actuator-gain", "leg 1", "found", False),
+        ("measurement-scale", "instrument", "", "found", True),
+        ("measurement-scale", "instrument", "", "rejected", False),
+        ("targets-swapped", "instrument", "targets P1 and P2", "found", False),
+        ("actuator-gain", "drive", "", "found", False),
     ],
 )
 def test_recorded_poses_judge_no_calibration_where_all_are_found_wrong(
-    cause: str, subject: str, verdict: str, wrong: bool
+    cause: str, step: str, subject: str, verdict: str, wrong: bool
 ) -> None:
-    told = rows(row(cause, verdict=verdict, subject=subject))
+    told = rows(row(cause, verdict=verdict, subject=subject, settings=json.dumps({"step": step})))
     assert bool(wrong_poses({"diagnosis": pa.Table.from_pandas(told, preserve_index=False)})) is wrong
 
 

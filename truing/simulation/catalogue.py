@@ -34,7 +34,7 @@ from truing.simulation.bench.causes.zero_step import ZeroStep
 from truing.simulation.bodies.causes.deformation import BodyDeformation
 from truing.simulation.bodies.causes.drift import BodyDrift
 from truing.simulation.bodies.causes.gravity import GravitySag
-from truing.simulation.cause import Cause, CauseT, Step
+from truing.simulation.cause import Cause, CauseT
 from truing.simulation.mechanisms.causes.deformation import (
     BaseDeformation,
     FlexureShift,
@@ -244,9 +244,3 @@ def _with_installed(own: tuple[CauseT, ...], sort: type[CauseT]) -> dict[str, Ca
         return isinstance(cause, sort)
 
     return with_installed(own, ENTRY_POINTS, "cause", lambda cause: cause.id, joins)
-
-
-def changes_all_points(cause: str, subject: str) -> bool:
-    """Return True if a cause, by id, makes all measured poses wrong: it acts on the points, and on no subject alone."""
-    known = (catalogue() | catalogue_of_photographed_points() | catalogue_of_rays()).get(cause)
-    return known is not None and known.step is Step.INSTRUMENT and not subject

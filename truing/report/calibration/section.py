@@ -44,6 +44,7 @@ _HELD_OUT = "position_mean_verification"
 # Names of the tests of the chosen calibration, in order.
 _CODES = (ReasonCode.MISFIT, ReasonCode.BEYOND_TOLERANCE, ReasonCode.HELD_OUT_MISSED)
 _UNLIKELY = 1e-3  # p-value of a misfit, or of pulls, below which the model is doubted
+_OF_INSTRUMENT = "instrument"  # step of causes that change the measured points
 _DEPARTS = "reading_rms_from_rigid_legs"
 
 
@@ -80,10 +81,8 @@ def calibration_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) ->
 
 def _wrong_poses(tables: Tables) -> str:
     """Return the warning that a found cause makes all measured poses wrong, held-out ones too; empty without one."""
-    from truing.simulation.catalogue import changes_all_points
-
-    found = [row for row in assessed_causes(tables) if row.verdict == FOUND]
-    names = [cause_words(row.cause) for row in found if changes_all_points(row.cause, row.subject)]
+    found = [row for row in assessed_causes(tables) if row.verdict == FOUND and not row.subject and not row.is_noise]
+    names = [cause_words(row.cause) for row in found if row.settings.get("step") == _OF_INSTRUMENT]
     if not names:
         return ""
     return (
