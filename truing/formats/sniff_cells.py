@@ -40,7 +40,7 @@ from truing.formats.named_loads import LoadMapping, load_columns
 from truing.formats.numbers import Notation
 from truing.formats.shapes import COORDINATE_SIGMAS, COORDINATES
 from truing.formats.times import time_format_of
-from truing.formats.units import bare_and_unit, expanded, may_be
+from truing.formats.units import LONGEST_NAME, bare_and_unit, expanded, may_be
 from truing.schemas.columns import find_column
 from truing.schemas.mapping import is_uncertainty
 
@@ -53,7 +53,6 @@ _VERTICAL = re.compile(r"v|va|v(ertical)?[ _]?(angle|winkel)|zenith([ _]?angle)?
 _DISTANCE = re.compile(r"sd|d|s(lope|lant)?[ _]?dist(ance)?|(schr(ä|ae)g)?(strecke|distanz)|range|distance", re.I)
 _OF_COORDINATES = ("points", "targets", "poses", "scans", "surfaces")
 _OF_EACH_POSE = ("time_s", "temperature_c")  # columns that tables of coordinates do not have
-_LONGEST_NAME = 200  # the search for meanings in names tries many ways to split them
 _AXES = 3
 _SEVERAL = 2
 _OF_BODIES = r"body|(rigid|tracked)[ _]?body|model|object|subject|segment|tool|k(ö|oe)rper"
@@ -161,8 +160,8 @@ def _by_notation(
     records: list[list[str]], mapping: dict[str, Any], separator: str, notation: Notation, about: _Surroundings
 ) -> Guess:
     """Return a proposal for records whose numbers are written in a notation."""
-    if any(len(name) > _LONGEST_NAME for name in records[0]):
-        return Guess(mapping, notes=(f"a name of more than {_LONGEST_NAME} characters names no column",))
+    if any(len(name) > LONGEST_NAME for name in records[0]):
+        return Guess(mapping, notes=(f"a name of more than {LONGEST_NAME} characters names no column",))
     heading = heading_of(records, lambda cell: _is_number(cell, notation), about.comments)
     names, data = heading.names, records[heading.rows :]
     has_header = heading.is_row or heading.names[0] != "1"

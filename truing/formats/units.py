@@ -69,6 +69,7 @@ _UNITS: dict[str, tuple[str, float, float]] = {
 }
 _NUMBER = re.compile(r"\d+(\.\d*)?([eE][-+]?\d+)?")
 _SPELT = {"µm": "um", "μm": "um", "°": "deg", '"': "in", "inch": "in", "°C": "degC", "°F": "degF", "Nm": "N m"}
+LONGEST_NAME = 200  # characters of a column: the search for its meaning tries many ways to split it
 _BRACKETS = re.compile(r"^(?P<name>.*?)\s*[\[({]\s*(?P<unit>[^\[\](){}]+?)\s*[\])}]$")
 _BEHIND = re.compile(
     r"^(?P<name>.*?)(?:\s*/\s*|[\s_]+)(?P<unit>mm|cm|um|µm|μm|nm|m|in|deg|rad|mrad|urad|arcsec|arcmin|s|ms|K|degC|°C|°)$"
@@ -174,7 +175,12 @@ class Expanded:
 
 
 def bare_and_unit(name: str) -> tuple[str, str | None]:
-    """Return a raw name without its unit, and the unit in our notation; None without one."""
+    """Return a raw name without its unit, and the unit in our notation; None without one.
+
+    A text of more than LONGEST_NAME characters is no name: it keeps what it ends with.
+    """
+    if len(name) > LONGEST_NAME:
+        return name.strip(), None
     for pattern in (_BRACKETS, _BEHIND):
         match = pattern.match(name.strip())
         unit = match and known_unit(match["unit"])
