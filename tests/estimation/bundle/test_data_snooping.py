@@ -65,6 +65,22 @@ def test_steps_between_rounds_reject_the_same_rays_as_full_adjustments(seed, mon
     np.testing.assert_allclose(found.adjustment.residuals_px, full.adjustment.residuals_px, rtol=0, atol=1e-6)
 
 
+def test_data_snooping_ends_where_full_adjustments_run_out_of_steps(monkeypatch):
+    made = simulate(seed=3, images=6, points=15)
+    whole, full = adjust_robustly(made.network, made.truth), []
+
+    def out_of_steps(*network, within=0.0, **options):
+        full.append(not within)
+        assert sum(full) < 10, "the last adjustment is repeated without end"
+        return replace(adjust(*network, within=within, **options), converged=False)
+
+    monkeypatch.setattr(data_snooping, "adjust", out_of_steps)
+    found = adjust_robustly(made.network, made.truth)
+    assert not found.adjustment.converged
+    assert np.array_equal(found.used, whole.used)
+    assert found.rejected.reason == whole.rejected.reason
+
+
 def test_critical_values_have_the_p_value_alpha():
     rng = np.random.default_rng(0)
     freedom, used = rng.integers(1, 3, 40), rng.random(40) < 0.5
