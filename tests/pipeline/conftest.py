@@ -40,6 +40,6 @@ def _run_once(tmp_path_factory: pytest.TempPathFactory, warm: WarmPython | None)
 def ran(_run_once: FakeProject, tmp_path: Path) -> FakeProject:
     """The tiny project with a finished run: a copy, which by the laws of freshness is as good as the original."""
     once, folder = _run_once, _run_once.root.parent
-    shutil.copytree(folder, tmp_path, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     places = (tmp_path / path.relative_to(folder) for path in (once.root, once.campaign, once.cwd))
     return FakeProject(*places, once.warm)

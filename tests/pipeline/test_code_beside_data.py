@@ -10,6 +10,7 @@ import site
 import subprocess
 import sys
 import sysconfig
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -42,13 +43,14 @@ if __name__ == "__main__":
 _STARTS_PROCESSES = ("multiprocessing", "subprocess", "ProcessPoolExecutor", "LocalCluster")
 
 
-def _names() -> set[str]:
+@cache
+def _names() -> frozenset[str]:
     """Every name that an import can have here: the standard library's, those of all that is installed, the rooms'."""
     installed = importlib.metadata.packages_distributions()
     built = sysconfig._get_sysconfigdata_name()  # type: ignore[attr-defined]
     # what an editable installation leaves beside the packages is named in no list of theirs
     beside = (path.stem for folder in site.getsitepackages() for path in Path(folder).glob("*.py"))
-    return {*sys.stdlib_module_names, *installed, *beside, *ROOMS, "sitecustomize", "usercustomize", built}
+    return frozenset((*sys.stdlib_module_names, *installed, *beside, *ROOMS, "sitecustomize", "usercustomize", built))
 
 
 def _plant(folder: Path, mark: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -176,7 +177,7 @@ class _Waves:
         travel = max(float(high - low), 1e-9)
         step = max(1, min(HIGHEST, int(np.pi / travel)))
         orders = np.unique([1.0, *LOW, *range(LOW[-1] + 1, HIGHEST + 1, step), *known])
-        alike = _same_waves(angle, orders)
+        alike = _same_waves(angle.tobytes(), orders.tobytes())
         same = alike & (np.abs(orders[:, None] - orders) > 2.0 * np.pi / travel)
         return cls(orders, same, alike.diagonal(), travel, step)
 
@@ -199,8 +200,11 @@ def _orders(angle: NDArray, known: Sequence[float] | None) -> Iterator[tuple[flo
         yield order, _BESIDE * waves.step if is_searched else 0.0, waves.is_open(k)
 
 
-def _same_waves(angle: NDArray, orders: NDArray) -> Mask:
-    """Return the mask (F, F) of orders whose waves at the readings are alike; an order without a wave is like none."""
+@lru_cache(maxsize=64)
+def _same_waves(readings: bytes, tested: bytes) -> Mask:
+    """Return the mask (F, F) of orders (F,) whose waves at the readings (B,) of a joint are alike; an order without a
+    wave is like none. Every round of a search asks again of the same numbers, given as their bytes."""
+    angle, orders = np.frombuffer(readings), np.frombuffer(tested)
     waves = np.stack([_waves(angle, order) for order in orders])
     directions, sizes, _ = np.linalg.svd(waves - waves.mean(1, keepdims=True), full_matrices=False)
     spans: Array = directions * (sizes > _VANISHING * np.sqrt(len(angle)))[:, None]
