@@ -46,10 +46,15 @@ class WatchServer(ThreadingHTTPServer):
         self._number = state.number
         self._is_read.clear()
 
-    def mark_read(self) -> None:
-        """Remember that a browser has the page of the last round."""
+    def mark_asked(self) -> int:
+        """Remember that a browser asks for the page; returns the number of the round that it will have."""
         self._has_reader = True
-        self._is_read.set()
+        return self._number
+
+    def mark_read(self, number: int) -> None:
+        """Remember that a browser has the page of a round; another round may have replaced it meanwhile."""
+        if number == self._number:
+            self._is_read.set()
 
     def wait_for_reader(self) -> None:
         """Wait until an open page has loaded the last round, for as long as two of its looks take."""
@@ -89,6 +94,8 @@ class _Handler(BaseHTTPRequestHandler):
         if (self.headers.get("Host") or "").rsplit(":", 1)[0] not in _NAMES:
             self.send_error(HTTPStatus.FORBIDDEN)
             return
+        is_page = with_body and self.path == "/"
+        number = self.server.mark_asked() if is_page else 0
         found = self.server.answer(self.path)
         if found is None:
             self.send_error(HTTPStatus.NOT_FOUND)
@@ -101,8 +108,8 @@ class _Handler(BaseHTTPRequestHandler):
         self.end_headers()
         if with_body:
             self.wfile.write(content)
-            if self.path == "/":
-                self.server.mark_read()
+        if is_page:
+            self.server.mark_read(number)
 
     def log_message(self, format: str, *args: Any) -> None:
         """Say nothing about requests."""

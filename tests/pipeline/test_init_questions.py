@@ -7,9 +7,11 @@ import os
 import re
 import shlex
 import sys
+import threading
 import time
 import tomllib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -163,6 +165,15 @@ def test_an_answer_for_one_file_goes_before_that_for_all(folder: Path) -> None:
     assert (entries["list.csv"]["unit"], entries["other.csv"]["unit"]) == ("m", "mm")
 
 
+def _press_until_it_ends(terminal: int, key: bytes) -> None:
+    """Press a key again and again: Python loses a signal between the prompt and the read."""
+    with suppress(OSError):  # nobody is left at the other end
+        while True:
+            time.sleep(0.5)
+            os.write(terminal, key)
+    os.close(terminal)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="terminals of POSIX")
 @pytest.mark.parametrize(("typed", "code"), [(b",\n\nparsec\nm\n\n", 0), (b"\x03", 130)])
 def test_a_terminal_is_asked_until_the_answer_is_valid_and_ctrl_c_writes_nothing(
@@ -179,8 +190,9 @@ def test_a_terminal_is_asked_until_the_answer_is_valid_and_ctrl_c_writes_nothing
         if chunk.rstrip().endswith(b"]:") and typed:
             line, newline, typed = typed.partition(b"\n")
             if line == b"\x03":
-                time.sleep(1.0)  # Python loses a signal between the prompt and the read
-            os.write(terminal, line + newline)
+                threading.Thread(target=_press_until_it_ends, args=(os.dup(terminal), line), daemon=True).start()
+            else:
+                os.write(terminal, line + newline)
         return chunk
 
     status = pty.spawn([sys.executable, "-m", "truing.pipeline", "init", str(folder)], read, lambda _: b"")

@@ -22,7 +22,7 @@ PROJECT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs POSIX signals")
 EXIT_CODE = {signal.SIGINT: 130, signal.SIGTERM: 4}
 MOMENTS_S = (0.15, 0.45, 0.65, 0.8, 0.9, 1.0, 1.4, 1.55)
-SOON_S = 20.0  # where other work shares the processor; alone a tenth of a second
+SOON_S = 60.0  # where other work shares the processor; alone a tenth of a second
 
 
 def ask(number: signal.Signals = signal.SIGTERM) -> None:

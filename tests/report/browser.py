@@ -158,7 +158,7 @@ class Page:
 
     def becomes(self, expression: str) -> bool:
         """Whether an expression comes true soon, also on the page to which the one in view is just leading."""
-        until = time.monotonic() + _PATIENCE_S / 3
+        until = time.monotonic() + _PATIENCE_S
         while True:
             try:
                 if self.value(f"Boolean({expression})"):
@@ -177,7 +177,7 @@ class Page:
               for (const folded of document.querySelectorAll("details")) folded.open = true;
               for (const plot of document.querySelectorAll(".plot")) {
                 plot.scrollIntoView();
-                for (let k = 0; k < 400 && !plot.querySelector(".main-svg"); k++)
+                for (let k = 0; k < 6000 && !plot.querySelector(".main-svg"); k++)
                   await new Promise((done) => setTimeout(done, 10));
               }
               scrollTo(0, 0);
