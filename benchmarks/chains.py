@@ -34,7 +34,7 @@ from truing.stages.diagnosis.diagnosis_data import DiagnosisData
 from truing.stages.diagnosis.search import decided
 
 _OURS = "truing"
-SMALLEST = ("--poses", "200", "--repeats", "1", "--threads", "1")
+SMALLEST = ("--poses", "200", "--repeats", "1", "--threads", "1", "--steps", "2")
 _SAME = 1e-9  # m, rad and their derivatives: all libraries read the same description
 
 
@@ -103,8 +103,8 @@ def predictor(model: ChainModel, shared: np.ndarray) -> Callable[[np.ndarray], n
     return places
 
 
-def calibrations(data: DiagnosisData[Any], settings: Any) -> dict[str, Callable[[], Calibrated]]:
-    """Return ours, without and with the search for causes, and scipy's on the same chain."""
+def calibrations(data: DiagnosisData[Any], settings: Any, steps: int | None) -> dict[str, Callable[[], Calibrated]]:
+    """Return ours, without and with the search for causes, and scipy's on the same chain, of so many steps at most."""
     model, measured, frames = data.model, data.calibration.measured, data.calibration.frames
     soft = [JointCompliance(name, load=100.0) for name in model.tree.readings[1:]]
 
@@ -120,8 +120,8 @@ def calibrations(data: DiagnosisData[Any], settings: Any) -> dict[str, Callable[
     return {
         "truing, diagnosis with search for causes": diagnosed,
         "truing, geometry": geometry,
-        "scipy, geometry": partial(_by_scipy, data, ()),
-        "scipy, geometry and elastic joints": partial(_by_scipy, data, soft),
+        "scipy, geometry": partial(_by_scipy, data, (), steps),
+        "scipy, geometry and elastic joints": partial(_by_scipy, data, soft, steps),
     }
 
 
@@ -136,7 +136,7 @@ def _words(final: Any) -> Iterator[str]:
         yield f"{cause.id} {cause.subject} ({numbers})"
 
 
-def _by_scipy(data: DiagnosisData[Any], causes: Sequence[ChainCause]) -> Calibrated:
+def _by_scipy(data: DiagnosisData[Any], causes: Sequence[ChainCause], steps: int | None) -> Calibrated:
     """Least squares with numeric derivatives over the unknowns of our chain, with the same tolerances."""
     from scipy.optimize import least_squares
 
@@ -147,18 +147,20 @@ def _by_scipy(data: DiagnosisData[Any], causes: Sequence[ChainCause]) -> Calibra
         away = np.einsum("bkij,bkj->bki", measured.whitener, measured.values - model.points(shared, local))
         return np.concatenate([away[measured.seen].ravel(), shared])
 
-    found = least_squares(residuals, np.zeros(model.shared_size), method="trf", x_scale="jac")
+    found = least_squares(residuals, np.zeros(model.shared_size), method="trf", x_scale="jac", max_nfev=steps)
     effects = model.effects(found.x)
     said = ", ".join(f"{one.cause.joint} {1e6 * one.values[0]:.2f}" for one in effects)
     return Calibrated(predictor(model, found.x), f"compliance, urad/(N m): {said}" if said else "")
 
 
 def compare_calibrations(
-    series: Series, data: DiagnosisData[Any], settings: Any, other: tuple[np.ndarray, np.ndarray], repeats: int
+    series: Series,
+    tasks: dict[str, Callable[[], Calibrated]],
+    other: tuple[np.ndarray, np.ndarray],
+    repeats: int,
 ) -> None:
-    """Print time, rms over the other poses, and what is said of causes, of every calibration."""
+    """Print time, rms over the other poses, and what is said of causes, of tasks and of the peers' calibrations."""
     print("\nCalibrations: rms per coordinate of 75 other poses, um; seconds, minimum median maximum")
-    tasks = calibrations(data, settings)
     for name, factory in CALIBRATIONS.items():
         try:
             tasks[name] = factory(series, series.urdf.parent)
@@ -181,8 +183,8 @@ def compare_calibrations(
             print(f"{'':42} {found.says}", flush=True)
 
 
-def measure(poses: int, repeats: int) -> None:
-    """Print both comparisons."""
+def measure(poses: int, repeats: int, steps: int | None) -> None:
+    """Print both comparisons; steps: most of scipy's least squares, by default as many as it takes."""
     campaign = robot_campaign()
     with tempfile.TemporaryDirectory() as folder:
         sample = write_robot(Path(folder) / "robot")
@@ -195,7 +197,7 @@ def measure(poses: int, repeats: int) -> None:
         series = Series(sample / "robot.urdf", arm.names(), tip, campaign.readings[own], campaign.recorded.points[own])
         tree = data.model.tree
         compare_kinematics(series, tree, tree.links[tip], poses, repeats)
-        compare_calibrations(series, data, settings, other_poses(campaign, 77), repeats)
+        compare_calibrations(series, calibrations(data, settings, steps), other_poses(campaign, 77), repeats)
 
 
 def main() -> None:
@@ -203,14 +205,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--poses", type=int, default=10_000)
     parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--steps", type=int, help="most steps of scipy's least squares; absent: to the end")
     parser.add_argument("--threads", type=int, help="measure here with so many threads (used by the program itself)")
     options = parser.parse_args()
     if options.threads is None:
         given = ["--poses", str(options.poses), "--repeats", str(options.repeats)]
+        given += ["--steps", str(options.steps)] if options.steps else []
         run_pinned("benchmarks.chains", given, 1)
         return
     pin(options.threads)
-    measure(options.poses, options.repeats)
+    measure(options.poses, options.repeats, options.steps)
 
 
 if __name__ == "__main__":
