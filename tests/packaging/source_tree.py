@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -51,12 +51,20 @@ def imported_modules(path: Path, known: Container[str]) -> set[str]:
 def _imports(path: Path) -> list[tuple[str, str]]:
     """What a file imports anywhere: modules (with an empty name), and modules with a name taken from them."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), filename=str(path))):
+    for node in _statements(ast.parse(path.read_text(encoding="utf-8"), filename=str(path)).body):
         if isinstance(node, ast.Import):
             found += [(alias.name, "") for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             found += [(_origin(node, path), alias.name) for alias in node.names]
     return found
+
+
+def _statements(body: Iterable[ast.AST]) -> Iterator[ast.AST]:
+    """Every statement of a body at any depth; expressions, which are most of a tree, hold none."""
+    for node in body:
+        yield node
+        for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+            yield from _statements(getattr(node, part, ()))
 
 
 def _origin(node: ast.ImportFrom, path: Path) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 from tests.packaging.source_tree import modules
@@ -10,13 +11,15 @@ from tests.packaging.source_tree import modules
 FILES = modules("tests")
 
 
+@cache
+def defined(path: Path) -> list[tuple[str, bool]]:
+    """Names of the functions and classes of a file, and whether each is one of tests."""
+    nodes = [node for node in ast.parse(path.read_text(encoding="utf-8")).body if hasattr(node, "name")]
+    return [(node.name, node.name.startswith("Test" if isinstance(node, ast.ClassDef) else "test_")) for node in nodes]
+
+
 def holds_tests(path: Path) -> bool:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    return any(
-        (isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.name.startswith("test_"))
-        or (isinstance(node, ast.ClassDef) and node.name.startswith("Test"))
-        for node in tree.body
-    )
+    return any(is_test for _, is_test in defined(path))
 
 
 def test_files_with_tests_are_named_so_and_files_named_so_have_tests() -> None:
@@ -25,6 +28,6 @@ def test_files_with_tests_are_named_so_and_files_named_so_have_tests() -> None:
 
 def test_no_two_tests_of_a_file_share_a_name() -> None:
     for path in FILES:
-        names = [node.name for node in ast.parse(path.read_text(encoding="utf-8")).body if hasattr(node, "name")]
+        names = [name for name, _ in defined(path)]
         doubled = {name for name in names if names.count(name) > 1 and name.startswith(("test_", "Test"))}
         assert not doubled, f"{path}: the second definition hides the first"
