@@ -235,6 +235,8 @@ class Written:
         """Return the readings (B, L) as intended."""
         meant = self.undone(recorded)
         zero = np.array([change.zero for change in self.changes])
+        if not zero.any():
+            return meant
         return meant + np.where(zero, np.nanmedian(asked - meant, axis=0), 0.0)
 
     def undone(self, recorded: Array) -> Array:
