@@ -132,10 +132,10 @@ OF_POINTS: Checks = {
         withholds="models",
     ),
     "copied-poses": QualityCheck(
-        "Is each pose a separate measurement?",
+        "Is each pose, and each target of a body, a separate measurement?",
         "Points equal in every digit are a copy, or the instrument stood still.",
-        VerdictRule(fails="two poses equal in every digit"),
-        "Export the named poses again; delete those that were not measured.",
+        VerdictRule(fails="two poses, or two targets of a body in all poses, equal in every digit"),
+        "Export the named poses or targets again; delete those that were not measured.",
         not_evaluated="a single pose, or a file of too coarse resolution",
         withholds="models",
     ),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 import pyarrow as pa
 
+from truing.inference.noise import merged_by_driver
 from truing.report.diagnosis.assessed_causes import REMAINDER
 from truing.report.diagnosis.findings import (
     Facts,
@@ -228,9 +229,7 @@ def _noise_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, level:
     final = diagnosis.final
     overall = shown.overall(final.error)
     rows = [_scatter_row(scatter, final, overall) for scatter in diagnosis.scatters]
-    rows += [
-        _noise_dependence_row(noise_dependence, final, overall) for noise_dependence in diagnosis.noise_dependences
-    ]
+    rows += [_noise_dependence_row(one, final, overall) for one in merged_by_driver(diagnosis.noise_dependences)]
     for target, own in diagnosis.noisy:
         subject = f"{final.model.channel_word} {_name(final, target)}"
         rows.append(_larger_row(own, final, shown.of_target(target)) | {"subject": subject})
@@ -296,12 +295,15 @@ def _noise_dependence_row(dependence: NoiseDependence, final: FittedModel, shown
         )
     names = [_name(final, target) for target in dependence.driver.channels]
     whose = final.model.channel_word
-    follows = own_name(dependence.driver.name) or f"{whose} {names[0]}"
+    alone = f"{whose} {names[0]}" if names else ""
+    follows = own_name(dependence.driver.name) or alone
     where = f"Look at {follows}" if names else f"Repeat it where {follows} differs"
     missed = shown.rms(final.error), shown.floor(final.floor)
-    text = noise_explanation(dependence.ratio, dependence.sigma, *missed, [follows], shown.unit)
+    text = noise_explanation(dependence.ratio, dependence.sigma, *missed, [follows], shown.unit, alone=alone)
+    is_by_place = not names and not dependence.driver.column
     return _of_noise(dependence, final, shown) | {
-        "subject": f"{whose} {names[0]}" if names else "",
+        "subject": alone,
+        "settings": json.dumps({"over": "others"} if names else {"place": follows} if is_by_place else {}),
         "follows": listed(_dependence_column(dependence.driver.column)),
         "explanation": text,
         "next_measurement": f"{shown.scatter} {where}.",

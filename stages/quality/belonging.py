@@ -188,7 +188,8 @@ def _copies(bodies: Sequence[BodyView], around: PoseSurroundings) -> RelationTes
     seen = np.concatenate([body.points.seen for body in bodies], axis=1)
     sigma = np.concatenate([body.measured_sigma.mean(axis=2) for body in bodies], axis=1)
     least = float(sigma[seen].min()) if seen.any() else 0.0
-    return relate_copies(points, seen, least, tuple(map(str, around.poses)))
+    targets = tuple((body.name, str(target)) for body in bodies for target in body.survey.targets)
+    return relate_copies(points, seen, least, tuple(map(str, around.poses)), targets)
 
 
 def _readings(

@@ -34,7 +34,7 @@ from truing.quality.bodies import (
 from truing.report.numbers import count, listed
 from truing.stages.common.repeats import DECLARED
 from truing.stages.quality.check import FAIL, PASS, WARN, CampaignLimits, Check, not_evaluated
-from truing.stages.quality.unit_slips import unit_slip
+from truing.stages.quality.unit_slips import FAR, unit_slip
 
 _EITHER_SIDE = 3  # poses before and after a step
 _NOISE_TOLERATED = 1.5  # beyond this multiple of the declared noise the declaration is unusable
@@ -44,6 +44,10 @@ _POSE_NOISE_TOLERATED = 3.0
 _ODD_POSES_FAIL = 0.1
 _NOTED, _TOLERATED = 1.5, 3.0  # times what is stated
 _UNEQUAL = 1e-3
+_COMPUTED = (
+    " If a program computed the points from a fitted pose, as motion capture does of rigid bodies, they are one "
+    "measurement of a pose: give this pose in [files.poses], with its own uncertainty."
+)
 
 
 def unobserved_poses(around: PoseSurroundings, limits: CampaignLimits) -> Check:
@@ -215,12 +219,19 @@ def noise(body: BodyView, around: PoseSurroundings, share: float) -> Iterator[Ch
     declared = 1e3 * float(np.median(declared_sigma[good]))
     first = _noise_check(body.name, "", whole, _NOISE_TOLERATED, share / 2, around.shared)
     slip = unit_slip(float(whole.ratio[0]), declared, "mm")
-    if slip and whole.ratio[0] < 1.0:
-        slip += " Or are the points in m in place of mm?"
-    yield replace(first, message=first.message + slip, verdict=FAIL if slip else first.verdict)
+    verdict = FAIL if slip else first.verdict
+    if whole.ratio[0] < 1.0 / FAR:
+        slip += " Or are the points in m in place of mm?" if slip else ""
+        slip += _COMPUTED
+    yield replace(first, message=first.message + slip, verdict=verdict)
     for k, axis in enumerate("xyz"):
         one = Scatter(scatter.chi_square[k : k + 1], scatter.dof[k : k + 1])
         yield _noise_check(body.name, axis, one, _AXIS_NOISE_TOLERATED, share / 6, around.shared)
+
+
+def _times(ratio: float) -> str:
+    """Return a ratio with two decimals, a small one with two digits: ``0.00`` times would say nothing."""
+    return f"{ratio:.2f}" if ratio >= 0.1 else f"{ratio:.2g}"
 
 
 def _noise_check(body: str, axis: str, scatter: Scatter, tolerated: float, share: float, shared: bool) -> Check:
@@ -232,7 +243,7 @@ def _noise_check(body: str, axis: str, scatter: Scatter, tolerated: float, share
     where = f"the scatter along {axis}" if axis else "the scatter"
     noise = "standard deviations, which include common errors of points" if shared else "declared noise"
     sentence = (
-        f"{body}: {where} is {ratio:.2f} times the {noise} ({count(round(scatter.dof[0]), 'degree')} of freedom)."
+        f"{body}: {where} is {_times(ratio)} times the {noise} ({count(round(scatter.dof[0]), 'degree')} of freedom)."
     )
     verdict = FAIL if failing else WARN if noted else PASS
     return Check("noise", f"{body} {axis}".strip(), ratio, tolerated, "1", verdict, sentence)

@@ -205,3 +205,16 @@ def test_equal_points_are_a_copy_only_where_the_file_resolves_the_noise(step: fl
     assert found.state is state
     if found.slips:
         assert found.slips[0].subjects == ("c", "h")
+
+
+def test_two_targets_of_a_body_with_equal_points_in_all_poses_are_copies() -> None:
+    points = np.random.default_rng(4).normal(size=(10, 4, 3))
+    points[:, 3] = points[:, 1]
+    seen, poses = np.ones((10, 4), bool), tuple("abcdefghij")
+    apart = [("base", "1"), ("base", "2"), ("tool", "1"), ("tool", "2")]
+    assert copies(points, seen, 5e-6, poses, tuple(apart)).state is RelationState.OK  # one target, listed on two bodies
+    same = copies(points, seen, 5e-6, poses, tuple(("tool", str(k)) for k in range(1, 5)))
+    assert same.state is RelationState.FAILS
+    assert same.slips[0].subjects == ("2", "4")
+    points[5, 3, 0] += 1e-9
+    assert copies(points, seen, 5e-6, poses, tuple(("tool", str(k)) for k in range(1, 5))).state is RelationState.OK

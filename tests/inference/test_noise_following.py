@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tests.tolerance import assert_between, assert_close
-from truing.inference.noise import Driver, drivers, noise_dependence, standardised
+from truing.inference.noise import Driver, drivers, merged_by_driver, noise_dependence, standardised
 
 POSES, TARGETS = 40, 30
 LEVEL = 0.01
@@ -40,6 +42,22 @@ def test_noise_that_grows_with_a_column_is_traced_to_it() -> None:
     assert found.driver.column == "humidity"
     assert_between(found.ratio, np.exp(0.5) - 3 * found.sigma, np.exp(0.5) + 3 * found.sigma, what="ratio")
     assert_close(found.factor[:, 0] / growth, np.full(POSES, 1.0), atol=0.15, what="weights")
+
+
+def test_a_dependence_found_twice_on_one_quantity_is_one_dependence() -> None:
+    """What is found after the first weighting multiplies it: the ratio is that of the extremes of both together."""
+    rng = np.random.default_rng(2)
+    possible = _drivers(rng)
+    growth = np.exp(0.4 * possible[2].values[:, 0])
+    rest = _rest(rng) * growth[:, None, None]
+    first = noise_dependence(rest, possible, LEVEL)
+    assert first is not None
+    halved = replace(first, factor=np.sqrt(first.factor), ratio=np.sqrt(first.ratio), sigma=first.sigma / 2.0)
+    one = merged_by_driver([halved, halved])
+    assert len(one) == 1
+    assert_close(one[0].factor, first.factor, atol=1e-12, what="weights")
+    assert_between(one[0].ratio, 0.9 * first.ratio, 1.1 * first.ratio, what="ratio of the extremes")
+    assert len(merged_by_driver([first, replace(first, driver=possible[0])])) == 2
 
 
 def test_a_target_that_trembles_is_named() -> None:

@@ -420,16 +420,23 @@ def _typical(rms: Array) -> float:
     return float(np.median(known)) if len(known) else float("inf")
 
 
-def relate_copies(points: Array, seen: Mask, sigma: float, poses: tuple[str, ...]) -> RelationTest:
-    """Return the test of copied poses: no two agree in every digit of points (B, T, 3), m.
+def relate_copies(
+    points: Array, seen: Mask, sigma: float, poses: tuple[str, ...], targets: tuple[tuple[str, str], ...] = ()
+) -> RelationTest:
+    """Return the test of copied poses and targets: no two agree in every digit of points (B, T, 3), m.
 
-    Not tested with a single pose, or with a file so coarse, relative to the noise sigma, that equal points occur by
-    chance.
+    ``targets`` (T): body and name of each target; two targets of one body must differ in some pose. Not tested with a
+    single pose; poses also with a file so coarse, relative to the noise sigma, that equal points occur by chance.
     """
     groups: dict[bytes, list[int]] = {}
     measured = np.flatnonzero(seen.any(axis=1))
     if len(measured) < _POSES_TO_COMPARE:
         return RelationTest(COPIES, RelationState.NOT_TESTED, "one-pose")
+    if twins := _copied_targets(points, seen, targets):
+        copied = tuple(RecordSlip(SlipKind.COPIED, "points of targets", names) for names in twins)
+        return RelationTest(
+            COPIES, RelationState.FAILS, "slip", misfit=float(sum(map(len, twins))), limit=0.0, unit="1", slips=copied
+        )
     for pose in measured:
         key = points[pose][seen[pose]].round(12).tobytes() + seen[pose].tobytes()
         groups.setdefault(key, []).append(int(pose))
@@ -446,6 +453,16 @@ def relate_copies(points: Array, seen: Mask, sigma: float, poses: tuple[str, ...
     return RelationTest(
         COPIES, RelationState.FAILS, "slip", misfit=float(sum(map(len, alike))), limit=0.0, unit="1", slips=slips
     )
+
+
+def _copied_targets(points: Array, seen: Mask, targets: tuple[tuple[str, str], ...]) -> list[tuple[str, ...]]:
+    """Return groups of one body's targets whose points (B, T, 3) are equal in every digit, and in the same poses."""
+    groups: dict[tuple[str, bytes], list[str]] = {}
+    for k, (body, target) in enumerate(targets):
+        if seen[:, k].sum() >= _POSES_TO_COMPARE:
+            key = body, points[seen[:, k], k].round(12).tobytes() + seen[:, k].tobytes()
+            groups.setdefault(key, []).append(target)
+    return [tuple(group) for group in groups.values() if len(group) > 1]
 
 
 def _resolution(values: Array) -> float:

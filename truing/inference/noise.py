@@ -407,6 +407,23 @@ def _noise_dependence(driver: Driver, score: tuple[float, float], known: Mask, p
     return NoiseDependence(driver, p_value, ratio, ratio * score[1] * reach, factor)
 
 
+def merged_by_driver(found: Sequence[NoiseDependence]) -> list[NoiseDependence]:
+    """Return one dependence for each driver: those found later on the same quantity multiply the earlier ones."""
+    merged: dict[tuple[object, ...], NoiseDependence] = {}
+    for one in found:
+        key = (one.driver.name, one.driver.channels, one.driver.cause)
+        merged[key] = _product(merged[key], one) if key in merged else one
+    return list(merged.values())
+
+
+def _product(first: NoiseDependence, second: NoiseDependence) -> NoiseDependence:
+    factor = first.factor * second.factor
+    ratio = float(factor.max() / factor.min())
+    share = math.hypot(first.sigma / first.ratio, second.sigma / second.ratio)
+    p_value = min(first.p_value, second.p_value)
+    return replace(first, p_value=p_value, ratio=ratio, sigma=ratio * share, factor=factor)
+
+
 def estimated_share(shift: Array, covariance: Array, common: Mask, share: float) -> float:
     """Return the common share of the variance of like parts, averaged over its posterior; the present one if nearly
     equal.

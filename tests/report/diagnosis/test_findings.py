@@ -126,6 +126,11 @@ def test_noise_says_where_it_is_larger_where_that_is_known():
     assert_says(noise_explanation(1.41, 0.05, 7.3, 5.1), "residuals", "1.410 ± 0.050", "declared noise")
     varying = noise_explanation(1.4, 0.1, None, 5.0, ("temperature_c", "time_s"))
     assert_says(varying, "depends", "temperature_c", "time_s")
+    assert_says(varying, "1.40 ± 0.10 times as large as where it is smallest")
+    assert not says(varying, "declared noise")  # the ratio compares places, not the declaration
+    alone = noise_explanation(1.4, 0.1, 7.3, 5.1, ("target B1",), alone="target B1")
+    assert_says(alone, "target B1", "1.40 ± 0.10 times that of the others")
+    assert_says(alone, "noise as estimated here gives 5.10 um")
 
 
 @pytest.mark.parametrize(

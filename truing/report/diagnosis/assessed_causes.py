@@ -21,6 +21,8 @@ REJECTED, NOT_TESTABLE = "rejected", "not testable"
 HOLDS, CHANGES = "holds", "changes"
 # Reason code of inputs that predict the residuals where no model of causes holds.
 REMAINDER = "remainder"
+# Causes that move nothing on average: what they explain counts as noise.
+SCATTERING = frozenset({"approach-scatter", "noise-burst"})
 # Odds below which two causes count as explaining the data equally well.
 EQUAL_ODDS = 20.0
 
@@ -65,6 +67,11 @@ class AssessedCause(Claim):
     def is_remainder(self) -> bool:
         """True if it names inputs that predict the residuals where no model of causes holds."""
         return self.reason_code == REMAINDER
+
+    @property
+    def raises_floor(self) -> bool:
+        """True if what it explains counts as noise, so that the noise floor exceeds what the declared noise gives."""
+        return self.cause in SCATTERING or (self.is_noise and not self.is_remainder)
 
     @property
     def name(self) -> str:

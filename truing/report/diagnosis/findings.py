@@ -271,17 +271,32 @@ def scatter_explanation(clause: str, p_value: float, doubt: str = "") -> str:
 
 
 def noise_explanation(
-    ratio: float, sigma: float, rms: float | None, floor: float, follows: Sequence[str] = (), unit: str = "um"
+    ratio: float,
+    sigma: float,
+    rms: float | None,
+    floor: float,
+    follows: Sequence[str] = (),
+    unit: str = "um",
+    *,
+    alone: str = "",
 ) -> str:
-    """Return the explanation of noise that is larger than declared, in total or in places; rms and floor in a unit."""
-    sizes = "" if rms is None else f"{two_decimals(rms)} {unit}; the declared noise gives {two_decimals(floor)} {unit}"
+    """Return the explanation of noise that is larger than declared, or that differs between places; rms and floor in a
+    unit.
+
+    ``ratio``: residuals over the declared noise; with ``follows``, the largest noise over the smallest; with ``alone``,
+    the name of a channel, its noise over that of the others.
+    """
+    used = "the noise as estimated here"
+    sizes = "" if rms is None else f"{two_decimals(rms)} {unit}; {used} gives {two_decimals(floor)} {unit}"
     missed = f" The rms error of predictions is {sizes}." if sizes else ""
     size = with_uncertainty(ratio, sigma)
+    weighted = "Noisier measurements had less weight in the search for causes."
+    if alone:
+        return f"The noise is not uniform: that of {alone} is {size} times that of the others. {weighted}{missed}"
     if follows:
         return (
-            f"The noise is not uniform: it depends on {_joined_names(follows)} and reaches {size} times the declared "
-            "noise. "
-            f"Noisier measurements had less weight in the search for causes.{missed}"
+            f"The noise is not uniform: it depends on {_joined_names(follows)}. Where it is largest, it is {size} "
+            f"times as large as where it is smallest. {weighted}{missed}"
         )
     return (
         f"The residuals are {size} times the declared noise, which is more than the uncertainty of that noise "

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truing.report.diagnosis.assessed_causes import FOUND, RIVAL, AssessedCause, assessed_causes
+from truing.report.diagnosis.assessed_causes import FOUND, RIVAL, AssessedCause, accepted_of, assessed_causes
 from truing.report.diagnosis.findings import UNNAMED, subject_words
 from truing.report.diagnosis.prediction_errors import AT_THE_FLOOR, Overall, overall, part_names
 from truing.report.numbers import printed, rough, sign, with_uncertainty
@@ -45,7 +45,7 @@ def gain(causes: list[AssessedCause], tables: Tables) -> str:
         return ""
     parts = part_names(tables)
     what = f"the rms error on {parts.held_out if told_of.held_out else parts.fitted}"
-    return _change(what, told_of) + _against_noise(told_of)
+    return _change(what, told_of) + _against_noise(told_of, _whose_noise(tables))
 
 
 def _change(what: str, one: Overall) -> str:
@@ -55,23 +55,35 @@ def _change(what: str, one: Overall) -> str:
     return f"{'lowers' if one.after < one.before else 'raises'} {what} from {before} to {after}"
 
 
-def _against_noise(one: Overall) -> str:
-    """Return the rms error after all findings with the noise floor, if known."""
+def _whose_noise(tables: Tables) -> str:
+    """Return what the noise floor holds: noise alone, or also scatter that was estimated from the same residuals."""
+    raised = any(row.raises_floor for row in accepted_of(assessed_causes(tables)))
+    return "noise and the scatter found here" if raised else "the measurement noise"
+
+
+def _against_noise(one: Overall, whose: str) -> str:
+    """Return the rms error after all findings with the noise floor, if known; ``whose`` noise that is."""
     if one.floor is None:
         return ""
     floor = f"{rough(one.floor)} {sign(one.unit)}".rstrip()
     if one.is_below_noise:
-        return f", significantly below the measurement noise ({floor}): {one.why_below}"
+        return f", significantly below {whose} ({floor}): {one.why_below}"
     near = 1.0 / AT_THE_FLOOR <= one.after / one.floor <= AT_THE_FLOOR
-    return f", consistent with the measurement noise ({floor})" if near else f"; measurement noise alone gives {floor}"
+    return f", consistent with {whose} ({floor})" if near else f"; {whose} alone would give {floor}"
 
 
 def _noise(row: AssessedCause) -> str:
     size = row.size("noise_ratio")
     times = with_uncertainty(size.number or 0.0, size.sigma) if size is not None else "–"
-    if row.follows:
-        return f"The noise depends on {columns_words(row.follows)} and reaches {times} times the declared noise"
+    place = row.settings.get("place")
+    if row.follows or place:
+        where = str(place) if place else columns_words(row.follows)
+        return (
+            f"The noise depends on {where}: where it is largest, it is {times} times as large as where it is smallest"
+        )
     whose = f" of {subject_words(row.subject)}" if row.subject else ""
+    if row.settings.get("over") == "others":
+        return f"The noise{whose} is {times} times that of the others"
     return f"The noise{whose} is {times} times the declared noise"
 
 
