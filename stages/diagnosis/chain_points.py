@@ -62,6 +62,8 @@ _SLIPS = {
     ColumnSlipKind.REVERSED: "the sign of {} reversed",
     ColumnSlipKind.DEGREES: "the readings of {} taken as degrees",
     ColumnSlipKind.RADIANS: "the readings of {} taken as radians",
+    ColumnSlipKind.ADDED: "the readings of the first of {} added to those of the second",
+    ColumnSlipKind.SUBTRACTED: "the readings of the first of {} subtracted from those of the second",
     ColumnSlipKind.DOWN: "the readings of {} one row higher",
     ColumnSlipKind.UP: "the readings of {} one row lower",
     ColumnSlipKind.UPSIDE_DOWN: "the readings of {} in reversed order of rows",

@@ -178,3 +178,17 @@ def test_the_order_of_columns_and_targets_does_not_matter() -> None:
         errors_at=errors_at,
     )
     assert slips_in_poses(other).slips == slips_in_poses(own).slips  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(("wrong", "is_named"), [(4, True), (12, False)])
+def test_only_few_poses_are_called_misread(wrong: int, is_named: bool) -> None:
+    """Where a third of all poses disagree for no known reason, no single mistakes are named."""
+
+    def elsewhere(_: np.ndarray, values: np.ndarray) -> None:
+        values[:wrong] += 0.1 * np.random.default_rng(5).normal(size=(wrong, 1, 3))
+
+    found = slips_in_poses(compared(elsewhere))
+    assert (found is not None) is is_named
+    if found is not None:
+        assert [slip.kind for slip in found.slips] == [SlipKind.STRAY]
+        assert found.slips[0].subjects == tuple(f"pose {pose}" for pose in range(1, wrong + 1))

@@ -24,6 +24,7 @@ _WINDOWS = 12  # stretches of poses that places are fitted to
 _FEWEST_APART = 3  # fewest poses of a slip that is no exchange of rows
 _LEAST_SHARE = 0.2  # least share of the poses that agree; fewer may do so by chance
 _FAR = 5.0  # typical misfits of poses that agree, beyond which a pose does not
+_MOST_STRAY = 0.1  # largest share of poses that single mistakes explain
 _LEFT = 0.2  # share of the misfit that may remain where rows are exchanged
 _MOST_NAMED = 6  # equal poses that are all named; of more, those that disagree
 _MOST_EXCHANGED = 200  # most poses among which an exchange is sought
@@ -83,8 +84,8 @@ class _JointTrial:
 
 
 def slips_in_poses(compared: ChainComparison) -> RowSlips | None:
-    """Return the slips that explain the poses that disagree with most; stray poses where nothing does; None where all
-    agree, or where too few agree with one another."""
+    """Return the slips that explain the poses that disagree with most; stray poses where nothing does and they are few;
+    None where all agree, where too few agree with one another, or where many disagree for no known reason."""
     found = _agreement(compared)
     if found is None:
         return None
@@ -99,8 +100,15 @@ def slips_in_poses(compared: ChainComparison) -> RowSlips | None:
         or _repeated(compared, agreed)
         or _exchanged(compared, errors_at, agreed)
         or _changed(compared, errors_at, agreed)
-        or RowSlips((RecordSlip(SlipKind.STRAY, "readings of", _names(compared, agreed.apart)),))
+        or _stray(compared, agreed)
     )
+
+
+def _stray(compared: ChainComparison, agreed: Agreement) -> RowSlips | None:
+    """Return the poses that disagree as single mistakes; None where so many disagree that something else is wrong."""
+    if len(agreed.apart) > max(1, _MOST_STRAY * len(agreed.distance)):
+        return None
+    return RowSlips((RecordSlip(SlipKind.STRAY, "readings of", _names(compared, agreed.apart)),))
 
 
 def _names(compared: ChainComparison, rows: Index) -> tuple[str, ...]:
@@ -269,6 +277,8 @@ def column_slip(kind: ColumnSlipKind, names: Sequence[str]) -> RecordSlip:
         return RecordSlip(SlipKind.REVERSED, "readings")
     if kind is ColumnSlipKind.EXCHANGED:
         return RecordSlip(SlipKind.COLUMNS, "columns of readings", tuple(names))
+    if kind in (ColumnSlipKind.ADDED, ColumnSlipKind.SUBTRACTED):
+        return RecordSlip(SlipKind(kind.value), "readings", tuple(names))
     if kind is ColumnSlipKind.REVERSED:
         return RecordSlip(SlipKind.SIGN, "readings", tuple(names))
     factor = 180.0 / np.pi if kind is ColumnSlipKind.RADIANS else np.pi / 180.0

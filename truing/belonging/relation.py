@@ -26,6 +26,8 @@ class SlipKind(StrEnum):
     SIGN = "sign"  # all numbers times -1
     ZERO = "zero"  # counted from another zero
     COLUMNS = "columns-exchanged"
+    ADDED = "lacks-the-one-before"  # the first subject is to be added to the second
+    SUBTRACTED = "holds-the-one-before"  # the first subject is to be subtracted from the second
     ROWS_SHIFTED = "rows-shifted"
     ROWS_EXCHANGED = "rows-exchanged"
     MIRRORED = "mirrored"

@@ -84,3 +84,22 @@ def test_zeros_off_by_right_angles_are_named_from_the_length_of_one_wire(offset:
     assert found.kind is ColumnSlipKind.ZEROS
     own = dict(zip(found.readings, found.offsets, strict=True))
     assert own == pytest.approx({k: offset[k] for k in np.flatnonzero(offset)}, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("sign", "kind"), [(1.0, ColumnSlipKind.SUBTRACTED), (-1.0, ColumnSlipKind.ADDED)], ids=["sum", "difference"]
+)
+def test_a_joint_that_counts_from_a_fixed_direction_is_named(sign: float, kind: ColumnSlipKind) -> None:
+    turns = np.random.default_rng(6).uniform(-1.0, 1.0, (COUNT, 2))
+    measured = places(turns)
+
+    def start(chosen: Mask, given: ChainConditions) -> StartValues:
+        errors = (measured - places(given.readings))[chosen]
+        places_of_frames = np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)), np.eye(3)[None]
+        return StartValues(*places_of_frames, float(np.std(errors)), float(np.std(measured)), errors)
+
+    recorded = turns + sign * turns[:, [0]] * [0.0, 1.0]
+    found = likely_slip(conditions_at(recorded), np.ones(2, bool), start)
+    assert found is not None
+    assert (found.kind, found.readings) == (kind, (0, 1))
+    assert found.after < 1e-9

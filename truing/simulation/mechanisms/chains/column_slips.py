@@ -1,4 +1,4 @@
-"""Slips in the columns of joint readings: exchanged, reversed, in another unit, a row off; and zeros far off.
+"""Slips in the columns of joint readings: exchanged, reversed, in another unit, coupled, a row off; zeros far off.
 
 A nominal machine misses by parts per thousand of its travel. A misfit of per cents means that readings and measured
 links do not belong together; the slip that explains it is named.
@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
-from itertools import combinations, product
+from itertools import combinations, pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,9 @@ class ColumnSlipKind(StrEnum):
     REVERSED = "reversed"
     DEGREES = "degrees-as-radians"
     RADIANS = "radians-as-degrees"
+    # A joint counts from a fixed direction: the reading of the joint before is to be added to its own, or subtracted.
+    ADDED = "lacks-the-one-before"
+    SUBTRACTED = "holds-the-one-before"
     ZEROS = "zeros"
     DOWN = "a-row-too-far-down"
     UP = "a-row-too-far-up"
@@ -224,6 +227,11 @@ def corrected_columns(
         own = readings.copy()
         own[:, list(columns)] *= factor
         yield kind, columns, own
+    for kind, sign in ((ColumnSlipKind.ADDED, 1.0), (ColumnSlipKind.SUBTRACTED, -1.0)):
+        for a, b in pairwise(angles):
+            own = readings.copy()
+            own[:, b] += sign * readings[:, a]
+            yield kind, (a, b), own
     for kind, rows in ((ColumnSlipKind.DOWN, -1), (ColumnSlipKind.UP, 1)):
         yield kind, every, np.roll(readings, rows, 0)
     yield ColumnSlipKind.UPSIDE_DOWN, every, readings[::-1]
