@@ -192,3 +192,18 @@ def test_only_few_poses_are_called_misread(wrong: int, is_named: bool) -> None:
     if found is not None:
         assert [slip.kind for slip in found.slips] == [SlipKind.STRAY]
         assert found.slips[0].subjects == tuple(f"pose {pose}" for pose in range(1, wrong + 1))
+
+
+def test_joints_moved_one_at_a_time_are_not_called_frozen() -> None:
+    """In the poses that disagree a joint stands still, as it does in most of the others."""
+
+    def one_at_a_time(readings: np.ndarray, values: np.ndarray) -> None:
+        swing = np.linspace(-1.2, 1.2, 13)
+        readings[:] = 0.1
+        for k in range(3):
+            readings[13 * k : 13 * (k + 1), k] = swing
+        values[:] = positions(readings)
+        values[13:26] += [0.05, 0.0, 0.0]
+
+    found = slips_in_poses(compared(one_at_a_time))
+    assert found is None or all(slip.kind is not SlipKind.FROZEN for slip in found.slips)

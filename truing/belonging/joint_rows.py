@@ -25,6 +25,7 @@ _FEWEST_APART = 3  # fewest poses of a slip that is no exchange of rows
 _LEAST_SHARE = 0.2  # least share of the poses that agree; fewer may do so by chance
 _FAR = 5.0  # typical misfits of poses that agree, beyond which a pose does not
 _MOST_STRAY = 0.1  # largest share of poses that single mistakes explain
+_MOST_STILL = 0.1  # largest share of poses that agree in which a column may stay the same too, if it is to be frozen
 _LEFT = 0.2  # share of the misfit that may remain where rows are exchanged
 _MOST_NAMED = 6  # equal poses that are all named; of more, those that disagree
 _MOST_EXCHANGED = 200  # most poses among which an exchange is sought
@@ -186,12 +187,17 @@ def _frozen(compared: ChainComparison, agreed: Agreement) -> RowSlips | None:
     """Return the column, or all that was measured, that stays the same, in every digit, through the poses that
     disagree."""
     what: list[tuple[str, tuple[str, ...], NDArray]]
+    if len(agreed.apart) < _FEWEST_APART:
+        return None
+    agree = np.ones(len(compared.values), bool)
+    agree[agreed.apart] = False
     what = [("readings", (name,), own) for name, own in zip(compared.columns, compared.readings.T, strict=True)]
     what += [(_measured(compared), (), compared.values.reshape(len(compared.values), -1))]
     for quantity, names, values in what:
         same = (np.diff(values, axis=0) == 0.0).reshape(len(values) - 1, -1).all(1)
         still = np.append(same, False) | np.append(False, same)
-        if len(agreed.apart) >= _FEWEST_APART and still[agreed.apart].all() and not still.all():
+        # A joint that also stands still where all is well is not frozen: joints are moved one at a time.
+        if still[agreed.apart].all() and still[agree].mean() <= _MOST_STILL:
             slip = RecordSlip(SlipKind.FROZEN, quantity, (*names, *row_places(still, ~still, compared.poses, ())))
             return RowSlips((slip,))
     return None
