@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from tests.tolerance import assert_between
 from truing.inference.linear_problem import LinearisedModel, Whitened, whiten
 from truing.inference.noise import NoiseLevel, noise_level
 from truing.inference.observations import Observations
+from truing.inference.selection import of_larger_noise
 
 
 def _fitted(level: float, seed: int) -> Whitened:
@@ -68,3 +73,19 @@ def test_the_noise_level_of_a_target_is_estimated_apart_from_the_others() -> Non
     own, others = (noise_level(whitened, measured, quieter, targets) for targets in (first, ~first))
     assert_between(own.ratio, 2.0 - 4 * own.sigma, 2.0 + 4 * own.sigma, what="level of the first")
     assert_between(others.ratio, 1.0 - 4 * others.sigma, 1.0 + 4 * others.sigma, what="level of the others")
+
+
+def test_an_effect_of_eight_amplitudes_is_significant_at_the_noise_that_was_found() -> None:
+    """Squares of 66 with eight amplitudes are no chance at the declared noise, and chance at twice that noise."""
+    null = SimpleNamespace(
+        group_of=lambda kind, rank: rank,
+        raw=lambda squares, rank, share: float(chi2.sf(squares, rank)),
+        threshold=lambda group, level: level / 100.0,
+    )
+    candidate = SimpleNamespace(kind="unexplained", signature=SimpleNamespace(rank=8))
+    steps: Any = {"drift": SimpleNamespace(round=SimpleNamespace(null=null), candidate=candidate)}
+    own: Any = SimpleNamespace(cause=SimpleNamespace(key="drift"), signal_to_noise=66.0**0.5)
+    other: Any = SimpleNamespace(cause=SimpleNamespace(key="named"), signal_to_noise=1.0)
+    assert of_larger_noise(steps, [own, other], 0.7, 0.05) == set()  # noise below the declared one proves nothing
+    assert of_larger_noise(steps, [own, other], 1.1, 0.05) == set()
+    assert of_larger_noise(steps, [own, other], 2.0, 0.05) == {"drift"}

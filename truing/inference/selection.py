@@ -210,7 +210,9 @@ class CauseSelection(Generic[CauseT]):
         # What inputs predict is no scatter, though it may pass for one.
         is_named &= bool(searched.kept) or not attributions
         doubt = Reason.INADEQUATE if not holds else None if is_named else Reason.UNNAMED
-        verdicts = [self._checked_verdict(verdict, final, doubt, outdone, rivals) for verdict in verdicts]
+        steps = {step.cause.key: step for step in searched.kept if not step.cause.catalogued}
+        weak = of_larger_noise(steps, verdicts, noise.ratio, self._settings.level) if is_noisier else set()
+        verdicts = [self._checked_verdict(verdict, final, doubt, outdone, rivals, weak) for verdict in verdicts]
         # Where only the name is open the model is right all the same.
         is_sure = doubt is None and all(v.verdict != SUSPECTED or v.reason is Reason.ALTERNATIVE for v in verdicts)
         left = "" if is_sure else doubt or Reason.UNNAMED  # residuals of a doubtful model hold more than noise
@@ -360,18 +362,22 @@ class CauseSelection(Generic[CauseT]):
         doubt: Reason | None,
         outdone: set[str],
         rivals: Mapping[str, CourseRival],
+        weak: set[str],
     ) -> Verdict[CauseT]:
         """Return a verdict after checks on the final model: a found cause that fails one is only suspected.
 
-        Predictions may contradict it. A catalogued cause is also doubted if the final model is inadequate or holds a
-        nonparametric effect of which the cause may be a part. So it is if a nonparametric effect was more probable but
-        refused, or still explains something next to the cause; if ``rivals`` has random courses against it; or if
-        other causes that explain the same are too probable.
+        Predictions may contradict it. A nonparametric effect (``weak``) is doubted that larger noise than declared may
+        have produced. A catalogued cause is also doubted if the final model is inadequate or holds a nonparametric
+        effect of which the cause may be a part. So it is if a nonparametric effect was more probable but refused, or
+        still explains something next to the cause; if ``rivals`` has random courses against it; or if other causes
+        that explain the same are too probable.
         """
         if verdict.verdict != FOUND:
             return verdict
         if reason := _contradiction(verdict):
             return replace(verdict, verdict=SUSPECTED, reason=reason)
+        if verdict.cause.key in weak:
+            return replace(verdict, verdict=SUSPECTED, reason=Reason.INADEQUATE)
         if not verdict.cause.catalogued or verdict.cause in self._given:
             return verdict
         verdict = replace(verdict, share_explained=share_explained(final, verdict.cause))
@@ -610,6 +616,26 @@ class CauseSelection(Generic[CauseT]):
                 verdict = first_order(first, before, REJECTED, self._fitter.held_out, Reason.CONTAINED)
             found.append(verdict if before is None else replace(verdict, log_odds=first.posterior(before)))
         return found
+
+
+def of_larger_noise(
+    steps: Mapping[str, _Accepted[CauseT]], verdicts: Sequence[Verdict[CauseT]], ratio: float, level: float
+) -> set[str]:
+    """Return the keys of effects that are not significant at ``ratio`` times the declared noise.
+
+    ``steps``: accepted effects by key. The search rescales the noise within limits only; beyond them, scatter of whole
+    epochs looks like an effect of many amplitudes.
+    """
+    weak = set()
+    for verdict in verdicts:
+        if (step := steps.get(verdict.cause.key)) is None:
+            continue
+        null = step.round.null
+        group = null.group_of(step.candidate.kind, step.candidate.signature.rank)
+        squares = (verdict.signal_to_noise / max(ratio, 1.0)) ** 2
+        if null.raw(squares, group, 1.0) > null.threshold(group, level):
+            weak.add(verdict.cause.key)
+    return weak
 
 
 def _contradiction(verdict: Verdict[CauseT]) -> Reason | None:
