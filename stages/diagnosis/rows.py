@@ -228,7 +228,8 @@ def _noise_rows(diagnosis: CauseDiagnosis, shown: ReportedRms | Channels, level:
     """Noise that is larger in places, that of single channels, and where none has its own that of all."""
     final = diagnosis.final
     overall = shown.overall(final.error)
-    rows = [_scatter_row(scatter, final, overall) for scatter in diagnosis.scatters]
+    repeated = diagnosis.has_repeats
+    rows = [_scatter_row(scatter, final, overall, is_repeated=repeated) for scatter in diagnosis.scatters]
     rows += [_noise_dependence_row(one, final, overall) for one in merged_by_driver(diagnosis.noise_dependences)]
     for target, own in diagnosis.noisy:
         subject = f"{final.model.channel_word} {_name(final, target)}"
@@ -310,11 +311,14 @@ def _noise_dependence_row(dependence: NoiseDependence, final: FittedModel, shown
     }
 
 
-def _scatter_row(scatter: FoundScatter, final: FittedModel, shown: ReportedRms) -> dict[str, Any]:
+def _scatter_row(
+    scatter: FoundScatter, final: FittedModel, shown: ReportedRms, *, is_repeated: bool
+) -> dict[str, Any]:
     """Inputs that scatter more than they are known beforehand, by a cause that moves nothing on average."""
-    return _row_of_cause(
-        scatter.candidate.cause, (scatter.size, scatter.sigma), scatter.p_value, scatter.doubt, final, shown
-    )
+    cause, size = scatter.candidate.cause, (scatter.size, scatter.sigma)
+    row = _row_of_cause(cause, size, scatter.p_value, scatter.doubt, final, shown)
+    text = scatter_explanation(row["clause"], scatter.p_value, scatter.doubt, is_repeated=is_repeated)
+    return row | {"explanation": text}
 
 
 def _row_of_cause(

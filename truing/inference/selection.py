@@ -111,6 +111,7 @@ class CauseDiagnosis(Generic[CauseT]):
     unasked: tuple[CauseT, ...] = ()  # kinds that have no candidate in this campaign
     blocks: tuple[EpochBlocks, ...] = ()  # groupings of epochs that can be left out block by block
     attributed: tuple[Attributed, ...] = ()  # inputs that predict the residuals, where no model of causes holds
+    has_repeats: bool = True  # whether inputs were repeated, so that scatter differs from an effect of fine pattern
 
 
 @dataclass(frozen=True)
@@ -233,6 +234,7 @@ class CauseSelection(Generic[CauseT]):
             self._untestable_kinds(kinds, searched),
             tuple(fitter.blocks or ()),
             attributions,
+            fitter.repeats is not None,
         )
 
     def _untestable_kinds(self, kinds: Sequence[CauseT], searched: _Searched[CauseT]) -> tuple[CauseT, ...]:

@@ -62,7 +62,7 @@ def test_the_first_line_says_what_where_how_large_and_what_it_brings():
             "approach-scatter",
             "",
             {"scatter": size(0.012, 0.001, "mm")},
-            "The position of the actuators scatters at each approach, by 12.0 ± 1.0 µm (standard deviation)",
+            "The position of the actuators scatters from pose to pose, by 12.0 ± 1.0 µm (standard deviation)",
         ),
         ("thermal-expansion", "", {"alpha": size(1.2e-5, 1e-6, "1/K")}, "legs grow with temperature, by 12.0 ± 1.0"),
         ("measurement-scale", "", {"scale": size(-3e-5, 2e-6)}, "Measured lengths are too small, by 30.0 ± 2.0 ppm"),

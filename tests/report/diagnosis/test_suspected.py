@@ -162,6 +162,8 @@ def test_a_scatter_that_is_suspected_is_told_with_its_reason(doubt: str) -> None
     assert section is not None
     assert DOUBTS[doubt] in section.statements[0][1]
     assert DOUBTS[doubt] in scatter_explanation("actuator 3 lands elsewhere", 1e-4, doubt)
+    assert "No pose was repeated" not in scatter_explanation("actuator 3 lands elsewhere", 1e-4, doubt)
+    assert "No pose was repeated" in scatter_explanation("actuator 3 lands elsewhere", 1e-4, doubt, is_repeated=False)
 
 
 REMAINDER = row("unexplained", subject="", parameters={}) | {

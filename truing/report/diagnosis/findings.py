@@ -260,13 +260,21 @@ def _size(name: str, value: Mapping[str, Any]) -> str:
     return f"{name} = {size_text(name, value['value'], value.get('sigma'), value.get('unit') or '')}"
 
 
-def scatter_explanation(clause: str, p_value: float, doubt: str = "") -> str:
-    """Return the sentences on a cause without mean effect; ``doubt``: the reason code if it is only suspected."""
+_FINE_PATTERN = (
+    " No pose was repeated: an error that repeats, with features finer than the distances between poses, would look "
+    "the same."
+)
+
+
+def scatter_explanation(clause: str, p_value: float, doubt: str = "", *, is_repeated: bool = True) -> str:
+    """Return the sentences on a cause without mean effect; ``doubt``: the reason code if it is only suspected;
+    ``is_repeated``: whether a pose was measured again, so that what repeats would show."""
     text = f"It may be that {clause}" if doubt else f"The data show that {clause}"
     doubted = f" This is suspected, not confirmed: {DOUBTS[doubt]}." if doubt else ""
     return (
         f"{text} (p = {p_value:.1g}, corrected for all groups that were tried).{doubted} It causes no mean shift: "
         "these measurements have less weight in all other findings, and no model predicts the scatter."
+        f"{'' if is_repeated else _FINE_PATTERN}"
     )
 
 

@@ -170,18 +170,20 @@ def _heat(claim: Claim) -> str:
 
 
 def _approach_scatter_clause(claim: Claim) -> str:
-    """Return the clause on actuators whose position scatters at each approach: subject, poses and size."""
+    """Return the clause on actuators whose position scatters from pose to pose: subject, poses and size."""
     who = f"body {claim.fact('body')}" if claim.fact("body") else _actuators(claim)
     if claim.fact("joint") is not None:
         who = claim.subject or "all joints"
+    how = "from pose to pose"
     if claim.fact("element") is not None:
+        how = "at each approach"
         who = "the load behind the motor" if claim.subject else "the axis about its command"
     way = {1: " when approached from below", -1: " when approached from above"}.get(claim.fact("direction") or 0, "")
     poses = [claim.fact(name) for name in ("from_pose", "to_pose")]
     when = "" if poses[0] in (None, "") else f" from pose {poses[0]} to pose {poses[1]}"
     size, _ = largest_of_kind(claim, "scatter")
     far = by_words(f"{size} (standard deviation)") if size else ""
-    return f"the position of {who} scatters at each approach{way}{when}{far}"
+    return f"the position of {who} scatters {how}{way}{when}{far}"
 
 
 MECHANISM = {
