@@ -61,6 +61,7 @@ _SHOWN_FILES = 20  # files, or groups of these, whose first rows are shown
 _LISTED = 20  # columns, on the screen
 _LONGEST_NOTE = 240
 _MOST_LINES = 32  # of entries in a starter file
+_OF_EACH_POSE = {"pose", "role", "time_s", "temperature_c"}
 _NOT_RAW = {".toml", ".md", ".html", ".pdf", ".yaml", ".yml", ".json"}
 
 
@@ -78,7 +79,9 @@ def init_campaign(
         raise CampaignFaults([Fault(str(folder), "a folder that exists, with raw files in it")])
     robot = robot_of(folder, list(_files(folder)))
     guesses = _joined_groups([(group, _guess(group, robot)) for group in _raw_groups(folder)])
-    guesses = network_tables(_with_surfaces(_separate_tables(_separate_globs(guesses)))) + _photographs(folder)
+    guesses = network_tables(_with_surfaces(_rows_once(_separate_tables(_separate_globs(guesses))))) + _photographs(
+        folder
+    )
     if os.path.lexists(target):
         raise CampaignFaults([_never_overwritten(target)])
     said = Answers(given) if ask is None else Answers(given, ask)
@@ -268,6 +271,19 @@ def _separate_globs(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGrou
 def _separate_tables(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
     """One entry for each table of a file with several tables."""
     return [(group, one) for group, guess in guesses for one in (replace(guess, beside=()), *guess.beside)]
+
+
+def _rows_once(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:
+    """Leave out what else a file of poses has, where another file has the readings: each pose has one row of
+    configurations."""
+    of_poses = {group.glob for group, guess in guesses if guess.table == "poses"}
+    elsewhere = any(guess.table == "configurations" and group.glob not in of_poses for group, guess in guesses)
+
+    def is_second(group: RawGroup, guess: Guess) -> bool:
+        holds_readings = set(guess.mapping.get("columns", {})) - _OF_EACH_POSE
+        return elsewhere and guess.table == "configurations" and group.glob in of_poses and not holds_readings
+
+    return [(group, guess) for group, guess in guesses if not is_second(group, guess)]
 
 
 def _with_surfaces(guesses: list[tuple[RawGroup, Guess]]) -> list[tuple[RawGroup, Guess]]:

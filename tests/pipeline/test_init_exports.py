@@ -310,3 +310,29 @@ def test_a_file_that_nothing_reads_is_named_by_check(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["check", str(tmp_path)])
     assert done.exit_code == 2
     assert "no entry reads strange.csv" in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    "heads", [("command_mm", "motor_mm", "measured_mm"), ("Command [mm]", "Motor [mm]", "Laser [mm]")]
+)
+def test_a_linear_axis_in_millimetres_is_read_as_one(tmp_path: Path, heads: tuple[str, ...]) -> None:
+    rows = [f"{k},{k + 0.001:.3f},{k - 0.002:.3f}" for k in (10, 20, 30, 20, 10)]
+    (tmp_path / "axis.csv").write_text("\n".join([",".join(heads), *rows]) + "\n")
+    found = table(tmp_path, init(tmp_path)[1], CONFIGURATIONS)
+    assert_close(
+        numbers(found, "command_mm")[:, 0], np.array([10.0, 20.0, 30.0, 20.0, 10.0]), atol=0.0, what="commands"
+    )
+    assert_close(numbers(found, "measured_mm")[0], np.array([9.998]), atol=1e-9, what="instrument")
+
+
+def test_a_pose_has_one_row_of_configurations_where_another_file_has_the_readings(tmp_path: Path) -> None:
+    """The tracker's file of poses also holds a temperature; the robot's file counts the same poses."""
+    head, turn = "X [mm],Y [mm],Z [mm],Q0,Q1,Q2,Q3,Temperature [C]", "0.8,0.6,0,0"
+    places = RNG.uniform(-500.0, 500.0, (5, 3)).round(3)
+    rows = [f"{','.join(map(str, place))},{turn},22.{k}" for k, place in enumerate(places)]
+    (tmp_path / "leica.csv").write_text("\n".join([head, *rows]) + "\n")
+    joints = [",".join(map(str, own)) for own in (57.0 * JOINTS).round(4)]
+    (tmp_path / "theta.csv").write_text("\n".join(["j1,j2,j3", *joints]) + "\n")
+    found = table(tmp_path, init(tmp_path)[1], CONFIGURATIONS)
+    expected = (57.0 * JOINTS).round(4)
+    assert_close(numbers(found, "joint1_deg", "joint2_deg", "joint3_deg"), expected, atol=1e-9, what="joints")

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from truing.arrays import Array
-from truing.formats.units import bare_and_unit, conversion, may_be
-from truing.schemas.columns import find_column
+from truing.formats.units import bare_and_unit, conversion, is_convertible
 
 _LOADED = {
     "run": r"run([ _]?(nr|no|id))?|lauf|versuch|test([ _]?(nr|no|id))?|essai",
@@ -66,6 +65,7 @@ _OUTSIDE = (
     r"(reference|measured|autocollimator|autokollimator|akf|interferometer|laser|polygon|ist|error|deviation|abweichung)"
     r".*|(ron|rod|rpn|rcn|ecn|ern|lip|lida|lif) ?\d{3,4}"
 )
+_UNITS_OF_AXES = {"angle": "deg", "length": "mm"}
 _OF_AXIS = re.compile(r"[ _](axis|achse|axe)?[ _]?[xyzabcuvw]\d?$")  # the axis behind a name
 
 
@@ -196,7 +196,7 @@ def _axis_of_kind(names: Sequence[str], values: Array, kind: str | None, meant: 
     outside = _first(names, _OUTSIDE, (command, motor, load), kind)
     if outside is None and (motor is None or load is None):
         return None
-    unit = "deg" if meant == "angle" else "mm"
+    unit = _UNITS_OF_AXES[meant]
     columns = {f"command_{unit}": command}
     columns |= {f"{what}_{unit}": name for what, name in (("motor", motor), ("load", load)) if name is not None}
     doubts: tuple[str, ...] = ()
@@ -220,16 +220,11 @@ def _first(names: Sequence[str], pattern: str, taken: Sequence[str | None], kind
 
 
 def _kind(name: str) -> str | None:
+    """Return whether the unit of a name is one of angles or of lengths; None without a unit, or with another one."""
     unit = bare_and_unit(name)[1]
-    return (
-        None
-        if unit is None
-        else "angle"
-        if may_be(unit, find_column("command_deg"))
-        else "length"
-        if may_be(unit, find_column("x_mm"))
-        else None
-    )
+    if unit is None:
+        return None
+    return next((kind for kind, own in _UNITS_OF_AXES.items() if is_convertible(unit, own)), None)
 
 
 def _is_deviation(names: Sequence[str], values: Array, command: str, outside: str, own: str) -> bool:

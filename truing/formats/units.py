@@ -201,10 +201,13 @@ def known_unit(text: str) -> str | None:
 
 def may_be(unit: str | None, column: Column | None) -> bool:
     """True if a column may have a unit: a length in radians may not."""
-    if unit is None or column is None or not column.unit:
-        return True
+    return unit is None or column is None or not column.unit or is_convertible(unit, column.unit)
+
+
+def is_convertible(unit: str, wanted: str) -> bool:
+    """True if numbers in a unit can be given in another one."""
     try:
-        conversion(unit, column.unit)
+        conversion(unit, wanted)
     except UnknownUnit:
         return False
     return True
