@@ -311,9 +311,7 @@ def _noise_dependence_row(dependence: NoiseDependence, final: FittedModel, shown
     }
 
 
-def _scatter_row(
-    scatter: FoundScatter, final: FittedModel, shown: ReportedRms, *, is_repeated: bool
-) -> dict[str, Any]:
+def _scatter_row(scatter: FoundScatter, final: FittedModel, shown: ReportedRms, *, is_repeated: bool) -> dict[str, Any]:
     """Inputs that scatter more than they are known beforehand, by a cause that moves nothing on average."""
     cause, size = scatter.candidate.cause, (scatter.size, scatter.sigma)
     row = _row_of_cause(cause, size, scatter.p_value, scatter.doubt, final, shown)

@@ -124,7 +124,6 @@ _FACTOR = re.compile(r"\bk\s*=\s*(?P<k>\d+(?:[.,]\d+)?)", re.IGNORECASE)
 _EXPANDED = re.compile(r"(?<![A-Za-z])U(?:[\s_]?\(?\s*(?:95|0[.,]95)\s*%?\s*\)?)?[\s_]*(?:[XYZxyz]|pos|P)?(?![A-Za-z])")
 _LIMIT = re.compile(r"(?<![A-Za-z])MPE(?![a-z])")
 _TWO = 2.0
-_LONGEST_NAME = 200
 
 
 class UnknownUnit(ValueError):
