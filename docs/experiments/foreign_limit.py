@@ -1,30 +1,110 @@
 """``python -m docs.experiments.foreign_limit``: how many inputs of foreign effects could be named at best.
 
-Each effect acts alone, as a course over the poses with independent noise: its pattern, size and noise are known. Sets
-of inputs are compared by Bayes' rule with the generator's own prior, as is an effect that follows no column. No method
-can name more inputs with the same certainty.
+The pattern, size and noise of each effect are known, what the fit's unknowns absorb is accounted for, and inputs are
+named by Bayes' rule with the generator's own prior. Once each effect acts alone; once next to all other effects of its
+campaign, of which also the inputs, and the errors of an instrument by place, are known. No method can name more inputs
+with the same certainty.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
 
 from benchmarks.blind import FOREIGN, INSTRUMENTS, drawn
 from tests.blind.generator.case import Case, Measure
-from tests.blind.generator.foreign import Foreign, ForeignDrives, ForeignField, _input
+from tests.blind.generator.effects import Setting
+from tests.blind.generator.foreign import (
+    Foreign,
+    ForeignDrives,
+    ForeignField,
+    LandsElsewhere,
+    NobodyRecorded,
+    Remembers,
+    WanderingBase,
+    _input,
+)
+from tests.blind.generator.machine import Machine
 from tests.blind.generator.quaternions import Array
-from tests.blind.generator.smooth import LENGTH_SCALES, random_function, standardised
+from tests.blind.generator.smooth import LENGTH_SCALES, random_walk, remanence, standardised
+from tests.blind.generator.strength import change
 
-SEED, CAMPAIGNS, DRAWS = 331177, 40, 24
+SEED, CAMPAIGNS, DRAWS, DRAWS_OF_COURSES = 331177, 40, 12, 200
 FOLLOWS_NOTHING, NAMED = 0.4, 0.9  # prior of an effect without a column; probability from which an input is named
+STEP = 1e-4  # mm: every pathway is in proportion
+LEAST = 1e-6  # of a covariance's largest eigenvalue; smaller ones are left out
+TAIL = 2.0  # degrees of freedom of an approach's scatter
 Inputs = tuple[str, ...]
 
 
-def covariances(inputs: Array, rng: np.random.Generator) -> list[Array]:
+@dataclass(frozen=True)
+class Moves(Foreign):
+    """The motion of one pathway of an effect, the same in every pose: a leg's drive, a joint of the base, a field, or
+    lengths in a known ratio."""
+
+    of: Foreign
+    place: int
+
+    @property
+    def drivers(self) -> Inputs:
+        return ()
+
+    def drive(self, drho: Array, setting: Setting) -> Array:
+        return drho + STEP * (np.arange(drho.shape[1]) == self.place) if isinstance(self.of, DRIVES) else drho
+
+    def structure(self, machine: Machine, setting: Setting) -> None:
+        if isinstance(self.of, ForeignField):
+            _Whole(STEP, self.of.seed, self.of.inputs, body=self.of.body).structure(machine, setting)
+        elif isinstance(self.of, WanderingBase):
+            machine.a[:, self.place // 3, self.place % 3] += STEP
+        elif isinstance(self.of, NobodyRecorded):
+            legs = machine.length.shape[1]
+            machine.length += STEP * np.random.default_rng(self.of.seed + 1).uniform(-1, 1, legs)
+
+
+class _Whole(ForeignField):
+    """A field that is fully there in every pose."""
+
+    def course(self, drho: Array, setting: Setting, seed: int) -> Array:
+        return np.ones(len(drho))
+
+
+DRIVES = ForeignDrives, LandsElsewhere, Remembers
+
+
+@dataclass(frozen=True)
+class Pathways:
+    """Pathways of an effect: what moves each by one, and its courses in all poses (N, I), mm."""
+
+    effect: Foreign
+    places: tuple[int, ...]
+    courses: Array
+
+
+@dataclass(frozen=True)
+class World:
+    """A campaign's poses that are fitted: columns (N,) by name, displacements in all poses with their order, and the
+    information (N I, N I) on all courses of ``pathways``, pose by pose."""
+
+    columns: Mapping[str, Array]
+    drho: Array
+    in_time: Array
+    fitted: Array
+    pathways: tuple[Pathways, ...]
+    information: Array
+
+    @cached_property
+    def owners(self) -> Array:
+        """The effect of each course (I,)."""
+        return np.repeat(np.arange(len(self.pathways)), [len(own.places) for own in self.pathways])
+
+
+def smooth(inputs: Array, rng: np.random.Generator) -> list[Array]:
     """Covariances (N, N), of unit mean variance, of the generator's functions of inputs (N, D), by drawn length
     scales."""
     scaled = standardised(inputs)
@@ -39,7 +119,22 @@ def covariances(inputs: Array, rng: np.random.Generator) -> list[Array]:
     return found
 
 
-def prior(columns: list[str]) -> dict[Inputs, float]:
+def of_courses(courses: Array) -> Array:
+    """Covariance (N, N), of unit mean variance, of courses (D, N) that were drawn."""
+    centred = courses - courses.mean(1, keepdims=True)
+    kernel = centred.T @ centred
+    return np.asarray(kernel * len(kernel) / np.trace(kernel))
+
+
+def friction(world: World, leg: int) -> Array:
+    """Covariance (N, N) of the generator's friction in an actuator."""
+    drawn_courses = np.empty((DRAWS_OF_COURSES, len(world.drho)))
+    for seed, own in enumerate(drawn_courses):
+        own[world.in_time] = remanence(world.drho[world.in_time, leg], seed)
+    return of_courses(drawn_courses[:, world.fitted])
+
+
+def prior(columns: Sequence[str]) -> dict[Inputs, float]:
     """Probability of every set of inputs, as the generator draws it."""
     readings = [name for name in columns if name.startswith("rho")]
     others = [name for name in columns if not name.startswith("rho")]
@@ -52,56 +147,180 @@ def prior(columns: list[str]) -> dict[Inputs, float]:
     return found
 
 
-def log_density(courses: Array, covariance: Array, variance: float) -> float:
-    """Log density of courses (N, C) of a size in noise of unit variance, but for a constant."""
+def factor(covariance: Array) -> Array:
+    """Return F (N, r) with F F^T = covariance, but for its smallest eigenvalues."""
     values, vectors = np.linalg.eigh(covariance)
-    total = 1.0 + variance * np.maximum(values, 0.0)
-    along = vectors.T @ courses
-    return float(-0.5 * courses.shape[1] * np.sum(np.log(total)) - 0.5 * np.sum(along**2 / total[:, None]))
+    kept = values > LEAST * values[-1]
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
-def named(courses: Array, size: float, columns: Mapping[str, Array], rng: np.random.Generator) -> set[str]:
-    """The inputs that courses (N, C) of a signal-to-noise ratio follow with a probability of at least 0.9."""
-    count, width = courses.shape
-    variance, odds = size**2 / width / count, dict[Inputs, float]()
-    for own, share in prior(list(columns)).items():
-        each = [
-            log_density(courses, kernel, variance)
-            for kernel in covariances(np.column_stack([columns[name] for name in own]), rng)
-        ]
-        if each:
-            odds[own] = np.log((1.0 - FOLLOWS_NOTHING) * share) + np.logaddexp.reduce(each) - np.log(len(each))
-    odds[()] = np.log(FOLLOWS_NOTHING) + log_density(courses, np.eye(count) - 1.0 / count, variance)
-    every = np.logaddexp.reduce(list(odds.values()))
-    return {
-        name
-        for name in columns
-        if np.exp(np.logaddexp.reduce([own for inputs, own in odds.items() if name in inputs]) - every) >= NAMED
-    }
-
-
-def effects(case: Case, rng: np.random.Generator) -> Iterator[tuple[Foreign, set[str]]]:
-    """The effects of a case that are functions of columns, each with the inputs that are named."""
-    campaign = case.plan.campaign()
-    fitted = np.array(campaign.schedule.role) != "verification"
-    setting, drho = Measure(case.plan)._setting, campaign.truth.drho
+def world_of(case: Case) -> World:
+    """Return the poses of a case that are fitted, and what its fit tells of all courses."""
+    campaign, measure = case.plan.campaign(), Measure(case.plan)
+    schedule, drho = campaign.schedule, campaign.truth.drho
+    fitted = np.array(schedule.role) != "verification"
     names = [f"rho{k + 1}_mm" for k in range(drho.shape[1])]
-    names += ["time_s", "temperature_c", *campaign.schedule.further]
-    columns = {name: _input(name, drho, setting)[fitted] for name in names}
-    for effect, size in zip(case.effects, case.strengths, strict=True):
-        if not isinstance(effect, (ForeignDrives, ForeignField)):
-            continue
-        inputs = np.column_stack([_input(name, drho, setting) for name in effect.inputs])
-        seeds = [effect.seed + leg for leg in effect.legs] if isinstance(effect, ForeignDrives) else [effect.seed]
-        course = np.column_stack([random_function(inputs, seed) for seed in seeds])[fitted]
-        course = course - course.mean(0)
-        seen = size * course / np.linalg.norm(course) + rng.normal(size=course.shape)
-        yield effect, named(seen - seen.mean(0), size, columns, rng)
+    names += ["time_s", "temperature_c", *schedule.further]
+    columns = {name: _input(name, drho, measure._setting)[fitted] for name in names}
+    moving = [effect for effect in case.effects if (effect.id and not _is_by_place(effect))]
+    pathways = tuple(_pathways(effect, measure, drho) for effect in moving)
+    plain, fit = case.plan.campaign(exact=True), measure._fit
+    each = []
+    for own in pathways:
+        for place in own.places:
+            moved = case.plan.campaign([Moves(1.0, 0, own.effect, place)], exact=True)
+            each.append(change(plain, moved) / STEP * fit.weight)
+    seen = np.stack(each, -1)[fitted]
+    basis = fit.own[fitted]
+    seen = seen - basis @ (np.swapaxes(basis, 1, 2) @ seen)
+    shared = fit.shared.reshape(*fit.weight.shape, -1)[fitted]
+    taken = (np.swapaxes(seen, 1, 2) @ shared).reshape(-1, shared.shape[-1])
+    information = -taken @ fit.inverse @ taken.T
+    count = seen.shape[-1]
+    for pose, own in enumerate(seen):
+        at = slice(pose * count, (pose + 1) * count)
+        information[at, at] += own.T @ own
+    return World(columns, drho, np.argsort(schedule.time_s), fitted, pathways, information)
+
+
+def _is_by_place(effect: object) -> bool:
+    return not isinstance(effect, (*DRIVES, ForeignField, WanderingBase, NobodyRecorded))
+
+
+def _pathways(effect: Foreign, measure: Measure, drho: Array) -> Pathways:
+    """Return what an effect moves, and its courses. The chain itself says how far a leg's drive goes wrong."""
+    setting, size = measure._setting, effect.size
+    if isinstance(effect, DRIVES):
+        moved = effect.drive(drho, setting) - drho
+        places = tuple(np.flatnonzero(np.ptp(moved, axis=0) > 0.0).tolist())
+        return Pathways(effect, places, moved[:, places])
+    if isinstance(effect, ForeignField):
+        return Pathways(effect, (0,), size * effect.course(drho, setting, effect.seed)[:, None])
+    if isinstance(effect, WanderingBase):
+        joints = _joints(effect, measure)
+        return Pathways(effect, tuple(range(joints.shape[1])), joints)
+    in_time, walk = np.argsort(setting.schedule.time_s), np.empty(len(drho))
+    walk[in_time] = random_walk(len(walk), effect.seed)
+    return Pathways(effect, (0,), size * walk[:, None])
+
+
+def _joints(effect: WanderingBase, measure: Measure) -> Array:
+    """Return how far the base's joints wander (N, 3 L), mm."""
+    count = len(measure.plain.schedule.pose)
+    machine = replace(_machine(measure), a=np.zeros((count, measure.plain.readings.shape[1], 3)))
+    effect.structure(machine, measure._setting)
+    return machine.a.reshape(count, -1)
+
+
+def _machine(measure: Measure) -> Machine:
+    nothing = np.zeros(0)
+    return Machine(*[nothing] * 8, home_height=0.0)
+
+
+def covariance_of(world: World, own: Pathways, column: int, rng: np.random.Generator) -> Array:
+    """Return the covariance (N, N) of a course whose inputs are known."""
+    effect, course = own.effect, own.courses[world.fitted, column]
+    power = float(np.mean((course - course.mean()) ** 2))
+    if isinstance(effect, LandsElsewhere):  # how far a single approach scatters is known, too
+        core = effect.size / 10.0
+        return np.diag((TAIL * core**2 + course**2) / (TAIL + 1.0))
+    if isinstance(effect, Remembers):
+        return power * friction(world, own.places[column])
+    if isinstance(effect, NobodyRecorded):
+        walks = np.empty((DRAWS_OF_COURSES, len(world.drho)))
+        for seed, walk in enumerate(walks):
+            walk[world.in_time] = random_walk(len(walk), seed)
+        return power * of_courses(walks[:, world.fitted])
+    inputs = np.column_stack([world.columns[name] for name in effect.drivers])
+    return power * np.mean(smooth(inputs, rng), axis=0)
+
+
+def hypotheses(world: World, own: Pathways, rng: np.random.Generator) -> list[tuple[Inputs, float, Array]]:
+    """Return what the courses of an effect may follow: inputs, log prior, and a covariance (N, N) of unit variance."""
+    count = int(world.fitted.sum())
+    names, found = list(world.columns), []
+    legs = own.places if isinstance(own.effect, (ForeignDrives, Remembers)) else ()
+    nothing = 1.0 / 3.0 if legs else FOLLOWS_NOTHING
+    functions = 1.0 / 3.0 if legs else 1.0 - FOLLOWS_NOTHING
+    for inputs, share in prior(names).items():
+        each = smooth(np.column_stack([world.columns[name] for name in inputs]), rng)
+        found += [(inputs, float(np.log(functions * share / len(each))), kernel) for kernel in each]
+    found += [((f"rho{leg + 1}_mm",), float(np.log(1.0 / 3.0 / len(legs))), friction(world, leg)) for leg in legs]
+    return [*found, ((), float(np.log(nothing)), np.eye(count) - 1.0 / count)]
+
+
+def courses_together(own: Pathways) -> list[list[int]]:
+    """Return the courses of an effect that follow the same inputs: friction of each actuator is its own."""
+    each = range(len(own.places))
+    return [[column] for column in each] if isinstance(own.effect, Remembers) else [list(each)]
+
+
+def named(world: World, number: int, noise: Array, rng: np.random.Generator, *, alone: bool) -> set[str]:
+    """Return the inputs that the courses of an effect follow with a probability of at least 0.9.
+
+    ``noise`` (N I,): noise of the scores of all courses, with the information as covariance.
+    """
+    own, told = world.pathways[number], set[str]()
+    poses = int(world.fitted.sum())
+    place = np.arange(poses * len(world.owners)).reshape(poses, -1)
+    first = int(np.flatnonzero(world.owners == number)[0])
+    truth = np.concatenate([one.courses[world.fitted] for one in world.pathways], 1)
+    truth = truth - truth.mean(0)
+    known = {k: factor(_covariance(world, k, rng)) for k in range(len(world.owners)) if k < first or not alone}
+    possible = hypotheses(world, own, rng)
+    for together in courses_together(own):
+        asked = [first + column for column in together]
+        others = [k for k in range(len(world.owners)) if k not in asked and (not alone or world.owners[k] == number)]
+        acting = truth * np.isin(np.arange(len(world.owners)), [*asked, *others])
+        score = world.information @ acting.ravel() + noise
+        at = place[:, asked].T.ravel()
+        matrix, score_at = world.information[np.ix_(at, at)], score[at]
+        if others:
+            for k in others:
+                if k not in known:
+                    known[k] = factor(_covariance(world, k, rng))
+            ends = np.cumsum([0, *(known[k].shape[1] for k in others)])
+            wide = np.zeros((place.size, ends[-1]))
+            for k, start, end in zip(others, ends[:-1], ends[1:], strict=True):
+                wide[place[:, k], start:end] = known[k]
+            inner = np.eye(ends[-1]) + wide.T @ world.information @ wide
+            across = world.information[at] @ wide
+            solved = np.linalg.solve(inner, np.column_stack([across.T, wide.T @ score]))
+            matrix = matrix - across @ solved[:, :-1]
+            score_at = score_at - across @ solved[:, -1]
+        powers = [float(np.mean(truth[:, k] ** 2)) for k in asked]
+        odds = _odds(possible, matrix, score_at, powers)
+        every = np.logaddexp.reduce(list(odds.values()))
+        for name in world.columns:
+            with_it = [value for inputs, value in odds.items() if name in inputs]
+            if with_it and np.exp(np.logaddexp.reduce(with_it) - every) >= NAMED:
+                told.add(name)
+    return told
+
+
+def _covariance(world: World, k: int, rng: np.random.Generator) -> Array:
+    number = int(world.owners[k])
+    own = world.pathways[number]
+    return covariance_of(world, own, k - int(np.flatnonzero(world.owners == number)[0]), rng)
+
+
+def _odds(
+    possible: Sequence[tuple[Inputs, float, Array]], information: Array, score: Array, powers: Sequence[float]
+) -> dict[Inputs, float]:
+    """Return the log odds of each set of inputs, for courses of mean squares ``powers`` next to each other."""
+    found = dict[Inputs, float]()
+    for inputs, log_prior, kernel in possible:
+        own = factor(kernel)
+        wide = np.kron(np.diag(np.sqrt(powers)), own)
+        inner, along = np.eye(wide.shape[1]) + wide.T @ information @ wide, wide.T @ score
+        value = 0.5 * along @ np.linalg.solve(inner, along) - 0.5 * np.linalg.slogdet(inner)[1]
+        found[inputs] = float(np.logaddexp(found.get(inputs, -np.inf), log_prior + value))
+    return found
 
 
 def main() -> None:
     """Print the table of docs/foreign-worlds.md."""
-    rng, found = np.random.default_rng(0), list[tuple[int, bool]]()
+    rng, found = np.random.default_rng(0), list[tuple[bool, int, bool, bool]]()
     for number in range(CAMPAIGNS):
         one = drawn(number, SEED, group=FOREIGN)
         try:
@@ -109,14 +328,23 @@ def main() -> None:
         except ValueError:  # what a layout does not show cannot be hidden in it
             continue
         assert isinstance(case, Case)
-        for effect, told in effects(case, rng):
-            inputs = set(effect.drivers)
-            found.append((len(inputs), inputs <= told))
-    counts = np.array(found)
-    for size in (1, 2, 3):
-        own = counts[counts[:, 0] == size, 1]
-        sys.stdout.write(f"| {size} | {len(own)} | {100.0 * own.mean():.0f} % |\n")
-    sys.stdout.write(f"| all | {len(counts)} | {100.0 * counts[:, 1].mean():.0f} % |\n")
+        world = world_of(case)
+        values, vectors = np.linalg.eigh(world.information)
+        noise = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.normal(size=len(values)))
+        for place, own in enumerate(world.pathways):
+            if inputs := set(own.effect.drivers):
+                told = [inputs <= named(world, place, noise, rng, alone=alone) for alone in (True, False)]
+                found.append((isinstance(own.effect, Remembers), len(inputs), *told))
+    for label, rows in _rows(np.array(found, int)):
+        shares = " | ".join(f"{100.0 * share:.0f} %" for share in rows[:, 2:].mean(0))
+        sys.stdout.write(f"| {label} | {len(rows)} | {shares} |\n")
+
+
+def _rows(found: Array) -> list[tuple[str, Array]]:
+    """Return the labels of the table with their effects."""
+    functions = found[found[:, 0] == 0]
+    rows = [(f"function of {size}", functions[functions[:, 1] == size]) for size in (1, 2, 3)]
+    return [*rows, ("friction with memory", found[found[:, 0] == 1]), ("all", found)]
 
 
 if __name__ == "__main__":
