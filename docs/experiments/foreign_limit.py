@@ -34,10 +34,10 @@ from tests.blind.generator.quaternions import Array
 from tests.blind.generator.smooth import LENGTH_SCALES, random_walk, remanence, standardised
 from tests.blind.generator.strength import change
 
-SEED, CAMPAIGNS, DRAWS, DRAWS_OF_COURSES = 331177, 40, 12, 200
+SEED, CAMPAIGNS, DRAWS, DRAWS_OF_COURSES = 331177, 40, 6, 200
 FOLLOWS_NOTHING, NAMED = 0.4, 0.9  # prior of an effect without a column; probability from which an input is named
 STEP = 1e-4  # mm: every pathway is in proportion
-LEAST = 1e-6  # of a covariance's largest eigenvalue; smaller ones are left out
+LEAST = 1e-4  # of a covariance's largest eigenvalue; smaller ones are left out
 TAIL = 2.0  # degrees of freedom of an approach's scatter
 Inputs = tuple[str, ...]
 
@@ -75,6 +75,7 @@ class _Whole(ForeignField):
 
 
 DRIVES = ForeignDrives, LandsElsewhere, Remembers
+MOVING = *DRIVES, ForeignField, WanderingBase, NobodyRecorded  # the others are errors by place
 
 
 @dataclass(frozen=True)
@@ -88,8 +89,8 @@ class Pathways:
 
 @dataclass(frozen=True)
 class World:
-    """A campaign's poses that are fitted: columns (N,) by name, displacements in all poses with their order, and the
-    information (N I, N I) on all courses of ``pathways``, pose by pose."""
+    """A campaign's poses that are fitted: columns (N,) by name, displacements in all poses with their order, courses
+    (N, I) of all effects with factors of their covariances, and the information (N I, N I) on them, pose by pose."""
 
     columns: Mapping[str, Array]
     drho: Array
@@ -97,11 +98,24 @@ class World:
     fitted: Array
     pathways: tuple[Pathways, ...]
     information: Array
+    factors: list[Array]
+    friction: dict[int, Array]
 
     @cached_property
     def owners(self) -> Array:
         """The effect of each course (I,)."""
         return np.repeat(np.arange(len(self.pathways)), [len(own.places) for own in self.pathways])
+
+    @cached_property
+    def courses(self) -> Array:
+        """Courses (N, I) less their means, mm."""
+        every = np.concatenate([own.courses[self.fitted] for own in self.pathways], 1)
+        return np.asarray(every - every.mean(0))
+
+    @cached_property
+    def powers(self) -> Array:
+        """Mean squares (I,) of the courses."""
+        return np.asarray(np.mean(self.courses**2, axis=0))
 
 
 def smooth(inputs: Array, rng: np.random.Generator) -> list[Array]:
@@ -128,10 +142,12 @@ def of_courses(courses: Array) -> Array:
 
 def friction(world: World, leg: int) -> Array:
     """Covariance (N, N) of the generator's friction in an actuator."""
-    drawn_courses = np.empty((DRAWS_OF_COURSES, len(world.drho)))
-    for seed, own in enumerate(drawn_courses):
-        own[world.in_time] = remanence(world.drho[world.in_time, leg], seed)
-    return of_courses(drawn_courses[:, world.fitted])
+    if leg not in world.friction:
+        courses = np.empty((DRAWS_OF_COURSES, len(world.drho)))
+        for seed, own in enumerate(courses):
+            own[world.in_time] = remanence(world.drho[world.in_time, leg], seed)
+        world.friction[leg] = of_courses(courses[:, world.fitted])
+    return world.friction[leg]
 
 
 def prior(columns: Sequence[str]) -> dict[Inputs, float]:
@@ -154,7 +170,7 @@ def factor(covariance: Array) -> Array:
     return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
 
 
-def world_of(case: Case) -> World:
+def world_of(case: Case, rng: np.random.Generator) -> World:
     """Return the poses of a case that are fitted, and what its fit tells of all courses."""
     campaign, measure = case.plan.campaign(), Measure(case.plan)
     schedule, drho = campaign.schedule, campaign.truth.drho
@@ -162,7 +178,7 @@ def world_of(case: Case) -> World:
     names = [f"rho{k + 1}_mm" for k in range(drho.shape[1])]
     names += ["time_s", "temperature_c", *schedule.further]
     columns = {name: _input(name, drho, measure._setting)[fitted] for name in names}
-    moving = [effect for effect in case.effects if (effect.id and not _is_by_place(effect))]
+    moving = [effect for effect in case.effects if isinstance(effect, MOVING)]
     pathways = tuple(_pathways(effect, measure, drho) for effect in moving)
     plain, fit = case.plan.campaign(exact=True), measure._fit
     each = []
@@ -180,11 +196,10 @@ def world_of(case: Case) -> World:
     for pose, own in enumerate(seen):
         at = slice(pose * count, (pose + 1) * count)
         information[at, at] += own.T @ own
-    return World(columns, drho, np.argsort(schedule.time_s), fitted, pathways, information)
-
-
-def _is_by_place(effect: object) -> bool:
-    return not isinstance(effect, (*DRIVES, ForeignField, WanderingBase, NobodyRecorded))
+    world = World(columns, drho, np.argsort(schedule.time_s), fitted, pathways, information, [], {})
+    for own in pathways:
+        world.factors.extend(factor(covariance_of(world, own, column, rng)) for column in range(len(own.places)))
+    return world
 
 
 def _pathways(effect: Foreign, measure: Measure, drho: Array) -> Pathways:
@@ -261,35 +276,11 @@ def named(world: World, number: int, noise: Array, rng: np.random.Generator, *, 
     ``noise`` (N I,): noise of the scores of all courses, with the information as covariance.
     """
     own, told = world.pathways[number], set[str]()
-    poses = int(world.fitted.sum())
-    place = np.arange(poses * len(world.owners)).reshape(poses, -1)
-    first = int(np.flatnonzero(world.owners == number)[0])
-    truth = np.concatenate([one.courses[world.fitted] for one in world.pathways], 1)
-    truth = truth - truth.mean(0)
-    known = {k: factor(_covariance(world, k, rng)) for k in range(len(world.owners)) if k < first or not alone}
-    possible = hypotheses(world, own, rng)
+    acting = np.flatnonzero((world.owners == number) | (not alone))
+    first, possible = int(np.flatnonzero(world.owners == number)[0]), hypotheses(world, own, rng)
     for together in courses_together(own):
         asked = [first + column for column in together]
-        others = [k for k in range(len(world.owners)) if k not in asked and (not alone or world.owners[k] == number)]
-        acting = truth * np.isin(np.arange(len(world.owners)), [*asked, *others])
-        score = world.information @ acting.ravel() + noise
-        at = place[:, asked].T.ravel()
-        matrix, score_at = world.information[np.ix_(at, at)], score[at]
-        if others:
-            for k in others:
-                if k not in known:
-                    known[k] = factor(_covariance(world, k, rng))
-            ends = np.cumsum([0, *(known[k].shape[1] for k in others)])
-            wide = np.zeros((place.size, ends[-1]))
-            for k, start, end in zip(others, ends[:-1], ends[1:], strict=True):
-                wide[place[:, k], start:end] = known[k]
-            inner = np.eye(ends[-1]) + wide.T @ world.information @ wide
-            across = world.information[at] @ wide
-            solved = np.linalg.solve(inner, np.column_stack([across.T, wide.T @ score]))
-            matrix = matrix - across @ solved[:, :-1]
-            score_at = score_at - across @ solved[:, -1]
-        powers = [float(np.mean(truth[:, k] ** 2)) for k in asked]
-        odds = _odds(possible, matrix, score_at, powers)
+        odds = _odds(possible, *_beside(world, asked, acting, noise), world.powers[asked])
         every = np.logaddexp.reduce(list(odds.values()))
         for name in world.columns:
             with_it = [value for inputs, value in odds.items() if name in inputs]
@@ -298,43 +289,57 @@ def named(world: World, number: int, noise: Array, rng: np.random.Generator, *, 
     return told
 
 
-def _covariance(world: World, k: int, rng: np.random.Generator) -> Array:
-    number = int(world.owners[k])
-    own = world.pathways[number]
-    return covariance_of(world, own, k - int(np.flatnonzero(world.owners == number)[0]), rng)
+def _beside(world: World, asked: Sequence[int], acting: Array, noise: Array) -> tuple[Array, Array]:
+    """Return the information on some courses, one after the other, and their scores, next to all that act."""
+    poses, count = world.courses.shape
+    place = np.arange(poses * count).reshape(poses, count)
+    score = world.information @ (world.courses * np.isin(np.arange(count), acting)).ravel() + noise
+    at = place[:, asked].T.ravel()
+    others = [k for k in acting if k not in asked]
+    if not others:
+        return world.information[np.ix_(at, at)], score[at]
+    ends = np.cumsum([0, *(world.factors[k].shape[1] for k in others)])
+    wide = np.zeros((place.size, ends[-1]))
+    for k, start, end in zip(others, ends[:-1], ends[1:], strict=True):
+        wide[place[:, k], start:end] = world.factors[k]
+    moved = world.information @ wide
+    inner = np.eye(ends[-1]) + wide.T @ moved
+    taken = np.linalg.solve(inner, np.column_stack([moved[at].T, wide.T @ score]))
+    left = np.column_stack([world.information[np.ix_(at, at)], score[at]]) - moved[at] @ taken
+    return left[:, :-1], left[:, -1]
 
 
 def _odds(
-    possible: Sequence[tuple[Inputs, float, Array]], information: Array, score: Array, powers: Sequence[float]
+    possible: Sequence[tuple[Inputs, float, Array]], information: Array, score: Array, powers: Array
 ) -> dict[Inputs, float]:
     """Return the log odds of each set of inputs, for courses of mean squares ``powers`` next to each other."""
     found = dict[Inputs, float]()
     for inputs, log_prior, kernel in possible:
-        own = factor(kernel)
-        wide = np.kron(np.diag(np.sqrt(powers)), own)
-        inner, along = np.eye(wide.shape[1]) + wide.T @ information @ wide, wide.T @ score
-        value = 0.5 * along @ np.linalg.solve(inner, along) - 0.5 * np.linalg.slogdet(inner)[1]
+        wide = np.kron(np.diag(np.sqrt(powers)), factor(kernel))
+        root = np.linalg.cholesky(np.eye(wide.shape[1]) + wide.T @ information @ wide)
+        along = np.linalg.solve(root, wide.T @ score)
+        value = 0.5 * along @ along - np.sum(np.log(np.diag(root)))
         found[inputs] = float(np.logaddexp(found.get(inputs, -np.inf), log_prior + value))
     return found
 
 
 def main() -> None:
     """Print the table of docs/foreign-worlds.md."""
-    rng, found = np.random.default_rng(0), list[tuple[bool, int, bool, bool]]()
+    found = list[tuple[bool, int, bool, bool]]()
     for number in range(CAMPAIGNS):
-        one = drawn(number, SEED, group=FOREIGN)
+        one, rng = drawn(number, SEED, group=FOREIGN), np.random.default_rng(number)
         try:
             case = INSTRUMENTS[one.instrument].hide(one.names, one.layout, one.strength, one.seed)
         except ValueError:  # what a layout does not show cannot be hidden in it
             continue
         assert isinstance(case, Case)
-        world = world_of(case)
+        world = world_of(case, rng)
         values, vectors = np.linalg.eigh(world.information)
         noise = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.normal(size=len(values)))
         for place, own in enumerate(world.pathways):
             if inputs := set(own.effect.drivers):
                 told = [inputs <= named(world, place, noise, rng, alone=alone) for alone in (True, False)]
-                found.append((isinstance(own.effect, Remembers), len(inputs), *told))
+                found.append((isinstance(own.effect, Remembers), len(inputs), told[0], told[1]))
     for label, rows in _rows(np.array(found, int)):
         shares = " | ".join(f"{100.0 * share:.0f} %" for share in rows[:, 2:].mean(0))
         sys.stdout.write(f"| {label} | {len(rows)} | {shares} |\n")
