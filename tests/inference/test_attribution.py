@@ -7,8 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truing.inference import attribution
-from truing.inference.attribution import Attributed, _dependences, _distinct, _InTime, _merged, courses
+from truing.inference.attribution import Attributed, _merged
+from truing.inference.campaign_inputs import InTime, is_copy
+from truing.inference.input_sets import sets_of_inputs
+from truing.inference.input_spectra import Spectra
+from truing.inference.random_functions import distinct_rows
+from truing.inference.residual_courses import courses
 
 EPOCHS, LEVEL = 60, 0.005
 NAMES = ("temperature_c", "load_n", "rho1_mm", "rho2_mm")
@@ -19,12 +23,12 @@ def _columns(rng: np.random.Generator) -> dict[str, np.ndarray]:
     return {"time_s": np.arange(EPOCHS) * 60.0, **drawn}
 
 
-def _in_time() -> _InTime:
-    return _InTime(np.arange(EPOCHS, dtype=float), None)
+def _in_time() -> InTime:
+    return InTime(np.arange(EPOCHS, dtype=float), None)
 
 
 def _told(rows: np.ndarray, columns: dict[str, np.ndarray]) -> set[str]:
-    return {name for inputs, _, _ in _dependences(rows, columns, _in_time(), LEVEL) for name in inputs}
+    return {name for inputs, _, _ in sets_of_inputs(rows, Spectra(columns, _in_time()), LEVEL) for name in inputs}
 
 
 def test_noise_follows_nothing() -> None:
@@ -91,14 +95,14 @@ def test_share_is_what_is_predicted_beyond_chance() -> None:
         columns = _columns(rng)
         course = np.cos(3.0 * columns["load_n"])
         rows = 2.0 * course + rng.standard_normal(EPOCHS)
-        (_, share, _), *_ = _dependences(rows[:, None], columns, _in_time(), LEVEL)
+        (_, share, _), *_ = sets_of_inputs(rows[:, None], Spectra(columns, _in_time()), LEVEL)
         shares.append(share - 4.0 * course.var() / (4.0 * course.var() + 1.0))
     assert abs(np.mean(shares)) < 4.0 * 0.06 / np.sqrt(8)  # a share of 60 epochs is known to some 6 %
 
 
 def test_runs_do_not_remember_what_came_before_them() -> None:
     values, groups = np.tile([0.0, 1.0, 0.0], 4), np.repeat(np.arange(4), 3)
-    history = _InTime(np.arange(12.0), groups.astype(float)).history(values)
+    history = InTime(np.arange(12.0), groups.astype(float)).history(values)
     assert history is not None
     for run in range(1, 4):
         np.testing.assert_allclose(history[3 * run : 3 * run + 3], history[:3])
@@ -107,7 +111,7 @@ def test_runs_do_not_remember_what_came_before_them() -> None:
 def test_a_known_history_comes_before_that_of_the_epochs_at_hand() -> None:
     """Of an input in another unit too; another one has that of these epochs."""
     values, past = np.linspace(0.0, 1.0, 12) ** 2, np.ones((12, 4))
-    in_time = _InTime(np.arange(12.0), None, ((values, past),))
+    in_time = InTime(np.arange(12.0), None, ((values, past),))
     assert in_time.history(np.rad2deg(values)) is past
     assert in_time.history(values**2) is not past
 
@@ -116,13 +120,13 @@ def test_a_copy_of_a_column_is_no_input_of_its_own() -> None:
     """Neither the same time within runs, nor an angle in degrees beside radians."""
     time, groups = np.arange(12.0)[:, None], np.repeat([0, 1], 6)
     since = time - 6.0 * groups[:, None]
-    assert attribution._is_copy(since, time, groups)
-    assert attribution._is_copy(time, since, groups)
-    assert attribution._is_copy(np.rad2deg(time), time, None)
-    assert not attribution._is_copy(since, time, None)
-    assert not attribution._is_copy(time**2, time, groups)
+    assert is_copy(since, time, groups)
+    assert is_copy(time, since, groups)
+    assert is_copy(np.rad2deg(time), time, None)
+    assert not is_copy(since, time, None)
+    assert not is_copy(time**2, time, groups)
     for one, other in ((groups[:, None], time), (time, groups[:, None])):
-        assert not attribution._is_copy(one, other, groups), "constant in each run"
+        assert not is_copy(one, other, groups), "constant in each run"
 
 
 def _bends(size: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -165,4 +169,4 @@ def test_few_epochs_and_nothing_measured_have_no_course(shape: tuple[int, int]) 
 def test_distinct_rows_are_those_of_numpy() -> None:
     rows = np.random.default_rng(3).integers(-2, 3, (40, 3)).astype(float)
     assert len(np.unique(rows, axis=0)) < len(rows)
-    assert np.array_equal(_distinct(rows), np.unique(rows, axis=0))
+    assert np.array_equal(distinct_rows(rows), np.unique(rows, axis=0))

@@ -15,10 +15,10 @@ from typing import Generic, TypeAlias
 import numpy as np
 
 from truing.inference.arrays import Array
-from truing.inference.attribution import random_courses, random_factors
 from truing.inference.evidence import log_evidence
 from truing.inference.fitted_model import FittedModel
 from truing.inference.model import CauseT
+from truing.inference.random_courses import random_courses, random_factors
 from truing.inference.rounds import RIVAL_FACTOR, parts_of
 from truing.inference.search import total_of
 from truing.inference.signatures import Pathways, signatures_of

@@ -1,0 +1,126 @@
+"""Sets of inputs on which residuals depend, compared by marginal likelihood.
+
+Residuals are noise plus a Gaussian process of some inputs. All sets of one and two inputs compete, and sets of three
+that contain a probable pair. An input is named if it belongs to the right set with high probability. A set of several
+inputs may therefore be named in part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+
+import numpy as np
+
+from truing.inference.arrays import Array
+from truing.inference.evidence import log_evidence
+from truing.inference.input_spectra import Spectra, Spectrum
+from truing.inference.random_functions import centred
+
+_LARGEST_EFFECT = 10.0  # largest plausible effect, in units of the noise
+_PROBABLE_PAIRS = 6  # pairs to which third inputs are added
+_INCLUDED = 0.9  # probability from which on an input is named
+_MOST_SETS = 3  # sets of inputs that are named in turn
+_MOST_HELD = 0.5  # largest number of functions held fixed, as a share of the epochs
+_CLIPPED = 4.0  # residuals beyond so many robust standard deviations are clipped
+
+
+def sets_of_inputs(rows: Array, spectra: Spectra, level: float) -> Iterator[tuple[tuple[str, ...], float, float]]:
+    """Yield names, share of squares and p-value of the inputs on which residuals (n, q) depend, set by set."""
+    whole = _clipped(_condensed(centred(rows)))
+    total = float(np.sum(whole**2))
+    for _ in range(_MOST_SETS):
+        rest = spectra.free(whole)
+        odds = _odds_of_sets(rest, spectra)
+        p_value = _p_value(odds)
+        if p_value > level:
+            return
+        inputs = tuple(name for name in spectra.columns if _probability(name, odds) >= _INCLUDED)
+        best = max((own for own in odds if set(inputs) <= set(own)), key=lambda own: odds[own])
+        functions, squares = _explained(rest, spectra, best)
+        if inputs and squares > 0.0:  # no more than chance is no prediction, whatever its evidence
+            yield inputs, min(1.0, squares / total), p_value
+        spectra = spectra.beyond(functions)
+        if spectra.held is None or spectra.held.shape[1] > _MOST_HELD * len(rest):
+            return
+
+
+def p_value_of_sets(rows: Array, spectra: Spectra) -> float:
+    """Return the p-value of a dependence of residuals (n, q) on any set of inputs."""
+    return _p_value(_odds_of_sets(_clipped(_condensed(centred(rows))), spectra))
+
+
+def _p_value(odds: Mapping[tuple[str, ...], float]) -> float:
+    """Return the p-value of the log odds of all sets over noise: the mean of likelihood ratios exceeds 1 / p by chance
+    with a probability of at most p (Markov's inequality)."""
+    return float(min(1.0, np.exp(-np.logaddexp.reduce(list(odds.values()))))) if odds else 1.0
+
+
+def _odds_of_sets(rest: Array, spectra: Spectra) -> dict[tuple[str, ...], float]:
+    """Return the log odds of every set of inputs over noise alone, from residuals (n, q); all sizes of sets have equal
+    prior probability, and all sets of a size."""
+    names = list(spectra.columns)
+    found: dict[tuple[str, ...], float] = {}
+    for size in (1, 2, 3):
+        possible = list(combinations(names, size))
+        if size > len(names) or not possible:
+            break
+        prior = -np.log(3.0 * len(possible))
+        if size == 3:
+            pairs = sorted((own for own in found if len(own) == 2), key=lambda own: -found[own])[:_PROBABLE_PAIRS]
+            possible = [own for own in possible if any(set(pair) <= set(own) for pair in pairs)]
+        for own in possible:
+            found[own] = float(np.sum(_log_evidence(rest, spectra, own))) + prior
+    return found
+
+
+def _log_evidence(rest: Array, spectra: Spectra, inputs: tuple[str, ...]) -> Array:
+    """Return the log evidence (q,) of a dependence on a set of inputs, column by column of residuals (n, q)."""
+    # Few columns depend on anything: about the root of their number.
+    responds = 1.0 / (1.0 + np.sqrt(rest.shape[1]))
+    own = [_of_spectrum(rest, spectrum, spectra.freedom) for spectrum in spectra.of(inputs)]
+    if not own:
+        return np.zeros(rest.shape[1])
+    mean = np.logaddexp.reduce(own, axis=0) - np.log(len(own))
+    return np.asarray(np.logaddexp(np.log1p(-responds), np.log(responds) + mean))
+
+
+def _of_spectrum(rest: Array, spectrum: Spectrum, freedom: int) -> Array:
+    along = spectrum.along(rest).T
+    return log_evidence(along, spectrum.strengths, np.sum(rest**2, 0), freedom, _LARGEST_EFFECT / 3.0)
+
+
+def _probability(name: str, odds: Mapping[tuple[str, ...], float]) -> float:
+    """Return the probability that an input belongs to the set on which the residuals depend."""
+    every = np.logaddexp.reduce(list(odds.values()))
+    with_it = [own for inputs, own in odds.items() if name in inputs]
+    return float(np.exp(np.logaddexp.reduce(with_it) - every))
+
+
+def _explained(rest: Array, spectra: Spectra, inputs: tuple[str, ...]) -> tuple[Array, float]:
+    """Return the functions (n, m) of a set of inputs that residuals (n, q) need, and the squares that they predict
+    beyond chance."""
+    evidence = [_of_spectrum(rest, own, spectra.freedom) for own in spectra.of(inputs)]
+    best = spectra.of(inputs)[int(np.argmax(np.sum(np.maximum(evidence, 0.0), 1)))]
+    along = best.along(rest)
+    strongest = np.argsort(-best.strengths)
+    # A direction counts if noise of one unit leaves the effect visible there.
+    count = int(np.clip(np.sum(best.strengths > 1.0), 1, max(spectra.freedom // 3, 1)))
+    basis = spectra.vectors(best, strongest[:count])
+    squares = float(np.sum(along[strongest[:count]] ** 2))
+    left = float(np.sum(rest**2)) - squares
+    return basis, squares - count * left / max(spectra.freedom - count, 1)
+
+
+def _clipped(rows: Array) -> Array:
+    """Return centred rows (n, q) with outliers clipped: one of them would pass for a narrow peak of a function."""
+    robust = 1.4826 * np.median(np.abs(rows - np.median(rows, 0)), 0)
+    limit = _CLIPPED * np.maximum(robust, 0.5 * rows.std(0))
+    return centred(np.clip(rows, -limit, limit))
+
+
+def _condensed(rows: Array) -> Array:
+    """Return rows (n, q) reduced to as many columns as their rank."""
+    left, size, _ = np.linalg.svd(rows, full_matrices=False)
+    kept = size > 1e-6 * size.max(initial=0.0)
+    return np.asarray(left[:, kept] * size[kept])

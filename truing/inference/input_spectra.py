@@ -1,0 +1,113 @@
+"""Gaussian processes of sets of inputs, by the eigenvectors of their covariances at the epochs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from truing.inference.arrays import Array, Integers
+from truing.inference.campaign_inputs import InTime, time_columns
+from truing.inference.random_functions import (
+    MOST_FUNCTIONS,
+    SCALES,
+    centred,
+    level_functions,
+    orthonormal,
+    smooth_functions,
+    standard,
+)
+
+_SCALES_OF_TIME = 0.1, 0.25, 0.5, 0.9, 1.6  # time has finer length scales, for drifts and walks
+_LOOK_BACK = 0.5  # plausible effect of an input's history, relative to that of the input
+_LEAST_VARIANCE = 1e-6  # variances along eigenvectors below this share of the largest are dropped
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Eigenvectors of the covariance of a random function at the epochs, and the roots (r,) of its eigenvalues.
+
+    The function has unit variance on average. The eigenvectors are ``functions`` (n, m), free of what is held, times
+    ``weights`` (m, r).
+    """
+
+    functions: Array
+    weights: Array
+    strengths: Array
+
+    def along(self, rest: Array) -> Array:
+        """Return the parts (r, q) of residuals (n, q) along the eigenvectors; the residuals are free of what is held,
+        so the functions need not be."""
+        return np.asarray(self.weights.T @ (self.functions.T @ rest))
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """Spectra of functions of sets of inputs; ``held`` (n, h) are orthonormal functions from which they are free."""
+
+    columns: Mapping[str, Array]
+    in_time: InTime
+    held: Array | None = None
+    # Functions of each set of inputs, which do not depend on what is held: made once for all spectra.
+    made: dict[tuple[str, ...], list[Array]] = field(default_factory=dict, repr=False)
+
+    def of(self, inputs: tuple[str, ...]) -> list[Spectrum]:
+        """Return the spectra of a set of inputs, one for each length scale, and for the history of a single input."""
+        if inputs not in self._known:
+            if inputs not in self.made:
+                self.made[inputs] = list(self.functions(inputs))
+            found = (self._spectrum(functions) for functions in self.made[inputs])
+            self._known[inputs] = [own for own in found if own is not None]
+        return self._known[inputs]
+
+    def beyond(self, functions: Array) -> Spectra:
+        """Return the spectra free of further functions (n, m)."""
+        held = functions if self.held is None else np.column_stack([self.held, functions])
+        return Spectra(self.columns, self.in_time, orthonormal(held), self.made)
+
+    def free(self, rows: Array) -> Array:
+        """Return rows (n, m), centred, without the functions that are held fixed."""
+        own = centred(rows)
+        return own if self.held is None else centred(own - self.held @ (self.held.T @ own))
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of residuals."""
+        return len(next(iter(self.columns.values()))) - 1 - (0 if self.held is None else self.held.shape[1])
+
+    def functions(self, inputs: tuple[str, ...]) -> Iterator[Array]:
+        """Yield functions (n, m) whose products are the covariances of a set of inputs."""
+        own = np.column_stack([self.columns[name] for name in inputs])
+        is_time = len(inputs) == 1 and inputs[0] in self._timed
+        smooth = list(smooth_functions(own, MOST_FUNCTIONS, _SCALES_OF_TIME if is_time else SCALES))
+        yield from smooth
+        if not is_time and (levels := level_functions(own)) is not None:
+            yield levels
+        if len(inputs) == 1 and not is_time and (history := self.in_time.history(own[:, 0])) is not None:
+            past = _LOOK_BACK * standard(history)
+            yield past
+            yield np.column_stack([smooth[1], past])
+
+    def _spectrum(self, functions: Array) -> Spectrum | None:
+        free = self.free(functions)
+        values, vectors = np.linalg.eigh(free.T @ free)
+        # What the held functions explain is no new function.
+        kept = values > _LEAST_VARIANCE * max(values[-1], float(np.sum(centred(functions) ** 2)))
+        if not kept.any():
+            return None
+        unit = values[kept] / values[kept].sum() * len(free)
+        return Spectrum(functions, vectors[:, kept] / np.sqrt(values[kept]), np.sqrt(unit))
+
+    def vectors(self, spectrum: Spectrum, chosen: Integers) -> Array:
+        """Return some eigenvectors (n, k) of a spectrum."""
+        return self.free(spectrum.functions) @ spectrum.weights[:, chosen]
+
+    @cached_property
+    def _timed(self) -> frozenset[str]:
+        return time_columns(self.columns, self.in_time)
+
+    @cached_property
+    def _known(self) -> dict[tuple[str, ...], list[Spectrum]]:
+        return {}
