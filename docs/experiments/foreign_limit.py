@@ -75,6 +75,7 @@ class _Whole(ForeignField):
 
 
 DRIVES = ForeignDrives, LandsElsewhere, Remembers
+ASKED = ForeignDrives, ForeignField, Remembers  # a base that wanders takes minutes
 MOVING = *DRIVES, ForeignField, WanderingBase, NobodyRecorded  # the others are errors by place
 
 
@@ -337,7 +338,8 @@ def main() -> None:
         values, vectors = np.linalg.eigh(world.information)
         noise = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.normal(size=len(values)))
         for place, own in enumerate(world.pathways):
-            if inputs := set(own.effect.drivers):
+            if isinstance(own.effect, ASKED):
+                inputs = set(own.effect.drivers)
                 told = [inputs <= named(world, place, noise, rng, alone=alone) for alone in (True, False)]
                 found.append((isinstance(own.effect, Remembers), len(inputs), told[0], told[1]))
     for label, rows in _rows(np.array(found, int)):

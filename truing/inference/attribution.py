@@ -6,7 +6,7 @@ depend. What a model with causes explains no longer hides the rest, so the resid
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,9 +14,11 @@ import numpy as np
 from truing.inference.arrays import Array, Mask
 from truing.inference.campaign_inputs import columns_of, in_time_of
 from truing.inference.fitted_model import FittedModel
+from truing.inference.input_errors import input_errors, own_histories
 from truing.inference.input_sets import p_value_of_sets, sets_of_inputs
 from truing.inference.input_spectra import Spectra
 from truing.inference.model import CauseT
+from truing.inference.random_functions import centred
 from truing.inference.residual_courses import FEWEST_EPOCHS, residuals_of
 from truing.inference.search import LEAST_P
 
@@ -60,7 +62,22 @@ def attributed(models: Sequence[FittedModel[CauseT]], level: float, level_of_cou
             if one.share * share < _LEAST_SHARE:
                 continue
             found.append(Attributed(one.channels, inputs, one.share * share, min(1.0, max(p_value * tests, LEAST_P))))
+    if level_of_course > level:  # the model is known not to hold
+        found += _frictions(first, columns, level_of_course)
     return tuple(_merged(found))
+
+
+def _frictions(fitted: FittedModel[CauseT], columns: Mapping[str, Array], level: float) -> Iterator[Attributed]:
+    """Yield the inputs whose errors follow their own input and its history."""
+    names = tuple(fitted.scene.inputs)
+    errors = input_errors(fitted) if set(names) <= set(columns) else None
+    if errors is None or len(errors) < FEWEST_EPOCHS:
+        return
+    spectra = Spectra(columns, in_time_of(fitted, np.ones(len(errors), bool)))
+    squares = np.sum(centred(errors) ** 2, 0)
+    for name, share, p_value in own_histories(errors, names, spectra, level):
+        own = squares[names.index(name)] / np.sum(squares)
+        yield Attributed((), (name,), float(share * own), max(p_value, LEAST_P))
 
 
 def p_value_of_dependence(rest: Array, own: Mask, fitted: FittedModel[CauseT]) -> float:

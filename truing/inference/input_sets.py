@@ -19,7 +19,7 @@ from truing.inference.random_functions import centred
 
 _LARGEST_EFFECT = 10.0  # largest plausible effect, in units of the noise
 _PROBABLE_PAIRS = 6  # pairs to which third inputs are added
-_INCLUDED = 0.9  # probability from which on an input is named
+INCLUDED = 0.9  # probability from which on an input is named
 _MOST_SETS = 3  # sets of inputs that are named in turn
 _MOST_HELD = 0.5  # largest number of functions held fixed, as a share of the epochs
 _CLIPPED = 4.0  # residuals beyond so many robust standard deviations are clipped
@@ -27,17 +27,17 @@ _CLIPPED = 4.0  # residuals beyond so many robust standard deviations are clippe
 
 def sets_of_inputs(rows: Array, spectra: Spectra, level: float) -> Iterator[tuple[tuple[str, ...], float, float]]:
     """Yield names, share of squares and p-value of the inputs on which residuals (n, q) depend, set by set."""
-    whole = _clipped(_condensed(centred(rows)))
+    whole = clipped(_condensed(centred(rows)))
     total = float(np.sum(whole**2))
     for _ in range(_MOST_SETS):
         rest = spectra.free(whole)
-        odds = _odds_of_sets(rest, spectra)
+        odds = log_odds_of_sets(rest, spectra)
         p_value = _p_value(odds)
         if p_value > level:
             return
-        inputs = tuple(name for name in spectra.columns if _probability(name, odds) >= _INCLUDED)
+        inputs = tuple(name for name in spectra.columns if _probability(name, odds) >= INCLUDED)
         best = max((own for own in odds if set(inputs) <= set(own)), key=lambda own: odds[own])
-        functions, squares = _explained(rest, spectra, best)
+        functions, squares = explained(rest, spectra, best)
         if inputs and squares > 0.0:  # no more than chance is no prediction, whatever its evidence
             yield inputs, min(1.0, squares / total), p_value
         spectra = spectra.beyond(functions)
@@ -47,7 +47,7 @@ def sets_of_inputs(rows: Array, spectra: Spectra, level: float) -> Iterator[tupl
 
 def p_value_of_sets(rows: Array, spectra: Spectra) -> float:
     """Return the p-value of a dependence of residuals (n, q) on any set of inputs."""
-    return _p_value(_odds_of_sets(_clipped(_condensed(centred(rows))), spectra))
+    return _p_value(log_odds_of_sets(clipped(_condensed(centred(rows))), spectra))
 
 
 def _p_value(odds: Mapping[tuple[str, ...], float]) -> float:
@@ -56,7 +56,7 @@ def _p_value(odds: Mapping[tuple[str, ...], float]) -> float:
     return float(min(1.0, np.exp(-np.logaddexp.reduce(list(odds.values()))))) if odds else 1.0
 
 
-def _odds_of_sets(rest: Array, spectra: Spectra) -> dict[tuple[str, ...], float]:
+def log_odds_of_sets(rest: Array, spectra: Spectra) -> dict[tuple[str, ...], float]:
     """Return the log odds of every set of inputs over noise alone, from residuals (n, q); all sizes of sets have equal
     prior probability, and all sets of a size."""
     names = list(spectra.columns)
@@ -78,14 +78,15 @@ def _log_evidence(rest: Array, spectra: Spectra, inputs: tuple[str, ...]) -> Arr
     """Return the log evidence (q,) of a dependence on a set of inputs, column by column of residuals (n, q)."""
     # Few columns depend on anything: about the root of their number.
     responds = 1.0 / (1.0 + np.sqrt(rest.shape[1]))
-    own = [_of_spectrum(rest, spectrum, spectra.freedom) for spectrum in spectra.of(inputs)]
+    own = [log_evidence_of_spectrum(rest, spectrum, spectra.freedom) for spectrum in spectra.of(inputs)]
     if not own:
         return np.zeros(rest.shape[1])
     mean = np.logaddexp.reduce(own, axis=0) - np.log(len(own))
     return np.asarray(np.logaddexp(np.log1p(-responds), np.log(responds) + mean))
 
 
-def _of_spectrum(rest: Array, spectrum: Spectrum, freedom: int) -> Array:
+def log_evidence_of_spectrum(rest: Array, spectrum: Spectrum, freedom: int) -> Array:
+    """Return the log evidence (q,) of a random function over noise, column by column of residuals (n, q)."""
     along = spectrum.along(rest).T
     return log_evidence(along, spectrum.strengths, np.sum(rest**2, 0), freedom, _LARGEST_EFFECT / 3.0)
 
@@ -97,10 +98,10 @@ def _probability(name: str, odds: Mapping[tuple[str, ...], float]) -> float:
     return float(np.exp(np.logaddexp.reduce(with_it) - every))
 
 
-def _explained(rest: Array, spectra: Spectra, inputs: tuple[str, ...]) -> tuple[Array, float]:
+def explained(rest: Array, spectra: Spectra, inputs: tuple[str, ...]) -> tuple[Array, float]:
     """Return the functions (n, m) of a set of inputs that residuals (n, q) need, and the squares that they predict
     beyond chance."""
-    evidence = [_of_spectrum(rest, own, spectra.freedom) for own in spectra.of(inputs)]
+    evidence = [log_evidence_of_spectrum(rest, own, spectra.freedom) for own in spectra.of(inputs)]
     best = spectra.of(inputs)[int(np.argmax(np.sum(np.maximum(evidence, 0.0), 1)))]
     along = best.along(rest)
     strongest = np.argsort(-best.strengths)
@@ -112,7 +113,7 @@ def _explained(rest: Array, spectra: Spectra, inputs: tuple[str, ...]) -> tuple[
     return basis, squares - count * left / max(spectra.freedom - count, 1)
 
 
-def _clipped(rows: Array) -> Array:
+def clipped(rows: Array) -> Array:
     """Return centred rows (n, q) with outliers clipped: one of them would pass for a narrow peak of a function."""
     robust = 1.4826 * np.median(np.abs(rows - np.median(rows, 0)), 0)
     limit = _CLIPPED * np.maximum(robust, 0.5 * rows.std(0))

@@ -62,6 +62,15 @@ class Spectra:
             self._known[inputs] = [own for own in found if own is not None]
         return self._known[inputs]
 
+    def histories(self, name: str) -> list[Spectrum]:
+        """Return the spectra of an input's history, alone and next to a gain; none where it is unknown."""
+        own = self.columns[name]
+        if (history := self.in_time.history(own)) is None:
+            return []
+        past = standard(history)
+        found = (self._spectrum(functions) for functions in (past, np.column_stack([standard(own[:, None]), past])))
+        return [spectrum for spectrum in found if spectrum is not None]
+
     def beyond(self, functions: Array) -> Spectra:
         """Return the spectra free of further functions (n, m)."""
         held = functions if self.held is None else np.column_stack([self.held, functions])
