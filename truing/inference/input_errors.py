@@ -47,15 +47,15 @@ def own_histories(
     """Yield the inputs whose errors (B, n) follow their own input and its history, the share of squares predicted, and
     the p-value of a dependence on anything."""
     for name, course in zip(names, errors.T, strict=True):
-        history = spectra.histories(name)
-        if not history:
+        rest, others = clipped(centred(course[:, None])), np.log1p(-_OWN_HISTORY)
+        evidence = [float(log_evidence_of_spectrum(rest, one, spectra.freedom)[0]) for one in spectra.histories(name)]
+        if not evidence:
             continue
-        rest = clipped(centred(course[:, None]))
-        evidence = [float(log_evidence_of_spectrum(rest, own, spectra.freedom)[0]) for own in history]
-        own = np.log(_OWN_HISTORY) + np.logaddexp.reduce(evidence) - np.log(len(evidence))
-        sets = {key: np.log1p(-_OWN_HISTORY) + value for key, value in log_odds_of_sets(rest, spectra).items()}
-        every = np.logaddexp.reduce([own, *sets.values()])
-        if every >= -np.log(level) and np.logaddexp(own, sets[name,]) - every >= np.log(INCLUDED):
-            _, squares = explained(rest, spectra, (name,))
-            if squares > 0.0:
-                yield name, min(1.0, squares / float(np.sum(rest**2))), float(np.exp(-every))
+        history = np.log(_OWN_HISTORY) + np.logaddexp.reduce(evidence) - np.log(len(evidence))
+        own = np.logaddexp(history, others + log_odds_of_sets(rest, spectra, 1)[name,])
+        if own < np.log(INCLUDED) - np.log(level):  # whatever else it may follow
+            continue
+        every = np.logaddexp.reduce([history, *(others + np.array(list(log_odds_of_sets(rest, spectra).values())))])
+        _, squares = explained(rest, spectra, (name,))
+        if every >= -np.log(level) and own - every >= np.log(INCLUDED) and squares > 0.0:
+            yield name, min(1.0, squares / float(np.sum(rest**2))), float(np.exp(-every))

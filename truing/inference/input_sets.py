@@ -18,6 +18,7 @@ from truing.inference.input_spectra import Spectra, Spectrum
 from truing.inference.random_functions import centred
 
 _LARGEST_EFFECT = 10.0  # largest plausible effect, in units of the noise
+_MOST_INPUTS = 3  # of a set
 _PROBABLE_PAIRS = 6  # pairs to which third inputs are added
 INCLUDED = 0.9  # probability from which on an input is named
 _MOST_SETS = 3  # sets of inputs that are named in turn
@@ -56,16 +57,16 @@ def _p_value(odds: Mapping[tuple[str, ...], float]) -> float:
     return float(min(1.0, np.exp(-np.logaddexp.reduce(list(odds.values()))))) if odds else 1.0
 
 
-def log_odds_of_sets(rest: Array, spectra: Spectra) -> dict[tuple[str, ...], float]:
-    """Return the log odds of every set of inputs over noise alone, from residuals (n, q); all sizes of sets have equal
-    prior probability, and all sets of a size."""
+def log_odds_of_sets(rest: Array, spectra: Spectra, most: int = _MOST_INPUTS) -> dict[tuple[str, ...], float]:
+    """Return the log odds of every set of at most so many inputs over noise alone, from residuals (n, q); all sizes of
+    sets have equal prior probability, and all sets of a size."""
     names = list(spectra.columns)
     found: dict[tuple[str, ...], float] = {}
-    for size in (1, 2, 3):
+    for size in range(1, most + 1):
         possible = list(combinations(names, size))
         if size > len(names) or not possible:
             break
-        prior = -np.log(3.0 * len(possible))
+        prior = -np.log(_MOST_INPUTS * len(possible))
         if size == 3:
             pairs = sorted((own for own in found if len(own) == 2), key=lambda own: -found[own])[:_PROBABLE_PAIRS]
             possible = [own for own in possible if any(set(pair) <= set(own) for pair in pairs)]
