@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.blind import FOREIGN, INSTRUMENTS, drawn
 from tests.blind.generator.case import Case, Measure
+from tests.blind.generator.draw import Plan
 from tests.blind.generator.effects import Setting
 from tests.blind.generator.foreign import (
     Foreign,
@@ -95,15 +97,15 @@ class World:
 
     columns: Mapping[str, Array]
     drho: Array
-    in_time: Array
-    fitted: Array
+    in_time: NDArray[np.intp]
+    fitted: NDArray[np.bool_]
     pathways: tuple[Pathways, ...]
     information: Array
     factors: list[Array]
     friction: dict[int, Array]
 
     @cached_property
-    def owners(self) -> Array:
+    def owners(self) -> NDArray[np.intp]:
         """The effect of each course (I,)."""
         return np.repeat(np.arange(len(self.pathways)), [len(own.places) for own in self.pathways])
 
@@ -156,8 +158,9 @@ def prior(columns: Sequence[str]) -> dict[Inputs, float]:
     readings = [name for name in columns if name.startswith("rho")]
     others = [name for name in columns if not name.startswith("rho")]
     pairs = list(combinations(readings, 2))
-    drives = {(name,): 0.5 / len(readings) for name in readings} | dict.fromkeys(pairs, 0.5 / len(pairs))
-    found = {(other,): 0.25 / len(others) for other in others}
+    drives: dict[Inputs, float] = {(name,): 0.5 / len(readings) for name in readings}
+    drives |= dict.fromkeys(pairs, 0.5 / len(pairs))
+    found: dict[Inputs, float] = {(other,): 0.25 / len(others) for other in others}
     for own, share in drives.items():
         found[own] = 0.5 * share
         found |= {(*own, other): 0.25 * share / len(others) for other in others}
@@ -173,6 +176,7 @@ def factor(covariance: Array) -> Array:
 
 def world_of(case: Case, rng: np.random.Generator) -> World:
     """Return the poses of a case that are fitted, and what its fit tells of all courses."""
+    assert isinstance(case.plan, Plan)
     campaign, measure = case.plan.campaign(), Measure(case.plan)
     schedule, drho = campaign.schedule, campaign.truth.drho
     fitted = np.array(schedule.role) != "verification"
@@ -223,14 +227,10 @@ def _pathways(effect: Foreign, measure: Measure, drho: Array) -> Pathways:
 def _joints(effect: WanderingBase, measure: Measure) -> Array:
     """Return how far the base's joints wander (N, 3 L), mm."""
     count = len(measure.plain.schedule.pose)
-    machine = replace(_machine(measure), a=np.zeros((count, measure.plain.readings.shape[1], 3)))
+    joints, nothing = np.zeros((count, measure.plain.readings.shape[1], 3)), np.zeros(0)
+    machine = Machine(joints, nothing, nothing, nothing, nothing, nothing, nothing, nothing, 0.0)
     effect.structure(machine, measure._setting)
     return machine.a.reshape(count, -1)
-
-
-def _machine(measure: Measure) -> Machine:
-    nothing = np.zeros(0)
-    return Machine(*[nothing] * 8, home_height=0.0)
 
 
 def covariance_of(world: World, own: Pathways, column: int, rng: np.random.Generator) -> Array:
@@ -290,7 +290,7 @@ def named(world: World, number: int, noise: Array, rng: np.random.Generator, *, 
     return told
 
 
-def _beside(world: World, asked: Sequence[int], acting: Array, noise: Array) -> tuple[Array, Array]:
+def _beside(world: World, asked: Sequence[int], acting: NDArray[np.intp], noise: Array) -> tuple[Array, Array]:
     """Return the information on some courses, one after the other, and their scores, next to all that act."""
     poses, count = world.courses.shape
     place = np.arange(poses * count).reshape(poses, count)

@@ -79,7 +79,9 @@ def _fitted(rows: int, rng: np.random.Generator) -> tuple[FittedModel, np.ndarra
 
 def test_errors_of_inputs_are_those_without_any_prior() -> None:
     fitted, truth = _fitted(7, np.random.default_rng(4))
-    np.testing.assert_allclose(input_errors(fitted), truth, atol=1e-9)
+    found = input_errors(fitted)
+    assert found is not None
+    np.testing.assert_allclose(found, truth, atol=1e-9)
 
 
 @pytest.mark.parametrize("rows", [2, 4])
