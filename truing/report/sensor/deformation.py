@@ -318,17 +318,21 @@ def differences(curves: pd.DataFrame) -> go.Figure:
     )
     grid.update_annotations(font={"size": 12})
     shown: set[str] = set()
+    traces: list[go.Scatter] = []
+    places: list[tuple[int, int]] = []
     for i, channel in enumerate(channels):
         for j, load in enumerate(loads):
-            part, place = _curve_of(curves, load, channel), {"row": i + 1, "col": j + 1}
+            part, place = _curve_of(curves, load, channel), (i + 1, j + 1)
             if not len(part):
-                grid.add_annotation(text="not measured", showarrow=False, font={"color": GREY, "size": 10}, **place)
+                empty = {"text": "not measured", "showarrow": False, "font": {"color": GREY, "size": 10}}
+                grid.add_annotation(**empty, row=place[0], col=place[1])
                 continue
-            for trace in _simulation(part, 0.0 * part["simulated"], shown):
-                grid.add_trace(trace, **place)
-            for trace in _measurement(part, part["measured"] - part["simulated"], shown, size=4):
-                grid.add_trace(trace, **place)
+            own = _simulation(part, 0.0 * part["simulated"], shown)
+            own += _measurement(part, part["measured"] - part["simulated"], shown, size=4)
+            traces += own
+            places += [place] * len(own)
         grid.update_yaxes(title_text=f"{channel} ({moved_unit(channel)})", title_font={"size": 11}, row=i + 1, col=1)
+    grid.add_traces(traces, [row for row, _ in places], [column for _, column in places])
     for j, load in enumerate(loads):
         grid.update_xaxes(title_text=kilo(load), title_font={"size": 11}, row=len(channels), col=j + 1)
     grid.update_xaxes(tickfont={"size": 10}, nticks=3)
