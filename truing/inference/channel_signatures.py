@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from truing.inference.arrays import Array, Integers, Mask
 from truing.inference.linear_problem import Whitened
 from truing.inference.model import OBSERVED
 from truing.inference.signatures import INFORMATIVE, Pathways
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 # Shapes are multiplied as a sparse matrix if fewer than this share of their values is not zero.
 _SPARSE = 0.05
@@ -41,10 +45,18 @@ class RotatedChannels:
         epochs, channels, size, _ = shared.shape
         if self.whitened.whole is not None:
             return (weights @ shared.reshape(epochs, -1)).reshape(len(weights), channels, size, -1)
-        weighted = self.whitened.compact.weighted(shared.reshape(epochs, channels * size, -1), weights)
+        few = self._few[chosen.start * size : chosen.stop * size]
+        weighted = self.whitened.compact.weighted(shared.reshape(epochs, channels * size, -1), weights, few)
         return self.whitened.onto_basis(weighted.reshape(-1, weighted.shape[-1]).T).T.reshape(
             len(weights), channels, size, -1
         )
+
+    @cached_property
+    def _few(self) -> list[csr_array]:
+        """The part ``few_of`` of each of the T q products with a compact problem's columns; all families share it."""
+        compact = self.whitened.compact
+        own = self.shared.reshape(len(self.shared), -1, self.shared.shape[-1])
+        return [compact.few_of(own[:, n : n + 1]) for n in range(own.shape[1])]
 
     @property
     def unknowns(self) -> int:

@@ -120,7 +120,7 @@ class FittedModel(Generic[CauseT]):
         noise = self.noise
         return float(np.sqrt((noise.observed_total + noise.inputs_total) / (noise.observed + noise.inputs)))
 
-    @property
+    @cached_property
     def standardised(self) -> Array:
         """Residuals (B, K, d) scaled to unit noise, NaN where unseen or where the redundancy is too small."""
         residuals, redundancy = informative_residuals(self.fit.whitened, self.measured.values.shape)

@@ -205,7 +205,7 @@ class Whitened:
 
     def onto_basis(self, products: Array) -> Array:
         """Return the parts (G, P) along the basis, from products (G, P) of a compact problem's columns."""
-        return np.asarray(self._inverse.T @ products)
+        return _times_upper(products.T, self._inverse).T
 
     @cached_property
     def rest(self) -> Array:
@@ -241,6 +241,8 @@ class Whitened:
 
     def taken_in_blocks(self, count: int, size: int) -> Array:
         """Return the same (B, count, size, size) for blocks of neighbouring rows, from the first row of an epoch on."""
+        if self.whole is None and size == 1:
+            return self._leverage.reshape(len(self.own), -1)[:, :count, None, None]
         if self.whole is None:
             each = np.arange(count)
             whole = self.taken(slice(0, count * size)).reshape(-1, count, size, count, size)
@@ -252,10 +254,14 @@ class Whitened:
     @cached_property
     def leverage(self) -> Array:
         """Share (N,) of each row that the unknowns follow; 1 where nothing is left to test."""
+        others = self.leverage_of_shared[len(self._leverage) :]
+        return np.asarray(np.minimum(np.concatenate([self._leverage, others]), 1.0))
+
+    @cached_property
+    def _leverage(self) -> Array:
+        """Share of each row of the epochs that the unknowns follow, up to rounding."""
         local = np.sum(self.local_basis**2, -1).ravel()
-        found = self.leverage_of_shared.copy()
-        found[: len(local)] += local
-        return np.asarray(np.minimum(found, 1.0))
+        return np.asarray(self.leverage_of_shared[: len(local)] + local)
 
     @cached_property
     def leverage_of_shared(self) -> Array:
@@ -263,7 +269,7 @@ class Whitened:
         if self.whole is not None:
             return np.asarray(np.sum(self.basis**2, -1))
         covariance = self.covariance()
-        of_epochs = np.diagonal(self.compact.followed(covariance, slice(None)), axis1=1, axis2=2)
+        of_epochs = self.compact.followed_squares(covariance)
         extra = self.problem.extra_by_shared
         of_extra = np.sum((extra @ covariance) * extra, -1)
         return np.concatenate([of_epochs.ravel(), of_extra, np.diagonal(covariance)])

@@ -165,14 +165,14 @@ def _scatter(residuals: Array, redundancy: Array, prior: Array) -> Array:
 def _consistent(size: int) -> float:
     """Return the expected weighted scatter of unit normals along an axis: E[(5 + d) q / (5 + q)] / d, q chi-square of
     d."""
-    from scipy.integrate import quad
-    from scipy.special import gammaln
+    from scipy.special import erfcx, exp1
 
-    def weighed(q: float) -> float:
-        density = np.exp((size / 2 - 1) * np.log(q) - q / 2 - size / 2 * np.log(2.0) - gammaln(size / 2))
-        return float(density * (_TAIL + size) * q / (_TAIL + q))
-
-    return float(quad(weighed, 0.0, np.inf)[0] / size)
+    # E[1 / (5 + q)] = E_k(z) exp(z) / 2 with k = d / 2, z = 5 / 2, and the exponential integral E_k (DLMF 8.19).
+    z, order = _TAIL / 2, 1.0 - size % 2 / 2
+    integral = np.sqrt(np.pi / z) * erfcx(np.sqrt(z)) if size % 2 else np.exp(z) * exp1(z)
+    while order < size / 2:
+        integral, order = (1.0 - z * integral) / order, order + 1.0
+    return float((_TAIL + size) * (1.0 - z * integral) / size)
 
 
 @dataclass(frozen=True)

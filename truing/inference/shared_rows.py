@@ -6,6 +6,7 @@ them: with many runs the full matrix is the largest array of a fit.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -94,14 +95,15 @@ class SharedRows:
             sums += (self.few_of(products, during) if few is None else few) @ designs
         return sums[: self.size]
 
-    def weighted(self, products: Array, weights: Array) -> Array:
-        """Sums (W, n, G) over epochs of products (B, n, C) with each epoch's own columns, weighted by (W, B)."""
+    def weighted(self, products: Array, weights: Array, few: Sequence[csr_array]) -> Array:
+        """Sums (W, n, G) over epochs of products (B, n, C) with each epoch's own columns, weighted by (W, B). ``few``:
+        the part of each of the n products that `few_of` returns."""
         epochs, count, _ = products.shape
         sums = np.zeros((len(weights), count, self.size + 1))
         common = weights @ products[..., : self.common].reshape(epochs, count * self.common)
         sums[..., self.columns[0, : self.common]] = common.reshape(len(weights), count, self.common)
-        for number in range(count if self.columns.shape[1] > self.common else 0):
-            sums[:, number] += (self.few_of(products[:, number : number + 1]) @ weights.T).T
+        for number, own in enumerate(few):
+            sums[:, number] += (own @ weights.T).T
         return sums[..., : self.size]
 
     def summed(self, rows: Array, epochs: Integers) -> Array:
@@ -167,6 +169,16 @@ class SharedRows:
             blocks.append((alike @ among) @ np.swapaxes(alike, 1, 2) + both + np.swapaxes(both, 1, 2))
             blocks[-1] += single @ wide[few[:, :, None], few[:, None]] @ np.swapaxes(single, 1, 2)
         return np.concatenate(blocks)
+
+    def followed_squares(self, covariance: Array) -> Array:
+        """Variances (B, H) of the rows of each epoch: the diagonals of what `followed` returns."""
+        wide = np.zeros((self.size + 1, self.size + 1))
+        wide[: self.size, : self.size] = covariance
+        common, few = self.columns[0, : self.common], self.columns[:, self.common :]
+        alike, single = self.own[..., : self.common], self.own[..., self.common :]
+        beside = single @ wide[:, common][few] if few.shape[1] else 0.0
+        own = np.sum(single @ wide[few[:, :, None], few[:, None]] * single, -1) if few.shape[1] else 0.0
+        return np.asarray(np.sum((alike @ wide[np.ix_(common, common)] + 2.0 * beside) * alike, -1) + own)
 
     def mapped(self, matrix: Array, kind: type[np.floating] = np.float64) -> Array:
         """Products (N, P) of all rows with a matrix (G, P), in a given precision; formed for some epochs at a time."""

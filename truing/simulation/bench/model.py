@@ -56,6 +56,15 @@ class BenchForwardPass(Trace[ReadingCause, ReadingState]):
             signals = np.zeros((len(motion), len(self.rows), motion.shape[-1]))
         return self.from_motion(motion, signals)
 
+    def bent(self, wrench: NDArray) -> NDArray:
+        """Return the derivatives of the motion (B, 6, 36) by the entries of the compliance, after the effects on the
+        deflection. These are linear in it and act on the response to each load separately, so that unit responses pass
+        through them once, however many parameters the compliance has."""
+        unit = np.eye(_AXES)[:, None] * wrench[:, None, :, None]
+        for effect, state in self.subsequent_effects(None, Step.STRUCTURE):
+            unit = effect.cause.passed_on(unit, state, effect.values)
+        return np.swapaxes(unit, 2, 3).reshape(len(wrench), _AXES, -1)
+
     def from_motion(self, slopes: NDArray, signals: NDArray) -> NDArray:
         """Return the changes of readings (B, K, P) by changes of motion (B, 6, P) and signals (B, S, P)."""
         return self.from_readings(np.concatenate([self.view @ slopes, signals], 1))
@@ -360,8 +369,7 @@ class BenchModel(ChannelModel[ReadingCause]):
         if not forward_pass.subsequent_effects(None, Step.STRUCTURE):
             motion = np.moveaxis(wrench @ np.swapaxes(response.compliance, -1, -2), 0, -1)
             return forward_pass.from_motion(motion, signals)
-        deflection = np.moveaxis(response.compliance, 0, -1) * wrench[:, None, :, None]
-        return forward_pass.from_deflection(deflection, signals)
+        return forward_pass.from_motion(forward_pass.bent(wrench) @ response.compliance.reshape(-1, 36).T, signals)
 
     def _by_signals(self, shared: NDArray) -> dict[str, NDArray]:
         """Return the derivatives (S, 6, n) of the signals' rows by gains, and by the mixture of the models of leg
