@@ -10,10 +10,10 @@ import pytest
 from scipy.stats import chi2
 
 from tests.tolerance import assert_between
+from truing.inference.doubts import of_larger_noise
 from truing.inference.linear_problem import LinearisedModel, Whitened, whiten
 from truing.inference.noise import NoiseLevel, noise_level
 from truing.inference.observations import Observations
-from truing.inference.selection import of_larger_noise
 
 
 def _fitted(level: float, seed: int) -> Whitened:

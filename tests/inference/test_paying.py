@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from truing.inference.selection import CauseSelection, _contradiction
+from truing.inference.forward_search import ForwardSearch
+from truing.inference.search_verdicts import SearchVerdicts, contradiction
 from truing.inference.verdicts import FOUND, SUSPECTED, Reason
 
 
@@ -65,7 +66,7 @@ def _verdict(
     ],
 )
 def test_predictions_contradict_a_cause_with_a_reason(verdict: Any, reason: Reason | None) -> None:
-    assert _contradiction(verdict) is reason
+    assert contradiction(verdict) is reason
 
 
 @dataclass(frozen=True)
@@ -81,19 +82,21 @@ class _Fit:
         return _Error(3.0 if "worse" in self.keys else 1.0 if {"one", "other"} <= set(self.keys) else 2.0)
 
 
-class _Selection(CauseSelection[Any]):
-    """A selection whose verdicts are given, and whose fits are the names of their causes."""
+class _Verdicts(SearchVerdicts[Any]):
+    """Given verdicts on causes, and fits that are the names of their causes."""
 
     def __init__(self, verdicts: dict[str, _Verdict]) -> None:
-        self.of, self._given = verdicts, ()
-        self._fitter: Any = SimpleNamespace(
+        fitter: Any = SimpleNamespace(
             prepared=lambda causes, start: _Fit([cause.key for cause in causes]),
             comparable=lambda causes, other: _Fit([cause.key for cause in causes]),
             predicted=lambda fitted: fitted,
         )
+        settings: Any = None
+        super().__init__(ForwardSearch(fitter, settings, (), lambda what: None))
+        self.__dict__["given"] = verdicts
 
-    def _verdicts(self, searched: Any, refuted: Any = ()) -> Any:
-        return [*(self.of[step.cause.key] for step in searched.kept), *refuted]
+    def verdicts(self, searched: Any, refuted: Any = ()) -> Any:
+        return [*(self.__dict__["given"][step.cause.key] for step in searched.kept), *refuted]
 
 
 @dataclass(frozen=True)
@@ -113,7 +116,7 @@ class _Search:
 def _paid(own: dict[str, _Verdict]) -> tuple[list[str], list[str], dict[str, tuple[str, Reason | None]]]:
     """Causes that were kept, those of the final model, and all verdicts."""
     steps, fit = [_Step(verdict.cause) for verdict in own.values()], _Fit(list(own))
-    searched, verdicts = _Selection(own)._paying(_Search(steps, _Fit([]), fit))  # type: ignore[arg-type]
+    searched, verdicts = _Verdicts(own).paying(_Search(steps, _Fit([]), fit))  # type: ignore[arg-type]
     final: Any = searched.final
     told = {verdict.cause.key: (verdict.verdict, verdict.reason) for verdict in verdicts}
     return [step.cause.key for step in searched.kept], final.keys, told
@@ -136,5 +139,5 @@ def test_two_causes_that_only_pay_together_are_kept() -> None:
 
 def test_a_search_whose_causes_all_pay_stays_as_it_is() -> None:
     searched = _Search([_Step(SimpleNamespace(key="first"))], _Fit([]), _Fit(["first"]))
-    kept, _ = _Selection({"first": replace(_verdict("first"))})._paying(searched)  # type: ignore[arg-type]
+    kept, _ = _Verdicts({"first": replace(_verdict("first"))}).paying(searched)  # type: ignore[arg-type]
     assert kept is searched

@@ -1,0 +1,144 @@
+"""Doubts about accepted causes: what else may act beside them or in their place, and what the whole model leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from truing.inference.fitted_model import FittedModel
+from truing.inference.forward_search import Accepted, ForwardSearch, Searched
+from truing.inference.free_course import CourseRival, course_rival, move_alike
+from truing.inference.model import CauseT
+from truing.inference.rounds import act_on_same, share_explained
+from truing.inference.search_verdicts import NAMED, contradiction
+from truing.inference.several_names import several_for_one
+from truing.inference.verdicts import FOUND, SUSPECTED, Reason, Verdict
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """Doubt of the whole model; accepted causes, by key, next to which or in place of which an effect without a name
+    may act; the random courses among these effects; and effects without a name that larger noise may have produced."""
+
+    whole: Reason | None
+    outdone: Collection[str]
+    courses: Mapping[str, CourseRival]
+    weak: Collection[str]
+
+    def checked(
+        self, verdict: Verdict[CauseT], final: FittedModel[CauseT], given: Collection[CauseT]
+    ) -> Verdict[CauseT]:
+        """Return a verdict after checks on the final model: a found cause that fails one is only suspected.
+
+        Predictions may contradict it. A nonparametric effect is doubted that larger noise than declared may have
+        produced. A catalogued cause is also doubted if the final model is inadequate or holds a nonparametric effect of
+        which the cause may be a part. So it is if a nonparametric effect was more probable but refused, or still
+        explains something next to the cause; if random courses compete with it; or if other causes that explain the
+        same are too probable.
+        """
+        if verdict.verdict != FOUND:
+            return verdict
+        if reason := contradiction(verdict):
+            return replace(verdict, verdict=SUSPECTED, reason=reason)
+        if verdict.cause.key in self.weak:
+            return replace(verdict, verdict=SUSPECTED, reason=Reason.INADEQUATE)
+        if not verdict.cause.catalogued or verdict.cause in given:
+            return verdict
+        verdict = replace(verdict, share_explained=share_explained(final, verdict.cause))
+        if self.whole is not None or verdict.cause.key in self.outdone:
+            course = self.courses.get(verdict.cause.key)
+            reason = self.whole or (Reason.UNNAMED if course is None else Reason.COURSE)
+            share = verdict.share_explained if course is None else course.share
+            return replace(verdict, verdict=SUSPECTED, reason=reason, course=course, share_explained=share)
+        if verdict.probability < NAMED:
+            return replace(verdict, verdict=SUSPECTED, reason=Reason.ALTERNATIVE)
+        return verdict
+
+
+def outdone_causes(
+    search: ForwardSearch[CauseT],
+    searched: Searched[CauseT],
+    verdicts: Sequence[Verdict[CauseT]],
+    *,
+    compares_courses: bool,
+) -> tuple[set[str], dict[str, CourseRival]]:
+    """Return the keys of accepted causes beside or in place of which an effect without a name may act, and the
+    random courses among these effects."""
+    level = search.settings.dependence_level
+    outdone = {step.cause.key for step in searched.kept if step.is_outdone or _is_incomplete(step, searched, level)}
+    outdone |= _several_for_one(searched)
+    rivals = _course_rivals(search, searched, outdone) if compares_courses else {}
+    outdone |= _beside_refused(searched, verdicts)
+    return outdone | rivals.keys() | _smaller(searched, rivals.keys()), rivals
+
+
+def _is_incomplete(step: Accepted[CauseT], searched: Searched[CauseT], level: float) -> bool:
+    """Return True if nonparametric rivals of an accepted cause still explain something next to it."""
+    last = searched.rounds[-1]
+    return last.p_value_of_rivals(step.candidate, step.round) <= level
+
+
+def _course_rivals(
+    search: ForwardSearch[CauseT], searched: Searched[CauseT], outdone: set[str]
+) -> dict[str, CourseRival]:
+    """Return the random courses that compete with accepted causes, by their keys; none for the causes that clearly
+    beat them."""
+    found: dict[str, CourseRival] = {}
+    for step in searched.kept:
+        if step.cause.catalogued and step.cause.has_law and step.cause.key not in outdone:
+            search.progress(f"random courses in place of {step.cause.id}")
+            without = search.without_cause(searched, step.cause.key)
+            size = step.candidate.signature.parameters
+            rival = course_rival(searched.final, without, step.cause, size, step.choice)
+            if rival is not None and not rival.is_clear:
+                found[step.cause.key] = rival
+    return found
+
+
+def _several_for_one(searched: Searched[CauseT]) -> set[str]:
+    """Return the keys of accepted causes that may be a single effect without a name."""
+    sizes = {step.cause.key: step.candidate.signature.parameters for step in searched.kept}
+
+    def alike(first: CauseT, second: CauseT) -> bool:
+        return move_alike(searched.final, (first, sizes[first.key]), (second, sizes[second.key]))
+
+    accepted = [(step.cause, step.candidate, step.round) for step in searched.kept]
+    return several_for_one(accepted, searched.rounds[-1], alike)
+
+
+def _beside_refused(searched: Searched[CauseT], verdicts: Sequence[Verdict[CauseT]]) -> set[str]:
+    """Return the keys of accepted causes that act on the same as a nonparametric effect which is significant next
+    to them, but predicts held-out epochs worse: something is there, in another form."""
+    worse = [own for own in searched.refused if own.reason is Reason.HELD_OUT]
+    worse += [own for own in verdicts if own.verdict == SUSPECTED]
+    refused = [own.cause for own in worse if not own.cause.catalogued]
+    named = searched.named()
+    return {cause.key for cause in named if any(act_on_same(searched.final, cause, own) for own in refused)}
+
+
+def _smaller(searched: Searched[CauseT], doubted: Collection[str]) -> set[str]:
+    """Return the keys of accepted causes that are smaller than one of those ``doubted``: what a wrong name leaves
+    may pass for another."""
+    squares = {step.cause.key: step.round.scores[step.candidate.key].squares for step in searched.kept}
+    largest = max((squares[key] for key in doubted), default=0.0)
+    return {key for key, own in squares.items() if own < largest}
+
+
+def of_larger_noise(
+    steps: Mapping[str, Accepted[CauseT]], verdicts: Sequence[Verdict[CauseT]], ratio: float, level: float
+) -> set[str]:
+    """Return the keys of effects that are not significant at ``ratio`` times the declared noise.
+
+    ``steps``: accepted effects by key. The search rescales the noise within limits only; beyond them, scatter of whole epochs looks like an effect of many
+    amplitudes.
+    """
+    weak = set()
+    for verdict in verdicts:
+        if (step := steps.get(verdict.cause.key)) is None:
+            continue
+        null = step.round.null
+        group = null.group_of(step.candidate.kind, step.candidate.signature.rank)
+        squares = (verdict.signal_to_noise / max(ratio, 1.0)) ** 2
+        if null.raw(squares, group, 1.0) > null.threshold(group, level):
+            weak.add(verdict.cause.key)
+    return weak

@@ -1,0 +1,247 @@
+"""Search for causes from the plain model on: accept the most probable one, refit everything, repeat.
+
+Each accepted cause is dropped at the end if the others explain its effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Generic
+
+import numpy as np
+
+from truing.inference import search_end
+from truing.inference.arrays import Mask
+from truing.inference.choice import CandidateChoice, choose, confirmed, is_outdone, is_real
+from truing.inference.fitted_model import FittedModel, Fitter
+from truing.inference.model import CauseT
+from truing.inference.prediction import predicts_worse
+from truing.inference.rounds import Round, score_round
+from truing.inference.search import CauseCandidate, Search
+from truing.inference.search_end import EndOfSearch, FurtherCauses
+from truing.inference.verdicts import REJECTED, Reason, Verdict, first_order
+
+# Shares of the declared false-alarm rate: search for causes, noise larger than declared, noise that depends on
+# something, and doubt of the whole model.
+_CAUSES, _NOISE, _DEPENDENCE, _DOUBTED = 0.45, 0.05, 0.1, 0.4
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Accepted rate of false alarms, and the draws of the null distribution."""
+
+    false_alarm: float
+    draws: int
+    seed: int
+
+    @property
+    def level(self) -> float:
+        """p-value below which a cause is real."""
+        return _CAUSES * self.false_alarm
+
+    @property
+    def noise_level(self) -> float:
+        """p-value below which the noise is larger than declared."""
+        return _NOISE * self.false_alarm
+
+    @property
+    def dependence_level(self) -> float:
+        """p-value below which the noise depends on something."""
+        return _DEPENDENCE * self.false_alarm
+
+    @property
+    def doubted_level(self) -> float:
+        """p-value below which the final model does not hold as a whole."""
+        return _DOUBTED * self.false_alarm
+
+
+@dataclass(frozen=True)
+class Accepted(Generic[CauseT]):
+    """An accepted cause: the choice, its round, and the models without it and with it."""
+
+    chosen: CandidateChoice[CauseT]
+    round: Round[CauseT]
+    cause: CauseT  # in the form that was fitted
+    before: FittedModel[CauseT]  # the model without it
+    after: FittedModel[CauseT]
+    is_outdone: bool  # a nonparametric effect was more probable, but was refused
+    choice: float  # evidence averaged over its shapes on its subject, relative to its own
+    probability: float  # of its kind among all that explain the same
+
+    @property
+    def candidate(self) -> CauseCandidate[CauseT]:
+        """Candidate that was accepted."""
+        return self.chosen.candidate
+
+
+@dataclass(frozen=True)
+class Searched(Generic[CauseT]):
+    """Result of one search from the plain model on."""
+
+    plain: FittedModel[CauseT]
+    kept: list[Accepted[CauseT]]
+    refused: list[Verdict[CauseT]]  # they predict worse, or the others explain their effect
+    rounds: list[Round[CauseT]]
+    final: FittedModel[CauseT]
+    end: EndOfSearch[CauseT]
+
+    @property
+    def search(self) -> Search[CauseT]:
+        """Search of the last round, the only one that is not closed."""
+        found = self.rounds[-1].search
+        assert found is not None
+        return found
+
+    def named(self) -> list[CauseT]:
+        """Return the accepted causes that the catalogue names."""
+        return [step.cause for step in self.kept if step.cause.catalogued]
+
+
+@dataclass(frozen=True)
+class ForwardSearch(Generic[CauseT]):
+    """Forward search on the fits of a ``Fitter``; ``given`` causes are known before, and every model holds them."""
+
+    fitter: Fitter[CauseT]
+    settings: Settings
+    given: tuple[CauseT, ...]
+    progress: Callable[[str], None]
+
+    def first_round(self, kinds: Sequence[CauseT]) -> list[Round[CauseT]]:
+        """Return a list with the first round. The search goes on in this list, so that nothing else holds the large
+        arrays of a round that is over."""
+        return [self._round(self.fitter.prepared(self.given), kinds, 0)]
+
+    def searched(self, kinds: Sequence[CauseT], rounds: list[Round[CauseT]] | None = None) -> Searched[CauseT]:
+        """Return the search from the plain model on; ``rounds`` holds its first round, if known."""
+        rounds = rounds or self.first_round(kinds)
+        plain = rounds[0].fitted
+        found, worse, end = self._forward(rounds, kinds)
+        kept, dropped, final = self._dropped(found, plain)
+        return Searched(plain, kept, [*worse, *dropped], rounds, final, end)
+
+    def without(self, searched: Searched[CauseT], key: str) -> Searched[CauseT]:
+        """Return a search without one of its accepted causes; the others are fitted again in turn."""
+        kept: list[Accepted[CauseT]] = []
+        final = searched.plain
+        for step in searched.kept:
+            if step.cause.key != key:
+                causes = (*self.given, *(other.cause for other in kept), step.cause)
+                before, final = final, self.fitter.prepared(causes, final)
+                kept.append(replace(step, before=before, after=final))
+        return replace(searched, kept=kept, final=final)
+
+    def without_cause(self, searched: Searched[CauseT], key: str) -> FittedModel[CauseT]:
+        """Return the fit of the final model without one of its accepted causes."""
+        others = (step.cause for step in searched.kept if step.cause.key != key)
+        return self.fitter.comparable((*self.given, *others), searched.final)
+
+    def named_alone(self, searched: Searched[CauseT]) -> FittedModel[CauseT]:
+        """Return the fit with the accepted causes of the catalogue alone."""
+        named = searched.named()
+        return self.fitter.comparable((*self.given, *named), searched.final) if named else searched.plain
+
+    def _round(self, fitted: FittedModel[CauseT], kinds: Sequence[CauseT], number: int) -> Round[CauseT]:
+        self.progress(f"scoring the candidates of {len(kinds)} kinds of cause")
+        return score_round(fitted, kinds, self.settings.draws, np.random.default_rng([self.settings.seed, number]))
+
+    def _forward(
+        self, rounds: list[Round[CauseT]], kinds: Sequence[CauseT]
+    ) -> tuple[list[Accepted[CauseT]], list[Verdict[CauseT]], EndOfSearch[CauseT]]:
+        """Return the causes accepted in turn, those refused because they predict worse, and the end of the search; adds
+        rounds."""
+        found: list[Accepted[CauseT]] = []
+        worse: list[Verdict[CauseT]] = []
+        pairs, further = True, FurtherCauses[CauseT]()
+        while True:
+            current, known_worse = rounds[-1], {verdict.cause.id for verdict in worse}
+            refused = known_worse | further.unpaid
+            chosen = choose(current, refused, self.settings.level, pairs=pairs)
+            limit = further.limit([step.cause for step in found], current.fitted)
+            if limit is not None or chosen is None:
+                left = chosen or choose(current, known_worse, self.settings.level, pairs=pairs)
+                cause_left = None if left is None else left.candidate.cause
+                return found, worse, further.end(limit, len(found), current, cause_left)
+            chosen, cause, after = self._fitted(chosen, current)
+            covered = self._covered(cause, after)
+            if len(found) >= search_end.MANY_CAUSES and not further.pays(current.fitted, after, covered):
+                further.unpaid.add(chosen.candidate.kind)
+                continue
+            if predicts_worse(current.fitted.held_out, after.held_out, covered):
+                worse.append(first_order(current, chosen.candidate, REJECTED, self.fitter.held_out, Reason.HELD_OUT))
+                continue
+            outdone, choice = is_outdone(current, chosen.candidate, refused), current.choice(chosen.candidate)
+            if not chosen.of_two:  # accepted: two rounds at once need twice the memory
+                current, chosen = self._closed(rounds), chosen.light()
+            next_round = self._round(after, kinds, len(rounds))
+            pairs = not chosen.of_two or confirmed(current, chosen, next_round, self.settings.level, refused)
+            if not pairs:
+                continue
+            closed = self._closed(rounds)
+            probability = chosen.probability
+            if not chosen.of_two:
+                probability = closed.probability_of_name(chosen.candidate, next_round)
+            found.append(Accepted(chosen.light(), closed, cause, closed.fitted, after, outdone, choice, probability))
+            rounds.append(next_round)
+
+    @staticmethod
+    def _closed(rounds: list[Round[CauseT]]) -> Round[CauseT]:
+        """Close the last round and release its fit; return the closed round."""
+        if rounds[-1].search is not None:
+            rounds[-1] = rounds[-1].closed()
+            rounds[-1].fitted.release()
+        return rounds[-1]
+
+    def _fitted(
+        self, chosen: CandidateChoice[CauseT], current: Round[CauseT]
+    ) -> tuple[CandidateChoice[CauseT], CauseT, FittedModel[CauseT]]:
+        """Return the choice, its cause in the form that is fitted, and the model with it, without parts that have no
+        effect."""
+        while True:
+            own = chosen.candidate.cause
+            cause, size = own.refined(), chosen.candidate.signature.parameters
+            after = self.fitter.prepared((*current.fitted.causes, cause), current.fitted)
+            values, covariance = after.values(cause)
+            least = own.narrowed(values[:size], covariance[:size, :size], after.model.part_count)
+            narrower = next((c for c in current.candidates if c.key == least.key), chosen.candidate)
+            if narrower is chosen.candidate or not is_real(current, narrower, self.settings.level):
+                return chosen, cause, after
+            chosen = replace(chosen, candidate=narrower, subjects=())
+
+    def _covered(self, cause: CauseT, after: FittedModel[CauseT]) -> Mask:
+        """Return True for held-out epochs (B,) at which a cause claims to hold."""
+        held = self.fitter.held_out
+        if held is None:
+            return np.ones(len(after.measured.seen), bool)
+        return np.asarray(cause.covers(held.conditions.covariates, len(held.measured.seen)))
+
+    def _dropped(
+        self, found: list[Accepted[CauseT]], plain: FittedModel[CauseT]
+    ) -> tuple[list[Accepted[CauseT]], list[Verdict[CauseT]], FittedModel[CauseT]]:
+        """Return the accepted causes that are still needed, verdicts on the dropped ones, and the final model."""
+        final, kept = found[-1].after if found else plain, list(found)
+        dropped: list[Verdict[CauseT]] = []
+        for step in found[:-1]:
+            if len(kept) > 1 and not self._is_needed(step, final, [other.cause for other in kept if other is not step]):
+                kept.remove(step)
+                dropped.append(first_order(step.round, step.candidate, REJECTED, self.fitter.held_out, Reason.DROPPED))
+                final = self.fitter.prepared((*self.given, *(other.cause for other in kept)), final)
+        return kept, dropped, final
+
+    def _is_needed(self, step: Accepted[CauseT], final: FittedModel[CauseT], others: Sequence[CauseT]) -> bool:
+        """Return True if an accepted cause is still significant in the final model, at the search's threshold. By
+        Wald's test or, if the cause has shape parameters, by a fit without it: a poorly determined shape widens the
+        uncertainty of amplitudes."""
+        values, covariance = final.values(step.cause)
+        size = step.candidate.signature.parameters
+        null = step.round.null
+        group = null.group_of(step.candidate.kind, step.candidate.signature.rank)
+        limit = null.threshold(group, self.settings.level)
+        squares = float(values[:size] @ np.linalg.solve(covariance[:size, :size], values[:size]))
+        if null.raw(squares, group, 1.0) <= limit:
+            return True
+        if step.cause.key == step.candidate.key:  # no shape parameters
+            return False
+        without = self.fitter.comparable((*self.given, *others), final)
+        gained = float(np.sum(without.fit.whitened.rest**2) - np.sum(final.fit.whitened.rest**2))
+        return bool(null.raw(gained / final.noise_ratio**2, group, 1.0) <= limit)
