@@ -120,9 +120,9 @@ def _bank_of(pathways: Pathways, alike: Sequence[Signature], numbers: Sequence[i
     """Return the bank of candidates on the same pathways, with their numbers."""
     index = alike[0].index
     live = np.diagonal(pathways.gram, axis1=1, axis2=2)[:, index] > 0.0  # a channel that was not read moves nothing
-    is_flat = bool(live.mean() < _MOSTLY_LIVE)
-    rows = np.flatnonzero(live) if is_flat else slice(None)
+    rows = np.flatnonzero(live) if live.mean() < _MOSTLY_LIVE else slice(None)
     place = index_or_slice(index)
+    is_flat = isinstance(rows, np.ndarray) or isinstance(place, np.ndarray)  # which are picked faster one by one
     if is_flat:
         place = np.asarray(np.arange(len(live))[:, None] * pathways.columns.shape[2] + index).ravel()[rows]
     designs = [effect.design[rows] for effect in alike]
@@ -205,7 +205,7 @@ class Search(Generic[CauseT]):
         found = np.empty((len(along), len(self._visible_candidates)))
         for bank in self._banks:
             for scores, numbers in bank.scores(along):
-                found[:, numbers] = np.sum(scores**2, 1)
+                found[:, numbers] = np.einsum("drk,drk->dk", scores, scores)
         return found
 
     def maxima(self, along: Array) -> Array:

@@ -120,7 +120,8 @@ class Pathways:
             residuals = self.whitened.without_shared_roughly(rows)
         epochs, height, _ = columns.shape
         residuals = residuals[:, : epochs * height].reshape(len(rows), epochs, height)
-        return np.asarray(np.matmul(residuals.transpose(1, 0, 2), columns).transpose(1, 0, 2))
+        parts = np.matmul(residuals.transpose(1, 0, 2), columns).transpose(1, 0, 2)
+        return np.ascontiguousarray(parts)  # else every bank of candidates would copy them
 
     @cached_property
     def _rough(self) -> Array:
@@ -172,7 +173,7 @@ class Pathways:
         """Return the rows and columns (B, n, n) of products that an index selects; a copy unless it is contiguous."""
         if len(index) and np.all(np.diff(index) == 1):
             return gram[:, index[0] : index[-1] + 1, index[0] : index[-1] + 1]
-        return gram[np.ix_(np.arange(len(gram)), index, index)]
+        return gram[:, index[:, None], index]
 
     @cached_property
     def _parts(self) -> dict[bytes, _Part]:
@@ -462,7 +463,6 @@ def joint(pathways: Pathways, first: Signature, second: Signature) -> tuple[Arra
 
 def _cross(pathways: Pathways, first: Signature, second: Signature) -> Array:
     epochs = len(pathways.columns)
-    grid = np.ix_(np.arange(epochs), first.index, second.index)
     left = first.design.reshape(epochs, -1, first.design.shape[-1])
     right = second.design.reshape(epochs, -1, second.design.shape[-1])
-    return np.tensordot(left, pathways.gram[grid] @ right, axes=([0, 1], [0, 1]))
+    return np.tensordot(left, pathways.gram[:, first.index[:, None], second.index] @ right, axes=([0, 1], [0, 1]))
