@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tests.tolerance import assert_between, assert_close
 from truing.inference.linear_problem import LinearisedModel, Whitened, columns_of, rows_by_source, whiten
+from truing.inference.shared_rows import SharedRows
 
 POSES, ROWS, LOCAL, SHARED, EXTRA = 5, 12, 3, 4, 2
 
@@ -176,3 +177,26 @@ def test_the_rest_of_pure_noise_has_the_variance_of_noise() -> None:
         ratios.append(found.rest @ found.rest / found.freedom)
     # 62 degrees of freedom, 200 draws: sigma of the mean sqrt(2 / 62 / 200) = 1.3 %.
     assert_between(float(np.mean(ratios)), 1 - 4 * 0.013, 1 + 4 * 0.013, what="variance ratio")
+
+
+@pytest.mark.parametrize("overlapping", [False, True])
+def test_products_and_solutions_of_compact_rows_are_those_of_all_rows(overlapping: bool) -> None:
+    rng = np.random.default_rng(5)
+    epochs, height, common, size = 12, 4, 3, 14
+    columns = np.full((epochs, common + 2), size)  # the last number marks an empty column
+    columns[:, :common] = [4, 5, 6]
+    own = np.zeros((epochs, height, common + 2))
+    own[..., :common] = rng.normal(size=(epochs, height, common))
+    for epoch in range(epochs):
+        columns[epoch, common:] = rng.choice([0, 1, 2, 3, 7, 8, 9, 10, 11, 12, 13], 2, replace=False)
+        own[epoch, :2, common] = rng.normal(size=2)
+        own[epoch, 1 if overlapping else 2 :, common + 1] = rng.normal()
+    rows = SharedRows(own, np.zeros((0, size)), columns, common)
+    whole = np.concatenate([rows.at(slice(None)).reshape(-1, size), np.eye(size)])
+    values, covariance = rng.normal(size=size), np.linalg.inv(whole.T @ whole)
+    found = rows.solved(values)
+    assert found is not None
+    assert found == pytest.approx(covariance @ values, abs=1e-12)
+    assert rows.gram == pytest.approx(whole.T @ whole, abs=1e-12)
+    variances = np.diagonal(rows.followed(covariance, slice(None)), axis1=1, axis2=2)
+    assert rows.followed_squares(covariance) == pytest.approx(variances, abs=1e-12)

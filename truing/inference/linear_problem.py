@@ -139,9 +139,14 @@ class Whitened:
         return self._gram
 
     @cached_property
-    def _basis_components(self) -> Array:
-        """Parts (G,) of the residual along the basis."""
-        return _solved(self._factor, self.of_columns(self.residual), transposed=True)
+    def _shared_step(self) -> tuple[Array, float]:
+        """Least-squares step (G,) of the shared unknowns, and the reduction of the sum of squares by it."""
+        products = self.of_columns(self.residual)
+        quick = self.compact.solved(products) if self.whole is None else None
+        if quick is not None:
+            return quick, float(products @ quick)
+        parts = _solved(self._factor, products, transposed=True)
+        return _solved(self._factor, parts), float(np.sum(parts**2))
 
     def moved(self, shared: Array) -> Array:
         """Return the change (N,) of all rows by shared unknowns (G,)."""
@@ -237,7 +242,7 @@ class Whitened:
         local = np.einsum(
             "bmh,bm->bh", self.local_basis, _with_priors(self.problem.residual, -self.problem.local_value)
         )
-        return float(np.sum(local**2) + np.sum(self._basis_components**2))
+        return float(np.sum(local**2)) + self._shared_step[1]
 
     def taken_in_blocks(self, count: int, size: int) -> Array:
         """Return the same (B, count, size, size) for blocks of neighbouring rows, from the first row of an epoch on."""
@@ -289,7 +294,7 @@ class Whitened:
 
     def step(self) -> tuple[Array, Array]:
         """Return the least-squares step of the shared (G,) and local (B, H) unknowns, in prior sigmas."""
-        shared = _solved(self._factor, self._basis_components)
+        shared, _ = self._shared_step
         return shared, self.local_step(shared)
 
     def local_step(self, shared: Array) -> Array:

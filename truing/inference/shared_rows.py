@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 # Epochs whose products are formed at a time.
 _AT_ONCE = 64
 _ROWS_AT_ONCE = 1024
+# Most columns of few epochs that overlap with others and are eliminated with the common ones.
+_MOST_OVERLAPPING = 64
 
 
 @dataclass(frozen=True)
@@ -142,18 +144,55 @@ class SharedRows:
     def gram(self) -> Array:
         """Products (G, G) of the columns with each other, priors included; columns of few epochs are multiplied only
         there."""
-        gram_of_extra = self.extra.T @ self.extra
-        gram_of_extra[np.diag_indices(len(gram_of_extra))] += 1.0  # the priors
-        common, size = self.columns[0, : self.common], len(gram_of_extra)
-        wide, few = self._wide, self._few_of_own
-        gram_of_epochs = np.zeros((size + 1, size + 1))
-        if self.columns.shape[1] > self.common:
-            gram_of_epochs += (few @ few.T).toarray()
-            gram_of_epochs[:, common] = few @ wide
-        gram_of_epochs[np.ix_(common, common)] = wide.T @ wide
-        others = np.delete(np.arange(size), common)
-        gram_of_epochs[np.ix_(common, others)] = gram_of_epochs[np.ix_(others, common)].T
-        return np.asarray(gram_of_extra + gram_of_epochs[:size, :size])
+        common, wide, few = self.columns[0, : self.common], self._wide, self._few_of_own
+        whole = (few @ few.T).toarray()
+        beside = few @ wide
+        whole[:, common] = beside
+        whole[common] = beside.T
+        whole[np.ix_(common, common)] = wide.T @ wide
+        gram = np.asarray(whole[: self.size, : self.size])
+        gram[np.diag_indices(self.size)] += 1.0  # the priors
+        return gram + self.extra.T @ self.extra if len(self.extra) else gram
+
+    def solved(self, values: Array) -> Array | None:
+        """Solution (G,) of `gram` times it equals values (G,); None where many columns of few epochs overlap.
+
+        Columns that share no row with each other, as the zeros of runs, are eliminated one by one; only the others need
+        a factor.
+        """
+        if self._eliminated is None:
+            return None
+        kept, squares, beside, left = self._eliminated
+        solution = values / squares
+        solution[kept] = 0.0
+        solution[kept] = np.linalg.solve(left, values[kept] - beside.T @ solution)
+        return np.asarray(solution - beside @ solution[kept] / squares)
+
+    @cached_property
+    def _eliminated(self) -> tuple[Integers, Array, Array, Array] | None:
+        """Columns (k,) that are kept; squares (G,) of the others, priors included; their products (G, k) with those
+        kept; and the products (k, k) of those kept without what the others explain. Zero beside the kept themselves."""
+        few, wide = self._few_of_own, self._wide
+        kept = self._overlapping
+        if kept is None or len(self.extra):
+            return None
+        wide = np.concatenate([wide, few[kept].toarray().T], 1)
+        kept = np.concatenate([self.columns[0, : self.common], kept])
+        squares, beside = 1.0 + few.power(2).sum(1)[: self.size], (few @ wide)[: self.size]
+        squares[kept], beside[kept] = 1.0, 0.0
+        return kept, squares, beside, np.eye(len(kept)) + wide.T @ wide - beside.T @ (beside / squares[:, None])
+
+    @property
+    def _overlapping(self) -> Integers | None:
+        """Columns of few epochs without which no two of these share a row; None where they are too many."""
+        acting = self._few_of_own.astype(bool).astype(float)
+        shared = (acting @ acting.T).tocoo()
+        pairs = np.stack([shared.row, shared.col])[:, shared.row != shared.col]
+        kept: list[int] = []
+        while pairs.size and len(kept) < _MOST_OVERLAPPING:
+            kept.append(int(np.bincount(pairs[0]).argmax()))
+            pairs = pairs[:, (pairs != kept[-1]).all(0)]
+        return None if pairs.size else np.array(kept, int)
 
     def followed(self, covariance: Array, rows: slice) -> Array:
         """Covariance (B, n, n) of some rows of each epoch, by a covariance (G, G) of the shared unknowns."""
