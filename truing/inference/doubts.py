@@ -129,8 +129,8 @@ def of_larger_noise(
 ) -> set[str]:
     """Return the keys of effects that are not significant at ``ratio`` times the declared noise.
 
-    ``steps``: accepted effects by key. The search rescales the noise within limits only; beyond them, scatter of whole epochs looks like an effect of many
-    amplitudes.
+    ``steps``: accepted effects by key. The search rescales the noise within limits only; beyond them, scatter of whole
+    epochs looks like an effect of many amplitudes.
     """
     weak = set()
     for verdict in verdicts:
