@@ -248,7 +248,7 @@ def test_a_trackers_lists_of_one_target_each_tell_body_and_target_by_their_names
 
 
 def test_a_few_long_files_of_bare_coordinates_are_targets_and_their_rows_poses(tmp_path: Path) -> None:
-    rows = "".join(f"{2641.5 + k} {162.2 - k} {-7.8 * k}\n" for k in range(60))
+    rows = "".join(f"{2641 + row}.{{k}} {162.2 - row} {-7.8 * row}\n" for row in range(60))
     entry = proposed(tmp_path / "raw", ROBOT, rows)
     assert entry["number_rows"] == {"pose": 1}
     assert [(one["body"], one["target"]) for one in groups_in_names(entry, ROBOT)[2:4]] == [("SMR", "3"), ("base", "1")]

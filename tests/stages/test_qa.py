@@ -181,7 +181,7 @@ def test_overruled_points_are_counted_and_an_unknown_target_warns(tmp_path):
     points = pd.read_csv(tmp_path / "campaign1" / "points.csv")
     seen = int(((points["body"] == "platform") & (points["target"] == "P02")).sum())
     assert rows.loc["exclude 1", "message"] == f"Body platform, target P02: {seen} points excluded by M. Keller: loose."
-    assert rows.loc["keep 1", "message"] == "Pose 4, target P77: no point is so called, and none was kept by M. Keller."
+    assert rows.loc["keep 1", "message"] == "Pose 4, target P77: no point has this name, so none was kept by M. Keller."
     assert not said.failed_checks
 
 

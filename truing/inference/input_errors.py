@@ -1,4 +1,4 @@
-"""Errors of inputs that follow their own input and its history, as friction with memory in an actuator does.
+"""Errors of inputs that follow their own input and its history, as friction with memory does.
 
 Where the observations of an epoch determine the errors of all its inputs, each error is a course of its own: errors of
 other inputs do not leak into it. So its pattern is known, and friction has to be told only from other courses of the

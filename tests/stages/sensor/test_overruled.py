@@ -101,7 +101,7 @@ def test_a_rule_that_names_nothing_warns_and_is_no_failure(measured: Path, tmp_p
     checks = tables["qa"].to_pandas().set_index(["check", "subject"]).loc["overruled"]
     assert checks["verdict"].tolist() == ["warn", "warn"]
     assert (
-        checks["message"].iloc[0] == "Run 9, channel dx: no reading is so called, and none was excluded by M. Keller."
+        checks["message"].iloc[0] == "Run 9, channel dx: no reading has this name, so none was excluded by M. Keller."
     )
     assert not said["qa"].failed_checks
 
