@@ -236,7 +236,8 @@ class CauseSelection(Generic[CauseT]):
             scatters.append(scatter)
         else:
             searched = self._search.searched(kinds, rounds)
-            if searched.kept and self._search.fitter.readmit(searched.final):
+            # A model that leaves more than noise cannot tell an effect from a gross error.
+            if searched.kept and searched.end.is_complete and self._search.fitter.readmit(searched.final):
                 searched = self._search.searched(kinds)
         while searched.end.is_complete and len(scatters) < _MOST_SCATTERS:
             more = self._noise.scatter(searched.final, kinds)
