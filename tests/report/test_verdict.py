@@ -139,6 +139,17 @@ def test_held_out_poses_that_share_the_error_of_the_fitted_ones_test_no_requirem
     assert (verdicts["requirements"].state == RelationState.NOT_TESTED) is hidden
 
 
+@pytest.mark.parametrize(("applied", "fits"), [(["actuator-gain"], True), (["measurement-scale"], False)])
+def test_a_calibration_with_some_findings_applied_leaves_out_the_others(applied: list[str], fits: bool) -> None:
+    choices = pd.DataFrame({"cause": applied, "asked": "apply", "outcome": "applied"})
+    tables = of({**FOUND, "cause": "actuator-gain"}, *rejected()) | misfit(1.0) | {"diagnosis_choices": choices}
+    main = {"model": "extended", "deformation": "none", "estimator": "points", "figure": "main", "value": 1.0}
+    tables["model_choice"] = pd.concat([tables["model_choice"], pd.DataFrame([main])], ignore_index=True)
+    verdict = section_verdicts(tables)["calibration"]
+    assert verdict.reason_code == (ReasonCode.FITS if fits else ReasonCode.CAUSE_LEFT_OUT)
+    assert ("actuator gain" in verdict.explanation) is not fits
+
+
 def test_a_cause_found_is_a_result_with_a_mark_of_its_own():
     tables = of(FOUND, *rejected())
     whole = campaign(tables)

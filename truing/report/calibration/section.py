@@ -27,9 +27,9 @@ from truing.report.calibration.design_parameters import design_parameters, sensi
 from truing.report.calibration.figures import geometry_picture, has_geometry
 from truing.report.calibration.listings import GOOD, all_calibrations, all_deviations, deviations, strong_correlations
 from truing.report.calibration.with_findings import compared_calibrations, data_words
-from truing.report.diagnosis.assessed_causes import FOUND, assessed_causes
+from truing.report.diagnosis.assessed_causes import FOUND, assessed_causes, modelled_of
 from truing.report.model_tests import ModelTest, below_noise, by_p, listing_of
-from truing.report.numbers import count, plain, quantity
+from truing.report.numbers import count, listed, plain, quantity
 from truing.report.page import Drawn, Listing, ReportSection
 from truing.report.reasons import why_no_calibration
 from truing.report.section_verdict import SectionVerdict
@@ -70,6 +70,9 @@ def calibration_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) ->
         why = why_no_calibration(tables) if table_or_none(tables, "calibration") is None else "none was chosen."
         return _calibrated(RelationState.NOT_TESTED, ReasonCode.NOT_EVALUATED, f"Calibration not tested: {why}")
     adequate = "adequacy" in before and before["adequacy"].reason_code == ReasonCode.WITHIN_NOISE
+    if main_calibration(tables) != chosen and (left := _not_applied(tables)):
+        text = f"The main calibration includes only the applied findings. It leaves out {listed(left)}: apply that too."
+        return _calibrated(RelationState.ATTENTION, ReasonCode.CAUSE_LEFT_OUT, text)
     if main_calibration(tables) != chosen and adequate:
         text = "The main calibration includes the applied findings, and its residuals are noise."
         return _calibrated(RelationState.OK, ReasonCode.FITS, text)
@@ -77,6 +80,14 @@ def calibration_verdict(tables: Tables, before: Mapping[str, SectionVerdict]) ->
     if verdict.state == RelationState.OK and (wrong := _wrong_poses(tables)):
         return _calibrated(RelationState.ATTENTION, ReasonCode.CAUSE_LEFT_OUT, wrong)
     return verdict
+
+
+def _not_applied(tables: Tables) -> list[str]:
+    """Return the causes that were found and that a calibration with applied findings leaves out."""
+    choices = table_or_none(tables, "diagnosis_choices")
+    applied = set() if choices is None else set(choices["cause"][choices["outcome"] == "applied"])
+    found = [row for row in modelled_of(assessed_causes(tables)) if row.verdict == FOUND]
+    return list(dict.fromkeys(cause_words(row.cause) for row in found if row.cause not in applied))
 
 
 def _wrong_poses(tables: Tables) -> str:
@@ -87,7 +98,7 @@ def _wrong_poses(tables: Tables) -> str:
         return ""
     return (
         f"The calibration uses the measured poses as recorded. The diagnosis found that all of them are wrong "
-        f"({', '.join(names)}), and held-out errors do not show it: correct the data, or apply the finding "
+        f"({', '.join(names)}), and held-out errors do not show it: correct the data, or apply all findings "
         "([diagnosis] apply)."
     )
 
